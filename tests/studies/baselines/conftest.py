@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, open_mission
 from tokt.studies.baselines import lab_colour, slic
 from tokt.studies.baselines.baseline import Baseline
-from tokt.studies.baselines.superpixels import superpixels
+from tokt.studies.baselines.slic import superpixels
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 
 N_FRAMES = 20
@@ -70,7 +70,6 @@ def finds_tower(dive: Dive) -> Callable[[Baseline], bool]:
     """Whether a method's mask is on the tower, and empty where there is none."""
 
     def finds(method: Baseline) -> bool:
-        method.reset()
         water, close = (method.judge(dive.left(n), dive.right(n), n / 4) for n in (5, 15))
         if water.mask is None or close.mask is None or close.verdict.status != 1:
             return False

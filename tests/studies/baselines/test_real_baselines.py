@@ -26,12 +26,10 @@ def test_superpixels_and_growing_keypoints(mission_dir: Path) -> None:
     )
 
     def mean(method: Baseline, number: int, before: int = 0) -> float:
-        method.reset()
         numbers = range(number - before, number + 1)
         last = [method.judge(mission.read(n), None, n / 4) for n in numbers][-1]
         assert last.verdict.mean is not None
         return last.verdict.mean
 
     assert mean(texture, WATER) < 8 < 25 < mean(texture, NEAR)
-    growing = SizeChange()
-    assert mean(growing, WATER, before=4) < 1 < 3 < mean(growing, NEAR, before=4)
+    assert mean(SizeChange(), WATER, before=4) < 1 < 3 < mean(SizeChange(), NEAR, before=4)

@@ -47,11 +47,8 @@ def test_only_what_comes_nearer_is_an_obstacle() -> None:
 
 def test_frames_are_held_against_those_before() -> None:
     """By the third frame nothing grew since the second, but all of it since the first."""
-    method = SizeChange(back=2)
-    assert statuses(method, [1.0, 1.3, 1.3]) == [-1, -1, 1]
+    assert statuses(SizeChange(back=2), [1.0, 1.3, 1.3]) == [-1, -1, 1]
     assert statuses(SizeChange(back=1), [1.0, 1.3, 1.3]) == [-1, 1, 0]
-    method.reset()
-    assert statuses(method, [1.6]) == [-1]
 
 
 def test_time_to_contact_and_where() -> None:

@@ -15,8 +15,7 @@ from tokt.features.common.errors import ToktError
 from tokt.studies.baselines import slic as slic_module
 from tokt.studies.baselines.baseline import Baseline
 from tokt.studies.baselines.lab_colour import Example, LabColour, labelled_example
-from tokt.studies.baselines.slic import SlicTexture
-from tokt.studies.baselines.superpixels import outline_boxes, resized_bgr, superpixels
+from tokt.studies.baselines.slic import SlicTexture, outline_boxes, resized_bgr, superpixels
 from tokt.studies.baselines.thesis_models import thesis_classifier
 from tokt.studies.baselines.thesis_texture import GRID, describe_haralick, describe_lbp_10_5
 from tokt.training.fitting.train import rendered_other_image

@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
-from tokt.studies.thesis.exhibit import StudyContext
+from tokt.studies.thesis.exhibits.exhibit import StudyContext
 from tokt.studies.thesis.inputs import ReproduceRequest
 
 FRAMES = 16

@@ -23,7 +23,6 @@ from tokt.studies.baselines.lab_colour import LabColour
 from tokt.studies.baselines.thesis_models import ThesisModel, thesis_model
 from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
 from tokt.studies.baselines.thesis_texture import GRID, ThesisTextureResult
-from tokt.studies.thesis.exhibit import ClaimAgreement, StudyContext
 from tokt.studies.thesis.exhibits import curve_figures as curve_exhibit
 from tokt.studies.thesis.exhibits.curve_figures import (
     agreement_with_distance,
@@ -32,12 +31,13 @@ from tokt.studies.thesis.exhibits.curve_figures import (
     score_methods,
     with_nearness,
 )
-from tokt.studies.thesis.methods import frame_methods, mission_models
+from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, StudyContext
+from tokt.studies.thesis.methods import mission_models
 from tokt.studies.thesis.methods.curves import Curves, Method, _model_method
 from tokt.studies.thesis.methods.frame_methods import (
     TOKT_STEREO,
-    FrameMethods,
     FrameResult,
+    FrameTask,
     judge_frames,
 )
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
@@ -114,7 +114,7 @@ def test_slow_methods_judge_the_sample_alone(reproduced: StudyContext, curves: C
     there = curves.mean["slic_lbp_10_5"].dropna().index.tolist()
     assert there == reproduced.spread()
     assert curves.methods["slic_lbp_10_5"].sampled
-    assert "sample of 2 frames" in curves.words["slic_lbp_10_5"]
+    assert "sample of 2 frames" in curves.methods["slic_lbp_10_5"].words
 
 
 def test_the_distance_is_the_scenes(reproduced: StudyContext, curves: Curves) -> None:
@@ -219,8 +219,7 @@ def test_thesis_disparity_judges_pairs_of_its_size(tmp_path: Path) -> None:
     left = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_NEAREST)
     right = np.roll(left, -20, axis=1)
     data = [cv2.imencode(".png", image)[1].tobytes() for image in (left, right)]
-    task = frame_methods.FrameTask(1, *data)
-    found = frame_methods._judge(task)
+    (found,) = judge_frames([FrameTask(1, *data)], 1)
     assert found.mean["disparity"] == judge_pair(left, right).mean > 0.345
     assert found.status["disparity"] == 1
 
@@ -275,7 +274,8 @@ def test_one_frame_alone_needs_another_ocean_image(
     ocean = reproduce_mission / "Left" / "sim_L_2.jpg"
     context = context_of(tmp_path / "one", ocean=ocean)
     model = thesis_model("haralick", context.ocean, context.other)
-    (found,) = judge_frames(context.mission, [12], FrameMethods([model]), 1)
+    task = FrameTask(12, context.mission.encoded(12)[0], None, [model])
+    (found,) = judge_frames([task], 1)
     assert found.status["haralick"] == 1
 
 

@@ -16,16 +16,16 @@ from tokt.inference.policy.policy import SinglePolicy, judge_image
 from tokt.inference.stereo.calibration import load_calibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.exhibit import ClaimAgreement, StudyContext
 from tokt.studies.thesis.exhibits import runtime_tables
-from tokt.studies.thesis.exhibits.runtime_tables import agreement_of
-from tokt.studies.thesis.methods.stage_clock import (
+from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, StudyContext
+from tokt.studies.thesis.exhibits.runtime_tables import (
     REST,
     STAGES,
     EncodedPair,
     Laps,
     StageTimes,
     TimedMethod,
+    agreement_of,
     slic_texture,
     thesis_model_with_kernels,
     thesis_texture,
@@ -73,7 +73,7 @@ def test_stages_of_slic_add_up_to_its_verdict(reproduced: StudyContext) -> None:
 
 
 def test_ours_are_timed_as_the_runtime_judges(reproduced: StudyContext) -> None:
-    bundle = reproduced.tokt_model.bundle
+    bundle = reproduced.tokt_model[0]
     item, left = encoded(reproduced, 12), reproduced.left(12)
     texture = tokt_texture(bundle.extractor, bundle.model).run(item, Laps())
     assert same(texture, judge_image(bundle, left).verdict)
@@ -101,7 +101,7 @@ def test_what_takes_longer_shows_in_its_own_row_and_stage(reproduced: StudyConte
     slow = TimedMethod("slow", "slow", "x", slow.run)
     methods = [thesis_texture(model), slow]
     frames = [encoded(reproduced, number) for number in (3, 12)]
-    plain, found = time_stages(methods, frames, 1, lambda items, total, what: items)
+    plain, found = time_stages(methods, frames, lambda items, total, what: items)
     more = (found.seconds - plain.seconds).mean(axis=0)
     expected = EXTRA_S * GRID.n_patches
     assert more[STAGES.index("features")] == pytest.approx(expected, rel=0.5)
@@ -165,11 +165,9 @@ def test_agreement(ratio: float, agreement: str) -> None:
 def test_the_exhibit_has_each_methods_profile(
     reproduced: StudyContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def timed(
-        methods: list[TimedMethod], frames: Any, rounds: int, progress: Any
-    ) -> list[StageTimes]:
+    def timed(methods: list[TimedMethod], frames: Any, progress: Any) -> list[StageTimes]:
         rows = made_up({method.key: 1.0 + at for at, method in enumerate(methods)})
-        verdicts = tuple(judge_image(reproduced.tokt_model.bundle, reproduced.left(12)).verdict
+        verdicts = tuple(judge_image(reproduced.tokt_model[0], reproduced.left(12)).verdict
                          for _ in frames)  # fmt: skip
         return [replace(rows[method.key], method=method, verdicts=verdicts) for method in methods]
 

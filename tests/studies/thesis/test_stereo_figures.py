@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,13 +15,12 @@ from numpy.typing import NDArray
 from tokt.features.common.errors import ToktError
 from tokt.inference.policy.temporal_cues import GROWING, SHRINKING, STEADY
 from tokt.studies.baselines.slic import SlicTexture
-from tokt.studies.baselines.thesis_disparity import margin_of, thesis_cloud
 from tokt.studies.baselines.thesis_models import thesis_model
+from tokt.studies.baselines.thesis_stereo import margin_of, thesis_cloud
 from tokt.studies.simulation.rendering.lighting import expose
 from tokt.studies.simulation.rendering.raycast import cast_rays
 from tokt.studies.simulation.rendering.sensor import develop
 from tokt.studies.simulation.rendering.synthetic_mission import MissionScene
-from tokt.studies.thesis.exhibit import ClaimAgreement, Exhibit, StudyContext
 from tokt.studies.thesis.exhibits import (
     disparity_figures,
     superpixel_figure,
@@ -30,6 +28,8 @@ from tokt.studies.thesis.exhibits import (
     trend_figure,
 )
 from tokt.studies.thesis.exhibits.disparity_figures import KINDS, OWN, exchange
+from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, Exhibit, StudyContext
+from tokt.studies.thesis.exhibits.synchrony_figure import Rows, offset_of
 from tokt.studies.thesis.exhibits.trend_figure import (
     contact_ratios,
     depth_trend,
@@ -38,7 +38,7 @@ from tokt.studies.thesis.exhibits.trend_figure import (
     trend_against_depth,
 )
 from tokt.studies.thesis.methods.curves import Curves
-from tokt.studies.thesis.methods.synchrony import Rows, offset_of
+from tokt.studies.thesis.methods.mission_models import SuperpixelMethods
 
 pytestmark = pytest.mark.xdist_group("stereo-figures")  # what they share is made once
 
@@ -113,7 +113,6 @@ def test_disparity_needs_both_pictures_and_the_thesis_s_does_not(
     context: StudyContext, dive: Dive, few: None
 ) -> None:
     found = disparity_figures.disparity_figures(context)
-    assert not found.missing
     numbers = found.numbers
     # A rendered tower is more like itself upside down than the real one is.
     assert numbers["ours_matched_own_least"] > 0.05 > 4 * numbers["ours_matched_wrong_most"]
@@ -158,9 +157,9 @@ def test_margin_and_cloud_of_a_map() -> None:
     stretched[:, 1250:1260] = 255
     stretched[100:110, 700:710] = 57
     margin = margin_of(stretched)
-    assert margin.matched_margin == pytest.approx(10 / 400)
-    assert margin.matched_inside == pytest.approx(100 / (1024 * 960))
-    assert margin.mean_whole > 100 * margin.mean_inside
+    assert margin["matched_margin"] == pytest.approx(10 / 400)
+    assert margin["matched_inside"] == pytest.approx(100 / (1024 * 960))
+    assert margin["mean_whole"] > 100 * margin["mean_inside"]
     points, matched = thesis_cloud(stretched)
     assert len(points) == matched.sum() == 10340
     assert set(np.round(points[:, 2], 4)) == {-1.0, -round(57 / 255, 4)}
@@ -173,13 +172,12 @@ def test_without_a_calibration_it_is_said_what_is_missing(context: StudyContext)
         synchrony_figure.synchrony_figure,
         trend_figure.trend_exhibit,
     ):
-        found = make(context)
-        assert "calibration" in found.missing and "none was given" in found.missing
+        with pytest.raises(ToktError, match=r"calibration.*none was given"):
+            make(context)
 
 
 def test_cameras_are_synchronous_and_a_late_one_is_late(context: StudyContext) -> None:
     found = synchrony_figure.synchrony_figure(context)
-    assert not found.missing
     numbers = found.numbers
     # Its picture moves by ten rows a frame, the sea trial's by seventy.
     assert numbers["own_offset_frames"] == pytest.approx(0, abs=0.05)
@@ -223,26 +221,20 @@ def test_right_rows_of_other_frames_tell_no_offset() -> None:
 def test_superpixels_and_grid_see_the_same_with_one_classifier(
     context: StudyContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(superpixel_figure, "FEATURES", ("lbp_10_5",))
+    monkeypatch.setattr(superpixel_figure, "SLIC", ("lbp_10_5",))
     model = thesis_model("lbp_10_5", context.ocean, context.other)
+    slic = SlicTexture.train(context.ocean.image, context.other.image, model.describe, model.name)
+    methods = SuperpixelMethods((slic,), (), 1, "", "")
     given = {"structure_frame": APART, "scored": [APART], "thesis": {"lbp_10_5": model}}
-    context.__dict__ |= given
-    trained = []
-    train = SlicTexture.train
-
-    def kept(*arguments: Any) -> SlicTexture:
-        trained.append(train(*arguments))
-        return trained[-1]
-
-    monkeypatch.setattr(superpixel_figure.SlicTexture, "train", kept)
+    context.__dict__ |= {**given, "superpixel_methods": methods}
     found = superpixel_figure.superpixel_figure(context)
     assert found.numbers["lbp_10_5_frames"] == 1
     assert 60 < found.numbers["lbp_10_5_segments_median"] < 150
     assert found.numbers["lbp_10_5_slic_over_grid"] > 1
     assert found.numbers["lbp_10_5_pixels_same"] > 0.85
     assert found.numbers["lbp_10_5_overlap"] > 0.5
-    turned = SlicTexture(model.describe, Opposite(trained[0]), "turned")
-    monkeypatch.setattr(superpixel_figure.SlicTexture, "train", lambda *_: turned)
+    turned = SlicTexture(model.describe, Opposite(slic), "turned")
+    context.__dict__["superpixel_methods"] = replace(methods, textures=(turned,))
     monkeypatch.setattr(superpixel_figure, "_plot", lambda *_: None)
     wrong = superpixel_figure.superpixel_figure(context)
     assert wrong.numbers["lbp_10_5_pixels_same"] < 0.5
@@ -252,7 +244,7 @@ def test_superpixels_and_grid_see_the_same_with_one_classifier(
     ("ratio", "agreement"), [(18.0, "YES"), (12.0, "PARTLY"), (2.7, "NO"), (0.9, "NO")]
 )
 def test_superpixels_are_as_much_slower_as_printed_or_not(ratio: float, agreement: str) -> None:
-    summaries = {name: {"slic_over_grid": ratio} for name in superpixel_figure.FEATURES}
+    summaries = {name: {"slic_over_grid": ratio} for name in superpixel_figure.SLIC}
     claim = superpixel_figure._time_claim(summaries)
     assert claim.agreement is ClaimAgreement[agreement]
     assert ("not slower at all" in claim.why) == (ratio < 1)

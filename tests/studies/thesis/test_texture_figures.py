@@ -19,11 +19,11 @@ from tokt.inference.verdict import verdict_from_mask
 from tokt.studies.baselines.baseline import BaselineResult
 from tokt.studies.baselines.thesis_centre import leaves_frame, thesis_centre
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.exhibit import Exhibit, StudyContext
 from tokt.studies.thesis.exhibits import dark_figures, training_image_figures
 from tokt.studies.thesis.exhibits.centre_figures import both_ways, centre_and_box
 from tokt.studies.thesis.exhibits.dark_figures import DarkPicture, DarkScene, bad_lighting
-from tokt.studies.thesis.exhibits.dot_figures import pooled_scores, prediction_dots
+from tokt.studies.thesis.exhibits.dot_figures import prediction_dots
+from tokt.studies.thesis.exhibits.exhibit import Exhibit, StudyContext
 from tokt.studies.thesis.exhibits.patch_figures import patch_histograms
 from tokt.studies.thesis.exhibits.training_image_figures import training_images
 from tokt.studies.thesis.methods.curves import THESIS, Curves, Method
@@ -43,8 +43,8 @@ from tokt.studies.thesis.methods.texture_histograms import (
 )
 from tokt.studies.thesis.patch_scores import (
     PatchScore,
-    PatchTruth,
     patches_of_mask,
+    pooled_score,
     score_patches,
     truth_by_mask,
 )
@@ -125,10 +125,7 @@ class TopHalf:
     ) -> BaselineResult:
         """White down to the middle."""
         mask = white(np.s_[:135])
-        return BaselineResult(verdict_from_mask(mask, self.name), mask, "")
-
-    def reset(self) -> None:
-        """Nothing is kept."""
+        return BaselineResult(verdict_from_mask(mask, self.name), mask)
 
 
 def test_bins_are_flat_edge_and_corner_as_in_scikit_images_example() -> None:
@@ -162,7 +159,7 @@ def test_distances_of_histograms() -> None:
 
 def test_scores_of_patches_leave_out_what_is_not_sure() -> None:
     """Precision, recall, F1 and IoU of counts; undefined is not zero."""
-    truth = PatchTruth(np.array([1, 1, 0, 0, 1], bool), np.array([1, 1, 1, 1, 0], bool))
+    truth = np.array([1, 1, 0, 0, -1], np.int8)
     score = score_patches(np.array([1, 0, 1, 0, 0], bool), truth)
     assert score == PatchScore(1, 1, 1, 1)
     assert (score.precision, score.recall, score.f1) == (0.5, 0.5, 0.5)
@@ -175,11 +172,11 @@ def test_a_mask_says_obstacle_from_a_tenth_of_a_patch_on() -> None:
     """Patches are 36x27: 97.2 pixels are a tenth; less is not scored; a shifted mask differs."""
     mask = white(np.s_[0:27, 0:4], np.s_[27:54, 0:3])
     truth = truth_by_mask(mask, GRID)
-    assert np.flatnonzero(truth.obstacle).tolist() == [0]
-    assert np.flatnonzero(~truth.sure).tolist() == [10]
+    assert np.flatnonzero(truth == 1).tolist() == [0]
+    assert np.flatnonzero(truth < 0).tolist() == [10]
     assert np.flatnonzero(patches_of_mask(mask, GRID)).tolist() == [0]
     shifted = truth_by_mask(np.roll(mask, 36, axis=1), GRID)
-    assert score_patches(shifted.obstacle, truth).hits == 0
+    assert score_patches(shifted == 1, truth).hits == 0
 
 
 def test_the_thesiss_ypos_is_from_cx_and_the_corrected_one_from_cy() -> None:
@@ -234,7 +231,6 @@ def one_photo(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def _sound(exhibit: Exhibit) -> None:
     """What every exhibit has: pictures that decode, claims, numbers that are finite."""
-    assert not exhibit.missing
     assert exhibit.claims
     for plot in exhibit.plots:
         picture = cv2.imdecode(np.frombuffer(plot.png, np.uint8), cv2.IMREAD_COLOR)
@@ -304,14 +300,11 @@ def test_prediction_dots(context: StudyContext, drawn: None) -> None:
     assert titles == ["LBP (10, 5)", "LBP (24, 8)", "Haralick", "ours", "tokt stereo"]
     assert float(numbers["frame_tokt_stereo_recall"]) > 0.3
     moved = {
-        TOKT_TEXTURE: {
-            number: np.roll(said.reshape(10, 10), 3, axis=1).ravel()
-            for number, said in context.curves.patches[TOKT_TEXTURE].items()
-        }
+        number: np.roll(said.reshape(10, 10), 3, axis=1).ravel()
+        for number, said in context.curves.patches[TOKT_TEXTURE].items()
     }
-    pooled = pooled_scores(context, moved)
     assert len(context.truths) == numbers["labelled_frames"]
-    assert (pooled[TOKT_TEXTURE].f1 or 0.0) < 0.5
+    assert (pooled_score(moved, context.truths).f1 or 0.0) < 0.5
 
 
 def test_centre_and_box(context: StudyContext, drawn: None) -> None:
@@ -339,9 +332,8 @@ def test_centre_and_box_of_nothing(
     """A mission in which no method sees anything has nothing to show, and says why."""
     nothing = Curves(pd.DataFrame(), pd.DataFrame(), {})
     given = {"structure_frame": 1, "thesis": context.thesis, "curves": nothing}
-    exhibit = centre_and_box(context_of(context.mission.path, given))
-    assert "frame 1" in exhibit.missing
-    assert not exhibit.plots
+    with pytest.raises(ToktError, match="frame 1"):
+        centre_and_box(context_of(context.mission.path, given))
 
 
 def _write(folder: Path, pair: DarkPicture, mask: NDArray[np.uint8]) -> dict[str, Path]:
@@ -370,14 +362,14 @@ def test_bad_lighting_by_a_given_image(
     exhibit = dark(**_write(tmp_path, dark_pair, dark_pair.mask))
     assert exhibit.numbers["rendered"] is False
     truth = truth_by_mask(dark_pair.mask, GRID)
-    assert exhibit.numbers["obstacle_patches"] == truth.obstacle.sum() > 10
+    assert exhibit.numbers["obstacle_patches"] == (truth == 1).sum() > 10
     judged = context.thesis["haralick"].judge(dark_pair.left)
     expected = score_patches(judged.obstacle, truth)
     assert exhibit.numbers["haralick_iou"] == expected.iou
     assert float(exhibit.numbers["haralick_f1"]) > 0.6
     table = exhibit.tables[0].frame.set_index("method")
     assert table.loc["top half", "obstacle patches"] == 50
-    assert table.loc["top half", "hits"] == truth.obstacle[:50].sum()
+    assert table.loc["top half", "hits"] == (truth[:50] == 1).sum()
     assert table.loc["tokt stereo", "status"] == "unknown"
     assert np.isnan(table.loc["tokt stereo", "f1"])
     shifted = np.roll(dark_pair.mask, 3 * 36, axis=1)

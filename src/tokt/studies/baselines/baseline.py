@@ -22,13 +22,10 @@ class BaselineResult:
         Its status is decided by the method's own rule; `Verdict.mean` is of `mask`, 0..255.
     mask : array of uint8, shape (height, width), or None
         255 where the method sees an obstacle, at the grid's width; None where it cannot judge.
-    words : str
-        What the status was decided by, for people.
     """
 
     verdict: Verdict
     mask: NDArray[np.uint8] | None
-    words: str
 
 
 class Baseline(Protocol):
@@ -64,10 +61,7 @@ class Baseline(Protocol):
             If the method needs a right frame and there is none.
         """
 
-    def reset(self) -> None:
-        """Forget the frames before: another run starts."""
-
 
 def not_judged(fault: Fault) -> BaselineResult:
     """A frame that a method cannot judge, and why."""
-    return BaselineResult(unknown_verdict(fault), None, str(fault))
+    return BaselineResult(unknown_verdict(fault), None)

@@ -31,7 +31,7 @@ from tokt.features.common.errors import ToktError
 from tokt.inference.verdict import verdict_from_mask
 
 from .baseline import BaselineResult
-from .superpixels import resized_bgr, superpixels
+from .slic import resized_bgr, superpixels
 from .thesis_texture import GRID
 
 BINS = 32
@@ -130,11 +130,7 @@ class LabColour:
         cut = _counted(superpixels(picture))
         obstacle = self._classifier.predict(_colours(picture, cut)) == 1
         mask = np.where(obstacle[cut], 255, 0).astype(np.uint8)
-        words = f"{int(obstacle.sum())} of {len(obstacle)} superpixels are not coloured as water"
-        return BaselineResult(verdict_from_mask(mask, self.name), mask, words)
-
-    def reset(self) -> None:
-        """Nothing is kept from frame to frame."""
+        return BaselineResult(verdict_from_mask(mask, self.name), mask)
 
 
 def _counted(cut: NDArray[np.int64]) -> NDArray[np.int64]:

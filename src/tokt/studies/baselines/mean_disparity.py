@@ -60,12 +60,8 @@ class Thirds:
     def __init__(
         self, calibration: StereoCalibration, near_m: float = NEAR_M, blocked: float = BLOCKED
     ) -> None:
-        self._calibration, self._near_m, self._blocked = calibration, near_m, blocked
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the pairs before: another run starts."""
-        self._detector = DisparityDetector(self._calibration, GRID)
+        self._near_m, self._blocked = near_m, blocked
+        self._detector = DisparityDetector(calibration, GRID)
         self._number = 0
 
     def judge(
@@ -91,11 +87,7 @@ class Thirds:
         blocked = centre > self._blocked
         turn = (1 if right < left else -1) * (size[1] // 3) if blocked else 0
         verdict = replace(verdict, status=OBSTACLE if blocked else CLEAR, x=turn, y=0)
-        words = (
-            f"{100 * centre:.1f} % of the centre is nearer than {self._near_m:g} m; mean "
-            f"disparity {left:.1f} px left, {right:.1f} px right"
-        )
-        return BaselineResult(verdict, mask, words)
+        return BaselineResult(verdict, mask)
 
 
 def _mean_of_third(values: NDArray[Any], searched: NDArray[np.bool_], which: int) -> float:

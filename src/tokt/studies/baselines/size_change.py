@@ -62,23 +62,9 @@ class _RememberedFrame:
     looks: NDArray[np.float32]
 
 
-@dataclass(frozen=True)
-class Grown:
-    """Keypoints of an obstacle.
-
-    Parameters
-    ----------
-    places : array of float64, shape (n, 2)
-        Where they are in the later view, x and y in pixels.
-    radii : array of float64, shape (n,)
-        Of what they stand for there, in pixels.
-    scales : array of float64, shape (n,)
-        How many times larger they became.
-    """
-
-    places: NDArray[np.float64]
-    radii: NDArray[np.float64]
-    scales: NDArray[np.float64]
+_Grown = tuple[NDArray[np.float64], float, float]
+"""A keypoint of an obstacle in the later view: its x and y and the radius of what it stands for,
+in pixels, and how many times larger it became."""
 
 
 class SizeChange:
@@ -101,10 +87,6 @@ class SizeChange:
         self._before: deque[_RememberedFrame] = deque(maxlen=back)
         self._sift = cv2.SIFT.create(_MAX_FEATURES)
 
-    def reset(self) -> None:
-        """Forget the frames before: another run starts."""
-        self._before.clear()
-
     def judge(
         self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
     ) -> BaselineResult:
@@ -115,7 +97,7 @@ class SizeChange:
         self._before.append(now)
         if before is None or before.view.shape != now.view.shape:
             return not_judged(Fault(Reason.FRAME_RULE, "no frame to compare with yet"))
-        return self._decide(grown(before, now), now, t_s - before.t_s, left.shape[:2])
+        return self._decide(_grown(before, now), now, t_s - before.t_s, left.shape[:2])
 
     def _look(self, frame: NDArray[np.uint8], t_s: float) -> _RememberedFrame:
         gray = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
@@ -133,40 +115,35 @@ class SizeChange:
         return _RememberedFrame(t_s, view, places, sizes, looks)
 
     def _decide(
-        self, found: Grown, now: _RememberedFrame, elapsed_s: float, frame_size: tuple[int, ...]
+        self, found: list[_Grown], now: _RememberedFrame, elapsed_s: float, size: tuple[int, ...]
     ) -> BaselineResult:
         picture = np.zeros(now.view.shape, np.uint8)
-        for (x, y), radius in zip(found.places, found.radii, strict=True):
+        for (x, y), radius, _ in found:
             cv2.circle(picture, (round(x), round(y)), max(round(radius), 1), 255, cv2.FILLED)
-        height, width = GRID.resized(*frame_size)
+        height, width = GRID.resized(*size)
         mask = np.asarray(
             cv2.resize(picture, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8
         )
-        count = len(found.scales)
+        count = len(found)
         status = OBSTACLE if count >= self._least else CLEAR
         verdict = replace(verdict_from_mask(mask, self.name), status=status)
-        words = f"{count} keypoints grew"
         if count:
-            scale = float(np.median(found.scales))
-            contact_s = elapsed_s / (scale - 1)
-            verdict = replace(verdict, contact_s=contact_s)
-            words += f", to {scale:.1f} times their size: {contact_s:.1f} s to contact"
-        return BaselineResult(verdict, mask, words)
+            scale = float(np.median([scale for _, _, scale in found]))
+            verdict = replace(verdict, contact_s=elapsed_s / (scale - 1))
+        return BaselineResult(verdict, mask)
 
 
-def grown(before: _RememberedFrame, now: _RememberedFrame) -> Grown:
-    """Which keypoints of `before` are in `now` and became clearly larger."""
-    places, radii, scales = [], [], []
+def _grown(before: _RememberedFrame, now: _RememberedFrame) -> list[_Grown]:
+    """The keypoints of `before` that are in `now` and became clearly larger."""
+    found = []
     for earlier, later in mutual_matches(before.looks, now.looks, _RATIO):
         if now.sizes[later] <= before.sizes[earlier]:
             continue
         half = int(np.clip(round(before.sizes[earlier]), _MIN_HALF_PX, _MAX_HALF_PX))
         scale = enlargement(before.view, before.places[earlier], now.view, now.places[later], half)
         if scale >= GROWN:
-            places.append(now.places[later])
-            radii.append(half * scale)
-            scales.append(scale)
-    return Grown(np.array(places).reshape(-1, 2), np.array(radii), np.array(scales))
+            found.append((now.places[later], half * scale, scale))
+    return found
 
 
 def enlargement(

@@ -9,10 +9,22 @@ earlier one where they overlap. All of that is so here. Two differences are the 
 of that time left the outermost pixel of a picture out of its outlines, and the classifier was
 given the classes by name.
 
+The program asked scikit-image for about 100 superpixels of a frame resized to width 360, after a
+Gaussian blur of 5 pixels, everything else left at the library's defaults, and handed the frame over
+as OpenCV has it, blue first. The library has changed since: today's stretches every frame to 0..1
+before it weighs colour against place, so that the noise of a nearly black frame draws the
+outlines, and it blurs after the change to Lab. In the releases of that time it did neither. Here
+both are undone: the blur and the change to Lab are done first, and the compactness is divided by
+what today's library will divide the colours by. Which release the thesis used is not known; that
+small superpixels are joined to their neighbours (``enforce_connectivity``) is the default of
+today and of the later ones of that time.
+
 References
 ----------
 L. S. Brusletto, *Computer Vision Based Obstacle Avoidance for a Remotely Operated Vehicle*,
 NTNU 2016, and its program AURlabCVsimulator.
+R. Achanta, A. Shaji, K. Smith, A. Lucchi, P. Fua and S. Suesstrunk, *SLIC superpixels compared to
+state-of-the-art superpixel methods*, IEEE TPAMI 34(11), 2012.
 """
 
 from __future__ import annotations
@@ -22,18 +34,64 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from skimage.color import rgb2lab
+from skimage.filters import gaussian
+from skimage.segmentation import slic
 from sklearn.svm import LinearSVC
 
 from tokt.features.common.errors import ToktError
 from tokt.inference.verdict import verdict_from_mask
 
 from .baseline import BaselineResult
-from .superpixels import Box, outline_boxes, resized_bgr, superpixels
 from .thesis_models import thesis_classifier
-from .thesis_texture import DescribePatch
+from .thesis_texture import GRID, DescribePatch
 
+N_SEGMENTS = 100
+SIGMA_PX = 5.0
+"""Blur of the resized frame before it is cut. Both numbers are the thesis's program's."""
+COMPACTNESS = 10.0
+"""The library's default: the colour difference (in Lab units) that counts as one step of place."""
+
+Box = tuple[int, int, int, int]
+"""x, y, width, height in pixels of the resized frame."""
 _ERODED, _DILATED = 2, 4
-SOURCE = "Brusletto 2016"
+
+
+def resized_bgr(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The frame at the grid's width, three channels: uint8, (height, 360, 3)."""
+    height, width = GRID.resized(*frame.shape[:2])
+    small = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA)
+    if small.ndim == 2:
+        small = cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)
+    return np.asarray(small, np.uint8)
+
+
+def superpixels(picture: NDArray[np.uint8], sigma_px: float = SIGMA_PX) -> NDArray[np.int64]:
+    """Cut a picture into about `N_SEGMENTS` superpixels.
+
+    Parameters
+    ----------
+    picture : array of uint8, shape (height, width, 3)
+        Its first channel is taken for red, as scikit-image does.
+    sigma_px : float
+        Spread of the blur before, in pixels.
+
+    Returns
+    -------
+    numpy.ndarray
+        int64, shape (height, width): the number of each pixel's superpixel, from 1.
+    """
+    blurred = gaussian(picture.astype(np.float64) / 255, sigma_px, mode="reflect", channel_axis=-1)
+    lab: NDArray[Any] = rgb2lab(blurred)
+    stretch = float(np.ptp(lab)) or 1.0
+    cut = slic(lab, N_SEGMENTS, COMPACTNESS / stretch, sigma=0, convert2lab=False, channel_axis=-1)
+    return np.asarray(cut, np.int64)
+
+
+def outline_boxes(region: NDArray[np.uint8]) -> list[Box]:
+    """Upright rectangles around every outline in a 0/255 picture of one superpixel."""
+    outlines, _ = cv2.findContours(region, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    return [(int(x), int(y), int(w), int(h)) for x, y, w, h in map(cv2.boundingRect, outlines)]
 
 
 class SlicTexture:
@@ -49,7 +107,7 @@ class SlicTexture:
         Of the features, such as ``lbp_10_5``.
     """
 
-    source = SOURCE
+    source = "Brusletto 2016"
 
     def __init__(self, describe: DescribePatch, classifier: LinearSVC, name: str) -> None:
         self.describe, self.classifier = describe, classifier
@@ -90,29 +148,19 @@ class SlicTexture:
         classifier = thesis_classifier(np.array(rows), np.array(labels))
         return cls(describe, classifier, name)
 
-    def segments(self, frame: NDArray[np.uint8]) -> NDArray[np.int64]:
-        """The frame's superpixels: int64, shape (height, 360), numbered from 1."""
-        return superpixels(resized_bgr(frame))
-
     def judge(
         self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
     ) -> BaselineResult:
         """Judge the left frame; see `Baseline.judge`."""
         picture = resized_bgr(left)
         mask = np.zeros(picture.shape[:2], np.uint8)
-        seen = obstacles = 0
         cut = superpixels(picture)
         for number in np.unique(cut):
             for box in outline_boxes(np.where(cut == number, 255, 0).astype(np.uint8)):
-                obstacle = self._is_obstacle(_gray(picture, box))
-                seen, obstacles = seen + 1, obstacles + obstacle
                 x, y, width, height = box
+                obstacle = self._is_obstacle(_gray(picture, box))
                 mask[y : y + height, x : x + width] = 255 * obstacle
-        words = f"{obstacles} of {seen} superpixels are not ocean"
-        return BaselineResult(verdict_from_mask(mask, self.name), mask, words)
-
-    def reset(self) -> None:
-        """Nothing is kept from frame to frame."""
+        return BaselineResult(verdict_from_mask(mask, self.name), mask)
 
     def _is_obstacle(self, patch: NDArray[np.uint8]) -> bool:
         """What has no features is ocean, as in the thesis's program."""

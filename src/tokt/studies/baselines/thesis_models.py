@@ -59,15 +59,12 @@ class ThesisModel:
         Features of one gray patch.
     classifier : sklearn.svm.LinearSVC
         Predicts 1 for an obstacle.
-    converged : bool
-        Whether the solver stopped before its iteration limit.
     """
 
     name: str
     title: str
     describe: DescribePatch
     classifier: LinearSVC
-    converged: bool
 
     def judge(self, frame: NDArray[np.uint8]) -> ThesisTextureResult:
         """Judge a decoded frame as the thesis does, patch by patch."""
@@ -90,8 +87,7 @@ def thesis_model(name: str, ocean: TrainingImage, other: TrainingImage) -> Thesi
     ]
     targets = np.repeat([0, 1], GRID.n_patches)
     classifier = thesis_classifier(np.vstack(rows), targets)
-    converged = bool(np.max(classifier.n_iter_) < classifier.max_iter)
-    return ThesisModel(name, TITLES[name], describe, classifier, converged)
+    return ThesisModel(name, TITLES[name], describe, classifier)
 
 
 PENALTY, SEED = 100.0, 42

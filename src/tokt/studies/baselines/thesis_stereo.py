@@ -1,10 +1,15 @@
-"""The thesis's disparity pipeline: what `tokt bench` measures stereo against.
+"""The thesis's disparity pipeline, which `tokt bench` measures stereo against, and its point cloud.
 
 Both pictures gray and undistorted, block matching over the whole frame, the disparities stretched
 to 0..255 and read as a mask. The pair is not rectified, and the search ends below the smallest
 true disparity of the mission, so what is white is where the *left* picture has enough texture.
 Ported in own words with the settings of the published program; its verdict is as
 `tokt.inference.verdict` corrects it.
+
+The cloud's projection is that of the author's own earlier program (points3Dmaker): the map's
+0..255 are taken for disparities, a focal length of 57 (the camera's 2222 px times 35 over 1360, in
+whole numbers as its Python divided), the mean of the printed principal points, and no baseline, so
+that its lengths have no unit. Whether figure 3.10 was drawn with exactly this is not known here.
 
 References
 ----------
@@ -22,6 +27,9 @@ from numpy.typing import NDArray
 
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD, Verdict, verdict_from_mask
 
+Float = NDArray[np.float64]
+Camera = tuple[float, float, tuple[float, ...]]
+
 THESIS_FRAME_SIZE = (1360, 1024)
 """Width and height in pixels of the frames that the settings are for."""
 
@@ -34,6 +42,8 @@ _PREFILTER_PX, _PREFILTER_CAP = 5, 61
 _TEXTURE_THRESHOLD, _SPECKLE_RANGE_PX = 507, 8
 CROP_PX = 200
 """Settings of the pipeline, in pixels of frames of its size."""
+FOCAL, CENTRE = 2222 * 35 // 1360, ((681.42537 + 637.64260) / 2, (22.08306 + 33.60849) / 2)
+"""Of the cloud. Source: points3Dmaker of ROV_objectAvoidance_StereoVision."""
 _DILATIONS = 2
 _DILATED_BY = np.ones((5, 5), np.uint8)
 
@@ -59,9 +69,8 @@ class ThesisStereoResult:
         return self.mean > STATUS_MEAN_THRESHOLD
 
 
-def _undistorted(
-    frame: NDArray[np.uint8], camera: tuple[float, float, tuple[float, ...]]
-) -> NDArray[np.uint8]:
+def undistorted(frame: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
+    """A frame, gray and undistorted."""
     gray = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
     fx, fy, distortion = camera
     matrix = np.diag([fx, fy, 1.0])
@@ -96,9 +105,14 @@ def disparity_map(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[
     numpy.ndarray
         uint8, (1024, 1360); 0 is where nothing was matched.
     """
-    found = _MATCHER.compute(_undistorted(left, LEFT_CAMERA), _undistorted(right, RIGHT_CAMERA))
+    found = _MATCHER.compute(undistorted(left, LEFT_CAMERA), undistorted(right, RIGHT_CAMERA))
     stretched = cv2.normalize(found, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)  # type: ignore[call-overload]
     return np.asarray(stretched, np.uint8)
+
+
+def cropped(stretched: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A map without its margin."""
+    return stretched[:, CROP_PX:-CROP_PX]
 
 
 def judge_pair(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> ThesisStereoResult:
@@ -108,6 +122,73 @@ def judge_pair(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> ThesisStere
     ----------
     left, right : array of uint8, shape (1024, 1360) or (1024, 1360, 3)
     """
-    cropped = disparity_map(left, right)[:, CROP_PX:-CROP_PX]
-    mask = np.asarray(cv2.dilate(cropped, _DILATED_BY, iterations=_DILATIONS), np.uint8)
-    return ThesisStereoResult(float(cv2.mean(cropped)[0]), verdict_from_mask(mask, "thesis"))
+    inside = cropped(disparity_map(left, right))
+    mask = np.asarray(cv2.dilate(inside, _DILATED_BY, iterations=_DILATIONS), np.uint8)
+    return ThesisStereoResult(float(cv2.mean(inside)[0]), verdict_from_mask(mask, "thesis"))
+
+
+def margin_of(stretched: NDArray[np.uint8]) -> dict[str, float]:
+    """The effect of cutting the margin off a map.
+
+    Returns
+    -------
+    dict of str to float
+        ``matched_inside``, ``matched_margin``: parts of the pixels that have a disparity, without
+        the margin and in it. ``mean_whole``, ``mean_inside``: mean value with the margin and
+        without it, 0..255.
+    """
+    inside = cropped(stretched)
+    margin = np.hstack([stretched[:, :CROP_PX], stretched[:, -CROP_PX:]])
+    return {
+        "matched_margin": float((margin > 0).mean()),
+        "matched_inside": float((inside > 0).mean()),
+        "mean_whole": float(stretched.mean()),
+        "mean_inside": float(inside.mean()),
+    }
+
+
+def thesis_cloud(stretched: NDArray[np.uint8]) -> tuple[Float, NDArray[np.bool_]]:
+    """The points of a map, without a unit, and which pixels they are.
+
+    Returns
+    -------
+    points : array of float, shape (n, 3)
+        x to the right, y up, z backwards, as its program writes them.
+    matched : array of bool, shape (1024, 1360)
+    """
+    (cx, cy), f = CENTRE, FOCAL
+    projection = np.array([[1, 0, 0, -cx], [0, -1, 0, cy], [0, 0, 0, -f], [0, 0, 1, 0]])
+    matched = stretched > 0
+    points = cv2.reprojectImageTo3D(stretched.astype(np.float32), projection)
+    return np.asarray(points[matched], np.float64), matched
+
+
+def in_thesis_view(points: Float, camera: Camera) -> Float:
+    """Where points (n, 2) of a frame lie in the picture that the thesis undistorts it to."""
+    fx, fy, distortion = camera
+    matrix = np.diag([fx, fy, 1.0])
+    seen = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 2)
+    moved = cv2.undistortPoints(seen, matrix, np.array(distortion), None, None, matrix)
+    return np.asarray(moved, np.float64).reshape(-1, 2)
+
+
+def searched(left: Float, right: Float) -> tuple[Float, NDArray[np.bool_]]:
+    """Disparities of matched points of a pair's frames as the thesis's program would need them.
+
+    Parameters
+    ----------
+    left, right : array of float, shape (n, 2)
+        Pixels of the left and of the right frame.
+
+    Returns
+    -------
+    disparity_px : array of float, shape (n,)
+    found : array of bool, shape (n,)
+        Whether its search covers that disparity, and the point is in one row, give or take a
+        block's half, of both of its pictures.
+    """
+    seen = in_thesis_view(left, LEFT_CAMERA), in_thesis_view(right, RIGHT_CAMERA)
+    disparity = seen[0][:, 0] - seen[1][:, 0]
+    rows = np.abs(seen[0][:, 1] - seen[1][:, 1]) <= BLOCK_PX / 2
+    last = MIN_DISPARITY_PX + N_DISPARITIES_PX - 1
+    return disparity, (disparity >= MIN_DISPARITY_PX) & (disparity <= last) & rows

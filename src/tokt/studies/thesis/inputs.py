@@ -26,7 +26,7 @@ from tokt.training.rig.calibrate.frame_selection import evenly_spaced, texture
 from tokt.training.rig.calibrate.matlab_file import read_matlab_numbers
 from tokt.training.rig.calibrate.self_calibration import BASELINE_MM, plain_start, self_calibrate
 
-from .patch_scores import PatchTruth, truth_by_labels
+from .patch_scores import Truth
 
 LABEL_FILE, CALIBRATION_FILE = "labels.csv", "calibration.yml"
 SAMPLE = 12
@@ -178,41 +178,33 @@ class StudyInputs:
         return [one for one in merge_annotators(mine).records if one.camera == LEFT]
 
     @cached_property
+    def labelled(self) -> dict[int, Truth]:
+        """Labels of the patches of every frame that has a label that is sure, in order."""
+        found: dict[int, Truth] = {}
+        for one in self.labels or []:
+            if one.label not in (UNSURE, None):
+                patches = found.setdefault(one.frame, np.full(GRID.n_patches, -1, np.int8))
+                patches[one.row * GRID.cols + one.col] = self.taxonomy.is_obstacle(str(one.label))
+        return dict(sorted(found.items()))
+
+    @cached_property
     def obstacle_patches(self) -> dict[int, int]:
         """Patches labelled as an obstacle, by frame; only frames with a label that is sure."""
-        found = {number: self.patch_truth(number) for number in sorted(self._labels_by_frame)}
-        return {number: int(one.obstacle.sum()) for number, one in found.items() if one is not None}
+        return {number: int((truth == 1).sum()) for number, truth in self.labelled.items()}
 
-    def truth(self, number: int) -> NDArray[np.int8]:
-        """Labels of a frame's patches: int8, (n_patches,): 1 obstacle, 0 clear, -1 not known."""
-        found = np.full(GRID.n_patches, -1, np.int8)
-        for one in self._labels_by_frame.get(number, []):
-            if one.label not in (UNSURE, None):
-                found[one.row * GRID.cols + one.col] = self.taxonomy.is_obstacle(str(one.label))
-        return found
-
-    def patch_truth(self, number: int) -> PatchTruth | None:
-        """The same for scores; None without a sure label."""
-        return truth_by_labels(self.truth(number))
+    def truth(self, number: int) -> Truth:
+        """Labels of a frame's patches; -1 everywhere without one that is sure."""
+        return self.labelled.get(number, np.full(GRID.n_patches, -1, np.int8))
 
     @cached_property
-    def truths(self) -> dict[int, PatchTruth]:
-        """Of the frames of `scored` that have a sure label."""
-        found = {number: self.patch_truth(number) for number in self.scored}
-        return {number: truth for number, truth in found.items() if truth is not None}
-
-    @cached_property
-    def _labels_by_frame(self) -> dict[int, list[LabelRecord]]:
-        found: dict[int, list[LabelRecord]] = {}
-        for one in self.labels or []:
-            found.setdefault(one.frame, []).append(one)
-        return found
+    def truths(self) -> dict[int, Truth]:
+        """Labels of the frames of `scored` that have a sure one."""
+        return {n: self.labelled[n] for n in self.scored if n in self.labelled}
 
     @cached_property
     def ocean_frames(self) -> list[int]:
         """Frames of which every patch is labelled, as clear."""
-        whole = (n for n, count in self.obstacle_patches.items() if count == 0)
-        return [n for n in whole if (self.truth(n) == 0).all()]
+        return [number for number, truth in self.labelled.items() if (truth == 0).all()]
 
     @cached_property
     def ocean(self) -> TrainingImage:

@@ -12,21 +12,9 @@ from tokt.features.frames.grid import Grid
 from tokt.studies.simulation.rendering.patch_labels import MIN_COVERAGE, coverage
 
 Flags = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class PatchTruth:
-    """The true content of a frame's patches.
-
-    Parameters
-    ----------
-    obstacle : array of bool, shape (n_patches,)
-    sure : array of bool, shape (n_patches,)
-        What is scored on; the others are `unsure` or not labelled.
-    """
-
-    obstacle: Flags
-    sure: Flags
+Truth = NDArray[np.int8]
+"""Of each patch of a frame, (n_patches,): 1 obstacle, 0 clear, -1 unsure or not labelled, which is
+not scored."""
 
 
 @dataclass(frozen=True)
@@ -77,38 +65,21 @@ def _share(part: int, whole: int) -> float | None:
     return part / whole if whole else None
 
 
-def score_patches(said: Flags, truth: PatchTruth) -> PatchScore:
-    """Count the sure patches.
-
-    Parameters
-    ----------
-    said : array of bool, shape (n_patches,)
-    truth : PatchTruth
-    """
-    said, there = said[truth.sure], truth.obstacle[truth.sure]
+def score_patches(said: Flags, truth: Truth) -> PatchScore:
+    """Count the sure patches; `said` is bool, (n_patches,)."""
+    sure = truth >= 0
+    said, there = said[sure], truth[sure] == 1
     counted = (said & there, said & ~there, ~said & there, ~said & ~there)
     return PatchScore(*(int(one.sum()) for one in counted))
 
 
-def pooled_score(said: Mapping[int, Flags], truths: Mapping[int, PatchTruth]) -> PatchScore:
+def pooled_score(said: Mapping[int, Flags], truths: Mapping[int, Truth]) -> PatchScore:
     """Count the sure patches of the frames that both have."""
     both = (score_patches(said[number], truths[number]) for number in truths if number in said)
     return sum(both, PatchScore())
 
 
-def truth_by_labels(labels: NDArray[np.int8]) -> PatchTruth | None:
-    """The truth of one frame's patches by its labels; None without a sure one.
-
-    Parameters
-    ----------
-    labels : array of int8, shape (n_patches,)
-        1 obstacle, 0 clear, -1 not known.
-    """
-    sure = labels >= 0
-    return PatchTruth(labels == 1, sure) if sure.any() else None
-
-
-def truth_by_mask(mask: NDArray[np.uint8], grid: Grid) -> PatchTruth:
+def truth_by_mask(mask: NDArray[np.uint8], grid: Grid) -> Truth:
     """The truth of a frame's patches by a mask, under the rule of the mission's labels.
 
     Parameters
@@ -119,12 +90,11 @@ def truth_by_mask(mask: NDArray[np.uint8], grid: Grid) -> PatchTruth:
 
     Returns
     -------
-    PatchTruth
+    array of int8, shape (n_patches,)
         Obstacle from `MIN_COVERAGE` on; a patch that less of it touches is not scored.
     """
     covered = coverage(mask >= 128, grid)
-    obstacle = covered >= MIN_COVERAGE
-    return PatchTruth(obstacle, obstacle | (covered == 0))
+    return np.select([covered >= MIN_COVERAGE, covered == 0], [1, 0], -1).astype(np.int8)
 
 
 def patches_of_mask(mask: NDArray[np.uint8], grid: Grid) -> Flags:

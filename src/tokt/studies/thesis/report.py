@@ -17,7 +17,7 @@ import pandas as pd
 from tokt.training.evaluation.pictures import png_uri
 from tokt.training.evaluation.report import report_page
 
-from .exhibit import ClaimAgreement, Exhibit, Table
+from .exhibits.exhibit import ClaimAgreement, Exhibit, Table
 
 FORMAT = 1
 SHOWN_ROWS = 60
@@ -39,7 +39,9 @@ def exhibit_json(exhibit: Exhibit) -> dict[str, Any]:
         "words": list(exhibit.words),
         "missing": exhibit.missing,
         "claims": [asdict(claim) for claim in exhibit.claims],
-        "numbers": {name: plain(value) for name, value in exhibit.numbers.items()},
+        "numbers": {
+            name: plain(value) for name, value in exhibit.numbers.items() if value is not None
+        },
         "tables": [_table(exhibit, table) for table in exhibit.tables],
         "plots": [
             {"name": plot.name, "caption": plot.caption, "file": plot_file(exhibit, plot.name)}

@@ -5,27 +5,27 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from tokt import __version__
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
-from tokt.studies.thesis.exhibits.centre_figures import centre_and_box
-from tokt.studies.thesis.exhibits.curve_figures import curve_figures
-from tokt.studies.thesis.exhibits.dark_figures import bad_lighting, given_picture
-from tokt.studies.thesis.exhibits.disparity_figures import disparity_figures
-from tokt.studies.thesis.exhibits.dot_figures import prediction_dots
-from tokt.studies.thesis.exhibits.patch_figures import patch_histograms
-from tokt.studies.thesis.exhibits.runtime_tables import runtime_tables
-from tokt.studies.thesis.exhibits.superpixel_figure import superpixel_figure
-from tokt.studies.thesis.exhibits.synchrony_figure import synchrony_figure
-from tokt.studies.thesis.exhibits.training_image_figures import training_images
-from tokt.studies.thesis.exhibits.trend_figure import trend_exhibit
 
-from .exhibit import Exhibit, StudyContext
+from .exhibits.centre_figures import centre_and_box
+from .exhibits.curve_figures import curve_figures
+from .exhibits.dark_figures import bad_lighting, given_picture
+from .exhibits.disparity_figures import disparity_figures
+from .exhibits.dot_figures import prediction_dots
+from .exhibits.exhibit import Exhibit, StudyContext
+from .exhibits.patch_figures import patch_histograms
+from .exhibits.runtime_tables import runtime_tables
+from .exhibits.superpixel_figure import superpixel_figure
+from .exhibits.synchrony_figure import synchrony_figure
+from .exhibits.training_image_figures import training_images
+from .exhibits.trend_figure import trend_exhibit
 from .inputs import Progress, ReproduceRequest, Say
 from .page import write_thesis_page
 from .report import FORMAT, exhibit_json, report_html, table_csv
@@ -33,17 +33,8 @@ from .report import FORMAT, exhibit_json, report_html, table_csv
 REPORT, RESULTS, PAGE = "report.html", "results.json", "thesis.md"
 
 
-@dataclass(frozen=True)
-class Planned:
-    """An exhibit that is to be made.
-
-    Parameters
-    ----------
-    key, title, section : str
-        What it is called where it cannot be made.
-    make : callable
-        Makes it of a `StudyContext`.
-    """
+class Planned(NamedTuple):
+    """An exhibit that is to be made: what it is called, and what makes it of a `StudyContext`."""
 
     key: str
     title: str
@@ -52,19 +43,57 @@ class Planned:
 
 
 EXHIBITS: tuple[Planned, ...] = (
-    Planned("figure-3.8-to-3.10", "Disparity", "figures 3.8 to 3.10", disparity_figures),
-    Planned("figure-3.11-3.12", "Training images", "figures 3.11 and 3.12", training_images),
-    Planned("figure-3.16-3.19", "Patch histograms", "figures 3.16 and 3.19", patch_histograms),
-    Planned("figure-3.17-3.20", "Prediction dots", "figures 3.17 and 3.20", prediction_dots),
-    Planned("figure-3.22-3.24", "Centre and box", "figures 3.22 to 3.24", centre_and_box),
-    Planned("table-5.1-to-5.4", "Run time by method", "tables 5.1 to 5.4", runtime_tables),
-    Planned("figure-5.1", "SLIC against the grid", "figure 5.1", superpixel_figure),
     Planned(
-        "figure-5.3-to-5.5", "Mean value along the mission", "figures 5.3 to 5.5", curve_figures
+        "figure-3.8-to-3.10",
+        "Disparity map, margin and point cloud",
+        "figures 3.8 to 3.10",
+        disparity_figures,
     ),
-    Planned("figure-5.6-5.8", "Bad lighting", "figures 5.6 to 5.8", bad_lighting),
-    Planned("figure-6.1", "Synchrony", "figure 6.1", synchrony_figure),
-    Planned("trend", "Trend", "sections 5.2.1 and 7.2", trend_exhibit),
+    Planned(
+        "figure-3.11-3.12",
+        "Histograms of the training images: flat, edge and corner bins",
+        "thesis section 3.4, figures 3.11 and 3.12",
+        training_images,
+    ),
+    Planned(
+        "figure-3.16-3.19",
+        "Histograms of a patch on the structure and of a patch of ocean",
+        "thesis sections 3.4 and 3.5, figures 3.16 and 3.19",
+        patch_histograms,
+    ),
+    Planned(
+        "figure-3.17-3.20",
+        "Prediction dots over the grid, and the mask",
+        "thesis sections 3.4 and 3.5, figures 3.17 and 3.20",
+        prediction_dots,
+    ),
+    Planned(
+        "figure-3.22-3.24",
+        "Contours, centre and box of a mask: the thesis's, and corrected",
+        "thesis chapter 3, figures 3.22 to 3.24",
+        centre_and_box,
+    ),
+    Planned("table-5.1-to-5.4", "Run time by method", "Tables 5.1 to 5.4", runtime_tables),
+    Planned("figure-5.1", "SLIC superpixels against the grid", "figure 5.1", superpixel_figure),
+    Planned(
+        "figure-5.3-to-5.5",
+        "Mean value along the mission",
+        "Figures 5.3 to 5.5; sections 5.2.1 and 7.2",
+        curve_figures,
+    ),
+    Planned(
+        "figure-5.6-5.8",
+        "Bad lighting: a person's eye, and every method's predictions",
+        "thesis section 5.3, figures 5.6 to 5.8",
+        bad_lighting,
+    ),
+    Planned("figure-6.1", "Are the two cameras synchronous?", "figure 6.1", synchrony_figure),
+    Planned(
+        "trend",
+        "Mean value over time: relative distance, trend and time to contact",
+        "sections 5.2.1 and 7.2",
+        trend_exhibit,
+    ),
 )
 """In the order of the report."""
 
@@ -167,11 +196,10 @@ def _made(planned: Planned, context: StudyContext) -> Exhibit:
     try:
         exhibit = planned.make(context)
     except ToktError as error:
-        exhibit = Exhibit(planned.key, planned.title, planned.section, missing=str(error))
-    if exhibit.missing:
-        context.say(f"   not made: {exhibit.missing}")
+        exhibit = Exhibit(missing=str(error))
+        context.say(f"   not made: {error}")
     context.say(f"   {time.monotonic() - began:.1f} s")
-    return replace(exhibit, key=planned.key)
+    return replace(exhibit, key=planned.key, title=planned.title, section=planned.section)
 
 
 def about(context: StudyContext) -> list[str]:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from tokt.features.common.errors import ToktError
 from tokt.inference.verdict import OBSTACLE, Verdict, verdict_from_mask
 from tokt.studies.baselines.thesis_centre import (
     ThesisCentre,
@@ -22,8 +23,11 @@ from tokt.studies.baselines.thesis_centre import (
     without_area,
 )
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
-from tokt.studies.thesis.frame_drawing import (
+from tokt.studies.thesis.methods.curves import THESIS
+
+from .dot_figures import by_held_out, by_stereo, by_thesis
+from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .frame_drawing import (
     CORRECTED_COLOR,
     SHOWN,
     THESIS_COLOR,
@@ -33,9 +37,6 @@ from tokt.studies.thesis.frame_drawing import (
     show_frame,
     show_mask,
 )
-from tokt.studies.thesis.methods.curves import THESIS
-
-from .dot_figures import by_held_out, by_stereo, by_thesis
 
 _SOURCE = "the published program"
 
@@ -113,7 +114,7 @@ def centre_and_box(context: StudyContext) -> Exhibit:
     Raises
     ------
     ToktError
-        If the frame cannot be read.
+        If the frame cannot be read, or no method sees anything in it.
     """
     number = context.structure_frame
     frame = context.left(number)
@@ -125,18 +126,12 @@ def centre_and_box(context: StudyContext) -> Exhibit:
         if one.mask is not None and one.mask.any()
     ]
     if not shown:
-        return Exhibit(
-            "figure-3.22-3.24",
-            "Contours, centre and box",
-            "thesis chapter 3, figures 3.22 to 3.24",
-            missing=f"no method sees anything in frame {number}, which should show the structure",
+        raise ToktError(
+            f"no method sees anything in frame {number}, which should show the structure"
         )
     mission = _mission(context)
     summary = _summary(mission)
     return Exhibit(
-        "figure-3.22-3.24",
-        "Contours, centre and box of a mask: the thesis's, and corrected",
-        "thesis chapter 3, figures 3.22 to 3.24",
         (
             "The thesis's way is that of its published program, which looks for outer contours "
             "after a dilation by 5x5 pixels. Corrected, as tokt sends it: no dilation, Ypos from "

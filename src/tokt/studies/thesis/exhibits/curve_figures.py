@@ -11,20 +11,11 @@ from matplotlib.figure import Figure
 
 from tokt.features.frames.mission import format_frames
 from tokt.inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN
-from tokt.studies.thesis.exhibit import (
-    NOT_KNOWN,
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Numbers,
-    Plot,
-    StudyContext,
-    Table,
-    known,
-)
-from tokt.studies.thesis.frame_drawing import new_figure, png_of
 from tokt.studies.thesis.methods.curves import COMPARED, OURS, THESIS, Curves
 from tokt.studies.thesis.patch_scores import pooled_score
+
+from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .frame_drawing import new_figure, png_of
 
 IN_A_ROW = 3
 MIN_FRAMES = 8
@@ -48,9 +39,6 @@ def curve_figures(context: StudyContext) -> Exhibit:
     together = curves.mean[whole].corr("spearman", min_periods=MIN_FRAMES)
     nearness = {name: with_nearness(curves, name) for name in whole}
     return Exhibit(
-        "figure-5.3-to-5.5",
-        "Mean value along the mission",
-        "Figures 5.3 to 5.5; sections 5.2.1 and 7.2",
         _words(context),
         (
             _detection_claim(context, scores),
@@ -457,7 +445,7 @@ def _printed_curves_claim(curves: Curves, scores: Scores) -> Claim:
     )
 
 
-def _numbers(curves: Curves, scores: Scores, nearness: Nearness) -> Numbers:
+def _numbers(curves: Curves, scores: Scores, nearness: Nearness) -> dict[str, Any]:
     numbers: dict[str, Any] = {"frames": len(curves.mean)}
     for name, one in scores.items():
         numbers |= {f"{name}_{key}": value for key, value in one.items()}
@@ -465,4 +453,4 @@ def _numbers(curves: Curves, scores: Scores, nearness: Nearness) -> Numbers:
     ours = {name: scores[name]["first_detection"] for name in curves.named(OURS)}
     detected = {name: first for name, first in ours.items() if first is not None}
     numbers["earliest_of_ours"] = min(detected, key=lambda name: detected[name], default=None)
-    return known(numbers)
+    return numbers

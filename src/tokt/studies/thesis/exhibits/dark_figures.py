@@ -23,34 +23,9 @@ from tokt.studies.simulation.rendering.sensor import develop
 from tokt.studies.simulation.rendering.synthetic_mission import MissionScene
 from tokt.studies.simulation.scene.rig import FULL_WIDTH
 from tokt.studies.simulation.scene.water import CameraResponse, Water
-from tokt.studies.thesis.exhibit import (
-    NOT_KNOWN,
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Numbers,
-    Plot,
-    StudyContext,
-    Table,
-    known,
-)
-from tokt.studies.thesis.frame_drawing import (
-    DARK_SHOWN,
-    draw_dots,
-    draw_truth,
-    explain_dots,
-    new_figure,
-    png_of,
-    show_dark,
-    show_mask,
-)
 from tokt.studies.thesis.methods.curves import OURS, THESIS
-from tokt.studies.thesis.methods.mission_models import (
-    TOKT_TEXTURE,
-    AllLabelsTexture,
-    train_on_all_labels,
-)
-from tokt.studies.thesis.patch_scores import PatchScore, PatchTruth, truth_by_mask
+from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE, JudgeFrame, train_on_all_labels
+from tokt.studies.thesis.patch_scores import PatchScore, Truth, truth_by_mask
 
 from .dot_figures import (
     MethodPrediction,
@@ -63,6 +38,17 @@ from .dot_figures import (
     said_by_patches,
     score_predictions,
     scored_predictions,
+)
+from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .frame_drawing import (
+    DARK_SHOWN,
+    draw_dots,
+    draw_truth,
+    explain_dots,
+    new_figure,
+    png_of,
+    show_dark,
+    show_mask,
 )
 
 SEED = 8
@@ -79,6 +65,7 @@ _SAYS_CLEAR = "say clear"
 _COLORS = {THESIS: "#d9771e", OURS: "#12836f"}
 
 Said = Sequence[MethodPrediction]
+Texture = tuple[str, JudgeFrame]
 Scores = Mapping[str, PatchScore]
 
 
@@ -93,7 +80,7 @@ class DarkPicture:
         What the right camera saw at that moment, where that is known.
     mask : array of uint8, shape (height, width), or None
         White where the obstacle is, as it is shown.
-    truth : PatchTruth or None
+    truth : array of int8, shape (n_patches,), or None
         By patch; None where nobody marked the picture.
     calibration : StereoCalibration or None
     words, truth_words, calibration_words : str
@@ -106,7 +93,7 @@ class DarkPicture:
     left: NDArray[np.uint8]
     right: NDArray[np.uint8] | None
     mask: NDArray[np.uint8] | None
-    truth: PatchTruth | None
+    truth: Truth | None
     calibration: StereoCalibration | None
     words: str
     truth_words: str
@@ -145,7 +132,7 @@ def given_picture(context: StudyContext) -> DarkPicture | None:
 
 def _truth(
     context: StudyContext, left: NDArray[np.uint8], number: int | None
-) -> tuple[NDArray[np.uint8] | None, PatchTruth | None, str]:
+) -> tuple[NDArray[np.uint8] | None, Truth | None, str]:
     """A mask to show, the truth by patch, and whose it is."""
     file = context.request.dark_mask
     if file is not None:
@@ -157,10 +144,10 @@ def _truth(
             image = context.request.dark
             raise ToktError(f"the mask {file} is {sizes[0]}, its image {image} is {sizes[1]}")
         return mask, truth_by_mask(mask, GRID), f"the mask {file.name}"
-    truth = None if number is None else context.patch_truth(number)
+    truth = None if number is None else context.labelled.get(number)
     if truth is None:
         return None, None, "not marked by anybody (give --dark-mask)"
-    mask = GRID.paint(truth.obstacle, *GRID.resized(*left.shape[:2]))
+    mask = GRID.paint(truth == 1, *GRID.resized(*left.shape[:2]))
     return mask, truth, "the frame's labels"
 
 
@@ -197,13 +184,9 @@ class DarkScene:
     def at(self, light: float) -> DarkPicture:
         """The pair by a lamp of `light`, as a share of a rendered mission's."""
         water = _dimmed(self._scene.water, light)
-        left, right = (
-            self._picture(water, side, response)
-            for side, response in enumerate((water.left, water.right))
-        )
         return DarkPicture(
-            left,
-            right,
+            self._picture(water, 0, water.left),
+            self._picture(water, 1, water.right),
             self.mask,
             truth_by_mask(self.mask, GRID),
             self._calibration(),
@@ -230,17 +213,11 @@ class DarkScene:
 
 
 def _dimmed(water: Water, light: float) -> Water:
-    def times(values: tuple[float, float, float]) -> tuple[float, float, float]:
-        blue, green, red = values
-        return blue * light, green * light, red * light
-
-    return replace(
-        water,
-        lamp=times(water.lamp),
-        veil=times(water.veil),
-        veil_floor=times(water.veil_floor),
-        snow_brightness=water.snow_brightness * light,
-    )
+    lit: dict[str, Any] = {
+        name: tuple(value * light for value in getattr(water, name))
+        for name in ("lamp", "veil", "veil_floor")
+    }
+    return replace(water, **lit, snow_brightness=water.snow_brightness * light)
 
 
 def bad_lighting(context: StudyContext) -> Exhibit:
@@ -257,9 +234,10 @@ def bad_lighting(context: StudyContext) -> Exhibit:
     dark, sweep = given_picture(context), pd.DataFrame()
     try:
         near = dark.number if dark else None
-        texture: AllLabelsTexture | str = train_on_all_labels(context, near)
+        texture = train_on_all_labels(context, near)
     except ToktError as error:
-        texture = str(error)
+        fault = str(error)
+        texture = "", lambda frame: fault
     if dark is None:
         # As wide as the mission's frames if that can be rendered.
         width = context.left(context.structure_frame).shape[1]
@@ -275,7 +253,13 @@ def bad_lighting(context: StudyContext) -> Exhibit:
             png_of(_figure(dark, said, scores)),
         )
     ]
-    tables = [_score_table(said, scores, dark)]
+    caption = (
+        f"By patch, against {dark.truth_words}: an obstacle is what covers a tenth of a patch, "
+        "less is not scored. Status is by the mean of the mask alone, without a frame rule. "
+        f"Counts of patches. Nothing that is trained here learnt from this picture"
+        f"{may_have_learnt(said)}"
+    )
+    tables = [Table("scores", caption, scored_predictions(said, scores))]
     if len(sweep):
         plots.append(_sweep_plot(sweep))
         tables.append(
@@ -287,9 +271,6 @@ def bad_lighting(context: StudyContext) -> Exhibit:
             )
         )
     return Exhibit(
-        "figure-5.6-5.8",
-        "Bad lighting: a person's eye, and every method's predictions",
-        "thesis section 5.3, figures 5.6 to 5.8",
         _words(dark, said),
         _claims(said, scores, dark),
         tuple(tables),
@@ -299,18 +280,15 @@ def bad_lighting(context: StudyContext) -> Exhibit:
 
 
 def _predictions(
-    context: StudyContext, texture: AllLabelsTexture | str, dark: DarkPicture, slow: bool = True
+    context: StudyContext, texture: Texture, dark: DarkPicture, slow: bool = True
 ) -> list[MethodPrediction]:
     """What every method says of a picture; without `slow` the superpixels are left out."""
-    frame, who = dark.left, (TOKT_TEXTURE, "tokt texture", OURS)
-    if isinstance(texture, str):
-        ours = MethodPrediction(*who, "", fault=texture)
+    frame, (words, judge) = dark.left, texture
+    who, judged = (TOKT_TEXTURE, "tokt texture", OURS, words), judge(frame)
+    if isinstance(judged, str):
+        ours = MethodPrediction(*who, fault=judged)
     else:
-        judged = texture.judge(frame)
-        if isinstance(judged, str):
-            ours = MethodPrediction(*who, texture.words, fault=judged)
-        else:
-            ours = said_by_patches(*who, texture.words, judged, frame)
+        ours = said_by_patches(*who, judged, frame)
     return [
         *by_thesis(context, frame),
         *(by_superpixels(context, dark.number or 0, frame) if slow else []),
@@ -318,16 +296,6 @@ def _predictions(
         *by_bundle(context, frame, "the model as given"),
         by_stereo(dark.calibration, frame, dark.right, dark.calibration_words),
     ]
-
-
-def _score_table(said: Said, scores: Scores, dark: DarkPicture) -> Table:
-    caption = (
-        f"By patch, against {dark.truth_words}: an obstacle is what covers a tenth of a patch, "
-        "less is not scored. Status is by the mean of the mask alone, without a frame rule. "
-        f"Counts of patches. Nothing that is trained here learnt from this picture"
-        f"{may_have_learnt(said)}"
-    )
-    return Table("scores", caption, scored_predictions(said, scores))
 
 
 def _words(dark: DarkPicture, said: Said) -> tuple[str, ...]:
@@ -358,7 +326,7 @@ def _claims(said: Said, scores: Scores, dark: DarkPicture) -> tuple[Claim, ...]:
             "which method comes nearest to a person in bad light", f"F1 by patch: {listed}", dark
         )
     ]
-    if dark.truth.obstacle.any():
+    if (dark.truth == 1).any():
         words = [
             f"{status}: {', '.join(who)}"
             for status in STATUS_WORDS.values()
@@ -417,9 +385,7 @@ def _panel(axes: Any, dark: DarkPicture, one: MethodPrediction, score: PatchScor
     axes.set_title(title, fontsize=9, loc="left")
 
 
-def _sweep(
-    context: StudyContext, texture: AllLabelsTexture | str, scene: DarkScene
-) -> pd.DataFrame:
+def _sweep(context: StudyContext, texture: Texture, scene: DarkScene) -> pd.DataFrame:
     """A row a light, a column a method: F1, or nothing where it was not judged."""
     rows = []
     for light in _LIGHTS:
@@ -467,7 +433,7 @@ def _sweep_plot(sweep: pd.DataFrame) -> Plot:
     return Plot("by-light", caption, png_of(figure))
 
 
-def _numbers(said: Said, scores: Scores, dark: DarkPicture, sweep: pd.DataFrame) -> Numbers:
+def _numbers(said: Said, scores: Scores, dark: DarkPicture, sweep: pd.DataFrame) -> dict[str, Any]:
     numbers: dict[str, Any] = {
         "rendered": dark.rendered,
         "mean_grey": float(np.mean(dark.left)),
@@ -475,12 +441,12 @@ def _numbers(said: Said, scores: Scores, dark: DarkPicture, sweep: pd.DataFrame)
         "not_judged": sum(one.patches is None for one in said),
     }
     if dark.truth is not None:
-        numbers["obstacle_patches"] = int(dark.truth.obstacle.sum())
-        if dark.truth.obstacle.any():
+        numbers["obstacle_patches"] = int((dark.truth == 1).sum())
+        if (dark.truth == 1).any():
             numbers["wrong_clear"] = ", ".join(_say_clear(said))
     for name, score in scores.items():
         numbers |= {f"{name}_{figure}": value for figure, value in score.figures().items()}
     for name in _methods(sweep):
         enough = sweep.loc[sweep[name].astype(float) > 0.5, "light"]
         numbers[f"least_light_{name}"] = float(enough.min()) if len(enough) else None
-    return known(numbers)
+    return numbers

@@ -7,9 +7,8 @@ looked at one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -25,33 +24,20 @@ from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.matching import Matches
 from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_MEAN_THRESHOLD, STATUS_WORDS
-from tokt.studies.baselines.thesis_disparity import (
-    Margin,
-    cropped,
-    in_thesis_view,
-    margin_of,
-    searched,
-    thesis_cloud,
-)
 from tokt.studies.baselines.thesis_stereo import (
     CROP_PX,
     LEFT_CAMERA,
     MIN_DISPARITY_PX,
     N_DISPARITIES_PX,
     THESIS_FRAME_SIZE,
+    cropped,
     disparity_map,
+    in_thesis_view,
+    margin_of,
+    searched,
+    thesis_cloud,
 )
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.exhibit import (
-    NOT_KNOWN,
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Plot,
-    StudyContext,
-    Table,
-)
-from tokt.studies.thesis.frame_drawing import SHOWN, new_figure, png_of
 from tokt.studies.thesis.inputs import StudyInputs
 from tokt.training.evaluation.pictures import raise_contrast
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
@@ -60,9 +46,9 @@ from tokt.training.rig.depth.cloud import PointCloud, cloud_of
 from tokt.training.rig.depth.pair_depths import measure_depths
 from tokt.training.rig.depth.picture import DepthPicture
 
-KEY = "figure-3.8-to-3.10"
-TITLE = "Disparity map, margin and point cloud"
-SECTION = "figures 3.8 to 3.10"
+from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .frame_drawing import SHOWN, new_figure, png_of
+
 EXCHANGED_FRAMES, MATCHED_FRAMES, OPEN_FRAMES = 8, 4, 3
 """Pairs that the control is made on, that points are matched in, and that the margin is looked at
 in open water."""
@@ -80,11 +66,9 @@ _MARGIN_COLOR = "#4da3ff"
 
 Image = NDArray[np.uint8]
 Float = NDArray[np.float64]
-Rights = Callable[[int], Image]
 
 
-@dataclass(frozen=True)
-class _Panel:
+class _Panel(NamedTuple):
     """One right frame, the thesis's map of the pair (uint8, 1024 x 1360), and our matches."""
 
     words: str
@@ -92,8 +76,7 @@ class _Panel:
     matches: Matches
 
 
-@dataclass(frozen=True)
-class _Shown:
+class _Shown(NamedTuple):
     """The pair that is drawn: with its own right frame, another one's, and its own turned."""
 
     number: int
@@ -107,14 +90,17 @@ def disparity_figures(context: StudyContext) -> Exhibit:
     """The exhibit of figures 3.8 to 3.10; needs two pairs with something in them."""
     calibration = context.calibration
     if calibration is None:
-        return _missing(f"a calibration of the two cameras: {context.calibration_words}")
+        raise ToktError(f"needs a calibration of the two cameras: {context.calibration_words}")
     frames = evenly_spaced(context.textured_pairs, EXCHANGED_FRAMES)
     if len(frames) < 2:
-        return _missing("two pairs with something in them")
+        raise ToktError("needs two pairs with something in them")
     rows = exchange(context, calibration, frames)
     own = rows[rows.right == OWN].set_index("frame")
     best = int(own.ours_matched.idxmax())
-    margins = [_margin(context, n) for n in evenly_spaced(context.open_water_pairs, OPEN_FRAMES)]
+    margins = pd.DataFrame(
+        margin_of(_map(context.left(number), _right_of(context, number)))
+        for number in evenly_spaced(context.open_water_pairs, OPEN_FRAMES)
+    )
     disparity, covered = _searched(context, calibration, evenly_spaced(frames, MATCHED_FRAMES))
     shown = _shown(context, calibration, best, _partners(frames)[best])
     nearest, farthest = own.near_m.min(), own.far_m.max()
@@ -122,15 +108,14 @@ def disparity_figures(context: StudyContext) -> Exhibit:
     # Colours of depth: those that are there, and at least a factor of two.
     ends = nearest, max(2 * nearest, np.nan_to_num(farthest))
     picture = DepthPicture(DisparityDetector(calibration, GRID).rectifier, *ends)
-    numbers = {**_control(rows), **_margins(margins), **_cloud_numbers(shown)}
-    numbers |= {
+    numbers = {
+        **_control(rows),
+        **margins.mean().add_prefix("open_water_").to_dict(),
+        **_cloud_numbers(shown),
         "matched_points": len(disparity),
         "points_searched": float(covered.mean()) if len(covered) else 0.0,
     }
     return Exhibit(
-        KEY,
-        TITLE,
-        SECTION,
         words=_words(context, frames, best),
         claims=(
             _search_claim(disparity, covered),
@@ -142,10 +127,6 @@ def disparity_figures(context: StudyContext) -> Exhibit:
         plots=_plots(shown, picture, ends),
         numbers=numbers,
     )
-
-
-def _missing(what: str) -> Exhibit:
-    return Exhibit(KEY, TITLE, SECTION, missing=f"needs {what}")
 
 
 def _partners(frames: Sequence[int]) -> dict[int, int]:
@@ -177,28 +158,21 @@ def exchange(
         where there are none); of the thesis's cropped map the part with a disparity, its mean
         (0..255), and the part of its pixels that changed between matched and not against the
         frame's own right frame.
-
-    Raises
-    ------
-    ToktError
-        If there are fewer.
     """
-    if len(frames) < 2:
-        raise ToktError("to exchange right frames takes two pairs with something in them")
-    others = _partners(frames)
-    rights: dict[str, Rights] = {
-        OWN: lambda number: _right_of(inputs, number),
-        ANOTHER: lambda number: _right_of(inputs, others[number]),
-        TURNED: lambda number: np.ascontiguousarray(_right_of(inputs, number)[::-1]),
+    lefts = {number: inputs.left(number) for number in frames}
+    own = {number: _right_of(inputs, number) for number in frames}
+    rights = {
+        OWN: own,
+        ANOTHER: {number: own[other] for number, other in _partners(frames).items()},
+        TURNED: {number: np.ascontiguousarray(right[::-1]) for number, right in own.items()},
     }
-    own = {number: cropped(_map(inputs, number, rights[OWN])) for number in frames}
     rows = []
+    white: dict[int, NDArray[np.bool_]] = {}
     for kind, right in rights.items():
-        detector = DisparityDetector(calibration, GRID)
-        for ours in measure_depths(detector, _frames(inputs, frames, right)):
-            now = own[ours.frame]
-            if kind != OWN:
-                now = cropped(_map(inputs, ours.frame, right))
+        pairs = (Frame(number, float(number), lefts[number], right[number]) for number in frames)
+        for ours in measure_depths(DisparityDetector(calibration, GRID), pairs):
+            now = cropped(_map(lefts[ours.frame], right[ours.frame]))
+            with_its_own = white.setdefault(ours.frame, now > 0)
             rows.append(
                 {
                     "frame": ours.frame,
@@ -209,7 +183,7 @@ def exchange(
                     "far_m": ours.far_m,
                     "thesis_matched": float((now > 0).mean()),
                     "thesis_mean": float(now.mean()),
-                    "thesis_changed": float(((now > 0) != (own[ours.frame] > 0)).mean()),
+                    "thesis_changed": float(((now > 0) != with_its_own).mean()),
                 }
             )
     return pd.DataFrame(rows).astype({"near_m": float, "far_m": float})
@@ -223,24 +197,12 @@ def _right_of(inputs: StudyInputs, number: int) -> Image:
     return right
 
 
-def _at_thesis_size(frame: Image) -> Image:
-    """A frame of the size that the thesis's settings in pixels are for."""
-    if frame.shape[1::-1] == THESIS_FRAME_SIZE:
-        return frame
-    return np.asarray(cv2.resize(frame, THESIS_FRAME_SIZE, interpolation=cv2.INTER_CUBIC), np.uint8)
-
-
-def _map(inputs: StudyInputs, number: int, right: Rights) -> Image:
-    return disparity_map(_at_thesis_size(inputs.left(number)), _at_thesis_size(right(number)))
-
-
-def _frames(inputs: StudyInputs, frames: Sequence[int], right: Rights) -> Iterator[Frame]:
-    for number in frames:
-        yield Frame(number, float(number), inputs.left(number), right(number))
-
-
-def _margin(context: StudyContext, number: int) -> Margin:
-    return margin_of(_map(context, number, lambda one: _right_of(context, one)))
+def _map(left: Image, right: Image) -> Image:
+    """The thesis's map of a pair, at the size that its settings in pixels are for."""
+    small, other = (
+        cv2.resize(one, THESIS_FRAME_SIZE, interpolation=cv2.INTER_CUBIC) for one in (left, right)
+    )
+    return disparity_map(np.asarray(small, np.uint8), np.asarray(other, np.uint8))
 
 
 def _searched(
@@ -267,13 +229,8 @@ def _shown(
     left, right = context.left(number), _right_of(context, number)
     rights = (right, _right_of(context, other), np.ascontiguousarray(right[::-1]))
     words = (OWN, f"that of frame {other}", TURNED)
-    small = _at_thesis_size(left)
     panels = [
-        _Panel(
-            f"right frame: {what}",
-            disparity_map(small, _at_thesis_size(one)),
-            detector.match(left, one),
-        )
+        _Panel(f"right frame: {what}", _map(left, one), detector.match(left, one))
         for what, one in zip(words, rights, strict=True)
     ]
     cloud = cloud_of(detector.rectifier, panels[0].matches, left)
@@ -324,28 +281,17 @@ def _control(rows: pd.DataFrame) -> dict[str, Any]:
     }
 
 
-def _margins(margins: Sequence[Margin]) -> dict[str, float]:
-    names = ("matched_margin", "matched_inside", "mean_whole", "mean_inside")
-    return {
-        f"open_water_{name}": float(np.mean([getattr(one, name) for one in margins]))
-        for name in names
-        if margins
-    }
-
-
 def _cloud_numbers(shown: _Shown) -> dict[str, Any]:
     depth = shown.cloud.points_m[:, 2]
     said = shown.panels[0].stretched
-    found = {
+    return {
         "shown_frame": shown.number,
         "cloud_points": len(depth),
         "thesis_cloud_points": int((said > 0).sum()),
         "thesis_cloud_depths": len(np.unique(said[said > 0])),
         "rank_correlation": shown.rank_correlation,
+        "cloud_median_m": float(np.median(depth)) if len(depth) else None,
     }
-    if len(depth):
-        found["cloud_median_m"] = float(np.median(depth))
-    return found
 
 
 def _search_claim(disparity: Float, covered: NDArray[np.bool_]) -> Claim:
@@ -435,7 +381,7 @@ def _cloud_claim(numbers: dict[str, Any]) -> Claim:
         f"depths is {numbers['rank_correlation']:.2f} (-1: disparities, 0: nothing to do with it). "
         f"Ours: {numbers['cloud_points']} points"
     )
-    if "cloud_median_m" in numbers:
+    if numbers["cloud_median_m"] is not None:
         found += f", median {numbers['cloud_median_m']:.2f} m away"
     why = (
         "the figure is not at hand; our depths are of a rectified pair, and are checked against "
@@ -496,17 +442,15 @@ def _table(rows: pd.DataFrame) -> Table:
 
 def _cloud_table(shown: _Shown) -> Table:
     points = shown.cloud.points_m
-    rows = []
-    for axis, name in enumerate(("x right", "y down", "z ahead")):
-        values = points[:, axis] if len(points) else np.array([np.nan])
-        low, middle, high = np.percentile(values, [5, 50, 95])
-        rows.append({"axis": name, "5 % m": low, "median m": middle, "95 % m": high})
+    percentiles = np.percentile(points if len(points) else np.full((1, 3), np.nan), [5, 50, 95], 0)
+    table = pd.DataFrame(percentiles.T.round(3), columns=["5 % m", "median m", "95 % m"])
+    table.insert(0, "axis", ["x right", "y down", "z ahead"])
     caption = (
         f"Our point cloud of frame {shown.number}: {len(points)} points of "
         f"{shown.cloud.matched} matched ({shown.cloud.out_of_range} out of range, "
         f"{shown.cloud.outliers} standing alone), in metres from the left camera."
     )
-    return Table("point_cloud", caption, pd.DataFrame(rows).round(3))
+    return Table("point_cloud", caption, table)
 
 
 def _plots(shown: _Shown, picture: DepthPicture, ends: tuple[float, float]) -> tuple[Plot, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,18 +19,21 @@ from tokt.inference.verdict import STATUS_WORDS, UNKNOWN, verdict_from_mask
 from tokt.models.bundle.bundle import read_bundle
 from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.exhibit import (
-    NOT_KNOWN,
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Numbers,
-    Plot,
-    StudyContext,
-    Table,
-    known,
+from tokt.studies.thesis.methods.curves import COMPARED, OURS, SLIC_TITLES, THESIS
+from tokt.studies.thesis.methods.frame_methods import TOKT_MODEL, TOKT_STEREO
+from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
+from tokt.studies.thesis.methods.texture_histograms import described
+from tokt.studies.thesis.patch_scores import (
+    Flags,
+    PatchScore,
+    Truth,
+    patches_of_mask,
+    pooled_score,
+    score_patches,
 )
-from tokt.studies.thesis.frame_drawing import (
+
+from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .frame_drawing import (
     SHOWN,
     draw_dots,
     draw_grid,
@@ -39,18 +43,6 @@ from tokt.studies.thesis.frame_drawing import (
     png_of,
     show_frame,
     show_mask,
-)
-from tokt.studies.thesis.methods.curves import COMPARED, OURS, SLIC_TITLES, THESIS
-from tokt.studies.thesis.methods.frame_methods import TOKT_MODEL, TOKT_STEREO
-from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
-from tokt.studies.thesis.methods.texture_histograms import described
-from tokt.studies.thesis.patch_scores import (
-    Flags,
-    PatchScore,
-    PatchTruth,
-    patches_of_mask,
-    pooled_score,
-    score_patches,
 )
 
 Image = NDArray[np.uint8]
@@ -183,15 +175,12 @@ def by_superpixels(context: StudyContext, number: int, frame: Image) -> list[Met
     """
     found, methods = [], context.superpixel_methods
     for method in methods.of(number):
-        judged = method.judge(frame, None, 0.0)
+        mask = method.judge(frame, None, 0.0).mask
         kind = THESIS if isinstance(method, SlicTexture) else COMPARED
         title = SLIC_TITLES.get(method.name, method.title)
+        patches = None if mask is None else patches_of_mask(mask, GRID)
         who = method.name, title, kind, methods.words(method)
-        if judged.mask is None:
-            found.append(MethodPrediction(*who, fault=judged.words))
-        else:
-            patches = patches_of_mask(judged.mask, GRID)
-            found.append(MethodPrediction(*who, patches, judged.mask))
+        found.append(MethodPrediction(*who, patches, mask))
     return found
 
 
@@ -211,7 +200,7 @@ def may_have_learnt(said: Sequence[MethodPrediction]) -> str:
 
 
 def score_predictions(
-    said: Sequence[MethodPrediction], truth: PatchTruth | None
+    said: Sequence[MethodPrediction], truth: Truth | None
 ) -> dict[str, PatchScore]:
     """The scores of the methods that judged the picture; none without a truth."""
     return {
@@ -253,19 +242,19 @@ def prediction_dots(context: StudyContext) -> Exhibit:
         If the frame or a file of the request cannot be read.
     """
     number = context.structure_frame
-    frame, truth = context.left(number), context.patch_truth(number)
+    frame, truth = context.left(number), context.labelled.get(number)
     stereo = by_stereo(context.calibration, frame, context.right(number), context.calibration_words)
+    learnt = context.curves.methods.get(TOKT_MODEL)
     said = [
         *by_thesis(context, frame),
         *by_held_out(context, number, frame),
-        *by_bundle(context, frame, context.curves.words.get(TOKT_MODEL, "")),
+        *by_bundle(context, frame, learnt.words if learnt else ""),
         stereo,
     ]
-    scores, pooled = score_predictions(said, truth), pooled_scores(context, context.curves.patches)
+    scores, truths = score_predictions(said, truth), context.truths
+    by_method = context.curves.patches.items() if truths else ()
+    pooled = {name: pooled_score(patches, truths) for name, patches in by_method}
     return Exhibit(
-        "figure-3.17-3.20",
-        "Prediction dots over the grid, and the mask",
-        "thesis sections 3.4 and 3.5, figures 3.17 and 3.20",
         (
             f"Frame {number}, by the thesis's three models and by ours. Red dots are patches said "
             "to be other than ocean; they are white in the mask. Of stereo, which judges pixels, "
@@ -273,7 +262,7 @@ def prediction_dots(context: StudyContext) -> Exhibit:
             *learnt_words(said),
         ),
         tuple(_claim(one, scores, number) for one in said),
-        _tables(said, scores, pooled, number, len(context.truths)),
+        _tables(said, scores, pooled, number, len(truths)),
         (
             Plot(
                 "dots",
@@ -282,23 +271,8 @@ def prediction_dots(context: StudyContext) -> Exhibit:
                 png_of(_figure(frame, said, truth)),
             ),
         ),
-        _numbers(number, scores, pooled, len(context.truths)),
+        _numbers(number, scores, pooled, len(truths)),
     )
-
-
-def pooled_scores(
-    context: StudyContext, patches: Mapping[str, Mapping[int, Flags]]
-) -> dict[str, PatchScore]:
-    """Each method's score over all labelled frames that it judged; none without labels.
-
-    Parameters
-    ----------
-    context : StudyContext
-    patches : mapping of str to mapping of int to array of bool
-        By method and frame.
-    """
-    truths = context.truths
-    return {name: pooled_score(said, truths) for name, said in patches.items() if truths}
 
 
 def _tables(
@@ -350,7 +324,7 @@ def _words(value: float | None) -> str:
     return "undefined" if value is None else f"{value:.2f}"
 
 
-def _figure(frame: Image, said: Sequence[MethodPrediction], truth: PatchTruth | None) -> Figure:
+def _figure(frame: Image, said: Sequence[MethodPrediction], truth: Truth | None) -> Figure:
     figure, rows = new_figure(10.5, 3.55 * len(said) + 0.3, len(said), 2, squeeze=False)
     for (dots, mask), one in zip(rows, said, strict=True):
         size = show_frame(dots, frame)
@@ -368,11 +342,11 @@ def _figure(frame: Image, said: Sequence[MethodPrediction], truth: PatchTruth | 
     return figure
 
 
-def _numbers(number: int, scores: Scores, pooled: Scores, n_labelled: int) -> Numbers:
+def _numbers(number: int, scores: Scores, pooled: Scores, n_labelled: int) -> dict[str, Any]:
     figures = {
         f"{place}_{name}_{figure}": value
         for place, found in (("frame", scores), ("mission", pooled))
         for name, score in found.items()
         for figure, value in score.figures().items()
     }
-    return known({"frame": number, "labelled_frames": n_labelled, **figures})
+    return {"frame": number, "labelled_frames": n_labelled, **figures}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,25 +16,6 @@ from tokt.features.extractors.extractor import HARALICK_NAMES
 from tokt.features.frames.grid import Grid
 from tokt.studies.baselines.thesis_models import TITLES
 from tokt.studies.baselines.thesis_texture import GRID, resized_gray
-from tokt.studies.thesis.exhibit import (
-    NOT_KNOWN,
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Numbers,
-    Plot,
-    StudyContext,
-    Table,
-)
-from tokt.studies.thesis.frame_drawing import (
-    OCEAN_COLOR,
-    OTHER_COLOR,
-    SHOWN,
-    draw_grid,
-    new_figure,
-    png_of,
-    show_frame,
-)
 from tokt.studies.thesis.methods.texture_histograms import (
     EXTRACTORS,
     LBP_KEYS,
@@ -42,6 +24,16 @@ from tokt.studies.thesis.methods.texture_histograms import (
     hellinger,
 )
 
+from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .frame_drawing import (
+    OCEAN_COLOR,
+    OTHER_COLOR,
+    SHOWN,
+    draw_grid,
+    new_figure,
+    png_of,
+    show_frame,
+)
 from .training_image_figures import draw_histogram, kind_legend
 
 _DRAWN_CELLS = {"structure": (5, 5), "ocean": (3, 3)}
@@ -80,14 +72,11 @@ def patch_histograms(context: StudyContext) -> Exhibit:
         name: int((rows["haralick"][cell] > _BINS).sum() + (rows["haralick"][cell] < 0).sum())
         for name, cell in patches.items()
     }
-    numbers: Numbers = {"frame": number}
+    numbers: dict[str, Any] = {"frame": number}
     for column, name in _QUOTED.items():
         numbers |= {f"{key}_{name}": value for key, value in told[column].dropna().items()}
     numbers |= {f"haralick_outside_{name}": count for name, count in outside.items()}
     return Exhibit(
-        "figure-3.16-3.19",
-        "Histograms of a patch on the structure and of a patch of ocean",
-        "thesis sections 3.4 and 3.5, figures 3.16 and 3.19",
         (
             f"Frame {number}; {how}. The features are the thesis's, of the patch cut out first.",
             "How well the features tell the two kinds of patch apart is measured over all labelled "

@@ -12,38 +12,20 @@ import pandas as pd
 from numpy.typing import NDArray
 from skimage.segmentation import find_boundaries
 
-from tokt.studies.baselines.slic import SlicTexture
-from tokt.studies.baselines.superpixels import resized_bgr, superpixels
+from tokt.studies.baselines.slic import SlicTexture, resized_bgr, superpixels
 from tokt.studies.baselines.thesis_models import TITLES, ThesisModel
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.exhibit import (
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Plot,
-    StudyContext,
-    Table,
-    known,
-)
-from tokt.studies.thesis.frame_drawing import (
-    SHOWN,
-    draw_grid,
-    new_figure,
-    png_of,
-    show_frame,
-    show_mask,
-)
+from tokt.studies.thesis.methods.mission_models import SLIC
 from tokt.studies.thesis.patch_scores import PatchScore, patches_of_mask, score_patches
 
+from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .frame_drawing import SHOWN, draw_grid, new_figure, png_of, show_frame, show_mask
 from .runtime_tables import agreement_of
 
 Image = NDArray[np.uint8]
 Segments = NDArray[np.int64]
 
-KEY = "figure-5.1"
 TITLE = "SLIC superpixels against the grid"
-SECTION = "figure 5.1"
-FEATURES = ("lbp_10_5", "haralick")
 THESIS_RATIO = 20.0
 """By how much the thesis says that SLIC is slower."""
 _COLUMNS = {
@@ -65,9 +47,8 @@ def superpixel_figure(context: StudyContext) -> Exhibit:
     segments = {number: superpixels(resized_bgr(left)) for number, left in context.decoded(numbers)}
     masks: dict[tuple[str, str], Image] = {}
     rows = []
-    for name in FEATURES:
+    for name, slic in zip(SLIC, context.superpixel_methods.textures, strict=True):
         model = context.thesis[name]
-        slic = SlicTexture.train(context.ocean.image, context.other.image, model.describe, name)
         for number, cut in segments.items():
             by_slic, by_grid, row = _compared(context, number, slic, model)
             rows.append({**row, "superpixels": len(np.unique(cut))})
@@ -76,20 +57,15 @@ def superpixel_figure(context: StudyContext) -> Exhibit:
     frames = pd.DataFrame(rows)
     summaries = {name: _summary(one) for name, one in frames.groupby("features", sort=False)}
     return Exhibit(
-        KEY,
-        TITLE,
-        SECTION,
         words=_words(context, numbers),
         claims=(_time_claim(summaries), _mask_claim(summaries)),
         tables=(_summary_table(summaries), _frame_table(frames)),
         plots=(_plot(context, frames[frames.frame == shown], masks, segments[shown]),),
-        numbers=known(
-            {
-                f"{name}_{key}": value
-                for name, summary in summaries.items()
-                for key, value in summary.items()
-            }
-        ),
+        numbers={
+            f"{name}_{key}": value
+            for name, summary in summaries.items()
+            for key, value in summary.items()
+        },
     )
 
 
@@ -103,11 +79,7 @@ def _compared(
     left = context.left(number)
     slic_mask, slic_s = _timed(lambda: slic.judge(left, None, 0.0).mask)
     by_grid, grid_s = _timed(lambda: model.judge(left).obstacle)
-    size = GRID.resized(*left.shape[:2])
-    if slic_mask is None:
-        slic_mask = np.zeros(size, np.uint8)
-    grid_mask = GRID.paint(by_grid, *size)
-    truth = context.patch_truth(number)
+    grid_mask = GRID.paint(by_grid, *GRID.resized(*left.shape[:2]))
     row = {"frame": number, "features": model.name, "slic_s": slic_s, "grid_s": grid_s}
     row |= {
         "slic_mean": float(slic_mask.mean()),
@@ -119,7 +91,7 @@ def _compared(
         "same_status": bool(slic_mask.any() == grid_mask.any()),
     }
     for name, said in (("slic", patches_of_mask(slic_mask, GRID)), ("grid", by_grid)):
-        row[f"{name}_score"] = PatchScore() if truth is None else score_patches(said, truth)
+        row[f"{name}_score"] = score_patches(said, context.truth(number))
     return slic_mask, grid_mask, row
 
 
@@ -150,7 +122,7 @@ def _summary(frames: pd.DataFrame) -> dict[str, Any]:
 
 def _time_claim(summaries: dict[str, dict[str, Any]]) -> Claim:
     ratios = {name: summary["slic_over_grid"] for name, summary in summaries.items()}
-    ratio = ratios[FEATURES[0]]
+    ratio = ratios[SLIC[0]]
     agreement = agreement_of(ratio, THESIS_RATIO)
     if agreement is ClaimAgreement.YES:
         why = "within a quarter of the printed ratio"

@@ -20,17 +20,6 @@ from skimage import data
 
 from tokt.studies.baselines.thesis_models import TITLES, thesis_classifier
 from tokt.studies.baselines.thesis_texture import resized_gray
-from tokt.studies.thesis.exhibit import (
-    NOT_KNOWN,
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Numbers,
-    Plot,
-    StudyContext,
-    Table,
-)
-from tokt.studies.thesis.frame_drawing import SHOWN, new_figure, png_of, show_frame
 from tokt.studies.thesis.methods.texture_histograms import (
     EXTRACTORS,
     LBP_KEYS,
@@ -46,6 +35,9 @@ from tokt.studies.thesis.methods.texture_histograms import (
 from tokt.studies.thesis.patch_scores import pooled_score
 from tokt.training.fitting.train import rendered_other_image
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
+
+from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .frame_drawing import SHOWN, new_figure, png_of, show_frame
 
 KIND_COLORS = {
     BinKind.FLAT: "#4da3ff",
@@ -127,9 +119,6 @@ def training_images(context: StudyContext) -> Exhibit:
         "labels). No frame is both learnt from and scored."
     )
     return Exhibit(
-        "figure-3.11-3.12",
-        "Histograms of the training images: flat, edge and corner bins",
-        "thesis section 3.4, figures 3.11 and 3.12",
         (
             "Bins are coloured by the share of the circle that is brighter than its centre: none "
             "or all of it is flat, half of it an edge, a quarter or three quarters a corner, each "
@@ -194,10 +183,10 @@ def _claims(table: pd.DataFrame, n_tested: int, rank: dict[str, float]) -> tuple
 
 def _numbers(
     table: pd.DataFrame, rank: dict[str, float], n_tested: int, ocean: Rows, structure: Rows
-) -> Numbers:
+) -> dict[str, Any]:
     farthest = table.iloc[0]
     water, solid = (share_by_kind(rows.mean(axis=0)) for rows in (ocean, structure))
-    numbers: Numbers = {
+    numbers: dict[str, Any] = {
         "farthest_image": str(farthest["image"]),
         "farthest_hellinger": float(farthest[f"{_KEY} {TO_OCEAN}"]),
         "ocean_to_structure_hellinger": _means_apart(ocean, structure),

@@ -20,7 +20,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from scipy.stats import spearmanr, theilslopes
 
-from tokt.features.common.errors import FrameError
+from tokt.features.common.errors import FrameError, ToktError
 from tokt.inference.frame import Frame
 from tokt.inference.policy.assembly import StereoSetup
 from tokt.inference.policy.temporal_cues import (
@@ -39,25 +39,13 @@ from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD, UNKNOWN, verdict_from_mask
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.exhibit import (
-    Claim,
-    ClaimAgreement,
-    Exhibit,
-    Numbers,
-    Plot,
-    StudyContext,
-    Table,
-    known,
-)
-from tokt.studies.thesis.frame_drawing import new_figure, png_of
 from tokt.studies.thesis.methods.curves import Curves
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
 
 from .curve_figures import agreement_with_distance
+from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .frame_drawing import new_figure, png_of
 
-KEY = "trend"
-TITLE = "Mean value over time: relative distance, trend and time to contact"
-SECTION = "sections 5.2.1 and 7.2"
 SECONDS_A_FRAME = 0.35
 """The frames carry no times. Source: the pause of AURlabCVsimulator, which it says is the real
 mission's."""
@@ -83,12 +71,12 @@ def trend_exhibit(context: StudyContext) -> Exhibit:
     """The exhibit of the trend; needs stereo depth of successive frames."""
     calibration = context.calibration
     if calibration is None:
-        return _missing(f"a calibration of the two cameras: {context.calibration_words}")
+        raise ToktError(f"needs a calibration of the two cameras: {context.calibration_words}")
     curves = context.curves
     measured = curves.distance_m.dropna().index
     frames = [n for n in context.pairs if len(measured) and measured.min() <= n <= measured.max()]
     if len(frames) < MIN_FRAMES:
-        return _missing(f"{MIN_FRAMES} successive pairs with something that stereo sees")
+        raise ToktError(f"needs {MIN_FRAMES} successive pairs with something that stereo sees")
     by_stereo, depth_m = means_of_stereo(context, calibration, frames)
     texture = [name for name in (TOKT_TEXTURE, *context.thesis) if name in curves.patches]
     seen = {name: means_of_patches(curves, name, frames) for name in texture}
@@ -104,9 +92,6 @@ def trend_exhibit(context: StudyContext) -> Exhibit:
     scores = {name: score(one) for name, one in held.items()}
     ours = [name for name in (TOKT_TEXTURE, DISPARITY) if name in scores]
     return Exhibit(
-        KEY,
-        TITLE,
-        SECTION,
         words=_words(context, frames, texture),
         claims=(
             _distance_claim(scores, titles),
@@ -117,10 +102,6 @@ def trend_exhibit(context: StudyContext) -> Exhibit:
         plots=_plots(held, titles),
         numbers=_numbers(held, scores, len(frames)),
     )
-
-
-def _missing(what: str) -> Exhibit:
-    return Exhibit(KEY, TITLE, SECTION, missing=f"needs {what}")
 
 
 def means_of_patches(curves: Curves, name: str, frames: Sequence[int]) -> pd.DataFrame:
@@ -318,7 +299,8 @@ def contact_ratios(held: pd.DataFrame, unchecked: bool = False) -> pd.Series:
 def _words(context: StudyContext, frames: Sequence[int], texture: Sequence[str]) -> tuple[str, ...]:
     curves = context.curves
     learnt = "; ".join(
-        f"{curves.methods[name].title}: {curves.words[name].rstrip('.')}" for name in texture
+        f"{curves.methods[name].title}: {curves.methods[name].words.rstrip('.')}"
+        for name in texture
     )
     return (
         f"Frames {frames[0]} to {frames[-1]}, from the first to the last that stereo sees "
@@ -488,7 +470,7 @@ def _frame_table(held: Held) -> Table:
     return Table("trend_frames", caption, table.reset_index(), "Trend by frame")
 
 
-def _numbers(held: Held, scores: Scores, frames: int) -> Numbers:
+def _numbers(held: Held, scores: Scores, frames: int) -> dict[str, Any]:
     numbers: dict[str, Any] = {"frames": frames, "seconds_a_frame": SECONDS_A_FRAME}
     for name, one in held.items():
         numbers |= {f"{name}_{key}": value for key, value in scores[name].items()}
@@ -497,7 +479,7 @@ def _numbers(held: Held, scores: Scores, frames: int) -> Numbers:
             numbers[f"{name}_contacts{words}"] = len(ratios)
             middle = None if ratios.empty else float(np.median(ratios))
             numbers[f"{name}_contact_ratio_median{words}"] = middle
-    return known(numbers)
+    return numbers
 
 
 def _plots(held: Held, titles: Mapping[str, str]) -> tuple[Plot, ...]:

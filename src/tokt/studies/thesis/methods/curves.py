@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -11,8 +12,10 @@ from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import pixel_sha256
+from tokt.features.frames.mission import LEFT, RIGHT
 from tokt.inference.verdict import UNKNOWN
 from tokt.models.bundle.bundle import frame_id, read_bundle
+from tokt.studies.baselines.baseline import Baseline
 from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.thesis_models import TITLES
 from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE
@@ -30,11 +33,15 @@ from .frame_methods import (
     THESIS_DISPARITY,
     TOKT_MODEL,
     TOKT_STEREO,
-    FrameMethods,
     FrameResult,
-    SequenceTask,
+    FrameTask,
+    JudgeNext,
+    bundle_judge,
     judge_frames,
     judge_sequences,
+    size_change_judge,
+    stereo_judge,
+    thirds_judge,
 )
 from .mission_models import PRESET, SLIC, TOKT_TEXTURE, SuperpixelMethods, held_out_texture
 
@@ -94,11 +101,6 @@ class Curves:
     left_out: tuple[str, ...] = ()
     unreadable: tuple[int, ...] = ()
 
-    @property
-    def words(self) -> dict[str, str]:
-        """By method: what it is, and what it learnt from."""
-        return {name: method.words for name, method in self.methods.items()}
-
     def named(self, kind: str) -> list[str]:
         """The methods of a kind."""
         return [name for name, method in self.methods.items() if method.kind == kind]
@@ -122,14 +124,8 @@ def measure_curves(inputs: StudyInputs, superpixel_methods: SuperpixelMethods) -
     """
     settings = settings_named(PRESET) if inputs.obstacle_patches else None
     sample, numbers = inputs.spread(), inputs.scored
-    judges = FrameMethods(
-        list(inputs.thesis.values()),
-        {number: superpixel_methods.of(number) for number in sample},
-        extractor_for(DEFAULT_EXTRACTOR, PRESET).spec if settings else None,
-        settings.changes if settings else (),
-        frozenset(inputs.obstacle_patches),
-    )
-    found = judge_frames(inputs.mission, numbers, judges, inputs.request.jobs)
+    tasks = _frame_tasks(inputs, {n: superpixel_methods.of(n) for n in sample}, settings)
+    found = judge_frames(tasks, inputs.request.jobs)
     judged = list(inputs.progress(found, len(numbers), "curves, frame by frame"))
     gathered = _Gathered(inputs, [one for one in judged if not one.fault])
     gathered.add_thesis()
@@ -141,10 +137,28 @@ def measure_curves(inputs: StudyInputs, superpixel_methods: SuperpixelMethods) -
         gathered.status,
         gathered.methods,
         gathered.patches,
-        pd.Series(distance_m, dtype=float).reindex(gathered.mean.index),
+        distance_m.reindex(gathered.mean.index),
         tuple(gathered.left_out),
         tuple(one.number for one in judged if one.fault),
     )
+
+
+def _frame_tasks(
+    inputs: StudyInputs, slow: Mapping[int, Sequence[Baseline]], settings: TrainingSettings | None
+) -> Iterator[FrameTask]:
+    """What is to be done with each scored frame; `slow` are the methods of a sample of them."""
+    mission, rights = inputs.mission, set(inputs.pairs)
+    spec = extractor_for(DEFAULT_EXTRACTOR, PRESET).spec if settings else None
+    for number in inputs.scored:
+        yield FrameTask(
+            number,
+            mission.encoded(number, LEFT)[0],
+            mission.encoded(number, RIGHT)[0] if number in rights else None,
+            list(inputs.thesis.values()),
+            slow.get(number, ()),
+            spec,
+            settings.changes if settings and number in inputs.obstacle_patches else (),
+        )
 
 
 class _Gathered:
@@ -159,7 +173,11 @@ class _Gathered:
         self.left_out: list[str] = []
 
     def _add(
-        self, name: str, method: Method, mean: dict[int, float], status: dict[int, int]
+        self,
+        name: str,
+        method: Method,
+        mean: pd.Series | dict[int, float],
+        status: pd.Series | dict[int, int],
     ) -> None:
         """A method's means and statuses by frame; of frames that are not there it knows none."""
         self.mean[name] = pd.Series(mean, dtype=float).reindex(self.mean.index)
@@ -215,7 +233,7 @@ class _Gathered:
         self._add(TOKT_TEXTURE, method, found.mean, found.status)
         self.patches[TOKT_TEXTURE] = found.patches
 
-    def add_runs(self) -> dict[int, float]:
+    def add_runs(self) -> pd.Series:
         """The methods that look at frames in their order; the distances that stereo measures."""
         inputs, calibration = self._inputs, self._inputs.calibration
         # The one that takes longest first, so that the others run beside it.
@@ -223,20 +241,22 @@ class _Gathered:
             "growing keypoints (Mori and Scherer 2013): frames against earlier ones; learns nothing"
         )
         methods = {SIZE_CHANGE: Method("growing keypoints", COMPARED, words)}
+        makers: dict[str, Callable[[], JudgeNext]] = {SIZE_CHANGE: size_change_judge}
         if calibration is None:
             self.left_out.append(f"tokt's stereo, and thirds: {inputs.calibration_words}")
         else:
             methods |= _stereo_methods(inputs.calibration_words)
+            makers[MEAN_DISPARITY] = partial(thirds_judge, calibration)
+            makers[TOKT_STEREO] = partial(stereo_judge, calibration)
         if inputs.request.model is not None:
             methods[TOKT_MODEL] = _model_method(inputs)
-        path, bundle = inputs.mission.path, inputs.request.model
-        tasks = [SequenceTask(name, path, calibration, bundle) for name in methods]
-        runs = judge_sequences(tasks, inputs.request.jobs)
-        distance_m: dict[int, float] = {}
-        for one in inputs.progress(runs, len(tasks), "curves, in order of frames"):
-            self._add(one.method, methods[one.method], one.mean, one.status)
-            if one.method == TOKT_STEREO:
-                distance_m = one.distance_m
+            makers[TOKT_MODEL] = partial(bundle_judge, inputs.request.model)
+        runs = judge_sequences(makers, inputs.mission.path, inputs.request.jobs)
+        distance_m = pd.Series(dtype=float)
+        for name, found in inputs.progress(runs, len(makers), "curves, in order of frames"):
+            self._add(name, methods[name], found["mean"], found.status)
+            if name == TOKT_STEREO:
+                distance_m = found.distance_m
         return distance_m
 
 

@@ -8,20 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from tokt.features.common.errors import FrameError
 from tokt.features.extractors.extractor import build_extractor
 from tokt.features.frames.image_file import decode_image
-from tokt.features.frames.mission import LEFT, RIGHT, Mission, open_mission
+from tokt.features.frames.mission import RIGHT, open_mission
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import SinglePolicy
+from tokt.inference.reason import Fault, Reason
 from tokt.inference.sources.files import MissionSource
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
@@ -29,10 +32,9 @@ from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import (
     OBSTACLE,
     STATUS_MEAN_THRESHOLD,
-    UNKNOWN,
     Detector,
     Verdict,
-    verdict_from_mask,
+    unknown_verdict,
 )
 from tokt.models.bundle.bundle import read_bundle
 from tokt.studies.baselines.baseline import Baseline
@@ -48,34 +50,24 @@ THESIS_DISPARITY = "disparity"
 TOKT_STEREO, TOKT_MODEL = "tokt_stereo", "tokt_model"
 MEAN_DISPARITY, SIZE_CHANGE = Thirds.name, SizeChange.name
 
-
-@dataclass(frozen=True)
-class FrameMethods:
-    """The methods that judge a mission's frames, each by itself.
-
-    Parameters
-    ----------
-    thesis : sequence of ThesisModel
-    superpixel_methods : mapping of int to sequence of Baseline
-        Further methods, by frame: only those of a sample have some.
-    spec : dict or None
-        Of tokt's extractor, whose features are computed beside the methods.
-    changes : tuple of str
-        Augmentations of which the features are wanted, too.
-    learnt_from : frozenset of int
-        The frames of which these are.
-    """
-
-    thesis: Sequence[ThesisModel]
-    superpixel_methods: Mapping[int, Sequence[Baseline]] = field(default_factory=dict)
-    spec: dict[str, Any] | None = None
-    changes: tuple[str, ...] = ()
-    learnt_from: frozenset[int] = frozenset()
+JudgeNext = Callable[[Frame], Verdict]
 
 
 @dataclass(frozen=True)
 class FrameTask:
-    """One frame, still encoded, and what to do with it."""
+    """One frame, still encoded, and the methods that judge it by itself.
+
+    Parameters
+    ----------
+    number : int
+    left, right : bytes, bytes or None
+    thesis : sequence of ThesisModel
+    superpixel_methods : sequence of Baseline
+    spec : dict or None
+        Of tokt's extractor, whose features are computed beside the methods.
+    changes : sequence of str
+        Augmentations of which the features are wanted, too.
+    """
 
     number: int
     left: bytes
@@ -83,7 +75,7 @@ class FrameTask:
     thesis: Sequence[ThesisModel] = ()
     superpixel_methods: Sequence[Baseline] = ()
     spec: dict[str, Any] | None = None
-    changes: tuple[str, ...] = ()
+    changes: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -115,35 +107,9 @@ class FrameResult:
     features: list[NDArray[np.float64]] = field(default_factory=list)
 
 
-def judge_frames(
-    mission: Mission, numbers: Sequence[int], judges: FrameMethods, jobs: int
-) -> Iterator[FrameResult]:
-    """Judge frames, in their order.
-
-    Parameters
-    ----------
-    mission : Mission
-    numbers : sequence of int
-        Its left frames.
-    judges : FrameMethods
-    jobs : int
-        As for `mapped`; the results do not depend on it.
-    """
-    return mapped(_judge, _tasks(mission, numbers, judges), jobs)
-
-
-def _tasks(mission: Mission, numbers: Iterable[int], judges: FrameMethods) -> Iterator[FrameTask]:
-    rights = set(mission.frames(RIGHT))
-    for number in numbers:
-        yield FrameTask(
-            number,
-            mission.encoded(number, LEFT)[0],
-            mission.encoded(number, RIGHT)[0] if number in rights else None,
-            judges.thesis,
-            judges.superpixel_methods.get(number, ()),
-            judges.spec,
-            judges.changes if number in judges.learnt_from else (),
-        )
+def judge_frames(tasks: Iterable[FrameTask], jobs: int) -> Iterator[FrameResult]:
+    """Judge frames, in their order; the results do not depend on `jobs`, which is `mapped`'s."""
+    return mapped(_judge, tasks, jobs)
 
 
 def _judge(task: FrameTask) -> FrameResult:
@@ -184,95 +150,70 @@ def _judge_pair(task: FrameTask, left: NDArray[np.uint8], found: FrameResult) ->
         found.status[THESIS_DISPARITY] = OBSTACLE if mean > STATUS_MEAN_THRESHOLD else 0
 
 
-def mean_and_status(
-    white: NDArray[np.bool_], size: tuple[int, int], method: str
-) -> tuple[float, int]:
-    """Mean (0..255) and status of white patches in a frame of (height, width) pixels."""
-    verdict = verdict_from_mask(GRID.paint(white, *GRID.resized(*size)), method)
-    return float(verdict.mean or 0.0), verdict.status
-
-
-@dataclass(frozen=True)
-class SequenceTask:
-    """A mission's frames by one method.
+def judge_sequences(
+    makers: Mapping[str, Callable[[], JudgeNext]], mission: Path, jobs: int
+) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Judge the frames of a mission in their order by each of some methods.
 
     Parameters
     ----------
-    method : str
-        `TOKT_STEREO`, `TOKT_MODEL`, `MEAN_DISPARITY` or `SIZE_CHANGE`.
+    makers : mapping of str to callable
+        By method: makes a function of the next frame. It goes to another process.
     mission : Path
-    calibration : StereoCalibration or None
-        For the methods that need one.
-    bundle : Path or None
-        For `TOKT_MODEL`.
+    jobs : int
+        As for `mapped`; the results do not depend on it.
+
+    Returns
+    -------
+    iterator of (str, DataFrame)
+        The method; by frame its ``status``, the ``mean`` of its 0/255 mask, 0..255, and
+        ``distance_m``, of what is nearest; nan where not known.
     """
-
-    method: str
-    mission: Path
-    calibration: StereoCalibration | None = None
-    bundle: Path | None = None
+    return mapped(partial(_judge_sequence, mission), makers.items(), jobs)
 
 
-@dataclass(frozen=True)
-class SequenceResult:
-    """A method's results for a mission's frames.
-
-    Parameters
-    ----------
-    method : str
-    mean, distance_m : dict of int to float
-        By frame: of the 0/255 mask, 0..255; distance of what is nearest. nan where not known.
-    status : dict of int to int
-    """
-
-    method: str
-    mean: dict[int, float] = field(default_factory=dict)
-    status: dict[int, int] = field(default_factory=dict)
-    distance_m: dict[int, float] = field(default_factory=dict)
-
-
-def judge_sequences(tasks: Sequence[SequenceTask], jobs: int) -> Iterator[SequenceResult]:
-    """Judge the frames of a mission by each of some methods; the results do not depend on jobs."""
-    return mapped(_judge_sequence, tasks, jobs)
-
-
-def _judge_sequence(task: SequenceTask) -> SequenceResult:
+def _judge_sequence(
+    folder: Path, method: tuple[str, Callable[[], JudgeNext]]
+) -> tuple[str, pd.DataFrame]:
     cv2.setNumThreads(1)
-    found = SequenceResult(task.method)
-    mission = open_mission(task.mission)
-    judge = _judge_of(task)
+    mission, (name, make) = open_mission(folder), method
+    judge, rows = make(), {}
     for frame in MissionSource(mission, SYSTEM_CLOCK, stereo=RIGHT in mission.cameras):
         verdict = judge(frame)
-        found.status[frame.number] = UNKNOWN if verdict is None else verdict.status
-        mean, distance = (None, None) if verdict is None else (verdict.mean, verdict.distance_m)
-        found.mean[frame.number] = np.nan if mean is None else mean
-        found.distance_m[frame.number] = np.nan if distance is None else distance
-    return found
+        rows[frame.number] = verdict.status, verdict.mean, verdict.distance_m
+    found = pd.DataFrame.from_dict(rows, orient="index", columns=["status", "mean", "distance_m"])
+    return name, found.astype({"mean": float, "distance_m": float})
 
 
-def _judge_of(task: SequenceTask) -> Callable[[Frame], Verdict | None]:
-    """The method as a function of the next frame; None where the frame cannot be read."""
-    calibration, bundle = task.calibration, task.bundle
-    if task.method == TOKT_STEREO and calibration is not None:
-        return _by_policy(DisparityDetector(calibration, GRID))
-    if task.method == TOKT_MODEL and bundle is not None:
-        return _by_policy(TextureDetector(read_bundle(bundle)))
-    if task.method == MEAN_DISPARITY and calibration is not None:
-        return _by_baseline(Thirds(calibration), pair=True)
-    if task.method == SIZE_CHANGE:
-        return _by_baseline(SizeChange(), pair=False)
-    raise ValueError(f"{task.method} cannot judge a run with what it was given")
+def stereo_judge(calibration: StereoCalibration) -> JudgeNext:
+    """Our stereo."""
+    return _by_policy(DisparityDetector(calibration, GRID))
 
 
-def _by_policy(detector: Detector) -> Callable[[Frame], Verdict | None]:
+def bundle_judge(file: Path) -> JudgeNext:
+    """A texture model's bundle."""
+    return _by_policy(TextureDetector(read_bundle(file)))
+
+
+def _by_policy(detector: Detector) -> JudgeNext:
     policy = SinglePolicy(detector)
     return lambda frame: policy.judge(frame).verdict
 
 
-def _by_baseline(method: Baseline, pair: bool) -> Callable[[Frame], Verdict | None]:
-    def judge(frame: Frame) -> Verdict | None:
+def thirds_judge(calibration: StereoCalibration) -> JudgeNext:
+    """The thirds of disparity."""
+    return _by_baseline(Thirds(calibration), pair=True)
+
+
+def size_change_judge() -> JudgeNext:
+    """Growing keypoints."""
+    return _by_baseline(SizeChange(), pair=False)
+
+
+def _by_baseline(method: Baseline, pair: bool) -> JudgeNext:
+    def judge(frame: Frame) -> Verdict:
         if frame.left is None or (pair and frame.right is None):
-            return None
+            return unknown_verdict(Fault(Reason.MISSING, "a picture of it cannot be read"))
         return method.judge(frame.left, frame.right, float(frame.number)).verdict
 
     return judge

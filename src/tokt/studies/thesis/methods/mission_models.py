@@ -12,20 +12,18 @@ A picture of somewhere else may be judged by a model that learnt from every labe
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
-from tokt.features.extractors.extractor import Extractor
 from tokt.inference.frame_checks import frame_fault
 from tokt.inference.texture.detector import MofNRun, min_mask_patches
+from tokt.inference.verdict import UNKNOWN, verdict_from_mask
 from tokt.models.bundle.bundle import Bundle, read_bundle
-from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule, frame_step, missed_before
 from tokt.studies.baselines.baseline import Baseline
 from tokt.studies.baselines.lab_colour import LabColour, labelled_example
@@ -62,7 +60,7 @@ from tokt.training.fitting.presets import (
 )
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
-from .frame_methods import FrameResult, mean_and_status
+from .frame_methods import FrameResult
 
 TOKT_TEXTURE = "tokt_texture"
 PRESET = "best"
@@ -78,21 +76,10 @@ _PENALTY = 1.0
 """C; not searched for, as the picture judged is no part of the mission."""
 
 Tables = Mapping[int, Sequence[NDArray[np.float64]]]
-
-
-class FoldModel(NamedTuple):
-    """Scores and frame rule of a model of one fold's training part.
-
-    Parameters
-    ----------
-    scores : dict of int to array of float64, shape (n_patches,)
-        Obstacle scores of the frames it judges.
-    rule : MofNRule
-        Chosen inside the training part.
-    """
-
-    scores: dict[int, NDArray[np.float64]]
-    rule: MofNRule
+JudgeFrame = Callable[[NDArray[np.uint8]], Flags | str]
+Learnt = tuple[dict[int, NDArray[np.float64]], MofNRule]
+"""Of a model of one fold's training part: the obstacle scores of the frames that it judges, and the
+frame rule, chosen inside the training part."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +168,7 @@ def _learn(
     split: Split,
     features: Tables,
     settings: TrainingSettings,
-) -> list[FoldModel]:
+) -> list[Learnt]:
     """For each fold a model of its training part, and what it says of the frames it judges."""
     table, *augmented = _tables(dataset, features, 1 + len(settings.changes))
     check_features(dataset, table)
@@ -212,7 +199,7 @@ def _learn(
             for number, judge in judges.items()
             if judge == index
         }
-        learnt.append(FoldModel(said, rule))
+        learnt.append((said, rule))
     return learnt
 
 
@@ -235,30 +222,34 @@ def _judges(
 
 
 def _judged(
-    learnt: Sequence[FoldModel], sizes: Mapping[int, tuple[int, int]], words: str
+    learnt: Sequence[Learnt], sizes: Mapping[int, tuple[int, int]], words: str
 ) -> HeldOutTexture:
     """The frames in their order by each fold's rule; a frame's verdict is that of its own fold."""
-    judges = {number: index for index, one in enumerate(learnt) for number in one.scores}
+    scores = {
+        number: (index, one)
+        for index, (said, _) in enumerate(learnt)
+        for number, one in said.items()
+    }
     numbers = sorted(sizes)
     missed = missed_before(numbers, frame_step(numbers))
     found = HeldOutTexture({}, {}, {}, words)
-    for index, one in enumerate(learnt):
-        run = MofNRun(one.rule)
+    for index, (_, rule) in enumerate(learnt):
+        run = MofNRun(rule)
         for number, gap in zip(numbers, missed, strict=True):
             run.begin(gap)
-            if number not in judges:
+            if number not in scores:
                 continue
-            scores = learnt[judges[number]].scores[number]
-            least = min_mask_patches(GRID, *GRID.resized(*sizes[number]))
-            ruled = run.judge(scores, scores > 0, least)
-            if judges[number] != index:
+            own_fold, values = scores[number]
+            size = GRID.resized(*sizes[number])
+            ruled = run.judge(values, values > 0, min_mask_patches(GRID, *size))
+            if own_fold != index:
                 continue
-            found.patches[number] = scores > 0
-            found.mean[number], found.status[number] = (
-                (float("nan"), -1)
-                if ruled.patches is None
-                else mean_and_status(ruled.patches, sizes[number], TOKT_TEXTURE)
-            )
+            found.patches[number] = values > 0
+            found.mean[number], found.status[number] = float("nan"), UNKNOWN
+            if ruled.patches is not None:
+                verdict = verdict_from_mask(GRID.paint(ruled.patches, *size), TOKT_TEXTURE)
+                found.mean[number] = float(verdict.mean or 0.0)
+                found.status[number] = verdict.status
     return found
 
 
@@ -278,36 +269,21 @@ def _words(dataset: DatasetVersion, split: Split, settings: TrainingSettings) ->
     )
 
 
-@dataclass(frozen=True)
-class AllLabelsTexture:
-    """A texture model and what it learnt from.
-
-    Parameters
-    ----------
-    words : str
-    """
-
-    words: str
-    _extractor: Extractor
-    _model: LinearModel
-
-    def judge(self, frame: NDArray[np.uint8]) -> Flags | str:
-        """Obstacle patches, bool (n_patches,), or why the frame cannot be judged."""
-        fault = frame_fault(frame)
-        if fault:
-            return str(fault)
-        values = self._model.decision_values(self._extractor.describe(frame, GRID))
-        return self._model.obstacle_patches(values)
-
-
-def train_on_all_labels(inputs: StudyInputs, near: int | None = None) -> AllLabelsTexture:
-    """Learn from the mission's labelled frames.
+def train_on_all_labels(inputs: StudyInputs, near: int | None = None) -> tuple[str, JudgeFrame]:
+    """A texture model of the mission's labelled frames.
 
     Parameters
     ----------
     inputs : StudyInputs
     near : int, optional
         A frame from which to stay away by more than the embargo.
+
+    Returns
+    -------
+    words : str
+        What it learnt from.
+    judge : callable
+        Gives the obstacle patches of a frame, bool (n_patches,), or why it cannot be judged.
 
     Raises
     ------
@@ -324,10 +300,9 @@ def train_on_all_labels(inputs: StudyInputs, near: int | None = None) -> AllLabe
     extractor = extractor_for(DEFAULT_EXTRACTOR, PRESET)
     rows, targets = [], []
     for number, frame in inputs.decoded(chosen):
-        truth = inputs.patch_truth(number)
-        if truth is not None:
-            rows.append(extractor.describe(frame, GRID)[truth.sure])
-            targets.append(truth.obstacle[truth.sure].astype(np.int64))
+        truth = inputs.truth(number)
+        rows.append(extractor.describe(frame, GRID)[truth >= 0])
+        targets.append(truth[truth >= 0].astype(np.int64))
     known = np.concatenate(targets) if targets else np.zeros(0, np.int64)
     if len(np.unique(known)) < 2:
         raise ToktError("there are no labels of both obstacles and clear water to learn from")
@@ -338,32 +313,25 @@ def train_on_all_labels(inputs: StudyInputs, near: int | None = None) -> AllLabe
         f"learnt from {len(rows)} labelled frames spread over the mission{left_out} (the features "
         f"of preset {PRESET}, C = {_PENALTY:g}, no search)"
     )
-    return AllLabelsTexture(words, extractor, model)
+
+    def judge(frame: NDArray[np.uint8]) -> Flags | str:
+        fault = frame_fault(frame)
+        if fault:
+            return str(fault)
+        return model.obstacle_patches(model.decision_values(extractor.describe(frame, GRID)))
+
+    return words, judge
 
 
-@dataclass(frozen=True)
-class ToktModel:
-    """A texture model that learnt from all it may.
+def tokt_model(inputs: StudyInputs) -> tuple[Bundle, str]:
+    """A texture model that learnt from all it may, and what that was: no frame is held out.
 
-    Parameters
-    ----------
-    bundle : Bundle
-    words : str
-        What it learnt from. Its figures on frames of the mission would not be held out.
-    """
-
-    bundle: Bundle
-    words: str
-
-
-def tokt_model(inputs: StudyInputs) -> ToktModel:
-    """The bundle of the request; otherwise the preset ``best`` on the mission's labels.
-
+    The bundle of the request; otherwise the preset ``best`` on the mission's labels.
     Without labels it learns from the thesis's kind of images, an early frame and a texture.
     """
     if inputs.request.model is not None:
         bundle = read_bundle(str(inputs.request.model))
-        return ToktModel(bundle, f"the model {bundle.label} as given")
+        return bundle, f"the model {bundle.label} as given"
     examples = None
     if inputs.labels:
         try:
@@ -373,7 +341,7 @@ def tokt_model(inputs: StudyInputs) -> ToktModel:
     examples = examples or examples_from_two_images(inputs.mission)
     extractor = extractor_for(DEFAULT_EXTRACTOR, PRESET)
     models = fit_extractor_pair(PRESET, extractor, examples, inputs.any_left())
-    return ToktModel(models.bundle, f"the features of preset {PRESET}, {examples.words}")
+    return models.bundle, f"the features of preset {PRESET}, {examples.words}"
 
 
 @dataclass(frozen=True)

@@ -5,20 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
+from typing import Any
 
 import pandas as pd
 
+from tokt.models.bundle.bundle import Bundle
+from tokt.studies.thesis.inputs import StudyInputs
 from tokt.studies.thesis.methods.curves import Curves, measure_curves
 from tokt.studies.thesis.methods.mission_models import (
     SuperpixelMethods,
-    ToktModel,
     tokt_model,
     train_superpixel_methods,
 )
-
-from .inputs import StudyInputs
-
-Numbers = dict[str, float | int | str | bool]
 
 NOT_KNOWN = "not known here"
 """What stands for a printed number that the sources at hand do not give."""
@@ -108,36 +106,30 @@ class Exhibit:
 
     Parameters
     ----------
-    key : str
-        Name of its folder and its anchor, such as ``table-5.1-to-5.4``.
-    title : str
-    section : str
-        Where the thesis has it.
     words : tuple of str
         Paragraphs: what was done, and how figures were split.
     claims : tuple of Claim
     tables : tuple of Table
     plots : tuple of Plot
     numbers : dict
-        What other pages quote, by name: finite floats, ints, strings and booleans.
+        What other pages quote, by name: finite floats, ints, strings and booleans. What is None
+        is not written: a page that quotes it asks first if it is there.
+    key, title, section : str
+        Name of its folder and its anchor, such as ``table-5.1-to-5.4``; what it is called, and
+        where the thesis has it. Given by the run, like the next.
     missing : str
         Why there is nothing to show, where there is not: what it needs that this mission lacks.
     """
 
-    key: str
-    title: str
-    section: str
     words: tuple[str, ...] = ()
     claims: tuple[Claim, ...] = ()
     tables: tuple[Table, ...] = ()
     plots: tuple[Plot, ...] = ()
-    numbers: Numbers = field(default_factory=dict)
+    numbers: dict[str, Any] = field(default_factory=dict)
+    key: str = ""
+    title: str = ""
+    section: str = ""
     missing: str = ""
-
-
-def known(numbers: dict[str, float | int | str | bool | None]) -> Numbers:
-    """Numbers without those that are None: a page that quotes one asks first if it is there."""
-    return {name: value for name, value in numbers.items() if value is not None}
 
 
 class StudyContext(StudyInputs):
@@ -149,8 +141,8 @@ class StudyContext(StudyInputs):
         return train_superpixel_methods(self)
 
     @cached_property
-    def tokt_model(self) -> ToktModel:
-        """A texture model of ours that learnt from all it may: nothing to be scored here."""
+    def tokt_model(self) -> tuple[Bundle, str]:
+        """A texture model of ours, nothing to be scored here, and what it learnt from."""
         return tokt_model(self)
 
     @cached_property

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from tokt.inference.verdict import Box
 from tokt.labels.page.state.enhance import DEFAULT_AMOUNT, enhanced, gain
 from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.thesis.patch_scores import Flags, Truth
 from tokt.training.evaluation.pictures import CONTRAST_METHOD, figure_png, raise_contrast
-
-from .patch_scores import Flags, PatchTruth
 
 SHOWN = (
     "Frames are nearly black: what is shown, not what is judged, has its contrast raised "
@@ -109,13 +108,10 @@ def draw_dots(axes: Any, said: Flags, height: int, width: int) -> None:
         axes.scatter(x[chosen], y[chosen], s=size, c=color, linewidths=0)
 
 
-def draw_truth(axes: Any, truth: PatchTruth, height: int, width: int) -> None:
+def draw_truth(axes: Any, truth: Truth, height: int, width: int) -> None:
     """Green outlines around the patches that are an obstacle, dotted where nobody is sure."""
     boxes = GRID.boxes(height, width)
-    for chosen, color, style in (
-        (truth.obstacle & truth.sure, LABEL_COLOR, "-"),
-        (~truth.sure, "#c8c8c8", ":"),
-    ):
+    for chosen, color, style in ((truth == 1, LABEL_COLOR, "-"), (truth < 0, "#c8c8c8", ":")):
         outlines = [
             Rectangle((x0 + 0.5, y0 + 0.5), x1 - x0 - 2, y1 - y0 - 2)
             for y0, y1, x0, x1 in boxes[chosen]
