@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
@@ -31,33 +31,25 @@ if TYPE_CHECKING:
 
 
 def compare(
-    models: Annotated[
-        list[str], typer.Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")
-    ],
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="HTML report to write.")
-    ] = None,
+    models: Annotated[list[str], Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")],
+    output: Annotated[Path | None, Option("-o", "--output", help="HTML report to write.")] = None,
     mission: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--mission",
             help="Mission to compare on. Default: the patches that cross-validation held out.",
         ),
     ] = None,
     labels: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--labels", help="Label file of the mission; repeatable. Default: the label store."
-        ),
+        Option("--labels", help="Label file of the mission; repeatable. Default: the label store."),
     ] = None,
     frames: Annotated[
-        str | None, typer.Option(help="Use these frames of it only, such as 1-99,132-246.")
+        str | None, Option(help="Use these frames of it only, such as 1-99,132-246.")
     ] = None,
     learning_curve: Annotated[
         str | None,
-        typer.Option(
-            metavar="MODEL", help="Model whose learning curve is drawn. Default: the best one."
-        ),
+        Option(metavar="MODEL", help="Model whose learning curve is drawn. Default: the best one."),
     ] = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
@@ -163,7 +155,7 @@ def _first(sequence: dict[str, Any]) -> str:
 
 def evaluate(
     model: ModelArgument,
-    mission: Annotated[Path, typer.Option("--mission", help="Mission folder or video.")],
+    mission: Annotated[Path, Option("--mission", help="Mission folder or video.")],
     labels: LabelFilesOption = None,
     frames: FramesOption = None,
     taxonomy: TaxonomyOption = None,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
@@ -59,23 +60,21 @@ def labels_for(
 
 @dataset_app.command("build")
 def build(
-    name: Annotated[str, typer.Argument(help="Name of the dataset.")],
+    name: Annotated[str, Argument(help="Name of the dataset.")],
     mission: Annotated[
-        list[Path] | None, typer.Option("--mission", help="Mission folder or video; repeatable.")
+        list[Path] | None, Option("--mission", help="Mission folder or video; repeatable.")
     ] = None,
     labels: LabelFilesOption = None,
     patches: Annotated[
         Path | None,
-        typer.Option("--patches", help="Folder with one sub-folder of patch images per class."),
+        Option("--patches", help="Folder with one sub-folder of patch images per class."),
     ] = None,
-    task: Annotated[str, typer.Option(help="binary (obstacle or clear) or classes.")] = "binary",
+    task: Annotated[str, Option(help="binary (obstacle or clear) or classes.")] = "binary",
     frames: FramesOption = None,
-    grid: Annotated[
-        str | None, typer.Option(help="Grid of the labels. Default: 10x10@360.")
-    ] = None,
+    grid: Annotated[str | None, Option(help="Grid of the labels. Default: 10x10@360.")] = None,
     block: Annotated[
         int | None,
-        typer.Option(help="Frames per group; no group is split between folds. Default: 20.", min=1),
+        Option(help="Frames per group; no group is split between folds. Default: 20.", min=1),
     ] = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,

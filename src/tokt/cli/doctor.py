@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
 
@@ -25,9 +26,7 @@ _OF_EXTRA = r"""extra\s*==\s*["']([^"']+)["']"""
 
 
 def doctor(
-    store: Annotated[
-        Path | None, typer.Option(metavar="STORE", help="Store to check as well.")
-    ] = None,
+    store: Annotated[Path | None, Option(metavar="STORE", help="Store to check as well.")] = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 from tokt.labels.formats import CSV, NAMES
@@ -35,11 +36,11 @@ labels_app = typer.Typer(
 )
 
 LabelFile = Annotated[
-    Path, typer.Argument(metavar="FILE", help="Label file (.csv, .json) or folder of patches.")
+    Path, Argument(metavar="FILE", help="Label file (.csv, .json) or folder of patches.")
 ]
 FormatOption = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--format",
         metavar="|".join(NAMES),
         help="Default: by ending and content; required to export a .json.",
@@ -47,7 +48,7 @@ FormatOption = Annotated[
 ]
 MissionDirOption = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         "--mission-dir",
         metavar="DIR",
         help="Folder of the mission's frames; needed by all formats but csv.",
@@ -55,9 +56,7 @@ MissionDirOption = Annotated[
 ]
 MissionOption = Annotated[
     str | None,
-    typer.Option(
-        metavar="NAME", help="Mission name in the labels. Default: the name of --mission-dir."
-    ),
+    Option(metavar="NAME", help="Mission name in the labels. Default: the name of --mission-dir."),
 ]
 GRID_FORM = "ROWSxCOLS@WIDTH"
 _LONG = 100_000  # labels whose import takes more than a second
@@ -66,38 +65,33 @@ _SHOWN = 10  # labels of an audit
 
 def label(
     mission: Annotated[
-        Path, typer.Argument(metavar="MISSION", help="A folder of frames or a video file.")
+        Path, Argument(metavar="MISSION", help="A folder of frames or a video file.")
     ],
     port: Annotated[
-        int, typer.Option(help="Port of the page; 0 takes any free port.", min=0, max=65535)
+        int, Option(help="Port of the page; 0 takes any free port.", min=0, max=65535)
     ] = 8118,
     host: Annotated[
-        str,
-        typer.Option(
-            metavar="ADDR", help="Address to serve on; all but loopback require the token."
-        ),
+        str, Option(metavar="ADDR", help="Address to serve on; all but loopback require the token.")
     ] = "127.0.0.1",
     token: Annotated[
-        str | None,
-        typer.Option(metavar="T", help="Token to require. Default with --host: a new one."),
+        str | None, Option(metavar="T", help="Token to require. Default with --host: a new one.")
     ] = None,
     model: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="BUNDLE", help="Show this model's suggestions: a .tokt file or a model's name."
         ),
     ] = None,
     annotator: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Name of the annotator. Default: the user's name."),
+        str | None, Option(metavar="NAME", help="Name of the annotator. Default: the user's name.")
     ] = None,
     no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Print the address and open no browser.")
+        bool, Option("--no-browser", help="Print the address and open no browser.")
     ] = False,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     taxonomy: TaxonomyOption = None,
     grid: Annotated[
-        str, typer.Option(metavar="ROWSxCOLS@WIDTH", help="Grid of patches to label.")
+        str, Option(metavar="ROWSxCOLS@WIDTH", help="Grid of patches to label.")
     ] = "10x10@360",
 ) -> None:
     """Label a mission's patches in the browser, until Ctrl-C."""
@@ -148,20 +142,17 @@ def _open_browser(url: str) -> None:
 @labels_app.command("audit")
 def audit_labels(
     reference: Annotated[
-        str,
-        typer.Argument(metavar="DATASET|MODEL", help="NAME, NAME@HASH, NAME@ALIAS, NAME/VERSION."),
+        str, Argument(metavar="DATASET|MODEL", help="NAME, NAME@HASH, NAME@ALIAS, NAME/VERSION.")
     ],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output", "-o", metavar="FILE.csv", help="Label file to write, with reasons."
-        ),
+        Option("--output", "-o", metavar="FILE.csv", help="Label file to write, with reasons."),
     ] = None,
-    top: Annotated[int | None, typer.Option(help="Show the worst N only.", min=1)] = None,
+    top: Annotated[int | None, Option(help="Show the worst N only.", min=1)] = None,
     folds: Annotated[
-        int | None, typer.Option(help="Folds of a dataset's cross-validation. Default: 5.", min=2)
+        int | None, Option(help="Folds of a dataset's cross-validation. Default: 5.", min=2)
     ] = None,
-    jobs: Annotated[int, typer.Option(help="Processes for features; -1 for one per core.")] = -1,
+    jobs: Annotated[int, Option(help="Processes for features; -1 for one per core.")] = -1,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
@@ -212,20 +203,20 @@ def import_labels(
     file: LabelFile,
     annotator: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Name of the annotator. Default: the name in the file."),
+        Option(metavar="NAME", help="Name of the annotator. Default: the name in the file."),
     ] = None,
     grid: Annotated[
-        str, typer.Option(metavar=GRID_FORM, help="Grid of the file's rows and columns.")
+        str, Option(metavar=GRID_FORM, help="Grid of the file's rows and columns.")
     ] = "10x10@360",
     file_format: FormatOption = None,
     mission_dir: MissionDirOption = None,
     mission: MissionOption = None,
     camera: Annotated[
-        str, typer.Option(metavar="left|right", help="Camera of a viame file without file names.")
+        str, Option(metavar="left|right", help="Camera of a viame file without file names.")
     ] = "left",
     classes: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--map",
             metavar="THEIRS=OURS",
             help="Map a class of the file to one of ours; THEIRS= leaves it out. Repeatable.",
@@ -286,21 +277,19 @@ def export_labels(
     file: LabelFile,
     mission: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="NAME", help="Export this mission only. Default: the name of --mission-dir."
         ),
     ] = None,
     annotator: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Export this annotator only.")
+        str | None, Option(metavar="NAME", help="Export this annotator only.")
     ] = None,
     camera: Annotated[
-        str | None, typer.Option(metavar="left|right", help="Export this camera only.")
+        str | None, Option(metavar="left|right", help="Export this camera only.")
     ] = None,
-    grid: Annotated[
-        str | None, typer.Option(metavar=GRID_FORM, help="Export this grid only.")
-    ] = None,
+    grid: Annotated[str | None, Option(metavar=GRID_FORM, help="Export this grid only.")] = None,
     full: Annotated[
-        bool, typer.Option("--full", help="csv: add annotator, time, grid, source, model_version.")
+        bool, Option("--full", help="csv: add annotator, time, grid, source, model_version.")
     ] = False,
     file_format: FormatOption = None,
     mission_dir: MissionDirOption = None,
@@ -419,10 +408,8 @@ def show_stats(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption 
 
 @labels_app.command("agreement")
 def show_agreement(
-    a: Annotated[str, typer.Argument(metavar="A", help="Label file, or annotator in the store.")],
-    b: Annotated[
-        str, typer.Argument(metavar="B", help="Label file or annotator to compare with A.")
-    ],
+    a: Annotated[str, Argument(metavar="A", help="Label file, or annotator in the store.")],
+    b: Annotated[str, Argument(metavar="B", help="Label file or annotator to compare with A.")],
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,

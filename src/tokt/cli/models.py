@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
@@ -31,7 +32,7 @@ models_app = typer.Typer(
 PASSPHRASE_VARIABLE = "TOKT_KEY_PASSPHRASE"
 FlagsOption = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         "--taxonomy",
         metavar="FILE",
         help="Taxonomy file that sets which classes are obstacles. Default: as trained.",
@@ -39,12 +40,12 @@ FlagsOption = Annotated[
 ]
 SignOption = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         "--sign", metavar="KEY", help="Sign the bundle with this private key (see tokt keygen)."
     ),
 ]
-StoreArgument = Annotated[Path, typer.Argument(help="The store's folder.")]
-ReasonOption = Annotated[str, typer.Option(help="Reason, kept in the store's history.")]
+StoreArgument = Annotated[Path, Argument(help="The store's folder.")]
+ReasonOption = Annotated[str, Option(help="Reason, kept in the store's history.")]
 
 
 @models_app.command("list")
@@ -97,8 +98,8 @@ def show(
 
 @models_app.command("alias")
 def alias(
-    model: Annotated[str, typer.Argument(help="NAME, NAME@ALIAS or NAME/VERSION.")],
-    alias: Annotated[str, typer.Argument(help="Alias, such as champion.")],
+    model: Annotated[str, Argument(help="NAME, NAME@ALIAS or NAME/VERSION.")],
+    alias: Annotated[str, Argument(help="Alias, such as champion.")],
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
@@ -148,7 +149,7 @@ def _flagged(bundle: Bundle, taxonomy: Path) -> Bundle:
 def export(
     model: ModelArgument,
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="Bundle file to write, ending in .tokt.")
+        Path, Option("--output", "-o", help="Bundle file to write, ending in .tokt.")
     ],
     taxonomy: FlagsOption = None,
     sign: SignOption = None,
@@ -177,10 +178,10 @@ def export(
 
 
 def keygen(
-    name: Annotated[Path, typer.Argument(help="Name or path; NAME.key and NAME.pub are written.")],
+    name: Annotated[Path, Argument(help="Name or path; NAME.key and NAME.pub are written.")],
     passphrase: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--passphrase",
             help="Encrypt the private key with a passphrase, asked for or read from "
             f"{PASSPHRASE_VARIABLE}.",
@@ -283,7 +284,7 @@ def rollback(
     store: StoreArgument,
     to: Annotated[
         str,
-        typer.Option(
+        Option(
             metavar="N|SHA256|NAME/VERSION",
             help="Earlier model: its number in the history, the start of its SHA-256, or its "
             "name. Default: the model that was active before.",
@@ -306,19 +307,14 @@ def store(
     store: StoreArgument,
     trust: Annotated[
         Path | None,
-        typer.Option(
-            metavar="KEY.pub", help="Trust this key; accept only signed bundles from now on."
-        ),
+        Option(metavar="KEY.pub", help="Trust this key; accept only signed bundles from now on."),
     ] = None,
     distrust: Annotated[
-        str | None,
-        typer.Option(metavar="ID", help="Refuse bundles signed by this key from now on."),
+        str | None, Option(metavar="ID", help="Refuse bundles signed by this key from now on.")
     ] = None,
     accept_unsigned: Annotated[
         bool,
-        typer.Option(
-            "--accept-unsigned", help="Trust no key and accept bundles without a signature."
-        ),
+        Option("--accept-unsigned", help="Trust no key and accept bundles without a signature."),
     ] = False,
     reason: ReasonOption = "",
     json: JsonOption = False,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
@@ -27,29 +27,27 @@ _MAX_SHOWN = 40
 
 
 def replay(
-    log: Annotated[
-        Path, typer.Argument(help="The log of `tokt run --log`, or one recording's folder.")
-    ],
+    log: Annotated[Path, Argument(help="The log of `tokt run --log`, or one recording's folder.")],
     bundle: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             help="Judge with the model of this file, or with the active one of this store, "
             "instead of the run's own."
         ),
     ] = None,
     store: Annotated[
         Path | None,
-        typer.Option(help="Where the run's own models are. Default: where the run had them from."),
+        Option(help="Where the run's own models are. Default: where the run had them from."),
     ] = None,
     source: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             help="Where the pictures are: the mission, or a recording of the run. Default: the "
             "recording itself, or the log's source."
         ),
     ] = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="Stereo calibration file. Default: the log's, unchanged.")
+        Path | None, Option(help="Stereo calibration file. Default: the log's, unchanged.")
     ] = None,
     run: LoggedRunOption = None,
     json: JsonOption = False,
@@ -196,7 +194,7 @@ def _replayed_words(stretch: ReplayStretch) -> str:
 
 
 def shadow(
-    log: Annotated[Path, typer.Argument(help="The file of `tokt run --shadow-log`.")],
+    log: Annotated[Path, Argument(help="The file of `tokt run --shadow-log`.")],
     run: LoggedRunOption = None,
     json: JsonOption = False,
 ) -> None:

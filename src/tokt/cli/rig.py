@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
@@ -28,58 +29,53 @@ _REASONS = 3
 def calibrate(
     mission: Annotated[
         Path,
-        typer.Argument(
-            help="Folder with Left/ and Right/: a mission, or checkerboards with --board."
-        ),
+        Argument(help="Folder with Left/ and Right/: a mission, or checkerboards with --board."),
     ],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", help="Calibration file to write: .yml, .json or .xml."),
+        Option("-o", "--output", help="Calibration file to write: .yml, .json or .xml."),
     ] = None,
     baseline: Annotated[
         float | None,
-        typer.Option(help="Distance between the cameras in mm. Default: 305.5 (the 2016 mission)."),
+        Option(help="Distance between the cameras in mm. Default: 305.5 (the 2016 mission)."),
     ] = None,
     focal: Annotated[
-        float | None,
-        typer.Option(help="Focal length in px. Default: 2222.7 at a width of 1360 px."),
+        float | None, Option(help="Focal length in px. Default: 2222.7 at a width of 1360 px.")
     ] = None,
     start: Annotated[
-        Path | None, typer.Option(help="Start from this calibration's focal length and distortion.")
+        Path | None, Option(help="Start from this calibration's focal length and distortion.")
     ] = None,
     free: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Parameters to estimate besides rotation, direction and focal ratio: k1,k2,focal,"
             "principal or none. Default: k1,k2; with --start none."
         ),
     ] = None,
-    frames: Annotated[
-        str | None, typer.Option(help="Use these frames only, such as 160-205.")
-    ] = None,
+    frames: Annotated[str | None, Option(help="Use these frames only, such as 160-205.")] = None,
     fit: Annotated[
         str,
-        typer.Option(
+        Option(
             help="alternate: tested on every second frame, then fitted to all. even, odd: fitted "
             "to these frame numbers, tested on the others. all: not tested."
         ),
     ] = "alternate",
-    report: Annotated[Path | None, typer.Option(help="HTML report to write.")] = None,
+    report: Annotated[Path | None, Option(help="HTML report to write.")] = None,
     check: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--check",
             help="Check --calibration on the mission's frames instead. Exit code 0 if it is "
             "good, 1 if it is shifted or unusable.",
         ),
     ] = False,
     calibration: Annotated[
-        Path | None, typer.Option(help="Calibration file to check, of any form.")
+        Path | None, Option(help="Calibration file to check, of any form.")
     ] = None,
     board: Annotated[
-        str | None, typer.Option(help="Inner corners of a checkerboard, such as 9x6.")
+        str | None, Option(help="Inner corners of a checkerboard, such as 9x6.")
     ] = None,
-    square: Annotated[float | None, typer.Option(help="Side of the board's squares in mm.")] = None,
+    square: Annotated[float | None, Option(help="Side of the board's squares in mm.")] = None,
     json: JsonOption = False,
 ) -> None:
     """Calibrate two cameras from a mission's own frames, or from checkerboard pictures."""
@@ -300,37 +296,34 @@ def _print_boards(found: BoardCalibration) -> None:
 
 
 def depth(
-    mission: Annotated[Path, typer.Argument(help="Mission folder with Left/ and Right/.")],
+    mission: Annotated[Path, Argument(help="Mission folder with Left/ and Right/.")],
     calibration: Annotated[
-        Path, typer.Option("--calibration", metavar="FILE", help="Stereo calibration file.")
+        Path, Option("--calibration", metavar="FILE", help="Stereo calibration file.")
     ],
     ply: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="PLY file for a point cloud of one frame.")
+        Path | None, Option(metavar="FILE", help="PLY file for a point cloud of one frame.")
     ] = None,
     ply_frame: Annotated[
-        int | None, typer.Option(help="Frame of the point cloud. Default: the nearest one.")
+        int | None, Option(help="Frame of the point cloud. Default: the nearest one.")
     ] = None,
     ply_farthest: Annotated[
-        float, typer.Option(help="Farthest distance in the point cloud, in metres.", min=0)
+        float, Option(help="Farthest distance in the point cloud, in metres.", min=0)
     ] = 10.0,
     out: Annotated[
-        Path,
-        typer.Option(help="Folder for depth.csv, depth.png, depth.json and frames/depth_N.png."),
+        Path, Option(help="Folder for depth.csv, depth.png, depth.json and frames/depth_N.png.")
     ] = Path("depth-out"),
     frames: FramesOption = None,
     pictures: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Frames to draw, such as 170,186, or none. Default: those of --frames, else a "
             "dozen with an obstacle."
         ),
     ] = None,
-    stereo: Annotated[str, typer.Option(help="bm (block matching) or sgbm (semi-global).")] = "bm",
-    scale: Annotated[
-        float, typer.Option(help="Scale at which frames are matched, at most 1.")
-    ] = 0.5,
+    stereo: Annotated[str, Option(help="bm (block matching) or sgbm (semi-global).")] = "bm",
+    scale: Annotated[float, Option(help="Scale at which frames are matched, at most 1.")] = 0.5,
     rate: Annotated[
-        float | None, typer.Option(metavar="FPS", help="Frames per second, for the closing speed.")
+        float | None, Option(metavar="FPS", help="Frames per second, for the closing speed.")
     ] = None,
     json: JsonOption = False,
 ) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
@@ -19,16 +20,12 @@ _FOR_CLOSED_LOOP = ("scenes", "methods", "runs", "model")
 
 
 def demo(
-    mission: Annotated[
-        Path | None, typer.Option(help="Mission to use. Default: a rendered one.")
-    ] = None,
-    labels: Annotated[Path | None, typer.Option(help="Label file of the mission.")] = None,
-    out: Annotated[Path, typer.Option(help="Output folder; emptied first.")] = Path("demo-out"),
-    frames: Annotated[
-        int, typer.Option(help="Stereo pairs of the rendered mission.", min=60)
-    ] = 120,
+    mission: Annotated[Path | None, Option(help="Mission to use. Default: a rendered one.")] = None,
+    labels: Annotated[Path | None, Option(help="Label file of the mission.")] = None,
+    out: Annotated[Path, Option(help="Output folder; emptied first.")] = Path("demo-out"),
+    frames: Annotated[int, Option(help="Stereo pairs of the rendered mission.", min=60)] = 120,
     width: Annotated[
-        int, typer.Option(help="Width in pixels of the rendered frames.", min=360, max=1360)
+        int, Option(help="Width in pixels of the rendered frames.", min=360, max=1360)
     ] = 1360,
     json: JsonOption = False,
 ) -> None:
@@ -46,47 +43,41 @@ def demo(
 
 def simulate(
     context: typer.Context,
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="New folder to write.")],
+    folder: Annotated[Path, Argument(metavar="DIR", help="New folder to write.")],
     seed: Annotated[
         int,
-        typer.Option(
+        Option(
             help="Seed; the same one gives the same bytes. With --closed-loop: of the first run."
         ),
     ] = 1,
-    frames: Annotated[int, typer.Option(help="Mission: number of stereo pairs to render.")] = 120,
+    frames: Annotated[int, Option(help="Mission: number of stereo pairs to render.")] = 120,
     width: Annotated[
         int | None,
-        typer.Option(
-            help="Frame width in pixels. Default: 1360 for a mission, 360 in the closed loop."
-        ),
+        Option(help="Frame width in pixels. Default: 1360 for a mission, 360 in the closed loop."),
     ] = None,
     closed_loop: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--closed-loop",
             help="Fly a vehicle that tokt run steers, instead of rendering a mission.",
         ),
     ] = False,
     scenes: Annotated[
-        str | None, typer.Option(help="Closed loop: scenes, separated by commas. Default: all.")
+        str | None, Option(help="Closed loop: scenes, separated by commas. Default: all.")
     ] = None,
     methods: Annotated[
         str | None,
-        typer.Option(
-            help="Closed loop: any of texture,disparity,either,fallback,none. Default: all."
-        ),
+        Option(help="Closed loop: any of texture,disparity,either,fallback,none. Default: all."),
     ] = None,
-    runs: Annotated[
-        int, typer.Option(help="Closed loop: number of runs of each scene and method.")
-    ] = 5,
+    runs: Annotated[int, Option(help="Closed loop: number of runs of each scene and method.")] = 5,
     model: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="BUNDLE",
             help="Closed loop: model to fly. Default: one trained on rendered missions.",
         ),
     ] = None,
-    jobs: Annotated[int | None, typer.Option(help="Processes. Default: one per core.")] = None,
+    jobs: Annotated[int | None, Option(help="Processes. Default: one per core.")] = None,
     json: JsonOption = False,
 ) -> None:
     """Render a synthetic mission with exact labels, masks and depth; or fly the closed loop."""
@@ -173,41 +164,37 @@ def _named(text: str | None, default: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def reproduce(
-    mission: Annotated[Path, typer.Argument(help="Mission folder (or video).")],
+    mission: Annotated[Path, Argument(help="Mission folder (or video).")],
     output: Annotated[
-        Path, typer.Option("-o", "--output", help="Folder for report.html, results.json, tables.")
+        Path, Option("-o", "--output", help="Folder for report.html, results.json, tables.")
     ],
     ocean: Annotated[
-        Path | None, typer.Option(help="The thesis's image of open ocean. Default: an early frame.")
+        Path | None, Option(help="The thesis's image of open ocean. Default: an early frame.")
     ] = None,
     other: Annotated[
         Path | None,
-        typer.Option(help="The thesis's image of anything else. Default: a rendered texture."),
+        Option(help="The thesis's image of anything else. Default: a rendered texture."),
     ] = None,
     dark: Annotated[
-        Path | None,
-        typer.Option(help="Badly lit image for figures 5.6 to 5.8. Default: a rendered one."),
+        Path | None, Option(help="Badly lit image for figures 5.6 to 5.8. Default: a rendered one.")
     ] = None,
     dark_mask: Annotated[
-        Path | None,
-        typer.Option(help="Mask of --dark drawn by a person: white where an obstacle is."),
+        Path | None, Option(help="Mask of --dark drawn by a person: white where an obstacle is.")
     ] = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="Stereo calibration. Default: calibrate from the frames.")
+        Path | None, Option(help="Stereo calibration. Default: calibrate from the frames.")
     ] = None,
     labels: Annotated[
         Path | None,
-        typer.Option(help="Label file (CSV). Default: the mission's labels.csv, if there is one."),
+        Option(help="Label file (CSV). Default: the mission's labels.csv, if there is one."),
     ] = None,
     model: Annotated[
-        Path | None, typer.Option(help="Bundle (.tokt) to judge the frames with as well.")
+        Path | None, Option(help="Bundle (.tokt) to judge the frames with as well.")
     ] = None,
     sample: Annotated[
-        int, typer.Option(help="Number of frames for slow methods, spread over the mission.", min=1)
+        int, Option(help="Number of frames for slow methods, spread over the mission.", min=1)
     ] = 12,
-    jobs: Annotated[
-        int | None, typer.Option(help="Processes. Default: one per core.", min=1)
-    ] = None,
+    jobs: Annotated[int | None, Option(help="Processes. Default: one per core.", min=1)] = None,
     json: JsonOption = False,
 ) -> None:
     """Reproduce the thesis's tables and figures, beside other methods and tokt's own.
@@ -254,27 +241,24 @@ def _print_reproduced(results: dict[str, Any], out: Path) -> None:
 
 def bench(
     mission: Annotated[
-        Path | None, typer.Option(help="Mission to measure on. Default: a rendered one.")
+        Path | None, Option(help="Mission to measure on. Default: a rendered one.")
     ] = None,
     labels: Annotated[
-        Path | None, typer.Option(help="Label file of the mission. Default: its labels.csv.")
+        Path | None, Option(help="Label file of the mission. Default: its labels.csv.")
     ] = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="FILE",
             help="Stereo calibration. Default: calibration.yml in the mission or beside it.",
         ),
     ] = None,
     frames: Annotated[
-        int | None,
-        typer.Option(help="Number of frames to compare results on. Default: all.", min=1),
+        int | None, Option(help="Number of frames to compare results on. Default: all.", min=1)
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for bench.json and bench.png.")] = Path(
-        "bench-out"
-    ),
+    out: Annotated[Path, Option(help="Folder for bench.json and bench.png.")] = Path("bench-out"),
     quick: Annotated[
-        bool, typer.Option("--quick", help="Measure few frames, few times: a first look only.")
+        bool, Option("--quick", help="Measure few frames, few times: a first look only.")
     ] = False,
     json: JsonOption = False,
 ) -> None:
