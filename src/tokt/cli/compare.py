@@ -19,7 +19,7 @@ from .options import (
     TaxonomyOption,
     WorkspaceOption,
 )
-from .output import figure, print_json, print_patches, progress, say
+from .output import answer, figure, print_patches, progress, say
 
 if TYPE_CHECKING:
     from tokt.features.frames.grid import Grid
@@ -75,10 +75,7 @@ def compare(
     html = report_html(compared, result)
     if output is not None:
         atomic.write_text(output, html)
-    if json:
-        print_json(result)
-    else:
-        _print_comparison(result)
+    answer(json, result, lambda: _print_comparison(result))
     if output is not None:
         say(f"report: {output}")
     if has_registry(workspace):
@@ -184,10 +181,7 @@ def evaluate(
             "note: the model learnt from other frames of this mission; another dive can go much "
             "worse than these figures"
         )
-    if json:
-        print_json(result)
-        return
-    _print_evaluation(bundle, result)
+    answer(json, result, lambda: _print_evaluation(bundle, result))
 
 
 def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:

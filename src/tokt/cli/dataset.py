@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer import Argument, Option
@@ -20,13 +20,14 @@ from .options import (
     TaxonomyOption,
     WorkspaceOption,
 )
-from .output import print_json, progress, say
+from .output import answer, print_json, progress, say
 
 if TYPE_CHECKING:
     from tokt.features.frames.grid import Grid
     from tokt.features.frames.mission import Mission
     from tokt.labels.record import LabelRecord
     from tokt.labels.taxonomy import Taxonomy
+    from tokt.training.datasets.dataset import DatasetVersion
 
 dataset_app = typer.Typer(
     help="Build, list and show dataset versions, immutable and named by content.",
@@ -125,7 +126,7 @@ def build(
         )
     for line in thin_classes(dataset, FOLDS):
         say(f"WARNING: {line}")
-    _show(dataset.label, dataset.info, json)
+    answer(json, {"label": dataset.label, **dataset.info}, lambda: _show(dataset))
 
 
 @dataset_app.command("list")
@@ -154,13 +155,11 @@ def show(
     from tokt.training.datasets.dataset import open_dataset
 
     found = open_dataset(dataset, workspace / "datasets")
-    _show(found.label, found.info, json)
+    answer(json, {"label": found.label, **found.info}, lambda: _show(found))
 
 
-def _show(label: str, info: dict[str, Any], json: bool) -> None:
-    if json:
-        print_json({"label": label, **info})
-        return
+def _show(dataset: DatasetVersion) -> None:
+    label, info = dataset.label, dataset.info
     counts = ", ".join(f"{name} {count}" for name, count in info["labels"].items())
     grouped = f"{info['groups']} groups" if info["block_frames"] else "UNGROUPED"
     print(f"{label}: {info['patches']} patches ({counts}) in {info['frames']} frames, {grouped}")

@@ -16,7 +16,7 @@ from tokt.features.common.errors import ToktError
 from tokt.labels.formats import CSV, NAMES
 
 from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
-from .output import print_json, progress, say, stop_on_signal
+from .output import answer, print_json, progress, say, stop_on_signal
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -169,26 +169,19 @@ def audit_labels(
     kept = write_audit(workspace, found)
     if output is not None:
         write_audit_csv(output, found)
-    if json:
-        print_json(
-            {
-                "name": found.name,
-                "of": found.of,
-                "rule": found.rule,
-                "file": str(kept),
-                "csv": str(output) if output else None,
-                "doubted": len(found.patches),
-                "patches": [asdict(patch) for patch in found.patches],
-            }
-        )
-        return
-    _print_audit(found)
-    for file in (kept, output):
-        if file is not None:
-            typer.echo(f"  in {file}")
+    value = {
+        "name": found.name,
+        "of": found.of,
+        "rule": found.rule,
+        "file": str(kept),
+        "csv": str(output) if output else None,
+        "doubted": len(found.patches),
+        "patches": [asdict(patch) for patch in found.patches],
+    }
+    answer(json, value, lambda: _print_audit(found, [kept, output] if output else [kept]))
 
 
-def _print_audit(found: Audit) -> None:
+def _print_audit(found: Audit, files: list[Path]) -> None:
     typer.echo(f"{found.of}: {len(found.patches)} labels are contradicted")
     typer.echo(f"  {found.rule}")
     for patch in found.patches[:_SHOWN]:
@@ -196,6 +189,8 @@ def _print_audit(found: Audit) -> None:
         typer.echo(f"  {patch.margin:8.2f}  {where}: labelled {patch.label}, {patch.reason}")
     if len(found.patches) > _SHOWN:
         typer.echo(f"  ... and {len(found.patches) - _SHOWN} more")
+    for file in files:
+        typer.echo(f"  in {file}")
 
 
 @labels_app.command("import")
@@ -247,21 +242,10 @@ def import_labels(
         added = store.add_counted(progress(records, n, "import") if n > _LONG else records)
     annotators = sorted({record.annotator for record in records})
     if json:
-        print_json(
-            {
-                "file": str(file),
-                "format": chosen,
-                "store": str(store.path),
-                "annotators": annotators,
-                "labels": n,
-                "new": added.new,
-                "changed": added.changed,
-                "unchanged": added.unchanged,
-                "suggestions": added.suggestions,
-                "settled": added.settled,
-                "lost": read.lost,
-            }
-        )
+        about = {"file": str(file), "format": chosen, "store": str(store.path)}
+        kinds = ("new", "changed", "unchanged", "suggestions", "settled")
+        counts = {kind: getattr(added, kind) for kind in kinds}
+        print_json({**about, "annotators": annotators, "labels": n, **counts, "lost": read.lost})
         return
     more = f", {added.suggestions} suggestions" if added.suggestions else ""
     more += f", {added.settled} settled" if added.settled else ""
@@ -314,15 +298,8 @@ def export_labels(
     written = FORMATS[chosen].write(file, records, options)
     lost = [*written.lost, *lost]
     if json:
-        print_json(
-            {
-                "file": str(file),
-                "format": chosen,
-                "store": str(store.path),
-                "labels": written.labels,
-                "lost": lost,
-            }
-        )
+        about = {"file": str(file), "format": chosen, "store": str(store.path)}
+        print_json({**about, "labels": written.labels, "lost": lost})
         return
     say(f"{file}: {written.labels} labels")
     _say_lost(FORMATS[chosen].title, lost)
@@ -421,13 +398,9 @@ def show_agreement(
 
     classes = load_taxonomy(workspace, taxonomy)
     found = agreement(_said_by(a, workspace, classes), _said_by(b, workspace, classes), classes)
-    if json:
-        print_json({"a": a, "b": b, **found.to_json()})
-    else:
-        _print_agreement(a, b, found)
-        for name in found.unknown:
-            file = taxonomy or workspace / TAXONOMY_FILE
-            say(f"note: class {name!r} is not in the taxonomy: add it to {file}")
+    file = taxonomy or workspace / TAXONOMY_FILE
+    value = {"a": a, "b": b, **found.to_json()}
+    answer(json, value, lambda: _print_agreement(a, b, found, file))
 
 
 def _open_store(workspace: Path, *, create: bool = False) -> LabelStore:
@@ -462,7 +435,7 @@ def _said_by(who: str, workspace: Path, taxonomy: Taxonomy) -> list[LabelRecord]
     return records
 
 
-def _print_agreement(a: str, b: str, found: Agreement) -> None:
+def _print_agreement(a: str, b: str, found: Agreement, taxonomy: Path) -> None:
     typer.echo(f"A: {a} ({found.n_a} patches)\nB: {b} ({found.n_b} patches)\n")
     summary = _table(("",), ("patches", "kappa", "equal"))
     sure, every = str(found.n_both_sure), str(found.n_both)
@@ -485,6 +458,8 @@ def _print_agreement(a: str, b: str, found: Agreement) -> None:
     for name, counts in zip(found.labels, found.confusion, strict=True):
         confusion.add_row(name, *map(str, counts))
     _print_table(confusion)
+    for name in found.unknown:
+        say(f"note: class {name!r} is not in the taxonomy: add it to {taxonomy}")
 
 
 def _class_cells(entry: ClassAgreement | None) -> list[str]:

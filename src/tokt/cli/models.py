@@ -17,12 +17,13 @@ from typer import Argument, Option
 from tokt.features.common.errors import ToktError
 
 from .options import DEFAULT_WORKSPACE, JsonOption, ModelArgument, WorkspaceOption
-from .output import print_json, say
+from .output import answer, print_json, say
 
 if TYPE_CHECKING:
     from tokt.models.bundle.bundle import Bundle
     from tokt.models.signing.keys import SigningKey
     from tokt.models.signing.trusted_keys import KeyEvent
+    from tokt.models.store.history import Activation
     from tokt.models.store.store import Store
 
 models_app = typer.Typer(
@@ -74,26 +75,22 @@ def show(
 
     bundle = load_model(model, workspace)
     content = bundle.content
-    if json:
-        print_json(
-            {
-                "name": bundle.name,
-                "version": bundle.version,
-                "sha256": bundle.sha256,
-                "extractor": dict(content.extractor_spec),
-                "grid": content.grid.to_json(),
-                "classes": list(content.model.classes),
-                "obstacle": list(content.model.obstacle),
-                "thresholds": content.model.thresholds.tolist(),
-                "operating_point": content.operating_point.to_json(),
-                "latency_frames": content.operating_point.rule.latency_frames,
-                "provenance": dict(content.provenance),
-                "metrics": dict(content.metrics),
-                "card": content.card,
-            }
-        )
-        return
-    print(content.card, end="")
+    value = {
+        "name": bundle.name,
+        "version": bundle.version,
+        "sha256": bundle.sha256,
+        "extractor": dict(content.extractor_spec),
+        "grid": content.grid.to_json(),
+        "classes": list(content.model.classes),
+        "obstacle": list(content.model.obstacle),
+        "thresholds": content.model.thresholds.tolist(),
+        "operating_point": content.operating_point.to_json(),
+        "latency_frames": content.operating_point.rule.latency_frames,
+        "provenance": dict(content.provenance),
+        "metrics": dict(content.metrics),
+        "card": content.card,
+    }
+    answer(json, value, lambda: print(content.card, end=""))
 
 
 @models_app.command("alias")
@@ -107,10 +104,8 @@ def alias(
     from tokt.models.registry.registry import Registry
 
     version = Registry(workspace).set_alias(model, alias)
-    if json:
-        print_json(asdict(version))
-        return
-    print(f"{version.label} is now {version.name}@{alias}")
+    said = f"{version.label} is now {version.name}@{alias}"
+    answer(json, asdict(version), lambda: print(said))
 
 
 def shipped(model: str, workspace: Path, taxonomy: Path | None, sign: Path | None) -> Bundle:
@@ -243,11 +238,7 @@ def deploy(
     bundle = shipped(model, workspace, taxonomy, sign)
     entry = target.deploy(bundle, reason, notice=say)
     carry = _carry(target, bundle)
-    if json:
-        print_json({**entry.to_json(), "carry": carry})
-        return
-    _print_activation(store, entry.to_json())
-    _print_carry(carry)
+    answer(json, {**entry.to_json(), "carry": carry}, lambda: _print_carry(store, entry, carry))
 
 
 def _carry(store: Store, bundle: Bundle) -> dict[str, Any]:
@@ -268,7 +259,8 @@ def _carry(store: Store, bundle: Bundle) -> dict[str, Any]:
     }
 
 
-def _print_carry(carry: dict[str, Any]) -> None:
+def _print_carry(store: Path, entry: Activation, carry: dict[str, Any]) -> None:
+    _print_activation(store, entry)
     print("for a PC without a network, STORE being its store:")
     print(f"  copy      {shlex.quote(carry['file'])} to a stick, as {carry['as']}")
     print(f"  sha256    {carry['sha256']} ({carry['size_bytes']} bytes)")
@@ -297,10 +289,7 @@ def rollback(
     from tokt.models.store.store import Store
 
     entry = Store(store).rollback(reason, to, notice=say)
-    if json:
-        print_json(entry.to_json())
-        return
-    _print_activation(store, entry.to_json())
+    answer(json, entry.to_json(), lambda: _print_activation(store, entry))
 
 
 def store(
@@ -332,10 +321,7 @@ def store(
     if reason and change is None:
         raise ToktError("--reason goes with --trust, --distrust or --accept-unsigned")
     value = store_summary(Store(store))
-    if json:
-        print_json(value)
-        return
-    _print_store(value)
+    answer(json, value, lambda: _print_store(value))
 
 
 def _change_keys(
@@ -419,5 +405,5 @@ def _print_keys(keys: dict[str, Any] | None) -> None:
         )
 
 
-def _print_activation(store: Path, entry: dict[str, Any]) -> None:
-    print(f"{store}: {entry['name']}/{entry['version']} is active ({entry['action']})")
+def _print_activation(store: Path, entry: Activation) -> None:
+    print(f"{store}: {entry.name}/{entry.version} is active ({entry.action})")

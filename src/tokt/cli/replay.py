@@ -11,7 +11,7 @@ from typer import Argument, Option
 from tokt.features.common.errors import ToktError
 
 from .options import JsonOption, LoggedRunOption, read_calibration_file
-from .output import print_json, progress, say
+from .output import answer, progress, say
 
 if TYPE_CHECKING:
     from tokt.features.frames.mission import Mission
@@ -84,11 +84,8 @@ def replay(
         reasons = ", ".join(f"{n} frames: {why}" for why, n in tally.not_compared.items())
         raise ToktError(f"no frame of run {logged.run} can be compared ({reasons or 'no frames'})")
     by = other.label if other is not None else "the run's own"
-    if json:
-        about = {"run": logged.run, "frames": logged.n_frames, "model": by, "notes": warnings}
-        print_json({**about, **tally.to_json()})
-    else:
-        _show_replay(plan, tally, by)
+    about = {"run": logged.run, "frames": logged.n_frames, "model": by, "notes": warnings}
+    answer(json, {**about, **tally.to_json()}, lambda: _show_replay(plan, tally, by))
     return 0 if tally.agrees else DIFFERENT
 
 
@@ -202,10 +199,7 @@ def shadow(
     from tokt.inference.replay.shadow_report import read_shadow
 
     report = read_shadow(log, run)
-    if json:
-        print_json(report.to_json())
-    else:
-        _show_shadow(report)
+    answer(json, report.to_json(), lambda: _show_shadow(report))
 
 
 def _show_shadow(report: ShadowReport) -> None:

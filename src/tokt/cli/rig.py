@@ -12,7 +12,7 @@ from typer import Argument, Option
 from tokt.features.common.errors import ToktError
 
 from .options import FramesOption, JsonOption, describe_calibration_file, read_calibration_file
-from .output import print_json, progress, say
+from .output import answer, progress, say
 
 if TYPE_CHECKING:
     from tokt.features.frames.mission import Mission
@@ -160,14 +160,11 @@ def _from_mission(
         from tokt.training.rig.calibrate.report import write_report
 
         write_report(report, found, opened)
-    if json:
-        print_json({"calibration": str(output), **found.to_json()})
-        return
-    _print_self(found)
-    print(f"written: {output}" + (f", {report}" if report else ""))
+    value = {"calibration": str(output), **found.to_json()}
+    answer(json, value, lambda: _print_self(found, output, report))
 
 
-def _print_self(found: SelfCalibration) -> None:
+def _print_self(found: SelfCalibration, output: Path, report: Path | None) -> None:
     before, after = found.before, found.after
     print(f"{found.mission}: {len(found.matches)} frames with enough points that both cameras see")
     print(f"  {found.split_words()}")
@@ -188,6 +185,7 @@ def _print_self(found: SelfCalibration) -> None:
         "  Pictures have no scale: every distance is as right as the baseline. "
         + _focal_words(found)
     )
+    print(f"written: {output}" + (f", {report}" if report else ""))
 
 
 def _focal_words(found: SelfCalibration) -> str:
@@ -211,22 +209,19 @@ def _check(mission: Path, file: Path, frames: str | None, json: bool) -> None:
 
     described = describe_calibration_file(file)
     opened = open_mission(mission)
-    answer: dict[str, Any] = {"calibration": str(file), "mission": opened.name,
-                              "form": described.form, "oddities": described.oddities}  # fmt: skip
+    found: dict[str, Any] = {"calibration": str(file), "mission": opened.name,
+                             "form": described.form, "oddities": described.oddities}  # fmt: skip
     size, given = frame_size(opened), described.calibration.frame_size
     faults = list(described.refusals)
     if given != size:
         mission_is = f"the mission's are {size[0]}x{size[1]}"
         faults.append(f"it is of {given[0]}x{given[1]} frames, {mission_is}")
     elif measurable(described.calibration):
-        answer |= _measured(described.calibration, opened, frames)
+        found |= _measured(described.calibration, opened, frames)
     if faults:
-        answer |= {"state": UNUSABLE, "reason": "; ".join(faults)}
-    if json:
-        print_json(answer)
-    else:
-        _print_check(answer)
-    if answer["state"] != GOOD:
+        found |= {"state": UNUSABLE, "reason": "; ".join(faults)}
+    answer(json, found, lambda: _print_check(found))
+    if found["state"] != GOOD:
         raise typer.Exit(NOT_GOOD)
 
 
@@ -272,14 +267,11 @@ def _from_boards(folder: Path, board: str, square: float | None, output: Path, j
         raise ToktError("--board needs --square MM, the side of the board's squares")
     found = calibrate_boards(open_mission(folder), parse_board(board), square, progress)
     write_calibration(output, found.calibration, found.notes())
-    if json:
-        print_json({"calibration": str(output), **found.to_json()})
-        return
-    _print_boards(found)
-    print(f"written: {output}")
+    value = {"calibration": str(output), **found.to_json()}
+    answer(json, value, lambda: _print_boards(found, output))
 
 
-def _print_boards(found: BoardCalibration) -> None:
+def _print_boards(found: BoardCalibration, output: Path) -> None:
     print(f"{len(found.frames)} of {found.looked_at} pairs show the whole board in both pictures")
     print(
         f"  reprojection error: left {found.left_px:.3f} px, right {found.right_px:.3f} px, "
@@ -293,6 +285,7 @@ def _print_boards(found: BoardCalibration) -> None:
     )
     baseline = found.baseline_mm
     print(f"  the cameras stand {baseline:.2f} mm apart, focal length {found.focal_px:.1f} px")
+    print(f"written: {output}")
 
 
 def depth(
@@ -349,10 +342,7 @@ def depth(
         ply_farthest,
     )
     found = run_depth(opened, known, out, request, progress)
-    if json:
-        print_json(found)
-    else:
-        _print_depth(found, out)
+    answer(json, found, lambda: _print_depth(found, out))
 
 
 def _print_depth(found: dict[str, Any], out: Path) -> None:

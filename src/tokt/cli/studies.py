@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
@@ -12,7 +12,10 @@ from typer import Argument, Option
 from tokt.features.common.errors import ToktError
 
 from .options import JsonOption, is_written, read_calibration_file
-from .output import print_json, progress, say
+from .output import answer, progress, say
+
+if TYPE_CHECKING:
+    from tokt.studies.simulation.rendering.synthetic_mission import SyntheticMission
 
 _NOT_EXACT = 1
 _FOR_MISSIONS = ("frames",)
@@ -35,10 +38,7 @@ def demo(
     if (mission is None) != (labels is None):
         raise ToktError("--mission and --labels go together")
     result = run_demo(out, mission, labels, frames, width, progress, say)
-    if json:
-        print_json(result)
-        return
-    say(f"report: {out / 'report.html'}")
+    answer(json, result, lambda: say(f"report: {out / 'report.html'}"))
 
 
 def simulate(
@@ -110,9 +110,10 @@ def _render(
         jobs=jobs,
         progress=progress,
     )
-    if json:
-        print_json(mission.to_json())
-        return
+    answer(json, mission.to_json(), lambda: _print_mission(mission))
+
+
+def _print_mission(mission: SyntheticMission) -> None:
     nearest = "never in view" if mission.nearest_m is None else f"nearest {mission.nearest_m:.2f} m"
     print(
         f"{mission.path}: {mission.frames} stereo pairs of {mission.width}x{mission.height}, "
@@ -150,11 +151,7 @@ def _fly(
         jobs=-1 if jobs is None else jobs,
     )
     came = fly_study(study, progress, say)
-    if json:
-        print_json(came.to_json())
-        return
-    for line in came.words():
-        print(line)
+    answer(json, came.to_json(), lambda: print("\n".join(came.words())))
 
 
 def _named(text: str | None, default: tuple[str, ...]) -> tuple[str, ...]:
@@ -221,10 +218,7 @@ def reproduce(
         -1 if jobs is None else jobs,
     )
     results = run_reproduce(request, say, progress)
-    if json:
-        print_json(results)
-    else:
-        _print_reproduced(results, output)
+    answer(json, results, lambda: _print_reproduced(results, output))
 
 
 def _print_reproduced(results: dict[str, Any], out: Path) -> None:
@@ -273,10 +267,7 @@ def bench(
         extent = replace(extent, compared=frames)
     known = read_calibration_file(calibration) if calibration else None
     found = run_bench(out, mission, labels, extent, progress, say, known)
-    if json:
-        print_json(found.to_json())
-    else:
-        print_table(found.results, found.about)
+    answer(json, found.to_json(), lambda: print_table(found.results, found.about))
     say(f"chart: {out / 'bench.png'}")
     if not found.exact:
         say("tokt: warning: not every case gave the same as the libraries")

@@ -17,7 +17,7 @@ from .options import (
     JsonOption,
     WorkspaceOption,
 )
-from .output import figure, print_json, print_patches, progress
+from .output import answer, figure, print_patches, progress
 
 if TYPE_CHECKING:
     from tokt.training.fitting.choose_operating_point import FalseStatusTarget
@@ -141,10 +141,8 @@ def train(
     trained = train_task(request, workspace / "cache", progress, jobs, dask, tested)
     version = log_and_register(trained, registry)
     model = {"name": version.name, "version": version.version, "aliases": version.aliases}
-    if json:
-        print_json({"model": model, "run_id": version.run_id, **_result(trained)})
-        return
-    _print_training(version.label, trained)
+    value = {"model": model, "run_id": version.run_id, **_result(trained)}
+    answer(json, value, lambda: _print_training(version.label, trained))
 
 
 def _file_name(extractor: str) -> str:
@@ -289,10 +287,7 @@ def search(
         dask,
     )
     result = search_task(request, Registry(workspace, create=True), progress)
-    if json:
-        print_json(result)
-    else:
-        _print_search(result, nested)
+    answer(json, result, lambda: _print_search(result, nested))
 
 
 def _print_search(result: dict[str, Any], nested: bool) -> None:
