@@ -68,7 +68,7 @@ def surfaces_of(world):
 def hits_of(world, rig, position, heading=0.0, side=0):
     maps, surfaces = ViewMaps.of(world.water, rig, side), surfaces_of(world)
     hits = Hits(rig.cameras(upright(heading), position)[side], maps.rays, maps.lamp)
-    origins = np.array([thing.origin(0.0) for thing in world.things])
+    origins = np.array([thing.at for thing in world.things])
     hits.add_solids(surfaces, origins)
     return hits
 
@@ -133,7 +133,7 @@ def test_the_same_bytes_whatever_was_asked_before(scene, tower):
     asked = [(t, place(0.1, 0.3, -5.0 + t), 0.03 * t, AHEAD) for t in (0.0, 0.25, 2.0)]
     frames = [first.left(*one) for one in asked]
     pairs = [second.pair(*one) for one in reversed(asked)][::-1]
-    assert second.sees_solid(*asked[0][:3], 20.0)
+    assert second.sees_solid(*asked[0][1:3], 20.0)
     for frame, (left, right) in zip(frames, pairs, strict=True):
         assert frame.dtype == np.uint8 and frame.shape == (271, WIDTH, 3) == right.shape
         assert np.array_equal(frame, left)
@@ -164,7 +164,7 @@ def test_heading_turns_clockwise_seen_from_above(scene):
 
 
 def test_the_nearer_of_two_towers_hides_the_other(scene, tower):
-    behind = Placed.put(tower.shape, (0.1, 0.0, 3.0), 0.4)
+    behind = Placed(tower.shape, (0.1, 0.0, 3.0))
     position = place(0.0, 0.3, -3.0)
     alone, back, both, other_way = (
         hits_of(World(scene.water, things), scene.rig, position).depth
@@ -222,7 +222,7 @@ def test_fish_swim_where_the_school_is_and_are_nothing_to_hit(scene):
     # One by one they leave: also when only a corner's rim is in the picture.
     for t in np.arange(1.0, 9.0, 0.25):
         with_fish.left(t, origin, 0.0, STILL)
-    assert not with_fish.sees_solid(0.0, origin, 0.0, 100.0)
+    assert not with_fish.sees_solid(origin, 0.0, 100.0)
     assert np.isinf(world.clearance_m(school.at(0.0))).all()
 
 
@@ -407,7 +407,7 @@ def as_numbers(labels):
 def both_renderers(seed, n_frames):
     """A dive without pitch and roll by the missions' and the closed loop's renderer; its labels."""
     scene = MissionScene.draw(seed, n_frames, WIDTH)
-    world = World(scene.water, (Placed.put(scene.tower, (0, 0, 0)),), seed=seed)
+    world = World(scene.water, (Placed(scene.tower, (0.0, 0.0, 0.0)),), seed=seed)
     renderer = StereoRenderer(world, scene.rig, 5)
     old, new, labels = [], [], []
     for number, pose in enumerate(scene.poses):

@@ -119,7 +119,7 @@ def _ahead(scene: LoopScene) -> float:
     """Least clearance of the straight way."""
     along = np.linspace(0.0, 1.0, 400)[:, None]
     way = scene.start.position + along * (scene.goal - scene.start.position)
-    return float(scene.world.clearance_m(way, 0.0).min())
+    return float(scene.world.clearance_m(way).min())
 
 
 def test_an_unknown_scene() -> None:

@@ -123,7 +123,7 @@ class _Run:
                 self._said = None
             state = self._vehicle.state
             target = self._planner.target(t_s, state)
-            clearance = float(self._scene.world.clearance_m(state.position[None], t_s)[0])
+            clearance = float(self._scene.world.clearance_m(state.position[None])[0])
             self._steps.append((t_s, state, target.mode, clearance))
             if self._planner.reached or clearance < HULL_RADIUS_M:
                 break
@@ -142,7 +142,7 @@ class _Run:
         said = self._runtime.judge(number, EPOCH_S + t_s, left, right)
         self._said = (t_s, said)
         state = self._vehicle.state
-        in_view = self._renderer.sees_solid(t_s, state.camera, state.heading_rad, IN_VIEW_M)
+        in_view = self._renderer.sees_solid(state.camera, state.heading_rad, IN_VIEW_M)
         self._frames.append((t_s, said["status"], in_view))
 
     def _look(self, t_s: float) -> tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None]:
