@@ -16,7 +16,7 @@ from tokt.features.common.errors import ToktError
 from tokt.inference.config import OPTIONS, RunConfig, read_config
 
 from .options import is_written
-from .output import print_json, say, stop_on_signal
+from .output import say, stop_on_signal
 
 
 def run(
@@ -41,10 +41,7 @@ def run(
         raise typer.Exit(_watched(asked.source.source))
     from .run_setup import carry_out
 
-    result = carry_out(asked)
-    say(result.words())
-    if asked.monitoring.json:
-        print_json(result.to_json())
+    carry_out(asked)
 
 
 def _options() -> list[Parameter]:

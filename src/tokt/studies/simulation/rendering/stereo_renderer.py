@@ -131,7 +131,7 @@ class StereoRenderer:
         light = cut(self._clouds, moment) * np.float32(moment.uniform(0.97, 1.03))
         light *= maps.open_water
         light += maps.floor
-        if hits.any:
+        if len(hits.pixels):
             change = surface_light(world.water, self._materials, maps, hits, light)
             light += change.reshape(light.shape)
         if world.dust:
