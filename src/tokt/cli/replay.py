@@ -223,7 +223,10 @@ def _show_shadow(report: ShadowReport) -> None:
         print(f"the challenger judged no more: {report.fault}")
     if report.lost_lines:
         print(f"{report.lost_lines} places of the log cannot be read")
-    _show_stretches(report.stretches, _challenged_words)
+    _show_stretches(
+        report.stretches,
+        lambda one: "champion {champion}, challenger {challenger}".format(**one.to_json()),
+    )
     print(
         "Frames that follow each other show almost the same: go by stretches and episodes. Which "
         "of the two is right is not known here; labels can tell (tokt label, tokt evaluate)."
@@ -243,11 +246,6 @@ def _show_side(report: ShadowReport, side: str) -> None:
         f"{side}: obstacle alone on {frames} frames in {stretches} stretches; {episodes} episodes, "
         f"{shared} shared; unknown on {report.unknown(side)} frames; {took}"
     )
-
-
-def _challenged_words(stretch: ShadowStretch) -> str:
-    said = stretch.to_json()
-    return f"champion {said['champion']}, challenger {said['challenger']}"
 
 
 def _show_table(rows: str, columns: str, table: Mapping[str, Mapping[str, int]]) -> None:

@@ -81,58 +81,13 @@ def simulate(
     json: JsonOption = False,
 ) -> None:
     """Render a synthetic mission with exact labels, masks and depth; or fly the closed loop."""
-    _refuse(context, _FOR_MISSIONS if closed_loop else _FOR_CLOSED_LOOP, closed_loop)
-    if closed_loop:
-        _fly(folder, scenes, methods, seed, runs, width, model, jobs, json)
-    else:
-        _render(folder, seed, frames, width, jobs, json)
-
-
-def _refuse(context: typer.Context, names: tuple[str, ...], closed_loop: bool) -> None:
-    """Refuse options that would do nothing."""
-    for name in names:
+    for name in _FOR_MISSIONS if closed_loop else _FOR_CLOSED_LOOP:
         if is_written(context, name):
             where = "for a mission, not for --closed-loop" if closed_loop else "for --closed-loop"
             raise ToktError(f"--{name} is {where}")
-
-
-def _render(
-    folder: Path, seed: int, frames: int, width: int | None, jobs: int | None, json: bool
-) -> None:
-    from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
-    from tokt.studies.simulation.scene.rig import FULL_WIDTH
-
-    mission = simulate_mission(
-        folder,
-        seed=seed,
-        n_frames=frames,
-        width=FULL_WIDTH if width is None else width,
-        jobs=jobs,
-        progress=progress,
-    )
-    answer(json, mission.to_json(), lambda: _print_mission(mission))
-
-
-def _print_mission(mission: SyntheticMission) -> None:
-    nearest = "never in view" if mission.nearest_m is None else f"nearest {mission.nearest_m:.2f} m"
-    print(
-        f"{mission.path}: {mission.frames} stereo pairs of {mission.width}x{mission.height}, "
-        f"{mission.ocean_frames} of open ocean, {mission.obstacle_frames} with the tower, {nearest}"
-    )
-    print("patches: " + ", ".join(f"{count} {label}" for label, count in mission.patches.items()))
-
-
-def _fly(
-    folder: Path,
-    scenes: str | None,
-    methods: str | None,
-    seed: int,
-    runs: int,
-    width: int | None,
-    model: Path | None,
-    jobs: int | None,
-    json: bool,
-) -> None:
+    if not closed_loop:
+        _render(folder, seed, frames, width, jobs, json)
+        return
     from tokt.studies.simulation.loop.flight import METHODS, WIDTH
     from tokt.studies.simulation.loop.scenes import KINDS
     from tokt.studies.simulation.study import Study, fly_study
@@ -158,6 +113,28 @@ def _named(text: str | None, default: tuple[str, ...]) -> tuple[str, ...]:
     if text is None:
         return default
     return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _render(
+    folder: Path, seed: int, frames: int, width: int | None, jobs: int | None, json: bool
+) -> None:
+    from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
+    from tokt.studies.simulation.scene.rig import FULL_WIDTH
+
+    wide = FULL_WIDTH if width is None else width
+    mission = simulate_mission(
+        folder, seed=seed, n_frames=frames, width=wide, jobs=jobs, progress=progress
+    )
+    answer(json, mission.to_json(), lambda: _print_mission(mission))
+
+
+def _print_mission(mission: SyntheticMission) -> None:
+    nearest = "never in view" if mission.nearest_m is None else f"nearest {mission.nearest_m:.2f} m"
+    print(
+        f"{mission.path}: {mission.frames} stereo pairs of {mission.width}x{mission.height}, "
+        f"{mission.ocean_frames} of open ocean, {mission.obstacle_frames} with the tower, {nearest}"
+    )
+    print("patches: " + ", ".join(f"{count} {label}" for label, count in mission.patches.items()))
 
 
 def reproduce(

@@ -138,14 +138,8 @@ def _pictures(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list[dict[s
         image = run.mission.read(frame, LEFT)
         values, verdict = said[frame]
         judged = beside_labels(bundle, image, values, verdict, labels.get(frame, []), run.taxonomy)
-        pictures.append(
-            {
-                "frame": frame,
-                "why": why,
-                "uri": jpeg_uri(draw(judged, bundle.grid)),
-                "verdict": verdict,
-            }
-        )
+        uri = jpeg_uri(draw(judged, bundle.grid))
+        pictures.append({"frame": frame, "why": why, "uri": uri, "verdict": verdict})
     return pictures
 
 

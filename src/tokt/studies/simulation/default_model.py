@@ -18,7 +18,6 @@ import numpy as np
 
 from tokt.features.common import atomic
 from tokt.features.frames.grid import DEFAULT_GRID
-from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.taxonomy import Taxonomy
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.registry.registry import Registry
@@ -31,7 +30,7 @@ from tokt.studies.simulation.scene.closed_loop_world import World
 from tokt.studies.simulation.scene.rig import SyntheticRig
 from tokt.studies.simulation.scene.water import Water
 from tokt.training.datasets.dataset import build_dataset
-from tokt.training.datasets.mission_source import plan_from_missions
+from tokt.training.datasets.mission_source import plan_from_missions, read_labels
 from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS
 from tokt.training.fitting.choose_operating_point import FalseStatusTarget
 from tokt.training.fitting.cross_validation import Split
@@ -85,11 +84,8 @@ def train_default_model(
         for seed in DRIFT_SEEDS:
             missions.append(folder / f"open-water-{seed}")
             write_drift(missions[-1], seed, DRIFT_FRAMES, width)
-        records = [
-            record
-            for mission in missions
-            for record in read_label_csv(mission / "labels.csv", taxonomy)
-        ]
+        files = [mission / "labels.csv" for mission in missions]
+        records = read_labels(files, taxonomy, DEFAULT_GRID)
         plan, _ = plan_from_missions(NAME, "binary", missions, records, taxonomy)
         dataset = build_dataset(plan, folder / "datasets", progress)
         request = TrainRequest(

@@ -35,6 +35,7 @@ from .vehicle import HULL_RADIUS_M, Vehicle
 NONE = "none"
 METHODS = ("texture", "disparity", "either", "fallback", NONE)
 """Policies of `tokt run`, and the control: a planner that hears nothing."""
+_OF_PAIRS = ("disparity", "either", "fallback")
 
 WIDTH = 360
 """Of the frames in pixels, where none is given: the grid's."""
@@ -87,7 +88,7 @@ def _runtime(scene: LoopScene, method: str, model: Path | None) -> Iterator[Runt
     if model is not None:
         options += ["--bundle", str(model)]
     with tempfile.TemporaryDirectory(prefix="tokt-closed-loop-") as folder:
-        if _looks_at_pairs(method):
+        if method in _OF_PAIRS:
             calibration = Path(folder) / "calibration.yml"
             scene.rig.write(calibration)
             options += ["--calibration", str(calibration), "--stereo-scale", STEREO_SCALE]
@@ -95,16 +96,12 @@ def _runtime(scene: LoopScene, method: str, model: Path | None) -> Iterator[Runt
             yield runtime
 
 
-def _looks_at_pairs(method: str) -> bool:
-    return method != "texture"
-
-
 class _Run:
     """The state of one run."""
 
     def __init__(self, scene: LoopScene, method: str, runtime: RuntimeProcess | None) -> None:
         self._scene, self._method, self._runtime = scene, method, runtime
-        self._pairs = _looks_at_pairs(method)
+        self._pairs = method in _OF_PAIRS
         self._renderer = StereoRenderer(scene.world, scene.rig, scene.seed)
         self._vehicle = Vehicle(scene.start, scene.world.current)
         self._autopilot = Autopilot()

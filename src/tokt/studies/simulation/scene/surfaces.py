@@ -135,21 +135,16 @@ class Surfaces:
     @classmethod
     def of(cls, shapes: Sequence[Tower]) -> Surfaces:
         """The solids and stalks of placed things; the materials are the fishes' too."""
-        materials = [(GROWTH, 0), (FISH, 0)]
+        placed = [(solid, thing) for thing, shape in enumerate(shapes) for solid in shape.solids]
+        own = [(solid.material, thing + 1) for solid, thing in placed]
+        materials = list(dict.fromkeys([(GROWTH, 0), (FISH, 0), *own]))
 
         def numbered(kind: type) -> tuple[list[Any], Index, Index]:
             """Solids of a kind, each with the numbers of its thing and of its material."""
-            solids, things, numbers = [], [], []
-            for thing, shape in enumerate(shapes):
-                for solid in shape.solids:
-                    if isinstance(solid, kind):
-                        material = (solid.material, thing + 1)
-                        if material not in materials:
-                            materials.append(material)
-                        solids.append(solid)
-                        things.append(thing)
-                        numbers.append(materials.index(material))
-            return solids, np.array(things, np.int64), np.array(numbers, np.int64)
+            chosen = [(solid, thing) for solid, thing in placed if isinstance(solid, kind)]
+            things = np.array([thing for _, thing in chosen], np.int64)
+            numbers = [materials.index((solid.material, thing + 1)) for solid, thing in chosen]
+            return [solid for solid, _ in chosen], things, np.array(numbers, np.int64)
 
         boxes, box_things, box_materials = numbered(Cuboid)
         stalks = [(thing, stalk) for thing, shape in enumerate(shapes) for stalk in shape.stalks]
