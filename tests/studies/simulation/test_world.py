@@ -97,9 +97,7 @@ def test_a_trap_is_open_towards_the_vehicle_only():
 
 
 def test_a_school_passes_its_point_on_time_and_holds_together():
-    school = School.crossing(
-        np.random.default_rng(5), (0.0, 0.3, -6.0), 10.0, (0.5, 0.0, 0.0), count=200
-    )
+    school = School(np.random.default_rng(5), (0.0, 0.3, -6.0), 10.0, (0.5, 0.0, 0.0), count=200)
     there = school.at(10.0)
     assert there.shape == (200, 3)
     assert np.array_equal(there, school.at(10.0))

@@ -123,9 +123,7 @@ def write_drift(folder: Path, seed: int, frames: int, width: int) -> None:
         In pixels.
     """
     water, rig = (np.random.default_rng([seed, part]) for part in range(2))
-    renderer = StereoRenderer(
-        World(Water.draw(water), seed=seed), SyntheticRig.draw(rig, width), seed
-    )
+    renderer = StereoRenderer(World(Water.draw(water), seed=seed), SyntheticRig(rig, width), seed)
     (folder / "Left").mkdir(parents=True)
     place, step_s = np.zeros(3), STEP_S * STEPS_A_FRAME
     for index in range(frames):

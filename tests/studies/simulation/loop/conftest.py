@@ -174,7 +174,7 @@ def fly(
             break
         vehicle.step(STEP_S, autopilot.forces(vehicle.state, target))
     said = (steps, frames, planner.avoidances, planner.reached)
-    return Track.of("stand-in", sea.name, "stand-in", seed, *said)
+    return Track("stand-in", sea.name, "stand-in", seed, *said)
 
 
 def _turned(sea: Sea) -> Sea:

@@ -41,7 +41,7 @@ def recorded(
         for second, ((east, north), away) in enumerate(zip(corners, clearances, strict=True))
     ]
     scene, method = about.get("scene", "tower"), about.get("method", "m")
-    return Track.of("a scene", scene, method, 3, steps, frames or (), avoidances, reached)
+    return Track("a scene", scene, method, 3, steps, frames or (), avoidances, reached)
 
 
 STRAIGHT = [(0.0, 0.0), (0.0, 4.0), (0.0, 8.0)]
@@ -128,7 +128,7 @@ def track(
         for step in range(count)
     ]
     frames = [(step * 0.05, status, True) for step in range(0, count, 5)]
-    return Track.of("one <tower>", "tower", method, seed, steps, frames, (), True)
+    return Track("one <tower>", "tower", method, seed, steps, frames, (), True)
 
 
 @pytest.fixture(scope="session")

@@ -126,7 +126,7 @@ class _Run:
                 break
             self._vehicle.step(STEP_S, self._autopilot.forces(state, target))
         scene, planner = self._scene, self._planner
-        return Track.of(
+        return Track(
             KINDS[scene.name].title, scene.name, self._method, scene.seed, self._steps,
             self._frames, planner.avoidances, planner.reached,
         )  # fmt: skip

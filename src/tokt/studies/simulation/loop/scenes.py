@@ -132,7 +132,7 @@ def _fish(rng: Rng, scene: LoopScene) -> LoopScene:
     side = float(rng.choice([-1.0, 1.0]))
     through = (0.0, scene.start.position[1], float(rng.uniform(-4.0, 0.0)))
     at_s = float(rng.uniform(6.0, 12.0))
-    school = School.crossing(rng, through, at_s, velocity=(0.8 * side, 0.0, 0.0))
+    school = School(rng, through, at_s, velocity=(0.8 * side, 0.0, 0.0))
     return _with(scene, fish=school)
 
 
@@ -188,7 +188,7 @@ def draw_scene(name: str, seed: int, width: int) -> LoopScene:
         name,
         seed,
         World(Water.draw(water), seed=seed),
-        SyntheticRig.draw(rig, width),
+        SyntheticRig(rig, width),
         State(np.array([0.0, depth, START_M]), 0.0, np.zeros(3)),
         np.array([0.0, depth, GOAL_M]),
     )

@@ -340,7 +340,7 @@ class View(RayCaster):
         self.albedo = np.zeros((len(self.depth), 3), np.float32)
         self.normal = np.zeros((3, len(self.depth)), np.float32)
         self._textures = tower.textures
-        surfaces, here = Surfaces.of([tower]), np.zeros((1, 3))
+        surfaces, here = Surfaces([tower]), np.zeros((1, 3))
         for side in self.sides(surfaces.frusta, here):
             self._paint_side(surfaces, side)
         for face in self.faces(surfaces.boxes, here):

@@ -8,7 +8,6 @@ directions, as densely as a mission has them; sizes, focus and brightness are as
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -119,7 +118,6 @@ def _splat(image: Image, where: Float, radius: Float, streak: Float, amount: Flo
         image[top:bottom, left:right] += peak[blob] * np.exp(exponent)
 
 
-@dataclass(frozen=True, eq=False)
 class Snow:
     """Particles at a moment, about the left camera.
 
@@ -131,20 +129,12 @@ class Snow:
         Relative brightness.
     """
 
-    places: Image
-    sizes: Image
-    brightness: float
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, water: Water) -> Snow:
-        """The particles of a world."""
+    def __init__(self, rng: np.random.Generator, water: Water) -> None:
         volume = (_ACROSS[1] - _ACROSS[0]) * (_DOWN[1] - _DOWN[0]) * (_FAR_M**3 - _NEAR_M**3) / 3
         count = round(water.snow_per_frame / volume * _PERIOD_M**3)
-        return cls(
-            rng.uniform(0.0, _PERIOD_M, (3, count)).astype(np.float32),
-            rng.lognormal(0.0, _SIZE_SIGMA, count).astype(np.float32),
-            water.snow_brightness,
-        )
+        self.places = rng.uniform(0.0, _PERIOD_M, (3, count)).astype(np.float32)
+        self.sizes = rng.lognormal(0.0, _SIZE_SIGMA, count).astype(np.float32)
+        self.brightness = water.snow_brightness
 
     def near(self, left: Camera, carried: Float) -> tuple[Float, Float]:
         """World places (n, 3), relative to the left camera, and sizes of what may be in view.

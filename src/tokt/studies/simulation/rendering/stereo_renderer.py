@@ -43,11 +43,11 @@ class StereoRenderer:
 
     def __init__(self, world: World, rig: SyntheticRig, seed: int) -> None:
         self._world, self._rig, self._seed = world, rig, seed
-        self._surfaces = Surfaces.of([thing.shape for thing in world.things])
+        self._surfaces = Surfaces([thing.shape for thing in world.things])
         textures = [fish_texture(np.random.default_rng([world.seed, _FISH]))]
         textures += [thing.shape.textures for thing in world.things]
-        self._materials = Materials.of(self._surfaces.materials, textures)
-        self._snow = Snow.draw(np.random.default_rng([world.seed, _SNOW]), world.water)
+        self._materials = Materials(self._surfaces.materials, textures)
+        self._snow = Snow(np.random.default_rng([world.seed, _SNOW]), world.water)
         clouds = np.random.default_rng([seed, _CLOUDS])
         self._clouds = cloud_bank(clouds, rig.height, rig.width)
         self._seen = (b"", np.inf)
@@ -59,7 +59,7 @@ class StereoRenderer:
             water, rig = self._world.water, self._rig
             rng = np.random.default_rng([self._seed, _SENSOR, side])
             noise = SensorNoise(water, rng, rig.height, rig.width)
-            self._kept[side] = ViewMaps.of(water, rig, side), noise
+            self._kept[side] = ViewMaps(water, rig, side), noise
         return self._kept[side]
 
     def left(self, t_s: float, position: Float, heading_rad: float, velocity: Float) -> Frame:

@@ -108,7 +108,7 @@ class MissionScene:
         rig, water, tower, trajectory = (np.random.default_rng([seed, part]) for part in range(4))
         return cls(
             seed,
-            SyntheticRig.draw(rig, width),
+            SyntheticRig(rig, width),
             Water.draw(water),
             Tower.draw(tower),
             draw_trajectory(trajectory, n_frames),

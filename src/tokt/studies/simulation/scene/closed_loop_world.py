@@ -39,7 +39,7 @@ class Placed:
     @cached_property
     def surfaces(self) -> Surfaces:
         """Its solids and what grows on them, in arrays."""
-        return Surfaces.of([self.shape])
+        return Surfaces([self.shape])
 
 
 @dataclass(frozen=True, eq=False)
