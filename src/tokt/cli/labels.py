@@ -440,12 +440,8 @@ def _print_agreement(a: str, b: str, found: Agreement, taxonomy: Path) -> None:
     summary = _table(("",), ("patches", "kappa", "equal"))
     sure, every = str(found.n_both_sure), str(found.n_both)
     summary.add_row("both sure", sure, _number(found.kappa), _number(found.agreement))
-    summary.add_row(
-        "both, unsure as a class",
-        every,
-        _number(found.kappa_with_unsure),
-        _number(found.agreement_with_unsure),
-    )
+    with_unsure = (found.kappa_with_unsure, found.agreement_with_unsure)
+    summary.add_row("both, unsure as a class", every, *map(_number, with_unsure))
     _print_table(summary)
     typer.echo()
     classes = _table(("class",), ("in A", "in B", "in both", "precision", "recall", "F1"))

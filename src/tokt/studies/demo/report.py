@@ -107,13 +107,8 @@ def _labels_by_frame(run: DemoRun) -> dict[int, list[LabelRecord]]:
 
 def _obstacle_counts(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list[int]:
     """Labelled obstacle patches of each held-back frame."""
-    return [
-        sum(
-            record.label != UNSURE and run.taxonomy.is_obstacle(str(record.label))
-            for record in labels.get(frame, [])
-        )
-        for frame in run.held_frames
-    ]
+    said = [[str(record.label) for record in labels.get(frame, [])] for frame in run.held_frames]
+    return [sum(x != UNSURE and run.taxonomy.is_obstacle(x) for x in here) for here in said]
 
 
 def _chosen_frames(run: DemoRun, counts: list[int]) -> list[tuple[int, str]]:

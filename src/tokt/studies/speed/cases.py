@@ -143,15 +143,12 @@ class LbpKernel(Case[Picture]):
 
     def baseline(self, picture: Picture) -> object:
         """One call of scikit-image a patch; the quickest of numpy's ways to count."""
-        return [
-            np.bincount(
-                local_binary_pattern(patch, self.points, self.radius, method="uniform")
-                .ravel()
-                .astype(np.intp),
-                minlength=self.points + 2,
-            )
-            for patch in picture.patches
-        ]
+        counts = []
+        for patch in picture.patches:
+            codes = local_binary_pattern(patch, self.points, self.radius, method="uniform")
+            flat = codes.ravel().astype(np.intp)
+            counts.append(np.bincount(flat, minlength=self.points + 2))
+        return counts
 
     def ours(self, picture: Picture) -> NDArray[np.int64]:
         """One call."""
@@ -217,14 +214,8 @@ class WholeFrame(Case[Picture]):
     def __init__(self, texture: ThesisFeatureSet, models: ModelPair) -> None:
         super().__init__(f"{texture.name}.frame")
         self._texture, self._models = texture, models
-        keys = (
-            "frames_refused",
-            "patches_different",
-            "obstacle_patches",
-            "obstacle_frames",
-            "ties",
-        )
-        self._found = dict.fromkeys(keys, 0)
+        keys = "frames_refused", "patches_different", "obstacle_patches", "obstacle_frames"
+        self._found = dict.fromkeys((*keys, "ties"), 0)
 
     def baseline(self, picture: Picture) -> object:
         """Resize, a library call and a predict call a patch, contours."""

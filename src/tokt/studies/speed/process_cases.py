@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -96,15 +97,9 @@ def measure_extraction(name: str, files: Sequence[Path], jobs: int, repetitions:
         return list(joblib.Parallel(n_jobs=jobs)(tasks))
 
     exact = _agree(files, run(tokt_features, files), run(library_features, files))
-    times = in_turns(
-        {
-            BASELINE: lambda chosen: run(library_features, chosen),
-            OURS: lambda chosen: run(tokt_features, chosen),
-            FLOOR: lambda chosen: run(_decode, chosen),
-        },
-        [files],
-        repetitions,
-    )
+    ways = {BASELINE: library_features, OURS: tokt_features, FLOOR: _decode}
+    calls = {way: partial(run, function) for way, function in ways.items()}
+    times = in_turns(calls, [files], repetitions)
     a_file = {key: values / len(files) for key, values in times.items()}
     pace = {key: GRID.n_patches / float(np.median(values)) for key, values in a_file.items()}
     extras = {

@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import joblib
-import numpy as np
-from numpy.typing import NDArray
 
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
@@ -205,11 +203,6 @@ def _outside(
     return results
 
 
-def _size_in_words(frame: NDArray[np.uint8]) -> str:
-    height, width = frame.shape[:2]
-    return f"{width}x{height} {'gray' if frame.ndim == 2 else 'colour'}"
-
-
 def _measure(
     mission: Mission,
     labels: Path | None,
@@ -231,15 +224,14 @@ def _measure(
             extent = (size.compared, size.timed, size.rounds)
             results += measure_stereo(mission, stereo.calibration, *extent, progress, say)
         results += _outside(mission, models, size, folder, say)
+    is_library = KERNELS.name == LIBRARY
+    kernels = {"name": KERNELS.name, "why": KERNELS.why, "is_library": is_library}
+    height, width = first.shape[:2]
     about = {
         "machine": machine(),
-        "kernels": {
-            "name": KERNELS.name,
-            "why": KERNELS.why,
-            "is_library": KERNELS.name == LIBRARY,
-        },
+        "kernels": kernels,
         "mission": shown_as,
-        "frame_size": _size_in_words(first),
+        "frame_size": f"{width}x{height} {'gray' if first.ndim == 2 else 'colour'}",
         "frames": {"compared": compared, "timed": timed},
         "model": examples.words,
         "stereo": stereo.words,

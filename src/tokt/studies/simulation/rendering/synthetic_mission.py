@@ -223,12 +223,8 @@ def _render_frame(scene: MissionScene, folder: Path, number: int) -> RenderedFra
         image = develop(scene.water, exposure, sensor)
         _write_image(folder / folder_name / f"sim_{letter}_{number}.jpg", image, JPEG)
     nearest = float(views[0].depth.min())
-    return RenderedFrame(
-        number,
-        round(nearest, 4) if np.isfinite(nearest) else None,
-        round(float(np.linalg.norm(pose.centre)), 4),
-        labels,
-    )
+    nearest_m = round(nearest, 4) if np.isfinite(nearest) else None
+    return RenderedFrame(number, nearest_m, round(float(np.linalg.norm(pose.centre)), 4), labels)
 
 
 def _write_truth(folder: Path, number: int, view: View, exposure: Exposure) -> list[str]:
