@@ -21,7 +21,6 @@ from .output import answer, print_json, say
 
 if TYPE_CHECKING:
     from tokt.models.bundle.bundle import Bundle
-    from tokt.models.signing.keys import SigningKey
     from tokt.models.signing.trusted_keys import KeyEvent
     from tokt.models.store.history import Activation
     from tokt.models.store.store import Store
@@ -111,8 +110,11 @@ def alias(
 def shipped(model: str, workspace: Path, taxonomy: Path | None, sign: Path | None) -> Bundle:
     """The bundle to ship: with the obstacle flags of a taxonomy file, and signed, where asked."""
     from tokt.models.registry.load import load_model
+    from tokt.models.signing.keys import read_signing_key
 
-    key = None if sign is None else signing_key(sign)
+    key = None
+    if sign is not None:
+        key = read_signing_key(sign, lambda: _passphrase(f"of {sign}", new=False))
     bundle = load_model(model, workspace)
     if taxonomy is not None:
         bundle = _flagged(bundle, taxonomy)
@@ -197,13 +199,6 @@ def keygen(
     print(f"{pair.private_file}: signs bundles; keep it, show it to nobody")
     print(f"{pair.public_file}: for stores: tokt store STORE --trust {pair.public_file}")
     print(f"key id {pair.public.id}")
-
-
-def signing_key(path: Path) -> SigningKey:
-    """The private key in a file; its passphrase is asked for if it has one."""
-    from tokt.models.signing.keys import read_signing_key
-
-    return read_signing_key(path, lambda: _passphrase(f"of {path}", new=False))
 
 
 def _passphrase(whose: str, *, new: bool) -> str:

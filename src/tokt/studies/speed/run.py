@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,13 +38,10 @@ from .models import (
 from .paired_timing import SPREAD_IS, Result, single_thread
 from .process_cases import measure_extraction, measure_latency, measure_start
 from .report import chart_png
-from .stereo_cases import measure_stereo, stereo_input
+from .stereo_cases import Progress, Say, measure_stereo, stereo_input
 
 LABEL_FILE = "labels.csv"
 EMBEDDED_FRAMES = 16
-
-Progress = Callable[..., Any]
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -163,10 +160,10 @@ def measure_in_process(
         raise ToktError(f"mission {mission.name}: the runtime refuses to judge any of its frames")
     # A refused frame costs the runtime next to nothing: timing it would flatter.
     timed = [Picture(mission.read(number)) for number in evenly_spaced(judged, size.timed)]
-    plan = [*((case, timed) for case in kernels), (texture_kernel, [textured] * len(timed))]
     results = []
-    for case, shown in [*plan, *((case, timed) for case in frames)]:
+    for case in [*kernels, texture_kernel, *frames]:
         say(f"-- {case.name}")
+        shown = [textured] * len(timed) if case is texture_kernel else timed
         results.append(case.measure(shown, size.rounds))
     say("-- latency")
     results.append(measure_latency(FEATURE_SETS[0], models[0], timed, size.latency))

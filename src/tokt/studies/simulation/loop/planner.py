@@ -56,7 +56,7 @@ class PlannerSettings:
         Speed of transit.
     silence_s : float
         Nothing heard for longer is taken for unknown (docs/udp.md).
-    sight : CameraAssumptions
+    camera : CameraAssumptions
         The camera and what is assumed of obstacles.
     beside_m : float
         From the edge of what is remembered to the hull's centre, on the way past: the hull's
