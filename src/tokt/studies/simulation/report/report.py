@@ -49,7 +49,19 @@ def write_report(
     runs = pd.DataFrame([outcome.to_json() for outcome in outcomes])
     atomic.write_text(out / "runs.csv", runs.to_csv(index=False))
     sections = _sections(out, tracks, charts)
-    atomic.write_text(out / "report.html", _page(rows, sections, words))
+    titles = {track.scene: track.title for track in tracks}
+    page = report_page(
+        __package__,
+        version=__version__,
+        words=words,
+        rows=[_shown(row, titles) for row in rows.to_dict("records")],
+        sections=sections,
+        hull_m=HULL_RADIUS_M,
+        confidence=CONFIDENCE,
+        fresh_s=FRESH_S,
+        in_view_m=IN_VIEW_M,
+    )
+    atomic.write_text(out / "report.html", page)
 
 
 def _sections(out: Path, tracks: Sequence[Track], charts: Sequence[Chart]) -> list[dict[str, Any]]:
@@ -79,21 +91,6 @@ def _sections(out: Path, tracks: Sequence[Track], charts: Sequence[Chart]) -> li
 def _uri(name: str, data: bytes) -> str:
     kind = "webp" if name.endswith(".webp") else "png"
     return f"data:image/{kind};base64," + base64.b64encode(data).decode("ascii")
-
-
-def _page(rows: pd.DataFrame, sections: list[dict[str, Any]], words: Sequence[str]) -> str:
-    titles = {section["nearest"].scene: section["nearest"].title for section in sections}
-    return report_page(
-        __package__,
-        version=__version__,
-        words=words,
-        rows=[_shown(row, titles) for row in rows.to_dict("records")],
-        sections=sections,
-        hull_m=HULL_RADIUS_M,
-        confidence=CONFIDENCE,
-        fresh_s=FRESH_S,
-        in_view_m=IN_VIEW_M,
-    )
 
 
 def _shown(row: Mapping[Any, Any], titles: Mapping[str, str]) -> dict[str, str | int | bool]:
