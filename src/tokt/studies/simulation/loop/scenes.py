@@ -78,14 +78,11 @@ class SceneKind:
     ----------
     title : str
         For tables and maps.
-    obstacles : int
-        Things to hit on the way.
     make : callable
         ``make(rng, scene)`` puts in what is special about it.
     """
 
     title: str
-    obstacles: int
     make: Callable[[Rng, LoopScene], LoopScene]
 
 
@@ -149,15 +146,15 @@ def _dust(rng: Rng, scene: LoopScene) -> LoopScene:
 
 
 KINDS = {
-    "tower": SceneKind("one tower", 1, _tower),
-    "two": SceneKind("two towers in succession (thesis, figure 5.9)", 2, _two),
-    "trap": SceneKind("a dead end (thesis, figure 6.2)", 1, _trap),
-    "current": SceneKind("one tower in a current", 1, _current),
-    "blind": SceneKind("one tower, no pictures for 6 s", 1, _blind),
-    "empty": SceneKind("empty water with marine snow", 0, _empty),
-    "snow": SceneKind(f"empty water, {THICK_SNOW} times the snow", 0, _snow),
-    "fish": SceneKind("a school of fish, nothing to hit", 0, _fish),
-    "dust": SceneKind("a cloud of sediment, nothing to hit", 0, _dust),
+    "tower": SceneKind("one tower", _tower),
+    "two": SceneKind("two towers in succession (thesis, figure 5.9)", _two),
+    "trap": SceneKind("a dead end (thesis, figure 6.2)", _trap),
+    "current": SceneKind("one tower in a current", _current),
+    "blind": SceneKind("one tower, no pictures for 6 s", _blind),
+    "empty": SceneKind("empty water with marine snow", _empty),
+    "snow": SceneKind(f"empty water, {THICK_SNOW} times the snow", _snow),
+    "fish": SceneKind("a school of fish, nothing to hit", _fish),
+    "dust": SceneKind("a cloud of sediment, nothing to hit", _dust),
 }
 """By name, in the order of tables."""
 
