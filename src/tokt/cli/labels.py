@@ -228,14 +228,9 @@ def import_labels(
     from tokt.labels.taxonomy import load_taxonomy
 
     chosen = format_named(file_format) if file_format else format_to_read(file)
-    options = ReadOptions(
-        load_taxonomy(workspace, taxonomy),
-        annotator,
-        Grid.parse(grid),
-        _images(mission_dir, mission),
-        _class_map(classes or []),
-        camera,
-    )
+    known, cells = load_taxonomy(workspace, taxonomy), Grid.parse(grid)
+    images, renamed = _images(mission_dir, mission), _class_map(classes or [])
+    options = ReadOptions(known, annotator, cells, images, renamed, camera)
     read = FORMATS[chosen].read(file, options)
     records, n = read.records, len(read.records)
     with _open_store(workspace, create=True) as store:

@@ -331,16 +331,8 @@ def depth(
     chosen = None if frames is None else parse_frames(frames)
     opened = open_mission(mission)
     known = read_calibration_file(calibration)
-    request = DepthRequest(
-        chosen,
-        None if pictures is None else [] if pictures == "none" else parse_frames(pictures),
-        rate,
-        stereo,
-        scale,
-        ply,
-        ply_frame,
-        ply_farthest,
-    )
+    drawn = None if pictures is None else [] if pictures == "none" else parse_frames(pictures)
+    request = DepthRequest(chosen, drawn, rate, stereo, scale, ply, ply_frame, ply_farthest)
     found = run_depth(opened, known, out, request, progress)
     answer(json, found, lambda: _print_depth(found, out))
 

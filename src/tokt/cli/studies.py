@@ -181,18 +181,10 @@ def reproduce(
 
     if dark_mask is not None and dark is None:
         raise ToktError("--dark-mask goes together with --dark")
+    images = (ocean, other, dark, dark_mask)
+    processes = -1 if jobs is None else jobs
     request = ReproduceRequest(
-        mission,
-        output,
-        ocean,
-        other,
-        dark,
-        dark_mask,
-        calibration,
-        labels,
-        model,
-        sample,
-        -1 if jobs is None else jobs,
+        mission, output, *images, calibration, labels, model, sample, processes
     )
     results = run_reproduce(request, say, progress)
     answer(json, results, lambda: _print_reproduced(results, output))
@@ -246,6 +238,6 @@ def bench(
     found = run_bench(out, mission, labels, extent, progress, say, known)
     answer(json, found.to_json(), lambda: print_table(found.results, found.about))
     say(f"chart: {out / 'bench.png'}")
-    if not found.exact:
+    if not found.about["exact"]:
         say("tokt: warning: not every case gave the same as the libraries")
         raise typer.Exit(_NOT_EXACT)

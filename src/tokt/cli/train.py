@@ -123,17 +123,10 @@ def train(
     chosen = extractor_for(named, preset, data.grid)
     model_name = name or f"{data.name}-{_file_name(named)}"
     check_model_name(model_name)
+    split, images = Split(folds, embargo), (ocean, other)
+    origin = _FROM_A_FILE if named.startswith("spec:") else ""
     request = TrainRequest(
-        data,
-        model_name,
-        chosen,
-        named,
-        settings,
-        Split(folds, embargo),
-        ocean,
-        other,
-        target,
-        selection=_FROM_A_FILE if named.startswith("spec:") else "",
+        data, model_name, chosen, named, settings, split, *images, target, selection=origin
     )
     registry = Registry(workspace, create=True)
     registry.experiment_id()  # a registry that cannot be reached is said before the work
@@ -274,17 +267,9 @@ def search(
     data = open_dataset(dataset, workspace / "datasets")
     model_name = name or f"{data.name}-search"
     check_model_name(model_name)
+    tried, split, limit = read_space(space or BUILT_IN), Split(folds, embargo), budget_from(budget)
     request = SearchRequest(
-        data,
-        model_name,
-        read_space(space or BUILT_IN),
-        Split(folds, embargo),
-        workspace,
-        budget_from(budget),
-        nested,
-        fresh,
-        jobs,
-        dask,
+        data, model_name, tried, split, workspace, limit, nested, fresh, jobs, dask
     )
     result = search_task(request, Registry(workspace, create=True), progress)
     answer(json, result, lambda: _print_search(result, nested))

@@ -88,15 +88,9 @@ def train_default_model(
         records = read_labels(files, taxonomy, DEFAULT_GRID)
         plan, _ = plan_from_missions(NAME, "binary", missions, records, taxonomy)
         dataset = build_dataset(plan, folder / "datasets", progress)
-        request = TrainRequest(
-            dataset,
-            NAME,
-            extractor_for(EXTRACTOR, PRESET),
-            EXTRACTOR,
-            settings_named(PRESET),
-            Split(FOLDS, EMBARGO_FRAMES),
-            target=FalseStatusTarget(FALSE_STATUS_RATE),
-        )
+        extractor, settings = extractor_for(EXTRACTOR, PRESET), settings_named(PRESET)
+        split, target = Split(FOLDS, EMBARGO_FRAMES), FalseStatusTarget(FALSE_STATUS_RATE)
+        request = TrainRequest(dataset, NAME, extractor, EXTRACTOR, settings, split, target=target)
         registry = Registry(folder / "workspace", create=True, own=True)
         log_and_register(train(request, folder / "cache", progress, jobs), registry)
         bundle = registry.bundle(NAME)

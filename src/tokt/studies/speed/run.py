@@ -93,11 +93,6 @@ class Bench:
     results: list[Result]
     about: dict[str, Any]
 
-    @property
-    def exact(self) -> bool:
-        """Whether every case was exact."""
-        return all(case.exact for case in self.results)
-
     def to_json(self) -> dict[str, Any]:
         """The JSON object of ``tokt bench --json``."""
         return {"cases": [case.to_json() for case in self.results], **self.about}

@@ -181,12 +181,8 @@ def draw_scene(name: str, seed: int, width: int) -> LoopScene:
     # Each part has a stream of its own, so that none shifts another.
     place, water, rig, special = (np.random.default_rng([seed, part]) for part in range(4))
     depth = float(place.uniform(*DEPTH_M))
-    scene = LoopScene(
-        name,
-        seed,
-        World(Water.draw(water), seed=seed),
-        SyntheticRig(rig, width),
-        State(np.array([0.0, depth, START_M]), 0.0, np.zeros(3)),
-        np.array([0.0, depth, GOAL_M]),
-    )
+    world = World(Water.draw(water), seed=seed)
+    start = State(np.array([0.0, depth, START_M]), 0.0, np.zeros(3))
+    goal = np.array([0.0, depth, GOAL_M])
+    scene = LoopScene(name, seed, world, SyntheticRig(rig, width), start, goal)
     return KINDS[name].make(special, scene)

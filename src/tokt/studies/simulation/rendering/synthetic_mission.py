@@ -106,13 +106,8 @@ class MissionScene:
     def draw(cls, seed: int, n_frames: int, width: int) -> MissionScene:
         """Draw a scene; each part has a stream of its own, so that none shifts another."""
         rig, water, tower, trajectory = (np.random.default_rng([seed, part]) for part in range(4))
-        return cls(
-            seed,
-            SyntheticRig(rig, width),
-            Water.draw(water),
-            Tower.draw(tower),
-            draw_trajectory(trajectory, n_frames),
-        )
+        poses = draw_trajectory(trajectory, n_frames)
+        return cls(seed, SyntheticRig(rig, width), Water.draw(water), Tower.draw(tower), poses)
 
 
 def simulate_mission(
