@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
@@ -19,7 +19,7 @@ from .options import (
     TaxonomyOption,
     WorkspaceOption,
 )
-from .output import figure, print_json, print_patches, progress, say
+from .output import answer, figure, print_patches, progress, say
 
 if TYPE_CHECKING:
     from tokt.features.frames.grid import Grid
@@ -31,33 +31,25 @@ if TYPE_CHECKING:
 
 
 def compare(
-    models: Annotated[
-        list[str], typer.Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")
-    ],
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="HTML report to write.")
-    ] = None,
+    models: Annotated[list[str], Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")],
+    output: Annotated[Path | None, Option("-o", "--output", help="HTML report to write.")] = None,
     mission: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--mission",
             help="Mission to compare on. Default: the patches that cross-validation held out.",
         ),
     ] = None,
     labels: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--labels", help="Label file of the mission; repeatable. Default: the label store."
-        ),
+        Option("--labels", help="Label file of the mission; repeatable. Default: the label store."),
     ] = None,
     frames: Annotated[
-        str | None, typer.Option(help="Use these frames of it only, such as 1-99,132-246.")
+        str | None, Option(help="Use these frames of it only, such as 1-99,132-246.")
     ] = None,
     learning_curve: Annotated[
         str | None,
-        typer.Option(
-            metavar="MODEL", help="Model whose learning curve is drawn. Default: the best one."
-        ),
+        Option(metavar="MODEL", help="Model whose learning curve is drawn. Default: the best one."),
     ] = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
@@ -83,10 +75,7 @@ def compare(
     html = report_html(compared, result)
     if output is not None:
         atomic.write_text(output, html)
-    if json:
-        print_json(result)
-    else:
-        _print_comparison(result)
+    answer(json, result, lambda: _print_comparison(result))
     if output is not None:
         say(f"report: {output}")
     if has_registry(workspace):
@@ -163,7 +152,7 @@ def _first(sequence: dict[str, Any]) -> str:
 
 def evaluate(
     model: ModelArgument,
-    mission: Annotated[Path, typer.Option("--mission", help="Mission folder or video.")],
+    mission: Annotated[Path, Option("--mission", help="Mission folder or video.")],
     labels: LabelFilesOption = None,
     frames: FramesOption = None,
     taxonomy: TaxonomyOption = None,
@@ -192,10 +181,7 @@ def evaluate(
             "note: the model learnt from other frames of this mission; another dive can go much "
             "worse than these figures"
         )
-    if json:
-        print_json(result)
-        return
-    _print_evaluation(bundle, result)
+    answer(json, result, lambda: _print_evaluation(bundle, result))
 
 
 def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:

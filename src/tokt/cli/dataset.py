@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
@@ -19,13 +20,14 @@ from .options import (
     TaxonomyOption,
     WorkspaceOption,
 )
-from .output import print_json, progress, say
+from .output import answer, print_json, progress, say
 
 if TYPE_CHECKING:
     from tokt.features.frames.grid import Grid
     from tokt.features.frames.mission import Mission
     from tokt.labels.record import LabelRecord
     from tokt.labels.taxonomy import Taxonomy
+    from tokt.training.datasets.dataset import DatasetVersion
 
 dataset_app = typer.Typer(
     help="Build, list and show dataset versions, immutable and named by content.",
@@ -59,23 +61,21 @@ def labels_for(
 
 @dataset_app.command("build")
 def build(
-    name: Annotated[str, typer.Argument(help="Name of the dataset.")],
+    name: Annotated[str, Argument(help="Name of the dataset.")],
     mission: Annotated[
-        list[Path] | None, typer.Option("--mission", help="Mission folder or video; repeatable.")
+        list[Path] | None, Option("--mission", help="Mission folder or video; repeatable.")
     ] = None,
     labels: LabelFilesOption = None,
     patches: Annotated[
         Path | None,
-        typer.Option("--patches", help="Folder with one sub-folder of patch images per class."),
+        Option("--patches", help="Folder with one sub-folder of patch images per class."),
     ] = None,
-    task: Annotated[str, typer.Option(help="binary (obstacle or clear) or classes.")] = "binary",
+    task: Annotated[str, Option(help="binary (obstacle or clear) or classes.")] = "binary",
     frames: FramesOption = None,
-    grid: Annotated[
-        str | None, typer.Option(help="Grid of the labels. Default: 10x10@360.")
-    ] = None,
+    grid: Annotated[str | None, Option(help="Grid of the labels. Default: 10x10@360.")] = None,
     block: Annotated[
         int | None,
-        typer.Option(help="Frames per group; no group is split between folds. Default: 20.", min=1),
+        Option(help="Frames per group; no group is split between folds. Default: 20.", min=1),
     ] = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
@@ -126,7 +126,7 @@ def build(
         )
     for line in thin_classes(dataset, FOLDS):
         say(f"WARNING: {line}")
-    _show(dataset.label, dataset.info, json)
+    answer(json, {"label": dataset.label, **dataset.info}, lambda: _show(dataset))
 
 
 @dataset_app.command("list")
@@ -155,13 +155,11 @@ def show(
     from tokt.training.datasets.dataset import open_dataset
 
     found = open_dataset(dataset, workspace / "datasets")
-    _show(found.label, found.info, json)
+    answer(json, {"label": found.label, **found.info}, lambda: _show(found))
 
 
-def _show(label: str, info: dict[str, Any], json: bool) -> None:
-    if json:
-        print_json({"label": label, **info})
-        return
+def _show(dataset: DatasetVersion) -> None:
+    label, info = dataset.label, dataset.info
     counts = ", ".join(f"{name} {count}" for name, count in info["labels"].items())
     grouped = f"{info['groups']} groups" if info["block_frames"] else "UNGROUPED"
     print(f"{label}: {info['patches']} patches ({counts}) in {info['frames']} frames, {grouped}")

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
 
 from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
-from .output import print_json
+from .output import answer
 
 _FAULTY = 1
 _LITTLE_BYTES = 1e9
@@ -25,9 +26,7 @@ _OF_EXTRA = r"""extra\s*==\s*["']([^"']+)["']"""
 
 
 def doctor(
-    store: Annotated[
-        Path | None, typer.Option(metavar="STORE", help="Store to check as well.")
-    ] = None,
+    store: Annotated[Path | None, Option(metavar="STORE", help="Store to check as well.")] = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
@@ -38,10 +37,8 @@ def doctor(
     """
     findings = list(_findings(store, workspace))
     ok = all(finding.state != FAULT for finding in findings)
-    if json:
-        print_json({"ok": ok, "findings": [finding.to_json() for finding in findings]})
-    else:
-        _print(findings)
+    value = {"ok": ok, "findings": [finding.to_json() for finding in findings]}
+    answer(json, value, lambda: _print(findings))
     if not ok:
         raise typer.Exit(_FAULTY)
 

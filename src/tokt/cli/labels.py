@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 from tokt.labels.formats import CSV, NAMES
 
 from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
-from .output import print_json, progress, say, stop_on_signal
+from .output import answer, print_json, progress, say, stop_on_signal
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -35,11 +36,11 @@ labels_app = typer.Typer(
 )
 
 LabelFile = Annotated[
-    Path, typer.Argument(metavar="FILE", help="Label file (.csv, .json) or folder of patches.")
+    Path, Argument(metavar="FILE", help="Label file (.csv, .json) or folder of patches.")
 ]
 FormatOption = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--format",
         metavar="|".join(NAMES),
         help="Default: by ending and content; required to export a .json.",
@@ -47,7 +48,7 @@ FormatOption = Annotated[
 ]
 MissionDirOption = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         "--mission-dir",
         metavar="DIR",
         help="Folder of the mission's frames; needed by all formats but csv.",
@@ -55,9 +56,7 @@ MissionDirOption = Annotated[
 ]
 MissionOption = Annotated[
     str | None,
-    typer.Option(
-        metavar="NAME", help="Mission name in the labels. Default: the name of --mission-dir."
-    ),
+    Option(metavar="NAME", help="Mission name in the labels. Default: the name of --mission-dir."),
 ]
 GRID_FORM = "ROWSxCOLS@WIDTH"
 _LONG = 100_000  # labels whose import takes more than a second
@@ -66,38 +65,33 @@ _SHOWN = 10  # labels of an audit
 
 def label(
     mission: Annotated[
-        Path, typer.Argument(metavar="MISSION", help="A folder of frames or a video file.")
+        Path, Argument(metavar="MISSION", help="A folder of frames or a video file.")
     ],
     port: Annotated[
-        int, typer.Option(help="Port of the page; 0 takes any free port.", min=0, max=65535)
+        int, Option(help="Port of the page; 0 takes any free port.", min=0, max=65535)
     ] = 8118,
     host: Annotated[
-        str,
-        typer.Option(
-            metavar="ADDR", help="Address to serve on; all but loopback require the token."
-        ),
+        str, Option(metavar="ADDR", help="Address to serve on; all but loopback require the token.")
     ] = "127.0.0.1",
     token: Annotated[
-        str | None,
-        typer.Option(metavar="T", help="Token to require. Default with --host: a new one."),
+        str | None, Option(metavar="T", help="Token to require. Default with --host: a new one.")
     ] = None,
     model: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="BUNDLE", help="Show this model's suggestions: a .tokt file or a model's name."
         ),
     ] = None,
     annotator: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Name of the annotator. Default: the user's name."),
+        str | None, Option(metavar="NAME", help="Name of the annotator. Default: the user's name.")
     ] = None,
     no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Print the address and open no browser.")
+        bool, Option("--no-browser", help="Print the address and open no browser.")
     ] = False,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     taxonomy: TaxonomyOption = None,
     grid: Annotated[
-        str, typer.Option(metavar="ROWSxCOLS@WIDTH", help="Grid of patches to label.")
+        str, Option(metavar="ROWSxCOLS@WIDTH", help="Grid of patches to label.")
     ] = "10x10@360",
 ) -> None:
     """Label a mission's patches in the browser, until Ctrl-C."""
@@ -148,20 +142,17 @@ def _open_browser(url: str) -> None:
 @labels_app.command("audit")
 def audit_labels(
     reference: Annotated[
-        str,
-        typer.Argument(metavar="DATASET|MODEL", help="NAME, NAME@HASH, NAME@ALIAS, NAME/VERSION."),
+        str, Argument(metavar="DATASET|MODEL", help="NAME, NAME@HASH, NAME@ALIAS, NAME/VERSION.")
     ],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output", "-o", metavar="FILE.csv", help="Label file to write, with reasons."
-        ),
+        Option("--output", "-o", metavar="FILE.csv", help="Label file to write, with reasons."),
     ] = None,
-    top: Annotated[int | None, typer.Option(help="Show the worst N only.", min=1)] = None,
+    top: Annotated[int | None, Option(help="Show the worst N only.", min=1)] = None,
     folds: Annotated[
-        int | None, typer.Option(help="Folds of a dataset's cross-validation. Default: 5.", min=2)
+        int | None, Option(help="Folds of a dataset's cross-validation. Default: 5.", min=2)
     ] = None,
-    jobs: Annotated[int, typer.Option(help="Processes for features; -1 for one per core.")] = -1,
+    jobs: Annotated[int, Option(help="Processes for features; -1 for one per core.")] = -1,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
@@ -178,26 +169,19 @@ def audit_labels(
     kept = write_audit(workspace, found)
     if output is not None:
         write_audit_csv(output, found)
-    if json:
-        print_json(
-            {
-                "name": found.name,
-                "of": found.of,
-                "rule": found.rule,
-                "file": str(kept),
-                "csv": str(output) if output else None,
-                "doubted": len(found.patches),
-                "patches": [asdict(patch) for patch in found.patches],
-            }
-        )
-        return
-    _print_audit(found)
-    for file in (kept, output):
-        if file is not None:
-            typer.echo(f"  in {file}")
+    value = {
+        "name": found.name,
+        "of": found.of,
+        "rule": found.rule,
+        "file": str(kept),
+        "csv": str(output) if output else None,
+        "doubted": len(found.patches),
+        "patches": [asdict(patch) for patch in found.patches],
+    }
+    answer(json, value, lambda: _print_audit(found, [kept, output] if output else [kept]))
 
 
-def _print_audit(found: Audit) -> None:
+def _print_audit(found: Audit, files: list[Path]) -> None:
     typer.echo(f"{found.of}: {len(found.patches)} labels are contradicted")
     typer.echo(f"  {found.rule}")
     for patch in found.patches[:_SHOWN]:
@@ -205,6 +189,8 @@ def _print_audit(found: Audit) -> None:
         typer.echo(f"  {patch.margin:8.2f}  {where}: labelled {patch.label}, {patch.reason}")
     if len(found.patches) > _SHOWN:
         typer.echo(f"  ... and {len(found.patches) - _SHOWN} more")
+    for file in files:
+        typer.echo(f"  in {file}")
 
 
 @labels_app.command("import")
@@ -212,20 +198,20 @@ def import_labels(
     file: LabelFile,
     annotator: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Name of the annotator. Default: the name in the file."),
+        Option(metavar="NAME", help="Name of the annotator. Default: the name in the file."),
     ] = None,
     grid: Annotated[
-        str, typer.Option(metavar=GRID_FORM, help="Grid of the file's rows and columns.")
+        str, Option(metavar=GRID_FORM, help="Grid of the file's rows and columns.")
     ] = "10x10@360",
     file_format: FormatOption = None,
     mission_dir: MissionDirOption = None,
     mission: MissionOption = None,
     camera: Annotated[
-        str, typer.Option(metavar="left|right", help="Camera of a viame file without file names.")
+        str, Option(metavar="left|right", help="Camera of a viame file without file names.")
     ] = "left",
     classes: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--map",
             metavar="THEIRS=OURS",
             help="Map a class of the file to one of ours; THEIRS= leaves it out. Repeatable.",
@@ -242,35 +228,19 @@ def import_labels(
     from tokt.labels.taxonomy import load_taxonomy
 
     chosen = format_named(file_format) if file_format else format_to_read(file)
-    options = ReadOptions(
-        load_taxonomy(workspace, taxonomy),
-        annotator,
-        Grid.parse(grid),
-        _images(mission_dir, mission),
-        _class_map(classes or []),
-        camera,
-    )
+    known, cells = load_taxonomy(workspace, taxonomy), Grid.parse(grid)
+    images, renamed = _images(mission_dir, mission), _class_map(classes or [])
+    options = ReadOptions(known, annotator, cells, images, renamed, camera)
     read = FORMATS[chosen].read(file, options)
     records, n = read.records, len(read.records)
     with _open_store(workspace, create=True) as store:
         added = store.add_counted(progress(records, n, "import") if n > _LONG else records)
     annotators = sorted({record.annotator for record in records})
     if json:
-        print_json(
-            {
-                "file": str(file),
-                "format": chosen,
-                "store": str(store.path),
-                "annotators": annotators,
-                "labels": n,
-                "new": added.new,
-                "changed": added.changed,
-                "unchanged": added.unchanged,
-                "suggestions": added.suggestions,
-                "settled": added.settled,
-                "lost": read.lost,
-            }
-        )
+        about = {"file": str(file), "format": chosen, "store": str(store.path)}
+        kinds = ("new", "changed", "unchanged", "suggestions", "settled")
+        counts = {kind: getattr(added, kind) for kind in kinds}
+        print_json({**about, "annotators": annotators, "labels": n, **counts, "lost": read.lost})
         return
     more = f", {added.suggestions} suggestions" if added.suggestions else ""
     more += f", {added.settled} settled" if added.settled else ""
@@ -286,21 +256,19 @@ def export_labels(
     file: LabelFile,
     mission: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="NAME", help="Export this mission only. Default: the name of --mission-dir."
         ),
     ] = None,
     annotator: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Export this annotator only.")
+        str | None, Option(metavar="NAME", help="Export this annotator only.")
     ] = None,
     camera: Annotated[
-        str | None, typer.Option(metavar="left|right", help="Export this camera only.")
+        str | None, Option(metavar="left|right", help="Export this camera only.")
     ] = None,
-    grid: Annotated[
-        str | None, typer.Option(metavar=GRID_FORM, help="Export this grid only.")
-    ] = None,
+    grid: Annotated[str | None, Option(metavar=GRID_FORM, help="Export this grid only.")] = None,
     full: Annotated[
-        bool, typer.Option("--full", help="csv: add annotator, time, grid, source, model_version.")
+        bool, Option("--full", help="csv: add annotator, time, grid, source, model_version.")
     ] = False,
     file_format: FormatOption = None,
     mission_dir: MissionDirOption = None,
@@ -325,15 +293,8 @@ def export_labels(
     written = FORMATS[chosen].write(file, records, options)
     lost = [*written.lost, *lost]
     if json:
-        print_json(
-            {
-                "file": str(file),
-                "format": chosen,
-                "store": str(store.path),
-                "labels": written.labels,
-                "lost": lost,
-            }
-        )
+        about = {"file": str(file), "format": chosen, "store": str(store.path)}
+        print_json({**about, "labels": written.labels, "lost": lost})
         return
     say(f"{file}: {written.labels} labels")
     _say_lost(FORMATS[chosen].title, lost)
@@ -419,10 +380,8 @@ def show_stats(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption 
 
 @labels_app.command("agreement")
 def show_agreement(
-    a: Annotated[str, typer.Argument(metavar="A", help="Label file, or annotator in the store.")],
-    b: Annotated[
-        str, typer.Argument(metavar="B", help="Label file or annotator to compare with A.")
-    ],
+    a: Annotated[str, Argument(metavar="A", help="Label file, or annotator in the store.")],
+    b: Annotated[str, Argument(metavar="B", help="Label file or annotator to compare with A.")],
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
@@ -434,13 +393,9 @@ def show_agreement(
 
     classes = load_taxonomy(workspace, taxonomy)
     found = agreement(_said_by(a, workspace, classes), _said_by(b, workspace, classes), classes)
-    if json:
-        print_json({"a": a, "b": b, **found.to_json()})
-    else:
-        _print_agreement(a, b, found)
-        for name in found.unknown:
-            file = taxonomy or workspace / TAXONOMY_FILE
-            say(f"note: class {name!r} is not in the taxonomy: add it to {file}")
+    file = taxonomy or workspace / TAXONOMY_FILE
+    value = {"a": a, "b": b, **found.to_json()}
+    answer(json, value, lambda: _print_agreement(a, b, found, file))
 
 
 def _open_store(workspace: Path, *, create: bool = False) -> LabelStore:
@@ -475,17 +430,13 @@ def _said_by(who: str, workspace: Path, taxonomy: Taxonomy) -> list[LabelRecord]
     return records
 
 
-def _print_agreement(a: str, b: str, found: Agreement) -> None:
+def _print_agreement(a: str, b: str, found: Agreement, taxonomy: Path) -> None:
     typer.echo(f"A: {a} ({found.n_a} patches)\nB: {b} ({found.n_b} patches)\n")
     summary = _table(("",), ("patches", "kappa", "equal"))
     sure, every = str(found.n_both_sure), str(found.n_both)
     summary.add_row("both sure", sure, _number(found.kappa), _number(found.agreement))
-    summary.add_row(
-        "both, unsure as a class",
-        every,
-        _number(found.kappa_with_unsure),
-        _number(found.agreement_with_unsure),
-    )
+    with_unsure = (found.kappa_with_unsure, found.agreement_with_unsure)
+    summary.add_row("both, unsure as a class", every, *map(_number, with_unsure))
     _print_table(summary)
     typer.echo()
     classes = _table(("class",), ("in A", "in B", "in both", "precision", "recall", "F1"))
@@ -498,6 +449,8 @@ def _print_agreement(a: str, b: str, found: Agreement) -> None:
     for name, counts in zip(found.labels, found.confusion, strict=True):
         confusion.add_row(name, *map(str, counts))
     _print_table(confusion)
+    for name in found.unknown:
+        say(f"note: class {name!r} is not in the taxonomy: add it to {taxonomy}")
 
 
 def _class_cells(entry: ClassAgreement | None) -> list[str]:

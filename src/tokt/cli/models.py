@@ -12,16 +12,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
 from .options import DEFAULT_WORKSPACE, JsonOption, ModelArgument, WorkspaceOption
-from .output import print_json, say
+from .output import answer, print_json, say
 
 if TYPE_CHECKING:
     from tokt.models.bundle.bundle import Bundle
-    from tokt.models.signing.keys import SigningKey
     from tokt.models.signing.trusted_keys import KeyEvent
+    from tokt.models.store.history import Activation
     from tokt.models.store.store import Store
 
 models_app = typer.Typer(
@@ -31,7 +32,7 @@ models_app = typer.Typer(
 PASSPHRASE_VARIABLE = "TOKT_KEY_PASSPHRASE"
 FlagsOption = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         "--taxonomy",
         metavar="FILE",
         help="Taxonomy file that sets which classes are obstacles. Default: as trained.",
@@ -39,12 +40,12 @@ FlagsOption = Annotated[
 ]
 SignOption = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         "--sign", metavar="KEY", help="Sign the bundle with this private key (see tokt keygen)."
     ),
 ]
-StoreArgument = Annotated[Path, typer.Argument(help="The store's folder.")]
-ReasonOption = Annotated[str, typer.Option(help="Reason, kept in the store's history.")]
+StoreArgument = Annotated[Path, Argument(help="The store's folder.")]
+ReasonOption = Annotated[str, Option(help="Reason, kept in the store's history.")]
 
 
 @models_app.command("list")
@@ -73,32 +74,28 @@ def show(
 
     bundle = load_model(model, workspace)
     content = bundle.content
-    if json:
-        print_json(
-            {
-                "name": bundle.name,
-                "version": bundle.version,
-                "sha256": bundle.sha256,
-                "extractor": dict(content.extractor_spec),
-                "grid": content.grid.to_json(),
-                "classes": list(content.model.classes),
-                "obstacle": list(content.model.obstacle),
-                "thresholds": content.model.thresholds.tolist(),
-                "operating_point": content.operating_point.to_json(),
-                "latency_frames": content.operating_point.rule.latency_frames,
-                "provenance": dict(content.provenance),
-                "metrics": dict(content.metrics),
-                "card": content.card,
-            }
-        )
-        return
-    print(content.card, end="")
+    value = {
+        "name": bundle.name,
+        "version": bundle.version,
+        "sha256": bundle.sha256,
+        "extractor": dict(content.extractor_spec),
+        "grid": content.grid.to_json(),
+        "classes": list(content.model.classes),
+        "obstacle": list(content.model.obstacle),
+        "thresholds": content.model.thresholds.tolist(),
+        "operating_point": content.operating_point.to_json(),
+        "latency_frames": content.operating_point.rule.latency_frames,
+        "provenance": dict(content.provenance),
+        "metrics": dict(content.metrics),
+        "card": content.card,
+    }
+    answer(json, value, lambda: print(content.card, end=""))
 
 
 @models_app.command("alias")
 def alias(
-    model: Annotated[str, typer.Argument(help="NAME, NAME@ALIAS or NAME/VERSION.")],
-    alias: Annotated[str, typer.Argument(help="Alias, such as champion.")],
+    model: Annotated[str, Argument(help="NAME, NAME@ALIAS or NAME/VERSION.")],
+    alias: Annotated[str, Argument(help="Alias, such as champion.")],
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
@@ -106,17 +103,18 @@ def alias(
     from tokt.models.registry.registry import Registry
 
     version = Registry(workspace).set_alias(model, alias)
-    if json:
-        print_json(asdict(version))
-        return
-    print(f"{version.label} is now {version.name}@{alias}")
+    said = f"{version.label} is now {version.name}@{alias}"
+    answer(json, asdict(version), lambda: print(said))
 
 
 def shipped(model: str, workspace: Path, taxonomy: Path | None, sign: Path | None) -> Bundle:
     """The bundle to ship: with the obstacle flags of a taxonomy file, and signed, where asked."""
     from tokt.models.registry.load import load_model
+    from tokt.models.signing.keys import read_signing_key
 
-    key = None if sign is None else signing_key(sign)
+    key = None
+    if sign is not None:
+        key = read_signing_key(sign, lambda: _passphrase(f"of {sign}", new=False))
     bundle = load_model(model, workspace)
     if taxonomy is not None:
         bundle = _flagged(bundle, taxonomy)
@@ -148,7 +146,7 @@ def _flagged(bundle: Bundle, taxonomy: Path) -> Bundle:
 def export(
     model: ModelArgument,
     output: Annotated[
-        Path, typer.Option("--output", "-o", help="Bundle file to write, ending in .tokt.")
+        Path, Option("--output", "-o", help="Bundle file to write, ending in .tokt.")
     ],
     taxonomy: FlagsOption = None,
     sign: SignOption = None,
@@ -177,10 +175,10 @@ def export(
 
 
 def keygen(
-    name: Annotated[Path, typer.Argument(help="Name or path; NAME.key and NAME.pub are written.")],
+    name: Annotated[Path, Argument(help="Name or path; NAME.key and NAME.pub are written.")],
     passphrase: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--passphrase",
             help="Encrypt the private key with a passphrase, asked for or read from "
             f"{PASSPHRASE_VARIABLE}.",
@@ -201,13 +199,6 @@ def keygen(
     print(f"{pair.private_file}: signs bundles; keep it, show it to nobody")
     print(f"{pair.public_file}: for stores: tokt store STORE --trust {pair.public_file}")
     print(f"key id {pair.public.id}")
-
-
-def signing_key(path: Path) -> SigningKey:
-    """The private key in a file; its passphrase is asked for if it has one."""
-    from tokt.models.signing.keys import read_signing_key
-
-    return read_signing_key(path, lambda: _passphrase(f"of {path}", new=False))
 
 
 def _passphrase(whose: str, *, new: bool) -> str:
@@ -242,11 +233,7 @@ def deploy(
     bundle = shipped(model, workspace, taxonomy, sign)
     entry = target.deploy(bundle, reason, notice=say)
     carry = _carry(target, bundle)
-    if json:
-        print_json({**entry.to_json(), "carry": carry})
-        return
-    _print_activation(store, entry.to_json())
-    _print_carry(carry)
+    answer(json, {**entry.to_json(), "carry": carry}, lambda: _print_carry(store, entry, carry))
 
 
 def _carry(store: Store, bundle: Bundle) -> dict[str, Any]:
@@ -267,7 +254,8 @@ def _carry(store: Store, bundle: Bundle) -> dict[str, Any]:
     }
 
 
-def _print_carry(carry: dict[str, Any]) -> None:
+def _print_carry(store: Path, entry: Activation, carry: dict[str, Any]) -> None:
+    _print_activation(store, entry)
     print("for a PC without a network, STORE being its store:")
     print(f"  copy      {shlex.quote(carry['file'])} to a stick, as {carry['as']}")
     print(f"  sha256    {carry['sha256']} ({carry['size_bytes']} bytes)")
@@ -283,7 +271,7 @@ def rollback(
     store: StoreArgument,
     to: Annotated[
         str,
-        typer.Option(
+        Option(
             metavar="N|SHA256|NAME/VERSION",
             help="Earlier model: its number in the history, the start of its SHA-256, or its "
             "name. Default: the model that was active before.",
@@ -296,29 +284,21 @@ def rollback(
     from tokt.models.store.store import Store
 
     entry = Store(store).rollback(reason, to, notice=say)
-    if json:
-        print_json(entry.to_json())
-        return
-    _print_activation(store, entry.to_json())
+    answer(json, entry.to_json(), lambda: _print_activation(store, entry))
 
 
 def store(
     store: StoreArgument,
     trust: Annotated[
         Path | None,
-        typer.Option(
-            metavar="KEY.pub", help="Trust this key; accept only signed bundles from now on."
-        ),
+        Option(metavar="KEY.pub", help="Trust this key; accept only signed bundles from now on."),
     ] = None,
     distrust: Annotated[
-        str | None,
-        typer.Option(metavar="ID", help="Refuse bundles signed by this key from now on."),
+        str | None, Option(metavar="ID", help="Refuse bundles signed by this key from now on.")
     ] = None,
     accept_unsigned: Annotated[
         bool,
-        typer.Option(
-            "--accept-unsigned", help="Trust no key and accept bundles without a signature."
-        ),
+        Option("--accept-unsigned", help="Trust no key and accept bundles without a signature."),
     ] = False,
     reason: ReasonOption = "",
     json: JsonOption = False,
@@ -336,10 +316,7 @@ def store(
     if reason and change is None:
         raise ToktError("--reason goes with --trust, --distrust or --accept-unsigned")
     value = store_summary(Store(store))
-    if json:
-        print_json(value)
-        return
-    _print_store(value)
+    answer(json, value, lambda: _print_store(value))
 
 
 def _change_keys(
@@ -423,5 +400,5 @@ def _print_keys(keys: dict[str, Any] | None) -> None:
         )
 
 
-def _print_activation(store: Path, entry: dict[str, Any]) -> None:
-    print(f"{store}: {entry['name']}/{entry['version']} is active ({entry['action']})")
+def _print_activation(store: Path, entry: Activation) -> None:
+    print(f"{store}: {entry.name}/{entry.version} is active ({entry.action})")

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from .output import say
 
@@ -15,36 +16,29 @@ if TYPE_CHECKING:
 DEFAULT_WORKSPACE = Path(".tokt")
 WorkspaceOption = Annotated[
     Path,
-    typer.Option(
-        "--workspace", metavar="DIR", help="Folder that holds tokt's state.", show_default=True
-    ),
+    Option("--workspace", metavar="DIR", help="Folder that holds tokt's state.", show_default=True),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+JsonOption = Annotated[bool, Option("--json", help="Print one JSON object.")]
 TaxonomyOption = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         "--taxonomy",
         metavar="FILE",
         help="Taxonomy file. Default: the workspace's, else the built-in one.",
     ),
 ]
-DatasetArgument = Annotated[str, typer.Argument(help="NAME or NAME@HASH.")]
-ModelArgument = Annotated[
-    str, typer.Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")
-]
-FramesOption = Annotated[
-    str | None, typer.Option(help="Use these frames only, such as 1-99,132-246.")
-]
+DatasetArgument = Annotated[str, Argument(help="NAME or NAME@HASH.")]
+ModelArgument = Annotated[str, Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")]
+FramesOption = Annotated[str | None, Option(help="Use these frames only, such as 1-99,132-246.")]
 LabelFilesOption = Annotated[
-    list[Path] | None,
-    typer.Option("--labels", help="Label file; repeatable. Default: the label store."),
+    list[Path] | None, Option("--labels", help="Label file; repeatable. Default: the label store.")
 ]
-FoldsOption = Annotated[int, typer.Option(help="Folds of the cross-validation.", min=2)]
+FoldsOption = Annotated[int, Option(help="Folds of the cross-validation.", min=2)]
 EmbargoOption = Annotated[
-    int, typer.Option(help="Frames left out of training on each side of a test frame.", min=1)
+    int, Option(help="Frames left out of training on each side of a test frame.", min=1)
 ]
 LoggedRunOption = Annotated[
-    str | None, typer.Option("--run", help="Which run of the log. Default: its last.")
+    str | None, Option("--run", help="Which run of the log. Default: its last.")
 ]
 
 

@@ -22,6 +22,14 @@ def print_json(value: Any) -> None:
     print(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
 
 
+def answer(as_json: bool, value: Any, show: Callable[[], None]) -> None:
+    """Print a command's result: as a JSON object where that is asked for, else as `show` does."""
+    if as_json:
+        print_json(value)
+    else:
+        show()
+
+
 def say(text: str) -> None:
     """Print a line for people on standard error, so that standard output stays for results.
 

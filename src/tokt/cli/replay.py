@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
 from .options import JsonOption, LoggedRunOption, read_calibration_file
-from .output import print_json, progress, say
+from .output import answer, progress, say
 
 if TYPE_CHECKING:
     from tokt.features.frames.mission import Mission
@@ -27,29 +27,27 @@ _MAX_SHOWN = 40
 
 
 def replay(
-    log: Annotated[
-        Path, typer.Argument(help="The log of `tokt run --log`, or one recording's folder.")
-    ],
+    log: Annotated[Path, Argument(help="The log of `tokt run --log`, or one recording's folder.")],
     bundle: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             help="Judge with the model of this file, or with the active one of this store, "
             "instead of the run's own."
         ),
     ] = None,
     store: Annotated[
         Path | None,
-        typer.Option(help="Where the run's own models are. Default: where the run had them from."),
+        Option(help="Where the run's own models are. Default: where the run had them from."),
     ] = None,
     source: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             help="Where the pictures are: the mission, or a recording of the run. Default: the "
             "recording itself, or the log's source."
         ),
     ] = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="Stereo calibration file. Default: the log's, unchanged.")
+        Path | None, Option(help="Stereo calibration file. Default: the log's, unchanged.")
     ] = None,
     run: LoggedRunOption = None,
     json: JsonOption = False,
@@ -86,11 +84,8 @@ def replay(
         reasons = ", ".join(f"{n} frames: {why}" for why, n in tally.not_compared.items())
         raise ToktError(f"no frame of run {logged.run} can be compared ({reasons or 'no frames'})")
     by = other.label if other is not None else "the run's own"
-    if json:
-        about = {"run": logged.run, "frames": logged.n_frames, "model": by, "notes": warnings}
-        print_json({**about, **tally.to_json()})
-    else:
-        _show_replay(plan, tally, by)
+    about = {"run": logged.run, "frames": logged.n_frames, "model": by, "notes": warnings}
+    answer(json, {**about, **tally.to_json()}, lambda: _show_replay(plan, tally, by))
     return 0 if tally.agrees else DIFFERENT
 
 
@@ -196,7 +191,7 @@ def _replayed_words(stretch: ReplayStretch) -> str:
 
 
 def shadow(
-    log: Annotated[Path, typer.Argument(help="The file of `tokt run --shadow-log`.")],
+    log: Annotated[Path, Argument(help="The file of `tokt run --shadow-log`.")],
     run: LoggedRunOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -204,10 +199,7 @@ def shadow(
     from tokt.inference.replay.shadow_report import read_shadow
 
     report = read_shadow(log, run)
-    if json:
-        print_json(report.to_json())
-    else:
-        _show_shadow(report)
+    answer(json, report.to_json(), lambda: _show_shadow(report))
 
 
 def _show_shadow(report: ShadowReport) -> None:
@@ -231,7 +223,10 @@ def _show_shadow(report: ShadowReport) -> None:
         print(f"the challenger judged no more: {report.fault}")
     if report.lost_lines:
         print(f"{report.lost_lines} places of the log cannot be read")
-    _show_stretches(report.stretches, _challenged_words)
+    _show_stretches(
+        report.stretches,
+        lambda one: "champion {champion}, challenger {challenger}".format(**one.to_json()),
+    )
     print(
         "Frames that follow each other show almost the same: go by stretches and episodes. Which "
         "of the two is right is not known here; labels can tell (tokt label, tokt evaluate)."
@@ -251,11 +246,6 @@ def _show_side(report: ShadowReport, side: str) -> None:
         f"{side}: obstacle alone on {frames} frames in {stretches} stretches; {episodes} episodes, "
         f"{shared} shared; unknown on {report.unknown(side)} frames; {took}"
     )
-
-
-def _challenged_words(stretch: ShadowStretch) -> str:
-    said = stretch.to_json()
-    return f"champion {said['champion']}, challenger {said['challenger']}"
 
 
 def _show_table(rows: str, columns: str, table: Mapping[str, Mapping[str, int]]) -> None:

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
 from .options import FramesOption, JsonOption, describe_calibration_file, read_calibration_file
-from .output import print_json, progress, say
+from .output import answer, progress, say
 
 if TYPE_CHECKING:
     from tokt.features.frames.mission import Mission
@@ -28,58 +29,53 @@ _REASONS = 3
 def calibrate(
     mission: Annotated[
         Path,
-        typer.Argument(
-            help="Folder with Left/ and Right/: a mission, or checkerboards with --board."
-        ),
+        Argument(help="Folder with Left/ and Right/: a mission, or checkerboards with --board."),
     ],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", help="Calibration file to write: .yml, .json or .xml."),
+        Option("-o", "--output", help="Calibration file to write: .yml, .json or .xml."),
     ] = None,
     baseline: Annotated[
         float | None,
-        typer.Option(help="Distance between the cameras in mm. Default: 305.5 (the 2016 mission)."),
+        Option(help="Distance between the cameras in mm. Default: 305.5 (the 2016 mission)."),
     ] = None,
     focal: Annotated[
-        float | None,
-        typer.Option(help="Focal length in px. Default: 2222.7 at a width of 1360 px."),
+        float | None, Option(help="Focal length in px. Default: 2222.7 at a width of 1360 px.")
     ] = None,
     start: Annotated[
-        Path | None, typer.Option(help="Start from this calibration's focal length and distortion.")
+        Path | None, Option(help="Start from this calibration's focal length and distortion.")
     ] = None,
     free: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Parameters to estimate besides rotation, direction and focal ratio: k1,k2,focal,"
             "principal or none. Default: k1,k2; with --start none."
         ),
     ] = None,
-    frames: Annotated[
-        str | None, typer.Option(help="Use these frames only, such as 160-205.")
-    ] = None,
+    frames: Annotated[str | None, Option(help="Use these frames only, such as 160-205.")] = None,
     fit: Annotated[
         str,
-        typer.Option(
+        Option(
             help="alternate: tested on every second frame, then fitted to all. even, odd: fitted "
             "to these frame numbers, tested on the others. all: not tested."
         ),
     ] = "alternate",
-    report: Annotated[Path | None, typer.Option(help="HTML report to write.")] = None,
+    report: Annotated[Path | None, Option(help="HTML report to write.")] = None,
     check: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--check",
             help="Check --calibration on the mission's frames instead. Exit code 0 if it is "
             "good, 1 if it is shifted or unusable.",
         ),
     ] = False,
     calibration: Annotated[
-        Path | None, typer.Option(help="Calibration file to check, of any form.")
+        Path | None, Option(help="Calibration file to check, of any form.")
     ] = None,
     board: Annotated[
-        str | None, typer.Option(help="Inner corners of a checkerboard, such as 9x6.")
+        str | None, Option(help="Inner corners of a checkerboard, such as 9x6.")
     ] = None,
-    square: Annotated[float | None, typer.Option(help="Side of the board's squares in mm.")] = None,
+    square: Annotated[float | None, Option(help="Side of the board's squares in mm.")] = None,
     json: JsonOption = False,
 ) -> None:
     """Calibrate two cameras from a mission's own frames, or from checkerboard pictures."""
@@ -164,14 +160,11 @@ def _from_mission(
         from tokt.training.rig.calibrate.report import write_report
 
         write_report(report, found, opened)
-    if json:
-        print_json({"calibration": str(output), **found.to_json()})
-        return
-    _print_self(found)
-    print(f"written: {output}" + (f", {report}" if report else ""))
+    value = {"calibration": str(output), **found.to_json()}
+    answer(json, value, lambda: _print_self(found, output, report))
 
 
-def _print_self(found: SelfCalibration) -> None:
+def _print_self(found: SelfCalibration, output: Path, report: Path | None) -> None:
     before, after = found.before, found.after
     print(f"{found.mission}: {len(found.matches)} frames with enough points that both cameras see")
     print(f"  {found.split_words()}")
@@ -192,6 +185,7 @@ def _print_self(found: SelfCalibration) -> None:
         "  Pictures have no scale: every distance is as right as the baseline. "
         + _focal_words(found)
     )
+    print(f"written: {output}" + (f", {report}" if report else ""))
 
 
 def _focal_words(found: SelfCalibration) -> str:
@@ -215,22 +209,19 @@ def _check(mission: Path, file: Path, frames: str | None, json: bool) -> None:
 
     described = describe_calibration_file(file)
     opened = open_mission(mission)
-    answer: dict[str, Any] = {"calibration": str(file), "mission": opened.name,
-                              "form": described.form, "oddities": described.oddities}  # fmt: skip
+    found: dict[str, Any] = {"calibration": str(file), "mission": opened.name,
+                             "form": described.form, "oddities": described.oddities}  # fmt: skip
     size, given = frame_size(opened), described.calibration.frame_size
     faults = list(described.refusals)
     if given != size:
         mission_is = f"the mission's are {size[0]}x{size[1]}"
         faults.append(f"it is of {given[0]}x{given[1]} frames, {mission_is}")
     elif measurable(described.calibration):
-        answer |= _measured(described.calibration, opened, frames)
+        found |= _measured(described.calibration, opened, frames)
     if faults:
-        answer |= {"state": UNUSABLE, "reason": "; ".join(faults)}
-    if json:
-        print_json(answer)
-    else:
-        _print_check(answer)
-    if answer["state"] != GOOD:
+        found |= {"state": UNUSABLE, "reason": "; ".join(faults)}
+    answer(json, found, lambda: _print_check(found))
+    if found["state"] != GOOD:
         raise typer.Exit(NOT_GOOD)
 
 
@@ -276,14 +267,11 @@ def _from_boards(folder: Path, board: str, square: float | None, output: Path, j
         raise ToktError("--board needs --square MM, the side of the board's squares")
     found = calibrate_boards(open_mission(folder), parse_board(board), square, progress)
     write_calibration(output, found.calibration, found.notes())
-    if json:
-        print_json({"calibration": str(output), **found.to_json()})
-        return
-    _print_boards(found)
-    print(f"written: {output}")
+    value = {"calibration": str(output), **found.to_json()}
+    answer(json, value, lambda: _print_boards(found, output))
 
 
-def _print_boards(found: BoardCalibration) -> None:
+def _print_boards(found: BoardCalibration, output: Path) -> None:
     print(f"{len(found.frames)} of {found.looked_at} pairs show the whole board in both pictures")
     print(
         f"  reprojection error: left {found.left_px:.3f} px, right {found.right_px:.3f} px, "
@@ -297,40 +285,38 @@ def _print_boards(found: BoardCalibration) -> None:
     )
     baseline = found.baseline_mm
     print(f"  the cameras stand {baseline:.2f} mm apart, focal length {found.focal_px:.1f} px")
+    print(f"written: {output}")
 
 
 def depth(
-    mission: Annotated[Path, typer.Argument(help="Mission folder with Left/ and Right/.")],
+    mission: Annotated[Path, Argument(help="Mission folder with Left/ and Right/.")],
     calibration: Annotated[
-        Path, typer.Option("--calibration", metavar="FILE", help="Stereo calibration file.")
+        Path, Option("--calibration", metavar="FILE", help="Stereo calibration file.")
     ],
     ply: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="PLY file for a point cloud of one frame.")
+        Path | None, Option(metavar="FILE", help="PLY file for a point cloud of one frame.")
     ] = None,
     ply_frame: Annotated[
-        int | None, typer.Option(help="Frame of the point cloud. Default: the nearest one.")
+        int | None, Option(help="Frame of the point cloud. Default: the nearest one.")
     ] = None,
     ply_farthest: Annotated[
-        float, typer.Option(help="Farthest distance in the point cloud, in metres.", min=0)
+        float, Option(help="Farthest distance in the point cloud, in metres.", min=0)
     ] = 10.0,
     out: Annotated[
-        Path,
-        typer.Option(help="Folder for depth.csv, depth.png, depth.json and frames/depth_N.png."),
+        Path, Option(help="Folder for depth.csv, depth.png, depth.json and frames/depth_N.png.")
     ] = Path("depth-out"),
     frames: FramesOption = None,
     pictures: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Frames to draw, such as 170,186, or none. Default: those of --frames, else a "
             "dozen with an obstacle."
         ),
     ] = None,
-    stereo: Annotated[str, typer.Option(help="bm (block matching) or sgbm (semi-global).")] = "bm",
-    scale: Annotated[
-        float, typer.Option(help="Scale at which frames are matched, at most 1.")
-    ] = 0.5,
+    stereo: Annotated[str, Option(help="bm (block matching) or sgbm (semi-global).")] = "bm",
+    scale: Annotated[float, Option(help="Scale at which frames are matched, at most 1.")] = 0.5,
     rate: Annotated[
-        float | None, typer.Option(metavar="FPS", help="Frames per second, for the closing speed.")
+        float | None, Option(metavar="FPS", help="Frames per second, for the closing speed.")
     ] = None,
     json: JsonOption = False,
 ) -> None:
@@ -345,21 +331,10 @@ def depth(
     chosen = None if frames is None else parse_frames(frames)
     opened = open_mission(mission)
     known = read_calibration_file(calibration)
-    request = DepthRequest(
-        chosen,
-        None if pictures is None else [] if pictures == "none" else parse_frames(pictures),
-        rate,
-        stereo,
-        scale,
-        ply,
-        ply_frame,
-        ply_farthest,
-    )
+    drawn = None if pictures is None else [] if pictures == "none" else parse_frames(pictures)
+    request = DepthRequest(chosen, drawn, rate, stereo, scale, ply, ply_frame, ply_farthest)
     found = run_depth(opened, known, out, request, progress)
-    if json:
-        print_json(found)
-    else:
-        _print_depth(found, out)
+    answer(json, found, lambda: _print_depth(found, out))
 
 
 def _print_depth(found: dict[str, Any], out: Path) -> None:

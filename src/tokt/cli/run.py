@@ -9,24 +9,23 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer import Option
 from typer.core import TyperCommand
 
 from tokt.features.common.errors import ToktError
 from tokt.inference.config import OPTIONS, RunConfig, read_config
 
 from .options import is_written
-from .output import print_json, say, stop_on_signal
+from .output import say, stop_on_signal
 
 
 def run(
     context: typer.Context,
     config: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Options from a TOML file; the command line wins."),
+        Path | None, Option(metavar="FILE", help="Options from a TOML file; the command line wins.")
     ] = None,
     print_config: Annotated[
-        bool,
-        typer.Option("--print-config", help="Print the options as such a file, and do not run."),
+        bool, Option("--print-config", help="Print the options as such a file, and do not run.")
     ] = False,
     **values: Any,
 ) -> None:
@@ -42,10 +41,7 @@ def run(
         raise typer.Exit(_watched(asked.source.source))
     from .run_setup import carry_out
 
-    result = carry_out(asked)
-    say(result.words())
-    if asked.monitoring.json:
-        print_json(result.to_json())
+    carry_out(asked)
 
 
 def _options() -> list[Parameter]:
@@ -53,7 +49,7 @@ def _options() -> list[Parameter]:
     made = []
     for each in OPTIONS.values():
         names = f"--{each.key}/--no-{each.key}" if each.kind is bool else f"--{each.key}"
-        about = typer.Option(
+        about = Option(
             *(names,),
             help=each.text,
             metavar=each.place or None,
@@ -102,16 +98,13 @@ def _watched(source: str) -> int:
 
 
 def listen(
-    port: Annotated[int, typer.Option(help="UDP port to listen on.", min=1, max=65535)] = 1130,
-    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
-    count: Annotated[
-        int | None, typer.Option(help="Stop after this many datagrams.", min=1)
-    ] = None,
+    port: Annotated[int, Option(help="UDP port to listen on.", min=1, max=65535)] = 1130,
+    host: Annotated[str, Option(help="Address to listen on.")] = "127.0.0.1",
+    count: Annotated[int | None, Option(help="Stop after this many datagrams.", min=1)] = None,
     timeout: Annotated[
-        float | None,
-        typer.Option(help="Say when nothing came for so many seconds.", min=0.1, max=86400),
+        float | None, Option(help="Say when nothing came for so many seconds.", min=0.1, max=86400)
     ] = None,
-    json_lines: Annotated[bool, typer.Option("--json", help="One JSON object a line.")] = False,
+    json_lines: Annotated[bool, Option("--json", help="One JSON object a line.")] = False,
 ) -> None:
     """Show the datagrams that arrive, one line each, until Ctrl-C.
 

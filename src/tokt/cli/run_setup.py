@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import parse_frames
@@ -59,7 +58,7 @@ from tokt.models.store.last_good import load_running
 from tokt.models.store.store import Store
 
 from .options import read_calibration_file
-from .output import say, stop_on_signal
+from .output import print_json, say, stop_on_signal
 
 if TYPE_CHECKING:
     from tokt.inference.outputs.mavlink import MavlinkOptions
@@ -174,55 +173,37 @@ class RunModel:
         return [*lines, f"model {self.bundle.label}: status 1 with {rule.words()}{late}"]
 
 
-@dataclass(frozen=True)
-class RunResult:
-    """A run that has ended.
-
-    Parameters
-    ----------
-    config : RunConfig
-    model : Bundle or None
-        What it began with.
-    senders : list of Sender
-    summary : Summary
-    """
-
-    config: RunConfig
-    model: Bundle | None
-    senders: list[Sender]
-    summary: Summary
-
-    def words(self) -> str:
-        """One line for people."""
-        summary = self.summary
-        line = (
-            f"{summary.frames} frames in {summary.seconds:.1f} s: {summary.obstacle} obstacle, "
-            f"{summary.clear} clear, {summary.unknown} unknown; {summary.sent} datagrams sent"
-        )
-        if summary.send_failures:
-            reasons = sorted({sender.last_error for sender in self.senders if sender.last_error})
-            line += f", {summary.send_failures} refused ({', '.join(reasons)})"
-        if summary.heartbeats or summary.dropped:
-            line += f"; {summary.heartbeats} heartbeats, no time for {summary.dropped} frames"
-        if summary.log_failures:
-            line += f"; {summary.log_failures} log lines could not be written"
-        return line
-
-    def to_json(self) -> dict[str, Any]:
-        """What ``--json`` prints; without a model its figures are None."""
-        rule = self.model and self.model.operating_point.rule
-        return {
-            "policy": self.config.policy.policy,
-            "format": self.config.outputs.format,
-            "model": self.model and self.model.label,
-            "frame_rule": rule and rule.to_json(),
-            "latency_frames": rule and rule.latency_frames,
-            **self.summary.to_json(),
-        }
+def _words(summary: Summary, senders: Iterable[Sender]) -> str:
+    """A run that has ended, in one line for people."""
+    line = (
+        f"{summary.frames} frames in {summary.seconds:.1f} s: {summary.obstacle} obstacle, "
+        f"{summary.clear} clear, {summary.unknown} unknown; {summary.sent} datagrams sent"
+    )
+    if summary.send_failures:
+        reasons = sorted({sender.last_error for sender in senders if sender.last_error})
+        line += f", {summary.send_failures} refused ({', '.join(reasons)})"
+    if summary.heartbeats or summary.dropped:
+        line += f"; {summary.heartbeats} heartbeats, no time for {summary.dropped} frames"
+    if summary.log_failures:
+        line += f"; {summary.log_failures} log lines could not be written"
+    return line
 
 
-def carry_out(config: RunConfig) -> RunResult:
-    """Run until the source ends or somebody stops it.
+def _as_json(config: RunConfig, model: Bundle | None, summary: Summary) -> dict[str, Any]:
+    """What ``--json`` prints of it; without a model its figures are None."""
+    rule = model and model.operating_point.rule
+    return {
+        "policy": config.policy.policy,
+        "format": config.outputs.format,
+        "model": model and model.label,
+        "frame_rule": rule and rule.to_json(),
+        "latency_frames": rule and rule.latency_frames,
+        **summary.to_json(),
+    }
+
+
+def carry_out(config: RunConfig) -> None:
+    """Run until the source ends or somebody stops it, and say what came of it.
 
     Raises
     ------
@@ -234,7 +215,7 @@ def carry_out(config: RunConfig) -> RunResult:
     with ExitStack() as opened:
         pairs = _stereo(config)
         source = _source(config, pairs, events, opened)
-        senders = open_senders(config, pairs, opened)
+        senders = _senders(config, pairs, opened)
         model = RunModel(config.model)
         size = config.policy.anchor
         anchor = None if size is None else Anchor(size)
@@ -242,7 +223,7 @@ def carry_out(config: RunConfig) -> RunResult:
         assembly = assemble(config.policy.policy, model.loader, pairs, threads, anchor=anchor)
         if assembly.texture is not None:
             assembly.texture.note = "; ".join(model.notes)
-        looking = open_observers(config, pairs, senders, source, events, opened)
+        looking = _observers(config, pairs, senders, source, events, opened)
         for line in model.words():
             say(line)
         # Who writes to the terminal from now on writes across it.
@@ -274,7 +255,9 @@ def carry_out(config: RunConfig) -> RunResult:
             summary = runtime.run()
             notifier.stopping()
     summary.log_failures = 0 if looking.log is None else looking.log.failed
-    return RunResult(config, model.bundle, list(senders.values()), summary)
+    say(_words(summary, senders.values()))
+    if config.monitoring.json:
+        print_json(_as_json(config, model.bundle, summary))
 
 
 def _stereo(config: RunConfig) -> StereoSetup | None:
@@ -350,9 +333,7 @@ def _start_event(config: RunConfig, model: RunModel, source: Source) -> Event:
     return Event(SYSTEM_CLOCK.time(), "start", words, {**start.fields(), "restarts": restarts})
 
 
-def open_senders(
-    config: RunConfig, pairs: StereoSetup | None, opened: ExitStack
-) -> dict[str, Sender]:
+def _senders(config: RunConfig, pairs: StereoSetup | None, opened: ExitStack) -> dict[str, Sender]:
     """Every receiver's sender, by what the user called it; closed with `opened`."""
     version = version_of(config.outputs.format)
     senders: dict[str, Sender] = {}
@@ -391,19 +372,8 @@ def _one_of(words: type[Word], text: str, option: str) -> Word:
     return words(text)
 
 
-@dataclass(frozen=True)
-class Observers:
-    """Who looks on.
-
-    Parameters
-    ----------
-    observers : list of Observer
-        In the order in which they are told.
-    log : RunLog or None
-    recorder : Recorder or None
-    drift : DriftMonitor
-    counts : RunCounts
-    """
+class _Observers(NamedTuple):
+    """Who looks on, in the order in which they are told, and those of them that others ask."""
 
     observers: list[Observer]
     log: RunLog | None
@@ -412,14 +382,14 @@ class Observers:
     counts: RunCounts
 
 
-def open_observers(
+def _observers(
     config: RunConfig,
     pairs: StereoSetup | None,
     senders: dict[str, Sender],
     source: Source,
     events: EventQueue,
     opened: ExitStack,
-) -> Observers:
+) -> _Observers:
     """Everybody that was asked for; closed with `opened`."""
     run, wanted, model = new_run_id(SYSTEM_CLOCK), config.recording, config.model
     rotation = LogRotation(wanted.log_max_mb, wanted.log_keep)
@@ -461,4 +431,4 @@ def open_observers(
         challenger = Challenger.of(other, config.policy.policy, pairs, model.threads)
         # After the others: in a replay without a rate it waits for its challenger.
         keep(Shadow(challenger, lines, run, source.live, SYSTEM_CLOCK, events.put))
-    return Observers(observers, log, recorder, drift, counts)
+    return _Observers(observers, log, recorder, drift, counts)

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
 from .options import JsonOption, is_written, read_calibration_file
-from .output import print_json, progress, say
+from .output import answer, progress, say
+
+if TYPE_CHECKING:
+    from tokt.studies.simulation.rendering.synthetic_mission import SyntheticMission
 
 _NOT_EXACT = 1
 _FOR_MISSIONS = ("frames",)
@@ -19,16 +23,12 @@ _FOR_CLOSED_LOOP = ("scenes", "methods", "runs", "model")
 
 
 def demo(
-    mission: Annotated[
-        Path | None, typer.Option(help="Mission to use. Default: a rendered one.")
-    ] = None,
-    labels: Annotated[Path | None, typer.Option(help="Label file of the mission.")] = None,
-    out: Annotated[Path, typer.Option(help="Output folder; emptied first.")] = Path("demo-out"),
-    frames: Annotated[
-        int, typer.Option(help="Stereo pairs of the rendered mission.", min=60)
-    ] = 120,
+    mission: Annotated[Path | None, Option(help="Mission to use. Default: a rendered one.")] = None,
+    labels: Annotated[Path | None, Option(help="Label file of the mission.")] = None,
+    out: Annotated[Path, Option(help="Output folder; emptied first.")] = Path("demo-out"),
+    frames: Annotated[int, Option(help="Stereo pairs of the rendered mission.", min=60)] = 120,
     width: Annotated[
-        int, typer.Option(help="Width in pixels of the rendered frames.", min=360, max=1360)
+        int, Option(help="Width in pixels of the rendered frames.", min=360, max=1360)
     ] = 1360,
     json: JsonOption = False,
 ) -> None:
@@ -38,109 +38,56 @@ def demo(
     if (mission is None) != (labels is None):
         raise ToktError("--mission and --labels go together")
     result = run_demo(out, mission, labels, frames, width, progress, say)
-    if json:
-        print_json(result)
-        return
-    say(f"report: {out / 'report.html'}")
+    answer(json, result, lambda: say(f"report: {out / 'report.html'}"))
 
 
 def simulate(
     context: typer.Context,
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="New folder to write.")],
+    folder: Annotated[Path, Argument(metavar="DIR", help="New folder to write.")],
     seed: Annotated[
         int,
-        typer.Option(
+        Option(
             help="Seed; the same one gives the same bytes. With --closed-loop: of the first run."
         ),
     ] = 1,
-    frames: Annotated[int, typer.Option(help="Mission: number of stereo pairs to render.")] = 120,
+    frames: Annotated[int, Option(help="Mission: number of stereo pairs to render.")] = 120,
     width: Annotated[
         int | None,
-        typer.Option(
-            help="Frame width in pixels. Default: 1360 for a mission, 360 in the closed loop."
-        ),
+        Option(help="Frame width in pixels. Default: 1360 for a mission, 360 in the closed loop."),
     ] = None,
     closed_loop: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--closed-loop",
             help="Fly a vehicle that tokt run steers, instead of rendering a mission.",
         ),
     ] = False,
     scenes: Annotated[
-        str | None, typer.Option(help="Closed loop: scenes, separated by commas. Default: all.")
+        str | None, Option(help="Closed loop: scenes, separated by commas. Default: all.")
     ] = None,
     methods: Annotated[
         str | None,
-        typer.Option(
-            help="Closed loop: any of texture,disparity,either,fallback,none. Default: all."
-        ),
+        Option(help="Closed loop: any of texture,disparity,either,fallback,none. Default: all."),
     ] = None,
-    runs: Annotated[
-        int, typer.Option(help="Closed loop: number of runs of each scene and method.")
-    ] = 5,
+    runs: Annotated[int, Option(help="Closed loop: number of runs of each scene and method.")] = 5,
     model: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="BUNDLE",
             help="Closed loop: model to fly. Default: one trained on rendered missions.",
         ),
     ] = None,
-    jobs: Annotated[int | None, typer.Option(help="Processes. Default: one per core.")] = None,
+    jobs: Annotated[int | None, Option(help="Processes. Default: one per core.")] = None,
     json: JsonOption = False,
 ) -> None:
     """Render a synthetic mission with exact labels, masks and depth; or fly the closed loop."""
-    _refuse(context, _FOR_MISSIONS if closed_loop else _FOR_CLOSED_LOOP, closed_loop)
-    if closed_loop:
-        _fly(folder, scenes, methods, seed, runs, width, model, jobs, json)
-    else:
-        _render(folder, seed, frames, width, jobs, json)
-
-
-def _refuse(context: typer.Context, names: tuple[str, ...], closed_loop: bool) -> None:
-    """Refuse options that would do nothing."""
-    for name in names:
+    for name in _FOR_MISSIONS if closed_loop else _FOR_CLOSED_LOOP:
         if is_written(context, name):
             where = "for a mission, not for --closed-loop" if closed_loop else "for --closed-loop"
             raise ToktError(f"--{name} is {where}")
-
-
-def _render(
-    folder: Path, seed: int, frames: int, width: int | None, jobs: int | None, json: bool
-) -> None:
-    from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
-    from tokt.studies.simulation.scene.rig import FULL_WIDTH
-
-    mission = simulate_mission(
-        folder,
-        seed=seed,
-        n_frames=frames,
-        width=FULL_WIDTH if width is None else width,
-        jobs=jobs,
-        progress=progress,
-    )
-    if json:
-        print_json(mission.to_json())
+    if not closed_loop:
+        _render(folder, seed, frames, width, jobs, json)
         return
-    nearest = "never in view" if mission.nearest_m is None else f"nearest {mission.nearest_m:.2f} m"
-    print(
-        f"{mission.path}: {mission.frames} stereo pairs of {mission.width}x{mission.height}, "
-        f"{mission.ocean_frames} of open ocean, {mission.obstacle_frames} with the tower, {nearest}"
-    )
-    print("patches: " + ", ".join(f"{count} {label}" for label, count in mission.patches.items()))
-
-
-def _fly(
-    folder: Path,
-    scenes: str | None,
-    methods: str | None,
-    seed: int,
-    runs: int,
-    width: int | None,
-    model: Path | None,
-    jobs: int | None,
-    json: bool,
-) -> None:
     from tokt.studies.simulation.loop.flight import METHODS, WIDTH
     from tokt.studies.simulation.loop.scenes import KINDS
     from tokt.studies.simulation.study import Study, fly_study
@@ -159,11 +106,7 @@ def _fly(
         jobs=-1 if jobs is None else jobs,
     )
     came = fly_study(study, progress, say)
-    if json:
-        print_json(came.to_json())
-        return
-    for line in came.words():
-        print(line)
+    answer(json, came.to_json(), lambda: print("\n".join(came.words())))
 
 
 def _named(text: str | None, default: tuple[str, ...]) -> tuple[str, ...]:
@@ -172,42 +115,60 @@ def _named(text: str | None, default: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
+def _render(
+    folder: Path, seed: int, frames: int, width: int | None, jobs: int | None, json: bool
+) -> None:
+    from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
+    from tokt.studies.simulation.scene.rig import FULL_WIDTH
+
+    wide = FULL_WIDTH if width is None else width
+    mission = simulate_mission(
+        folder, seed=seed, n_frames=frames, width=wide, jobs=jobs, progress=progress
+    )
+    answer(json, mission.to_json(), lambda: _print_mission(mission))
+
+
+def _print_mission(mission: SyntheticMission) -> None:
+    nearest = "never in view" if mission.nearest_m is None else f"nearest {mission.nearest_m:.2f} m"
+    print(
+        f"{mission.path}: {mission.frames} stereo pairs of {mission.width}x{mission.height}, "
+        f"{mission.ocean_frames} of open ocean, {mission.obstacle_frames} with the tower, {nearest}"
+    )
+    print("patches: " + ", ".join(f"{count} {label}" for label, count in mission.patches.items()))
+
+
 def reproduce(
-    mission: Annotated[Path, typer.Argument(help="Mission folder (or video).")],
+    mission: Annotated[Path, Argument(help="Mission folder (or video).")],
     output: Annotated[
-        Path, typer.Option("-o", "--output", help="Folder for report.html, results.json, tables.")
+        Path, Option("-o", "--output", help="Folder for report.html, results.json, tables.")
     ],
     ocean: Annotated[
-        Path | None, typer.Option(help="The thesis's image of open ocean. Default: an early frame.")
+        Path | None, Option(help="The thesis's image of open ocean. Default: an early frame.")
     ] = None,
     other: Annotated[
         Path | None,
-        typer.Option(help="The thesis's image of anything else. Default: a rendered texture."),
+        Option(help="The thesis's image of anything else. Default: a rendered texture."),
     ] = None,
     dark: Annotated[
-        Path | None,
-        typer.Option(help="Badly lit image for figures 5.6 to 5.8. Default: a rendered one."),
+        Path | None, Option(help="Badly lit image for figures 5.6 to 5.8. Default: a rendered one.")
     ] = None,
     dark_mask: Annotated[
-        Path | None,
-        typer.Option(help="Mask of --dark drawn by a person: white where an obstacle is."),
+        Path | None, Option(help="Mask of --dark drawn by a person: white where an obstacle is.")
     ] = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="Stereo calibration. Default: calibrate from the frames.")
+        Path | None, Option(help="Stereo calibration. Default: calibrate from the frames.")
     ] = None,
     labels: Annotated[
         Path | None,
-        typer.Option(help="Label file (CSV). Default: the mission's labels.csv, if there is one."),
+        Option(help="Label file (CSV). Default: the mission's labels.csv, if there is one."),
     ] = None,
     model: Annotated[
-        Path | None, typer.Option(help="Bundle (.tokt) to judge the frames with as well.")
+        Path | None, Option(help="Bundle (.tokt) to judge the frames with as well.")
     ] = None,
     sample: Annotated[
-        int, typer.Option(help="Number of frames for slow methods, spread over the mission.", min=1)
+        int, Option(help="Number of frames for slow methods, spread over the mission.", min=1)
     ] = 12,
-    jobs: Annotated[
-        int | None, typer.Option(help="Processes. Default: one per core.", min=1)
-    ] = None,
+    jobs: Annotated[int | None, Option(help="Processes. Default: one per core.", min=1)] = None,
     json: JsonOption = False,
 ) -> None:
     """Reproduce the thesis's tables and figures, beside other methods and tokt's own.
@@ -220,24 +181,13 @@ def reproduce(
 
     if dark_mask is not None and dark is None:
         raise ToktError("--dark-mask goes together with --dark")
+    images = (ocean, other, dark, dark_mask)
+    processes = -1 if jobs is None else jobs
     request = ReproduceRequest(
-        mission,
-        output,
-        ocean,
-        other,
-        dark,
-        dark_mask,
-        calibration,
-        labels,
-        model,
-        sample,
-        -1 if jobs is None else jobs,
+        mission, output, *images, calibration, labels, model, sample, processes
     )
     results = run_reproduce(request, say, progress)
-    if json:
-        print_json(results)
-    else:
-        _print_reproduced(results, output)
+    answer(json, results, lambda: _print_reproduced(results, output))
 
 
 def _print_reproduced(results: dict[str, Any], out: Path) -> None:
@@ -254,27 +204,24 @@ def _print_reproduced(results: dict[str, Any], out: Path) -> None:
 
 def bench(
     mission: Annotated[
-        Path | None, typer.Option(help="Mission to measure on. Default: a rendered one.")
+        Path | None, Option(help="Mission to measure on. Default: a rendered one.")
     ] = None,
     labels: Annotated[
-        Path | None, typer.Option(help="Label file of the mission. Default: its labels.csv.")
+        Path | None, Option(help="Label file of the mission. Default: its labels.csv.")
     ] = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="FILE",
             help="Stereo calibration. Default: calibration.yml in the mission or beside it.",
         ),
     ] = None,
     frames: Annotated[
-        int | None,
-        typer.Option(help="Number of frames to compare results on. Default: all.", min=1),
+        int | None, Option(help="Number of frames to compare results on. Default: all.", min=1)
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for bench.json and bench.png.")] = Path(
-        "bench-out"
-    ),
+    out: Annotated[Path, Option(help="Folder for bench.json and bench.png.")] = Path("bench-out"),
     quick: Annotated[
-        bool, typer.Option("--quick", help="Measure few frames, few times: a first look only.")
+        bool, Option("--quick", help="Measure few frames, few times: a first look only.")
     ] = False,
     json: JsonOption = False,
 ) -> None:
@@ -289,11 +236,8 @@ def bench(
         extent = replace(extent, compared=frames)
     known = read_calibration_file(calibration) if calibration else None
     found = run_bench(out, mission, labels, extent, progress, say, known)
-    if json:
-        print_json(found.to_json())
-    else:
-        print_table(found.results, found.about)
+    answer(json, found.to_json(), lambda: print_table(found.results, found.about))
     say(f"chart: {out / 'bench.png'}")
-    if not found.exact:
+    if not found.about["exact"]:
         say("tokt: warning: not every case gave the same as the libraries")
         raise typer.Exit(_NOT_EXACT)

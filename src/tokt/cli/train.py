@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Option
 
 from tokt.features.common.errors import ToktError
 
@@ -17,7 +17,7 @@ from .options import (
     JsonOption,
     WorkspaceOption,
 )
-from .output import figure, print_json, print_patches, progress
+from .output import answer, figure, print_patches, progress
 
 if TYPE_CHECKING:
     from tokt.training.fitting.choose_operating_point import FalseStatusTarget
@@ -38,55 +38,55 @@ def train(
     dataset: DatasetArgument,
     extractor: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="lbp, haralick, exact names joined by + (lbp_24_8_frame+haralick), or "
             "spec:FILE.json. Default: haralick, the best one with preset best.",
             show_default=False,
         ),
     ] = None,
-    preset: Annotated[str, typer.Option(help="Preset: thesis, plain or best.")] = "best",
+    preset: Annotated[str, Option(help="Preset: thesis, plain or best.")] = "best",
     name: Annotated[
-        str | None, typer.Option(help="Name of the model. Default: DATASET-EXTRACTOR.")
+        str | None, Option(help="Name of the model. Default: DATASET-EXTRACTOR.")
     ] = None,
     folds: FoldsOption = 5,
     embargo: EmbargoOption = 5,
     class_weight: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Class weights: none, balanced, or auto (the better one). Default: the preset's."
         ),
     ] = None,
     changes: Annotated[
         str | None,
-        typer.Option(
+        Option(
             help="Augmentations to learn from as well, such as gain_0.5,jpeg_60, or none. Default: "
             "the preset's."
         ),
     ] = None,
     stress: Annotated[
-        bool, typer.Option("--stress", help="Test the folds on augmented frames as well.")
+        bool, Option("--stress", help="Test the folds on augmented frames as well.")
     ] = False,
     false_status_rate: Annotated[
-        float, typer.Option(help="Highest allowed rate of false statuses per ocean frame.")
+        float, Option(help="Highest allowed rate of false statuses per ocean frame.")
     ] = 1e-4,
     confidence: Annotated[
-        float, typer.Option(help="Confidence that the rate is kept; 0.5 for the best estimate.")
+        float, Option(help="Confidence that the rate is kept; 0.5 for the best estimate.")
     ] = 0.5,
     least_patches: Annotated[
-        str, typer.Option(help="Patches that make an alarm of a frame: a number, or auto.")
+        str, Option(help="Patches that make an alarm of a frame: a number, or auto.")
     ] = AUTO,
     frame_rule: Annotated[
-        str, typer.Option(help="Alarms that make a status: K/N of the last N frames, or auto.")
+        str, Option(help="Alarms that make a status: K/N of the last N frames, or auto.")
     ] = AUTO,
     ocean: Annotated[
-        Path | None, typer.Option(help="Ocean image of preset thesis. Default: a clear frame.")
+        Path | None, Option(help="Ocean image of preset thesis. Default: a clear frame.")
     ] = None,
     other: Annotated[
-        Path | None, typer.Option(help="Other image of preset thesis. Default: a rendered one.")
+        Path | None, Option(help="Other image of preset thesis. Default: a rendered one.")
     ] = None,
-    jobs: Annotated[int, typer.Option(help="Processes; -1 for one per core.")] = -1,
+    jobs: Annotated[int, Option(help="Processes; -1 for one per core.")] = -1,
     dask: Annotated[
-        str | None, typer.Option(help="Dask scheduler to use instead, such as tcp://HOST:8786.")
+        str | None, Option(help="Dask scheduler to use instead, such as tcp://HOST:8786.")
     ] = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
@@ -123,17 +123,10 @@ def train(
     chosen = extractor_for(named, preset, data.grid)
     model_name = name or f"{data.name}-{_file_name(named)}"
     check_model_name(model_name)
+    split, images = Split(folds, embargo), (ocean, other)
+    origin = _FROM_A_FILE if named.startswith("spec:") else ""
     request = TrainRequest(
-        data,
-        model_name,
-        chosen,
-        named,
-        settings,
-        Split(folds, embargo),
-        ocean,
-        other,
-        target,
-        selection=_FROM_A_FILE if named.startswith("spec:") else "",
+        data, model_name, chosen, named, settings, split, *images, target, selection=origin
     )
     registry = Registry(workspace, create=True)
     registry.experiment_id()  # a registry that cannot be reached is said before the work
@@ -141,10 +134,8 @@ def train(
     trained = train_task(request, workspace / "cache", progress, jobs, dask, tested)
     version = log_and_register(trained, registry)
     model = {"name": version.name, "version": version.version, "aliases": version.aliases}
-    if json:
-        print_json({"model": model, "run_id": version.run_id, **_result(trained)})
-        return
-    _print_training(version.label, trained)
+    value = {"model": model, "run_id": version.run_id, **_result(trained)}
+    answer(json, value, lambda: _print_training(version.label, trained))
 
 
 def _file_name(extractor: str) -> str:
@@ -226,37 +217,35 @@ def _frames(frames: dict[str, Any]) -> str:
 def search(
     dataset: DatasetArgument,
     name: Annotated[
-        str | None, typer.Option(help="Name of the winning model. Default: DATASET-search.")
+        str | None, Option(help="Name of the winning model. Default: DATASET-search.")
     ] = None,
     space: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="FILE.toml",
             help="Space file: extractors, C and class weights to try. Default: the built-in one.",
         ),
     ] = None,
     budget: Annotated[
         str | None,
-        typer.Option(
-            help="Budget: begin no trial after this time (30m, 2h) or number of trials (12)."
-        ),
+        Option(help="Budget: begin no trial after this time (30m, 2h) or number of trials (12)."),
     ] = None,
     nested: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--nested",
             help="Repeat the search inside each training part as well, for an honest score.",
         ),
     ] = False,
     fresh: Annotated[
-        bool, typer.Option("--fresh/--resume", help="Discard finished trials, or resume from them.")
+        bool, Option("--fresh/--resume", help="Discard finished trials, or resume from them.")
     ] = False,
     folds: FoldsOption = 5,
     embargo: EmbargoOption = 5,
-    jobs: Annotated[int, typer.Option(help="Processes; -1 for one per core.", min=-1)] = -1,
+    jobs: Annotated[int, Option(help="Processes; -1 for one per core.", min=-1)] = -1,
     dask: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="ADDRESS",
             help="Dask cluster to work on that sees the same files (tcp://HOST:8786).",
         ),
@@ -278,23 +267,12 @@ def search(
     data = open_dataset(dataset, workspace / "datasets")
     model_name = name or f"{data.name}-search"
     check_model_name(model_name)
+    tried, split, limit = read_space(space or BUILT_IN), Split(folds, embargo), budget_from(budget)
     request = SearchRequest(
-        data,
-        model_name,
-        read_space(space or BUILT_IN),
-        Split(folds, embargo),
-        workspace,
-        budget_from(budget),
-        nested,
-        fresh,
-        jobs,
-        dask,
+        data, model_name, tried, split, workspace, limit, nested, fresh, jobs, dask
     )
     result = search_task(request, Registry(workspace, create=True), progress)
-    if json:
-        print_json(result)
-    else:
-        _print_search(result, nested)
+    answer(json, result, lambda: _print_search(result, nested))
 
 
 def _print_search(result: dict[str, Any], nested: bool) -> None:

@@ -60,13 +60,13 @@ def place(x, y, z):
 
 
 def surfaces_of(world):
-    return Surfaces.of([thing.shape for thing in world.things])
+    return Surfaces([thing.shape for thing in world.things])
 
 
 def hits_of(world, rig, position, heading=0.0, side=0):
-    maps, surfaces = ViewMaps.of(world.water, rig, side), surfaces_of(world)
+    maps, surfaces = ViewMaps(world.water, rig, side), surfaces_of(world)
     hits = Hits(rig.cameras(upright(heading), position)[side], maps.rays, maps.lamp)
-    origins = np.array([thing.origin(0.0) for thing in world.things])
+    origins = np.array([thing.at for thing in world.things])
     hits.add_solids(surfaces, origins)
     return hits
 
@@ -111,10 +111,10 @@ def test_a_tower_is_seen_and_lit_as_missions_have_it(scene, tower, z, heading, s
     assert off_the_solids(world, view)[solid] == pytest.approx(0, abs=1e-6)
     solid = hits.material_number[hits.pixels] != STALK_MATERIAL
     assert off_the_solids(world, hits)[solid] == pytest.approx(0, abs=1e-4)
-    maps = ViewMaps.of(scene.water, scene.rig, side)
+    maps = ViewMaps(scene.water, scene.rig, side)
     water = maps.open_water + maps.floor
     textures = [tower.shape.textures] * 2
-    materials = Materials.of(surfaces_of(world).materials, textures)
+    materials = Materials(surfaces_of(world).materials, textures)
     fast = surface_light(scene.water, materials, maps, hits, water)
     gain = (scene.water.left, scene.water.right)[side].gain
     slow = tower_light(scene.water, scene.rig, pose, view, water.reshape(fast.shape), gain)
@@ -124,14 +124,14 @@ def test_a_tower_is_seen_and_lit_as_missions_have_it(scene, tower, z, heading, s
 
 
 def test_the_same_bytes_whatever_was_asked_before(scene, tower):
-    school = School.crossing(np.random.default_rng(8), (0.0, 0.3, -3.0), 2.0, count=8)
+    school = School(np.random.default_rng(8), (0.0, 0.3, -3.0), 2.0, count=8)
     dust = (DustCloud.draw(np.random.default_rng(9), (0.0, 0.3, -2.0), density=0.3),)
     world = World(scene.water, (tower,), school, dust, seed=3, current=(0.1, 0.0, 0.0))
     first, second = StereoRenderer(world, scene.rig, 5), StereoRenderer(world, scene.rig, 5)
     asked = [(t, place(0.1, 0.3, -5.0 + t), 0.03 * t, AHEAD) for t in (0.0, 0.25, 2.0)]
     frames = [first.left(*one) for one in asked]
     pairs = [second.pair(*one) for one in reversed(asked)][::-1]
-    assert second.sees_solid(*asked[0][:3], 20.0)
+    assert second.sees_solid(*asked[0][1:3], 20.0)
     for frame, (left, right) in zip(frames, pairs, strict=True):
         assert frame.dtype == np.uint8 and frame.shape == (271, WIDTH, 3) == right.shape
         assert np.array_equal(frame, left)
@@ -162,7 +162,7 @@ def test_heading_turns_clockwise_seen_from_above(scene):
 
 
 def test_the_nearer_of_two_towers_hides_the_other(scene, tower):
-    behind = Placed.put(tower.shape, (0.1, 0.0, 3.0), 0.4)
+    behind = Placed(tower.shape, (0.1, 0.0, 3.0))
     position = place(0.0, 0.3, -3.0)
     seas = [
         World(scene.water, things, seed=3)
@@ -192,7 +192,7 @@ def test_inside_a_trap_every_pixel_has_the_depth_of_a_wall(scene):
 
 
 def test_fish_swim_where_the_school_is_and_are_nothing_to_hit(scene):
-    school = School.crossing(np.random.default_rng(8), (0.0, 0.2, 4.0), 0.0, count=12)
+    school = School(np.random.default_rng(8), (0.0, 0.2, 4.0), 0.0, count=12)
     world = World(scene.water, (), school, seed=3)
     empty = World(scene.water, seed=3)
     with_fish, without = (StereoRenderer(w, scene.rig, 5) for w in (world, empty))
@@ -217,7 +217,7 @@ def test_fish_swim_where_the_school_is_and_are_nothing_to_hit(scene):
     # One by one they leave: also when only a corner's rim is in the picture.
     for t in np.arange(1.0, 9.0, 0.25):
         with_fish.left(t, origin, 0.0, STILL)
-    assert not with_fish.sees_solid(0.0, origin, 0.0, 100.0)
+    assert not with_fish.sees_solid(origin, 0.0, 100.0)
     assert np.isinf(world.clearance_m(school.at(0.0))).all()
 
 
@@ -320,7 +320,7 @@ def test_two_frames_do_not_have_the_same_noise(scene):
 
 def test_snow_stays_in_its_water_as_densely_as_on_a_mission():
     water = Water(snow_per_frame=1000)
-    snow = Snow.draw(np.random.default_rng(1), water)
+    snow = Snow(np.random.default_rng(1), water)
     rng = np.random.default_rng(2)
     eye_position = rng.uniform(-50, 50, (20, 3))
     counts, rig = [], MissionScene.draw(1, 1, WIDTH).rig
@@ -394,7 +394,7 @@ def as_numbers(labels):
 def both_renderers(seed, n_frames):
     """A dive without pitch and roll by the missions' and the closed loop's renderer; its labels."""
     scene = MissionScene.draw(seed, n_frames, WIDTH)
-    world = World(scene.water, (Placed.put(scene.tower, (0, 0, 0)),), seed=seed)
+    world = World(scene.water, (Placed(scene.tower, (0.0, 0.0, 0.0)),), seed=seed)
     renderer = StereoRenderer(world, scene.rig, 5)
     old, new, labels = [], [], []
     for number, pose in enumerate(scene.poses):

@@ -160,14 +160,9 @@ def _build(run: DemoRun, workspace: Path, progress: Progress) -> None:
 
 def _train_all(run: DemoRun, workspace: Path, registry: Registry, progress: Progress) -> None:
     for name, extractor, preset in (*_CANDIDATES, *_BASELINES):
-        request = TrainRequest(
-            run.dataset,
-            name,
-            extractor_for(extractor, preset),
-            extractor,
-            settings_named(preset),
-            Split(FOLDS, run.embargo_frames),
-        )
+        chosen, settings = extractor_for(extractor, preset), settings_named(preset)
+        split = Split(FOLDS, run.embargo_frames)
+        request = TrainRequest(run.dataset, name, chosen, extractor, settings, split)
         run.trained[name] = train(request, workspace / "cache", progress)
         log_and_register(run.trained[name], registry)
         run.bundles[name] = registry.bundle(name)

@@ -107,13 +107,8 @@ def _labels_by_frame(run: DemoRun) -> dict[int, list[LabelRecord]]:
 
 def _obstacle_counts(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list[int]:
     """Labelled obstacle patches of each held-back frame."""
-    return [
-        sum(
-            record.label != UNSURE and run.taxonomy.is_obstacle(str(record.label))
-            for record in labels.get(frame, [])
-        )
-        for frame in run.held_frames
-    ]
+    said = [[str(record.label) for record in labels.get(frame, [])] for frame in run.held_frames]
+    return [sum(x != UNSURE and run.taxonomy.is_obstacle(x) for x in here) for here in said]
 
 
 def _chosen_frames(run: DemoRun, counts: list[int]) -> list[tuple[int, str]]:
@@ -138,14 +133,8 @@ def _pictures(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list[dict[s
         image = run.mission.read(frame, LEFT)
         values, verdict = said[frame]
         judged = beside_labels(bundle, image, values, verdict, labels.get(frame, []), run.taxonomy)
-        pictures.append(
-            {
-                "frame": frame,
-                "why": why,
-                "uri": jpeg_uri(draw(judged, bundle.grid)),
-                "verdict": verdict,
-            }
-        )
+        uri = jpeg_uri(draw(judged, bundle.grid))
+        pictures.append({"frame": frame, "why": why, "uri": uri, "verdict": verdict})
     return pictures
 
 

@@ -18,7 +18,6 @@ import numpy as np
 
 from tokt.features.common import atomic
 from tokt.features.frames.grid import DEFAULT_GRID
-from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.taxonomy import Taxonomy
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.registry.registry import Registry
@@ -31,7 +30,7 @@ from tokt.studies.simulation.scene.closed_loop_world import World
 from tokt.studies.simulation.scene.rig import SyntheticRig
 from tokt.studies.simulation.scene.water import Water
 from tokt.training.datasets.dataset import build_dataset
-from tokt.training.datasets.mission_source import plan_from_missions
+from tokt.training.datasets.mission_source import plan_from_missions, read_labels
 from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS
 from tokt.training.fitting.choose_operating_point import FalseStatusTarget
 from tokt.training.fitting.cross_validation import Split
@@ -85,22 +84,13 @@ def train_default_model(
         for seed in DRIFT_SEEDS:
             missions.append(folder / f"open-water-{seed}")
             write_drift(missions[-1], seed, DRIFT_FRAMES, width)
-        records = [
-            record
-            for mission in missions
-            for record in read_label_csv(mission / "labels.csv", taxonomy)
-        ]
+        files = [mission / "labels.csv" for mission in missions]
+        records = read_labels(files, taxonomy, DEFAULT_GRID)
         plan, _ = plan_from_missions(NAME, "binary", missions, records, taxonomy)
         dataset = build_dataset(plan, folder / "datasets", progress)
-        request = TrainRequest(
-            dataset,
-            NAME,
-            extractor_for(EXTRACTOR, PRESET),
-            EXTRACTOR,
-            settings_named(PRESET),
-            Split(FOLDS, EMBARGO_FRAMES),
-            target=FalseStatusTarget(FALSE_STATUS_RATE),
-        )
+        extractor, settings = extractor_for(EXTRACTOR, PRESET), settings_named(PRESET)
+        split, target = Split(FOLDS, EMBARGO_FRAMES), FalseStatusTarget(FALSE_STATUS_RATE)
+        request = TrainRequest(dataset, NAME, extractor, EXTRACTOR, settings, split, target=target)
         registry = Registry(folder / "workspace", create=True, own=True)
         log_and_register(train(request, folder / "cache", progress, jobs), registry)
         bundle = registry.bundle(NAME)
@@ -127,9 +117,7 @@ def write_drift(folder: Path, seed: int, frames: int, width: int) -> None:
         In pixels.
     """
     water, rig = (np.random.default_rng([seed, part]) for part in range(2))
-    renderer = StereoRenderer(
-        World(Water.draw(water), seed=seed), SyntheticRig.draw(rig, width), seed
-    )
+    renderer = StereoRenderer(World(Water.draw(water), seed=seed), SyntheticRig(rig, width), seed)
     (folder / "Left").mkdir(parents=True)
     place, step_s = np.zeros(3), STEP_S * STEPS_A_FRAME
     for index in range(frames):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -24,7 +24,7 @@ from tokt.studies.simulation.report.outcome import FlightOutcome, outcome_of, ta
 from tokt.studies.simulation.report.report import write_report
 from tokt.training.parallel import mapped
 
-from .default_model import train_default_model
+from .default_model import Progress, Say, train_default_model
 
 FIRST_TUNING_SEED = 1000
 """Planner and scenes were worked out on seeds from here on; those below are for what is reported.
@@ -34,9 +34,6 @@ Seeds 1 to 100 of the tower scene led to the model's sequences of open water (do
 RESULTS_FORMAT = 1
 """Version of results.json; a change of meaning or a key taken away raises it."""
 MODEL_FILE = "model.tokt"
-
-Progress = Callable[..., Any]
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)

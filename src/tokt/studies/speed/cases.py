@@ -117,8 +117,9 @@ class Case(ABC, Generic[Item]):
         """Findings of the checks, as JSON values."""
 
     def timed(self) -> dict[str, Callable[[Item], object]]:
-        """The calls that are timed in turns."""
-        return {BASELINE: self.baseline, OURS: self.ours}
+        """The calls that are timed in turns: each of these methods that the case has."""
+        ways = (BASELINE, OURS, LIBRARIES, FLOOR, MEMORY)
+        return {way: getattr(self, way) for way in ways if hasattr(self, way)}
 
     def measure(self, items: Sequence[Item], rounds: int) -> Result:
         """Time both ways on some items."""
@@ -142,28 +143,22 @@ class LbpKernel(Case[Picture]):
 
     def baseline(self, picture: Picture) -> object:
         """One call of scikit-image a patch; the quickest of numpy's ways to count."""
-        return [
-            np.bincount(
-                local_binary_pattern(patch, self.points, self.radius, method="uniform")
-                .ravel()
-                .astype(np.intp),
-                minlength=self.points + 2,
-            )
-            for patch in picture.patches
-        ]
+        counts = []
+        for patch in picture.patches:
+            codes = local_binary_pattern(patch, self.points, self.radius, method="uniform")
+            flat = codes.ravel().astype(np.intp)
+            counts.append(np.bincount(flat, minlength=self.points + 2))
+        return counts
 
-    def ours(self, picture: Picture) -> object:
+    def ours(self, picture: Picture) -> NDArray[np.int64]:
         """One call."""
-        return self._counts(picture)
-
-    def _counts(self, picture: Picture) -> NDArray[np.int64]:
         return self._kernels.lbp_counts(picture.gray, GRID, self.points, self.radius, "patch")
 
     def check(self, picture: Picture) -> bool:
         """Every count of every patch."""
         theirs = [lbp_counts(patch, self.points, self.radius) for patch in picture.patches]
         self.checked += len(theirs)
-        self.wrong += int((self._counts(picture) != np.stack(theirs)).any(axis=1).sum())
+        self.wrong += int((self.ours(picture) != np.stack(theirs)).any(axis=1).sum())
         return True
 
     def findings(self) -> dict[str, Any]:
@@ -199,12 +194,8 @@ class HaralickKernel(Case[Picture]):
             for row, patch in zip(rows, picture.patches, strict=True):
                 self._agreement.add(row, haralick_directions(patch, ignore_zeros))
         self.checked += len(picture.patches)
+        self.wrong = int(not self._agreement.agree)
         return True
-
-    @property
-    def exact(self) -> bool:
-        """Whether all features agreed as `haralick_agreement.COMPARED` says."""
-        return self.checked > 0 and self._agreement.agree
 
     def findings(self) -> dict[str, Any]:
         """How near the features were."""
@@ -223,13 +214,8 @@ class WholeFrame(Case[Picture]):
     def __init__(self, texture: ThesisFeatureSet, models: ModelPair) -> None:
         super().__init__(f"{texture.name}.frame")
         self._texture, self._models = texture, models
-        self._found = {
-            "frames_refused": 0,
-            "patches_different": 0,
-            "obstacle_patches": 0,
-            "obstacle_frames": 0,
-            "ties": 0,
-        }
+        keys = "frames_refused", "patches_different", "obstacle_patches", "obstacle_frames"
+        self._found = dict.fromkeys((*keys, "ties"), 0)
 
     def baseline(self, picture: Picture) -> object:
         """Resize, a library call and a predict call a patch, contours."""
@@ -289,11 +275,6 @@ class WholeFrame(Case[Picture]):
             **self._found,
         }
 
-    def timed(self) -> dict[str, Callable[[Picture], object]]:
-        """Both ways, the libraries used well, and the floors."""
-        more = {LIBRARIES: self.libraries, FLOOR: self.floor, MEMORY: self.memory}
-        return {**super().timed(), **more}
-
 
 class BestFrame(Case[Picture]):
     """A decoded frame to its verdict, by a plain extractor's model and by the preset best's.
@@ -321,10 +302,6 @@ class BestFrame(Case[Picture]):
         """The pictures that the preset looks at, prepared and no more."""
         prepared = FramePictures(picture.frame, GRID)
         return [prepared.picture(image) for image in self._images]
-
-    def timed(self) -> dict[str, Callable[[Picture], object]]:
-        """Both, and the pictures alone."""
-        return {**super().timed(), FLOOR: self.floor}
 
     def _expected(self, picture: Picture, image: Quantization | None) -> NDArray[np.uint8]:
         if image is None:

@@ -21,7 +21,6 @@ from tokt.labels.merge import merge_annotators
 from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
-from tokt.models.linear import LinearModel
 from tokt.studies.baselines.thesis_texture import (
     GRID,
     DescribePatch,
@@ -209,16 +208,9 @@ def fit_extractor_pair(
     classifier = LinearSVC(C=penalty, random_state=settings.seed)
     classifier.coef_, classifier.intercept_ = model.weights.copy(), model.bias.copy()
     classifier.classes_, classifier.n_features_in_ = np.array([0, 1]), model.dim
-    data = bundle_bytes(_content(name, extractor, model, golden_frame))
-    return ModelPair(classifier, bundle_from_bytes(data, f"the bench's model {name}"))
-
-
-def _content(
-    name: str, extractor: Extractor, model: LinearModel, golden_frame: NDArray[np.uint8]
-) -> BundleContent:
     values = model.decision_values(extractor.describe(golden_frame, GRID))
     png = cv2.imencode(".png", golden_frame)[1].tobytes()
-    return BundleContent(
+    content = BundleContent(
         name=f"bench-{name.replace('_', '-')}",
         version="1",
         extractor_spec=extractor.spec,
@@ -230,3 +222,5 @@ def _content(
         trained_on=np.zeros(0, np.uint64),
         card="Made by tokt bench to measure speed; not to be deployed.\n",
     )
+    bundle = bundle_from_bytes(bundle_bytes(content), f"the bench's model {name}")
+    return ModelPair(classifier, bundle)

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -96,15 +97,9 @@ def measure_extraction(name: str, files: Sequence[Path], jobs: int, repetitions:
         return list(joblib.Parallel(n_jobs=jobs)(tasks))
 
     exact = _agree(files, run(tokt_features, files), run(library_features, files))
-    times = in_turns(
-        {
-            BASELINE: lambda chosen: run(library_features, chosen),
-            OURS: lambda chosen: run(tokt_features, chosen),
-            FLOOR: lambda chosen: run(_decode, chosen),
-        },
-        [files],
-        repetitions,
-    )
+    ways = {BASELINE: library_features, OURS: tokt_features, FLOOR: _decode}
+    calls = {way: partial(run, function) for way, function in ways.items()}
+    times = in_turns(calls, [files], repetitions)
     a_file = {key: values / len(files) for key, values in times.items()}
     pace = {key: GRID.n_patches / float(np.median(values)) for key, values in a_file.items()}
     extras = {
@@ -118,6 +113,7 @@ def measure_extraction(name: str, files: Sequence[Path], jobs: int, repetitions:
     return result(name, a_file, exact, extras)
 
 
+@dataclass
 class CameraPaced:
     """A live source that gives each of some pictures once, at `FPS`.
 
@@ -130,30 +126,27 @@ class CameraPaced:
         Gets `time.monotonic` at each hand-over, by frame number.
     """
 
+    pictures: Sequence[Picture]
+    first: int
+    arrived: NDArray[np.float64]
     live = True
-
-    def __init__(
-        self, pictures: Sequence[Picture], first: int, arrived: NDArray[np.float64]
-    ) -> None:
-        self._pictures = pictures
-        self._first = first
-        self._arrived = arrived
-        self._stopped = False
+    stopped = False
 
     def __iter__(self) -> Iterator[Frame]:
         """Each frame at its moment."""
-        for place, picture in paced(self._pictures):
-            if self._stopped:
+        for place, picture in paced(self.pictures):
+            if self.stopped:
                 return
-            number = self._first + place
-            self._arrived[number] = arrived = time.monotonic()
+            number = self.first + place
+            self.arrived[number] = arrived = time.monotonic()
             yield Frame(number, float(number), picture.frame, None, arrived=arrived)
 
     def stop(self) -> None:
         """Deliver no further frame."""
-        self._stopped = True
+        self.stopped = True
 
 
+@dataclass
 class TimedPolicy:
     """A policy that notes how long each frame took it.
 
@@ -164,15 +157,14 @@ class TimedPolicy:
         By frame number.
     """
 
-    def __init__(self, policy: Policy, seconds: NDArray[np.float64]) -> None:
-        self._policy = policy
-        self._seconds = seconds
+    policy: Policy
+    seconds: NDArray[np.float64]
 
     def judge(self, frame: Frame) -> Judgement:
         """Judge one frame."""
         start = time.monotonic()
-        judgement = self._policy.judge(frame)
-        self._seconds[frame.number] = time.monotonic() - start
+        judgement = self.policy.judge(frame)
+        self.seconds[frame.number] = time.monotonic() - start
         return judgement
 
 

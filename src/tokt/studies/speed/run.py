@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import joblib
-import numpy as np
-from numpy.typing import NDArray
 
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
@@ -40,13 +38,10 @@ from .models import (
 from .paired_timing import SPREAD_IS, Result, single_thread
 from .process_cases import measure_extraction, measure_latency, measure_start
 from .report import chart_png
-from .stereo_cases import measure_stereo, stereo_input
+from .stereo_cases import Progress, Say, measure_stereo, stereo_input
 
 LABEL_FILE = "labels.csv"
 EMBEDDED_FRAMES = 16
-
-Progress = Callable[..., Any]
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -97,11 +92,6 @@ class Bench:
 
     results: list[Result]
     about: dict[str, Any]
-
-    @property
-    def exact(self) -> bool:
-        """Whether every case was exact."""
-        return all(case.exact for case in self.results)
 
     def to_json(self) -> dict[str, Any]:
         """The JSON object of ``tokt bench --json``."""
@@ -165,10 +155,10 @@ def measure_in_process(
         raise ToktError(f"mission {mission.name}: the runtime refuses to judge any of its frames")
     # A refused frame costs the runtime next to nothing: timing it would flatter.
     timed = [Picture(mission.read(number)) for number in evenly_spaced(judged, size.timed)]
-    plan = [*((case, timed) for case in kernels), (texture_kernel, [textured] * len(timed))]
     results = []
-    for case, shown in [*plan, *((case, timed) for case in frames)]:
+    for case in [*kernels, texture_kernel, *frames]:
         say(f"-- {case.name}")
+        shown = [textured] * len(timed) if case is texture_kernel else timed
         results.append(case.measure(shown, size.rounds))
     say("-- latency")
     results.append(measure_latency(FEATURE_SETS[0], models[0], timed, size.latency))
@@ -205,11 +195,6 @@ def _outside(
     return results
 
 
-def _size_in_words(frame: NDArray[np.uint8]) -> str:
-    height, width = frame.shape[:2]
-    return f"{width}x{height} {'gray' if frame.ndim == 2 else 'colour'}"
-
-
 def _measure(
     mission: Mission,
     labels: Path | None,
@@ -231,15 +216,14 @@ def _measure(
             extent = (size.compared, size.timed, size.rounds)
             results += measure_stereo(mission, stereo.calibration, *extent, progress, say)
         results += _outside(mission, models, size, folder, say)
+    is_library = KERNELS.name == LIBRARY
+    kernels = {"name": KERNELS.name, "why": KERNELS.why, "is_library": is_library}
+    height, width = first.shape[:2]
     about = {
         "machine": machine(),
-        "kernels": {
-            "name": KERNELS.name,
-            "why": KERNELS.why,
-            "is_library": KERNELS.name == LIBRARY,
-        },
+        "kernels": kernels,
         "mission": shown_as,
-        "frame_size": _size_in_words(first),
+        "frame_size": f"{width}x{height} {'gray' if first.ndim == 2 else 'colour'}",
         "frames": {"compared": compared, "timed": timed},
         "model": examples.words,
         "stereo": stereo.words,

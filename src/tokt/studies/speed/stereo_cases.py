@@ -336,20 +336,12 @@ def by_kind(times: Times, obstacle: NDArray[np.bool_]) -> dict[str, Any]:
         ``with_obstacle`` and ``without_obstacle``: pairs, baseline_ms, ours_ms and ratio, or None
         where there is no such pair.
     """
-    return {
-        name: _medians(times, chosen)
-        for name, chosen in (("with_obstacle", obstacle), ("without_obstacle", ~obstacle))
-    }
-
-
-def _medians(times: Times, chosen: NDArray[np.bool_]) -> dict[str, float] | None:
-    if not chosen.any():
-        return None
-    part = {name: times[name].reshape(-1, len(chosen))[:, chosen] for name in (BASELINE, OURS)}
-    found = result("", part, True, {})
-    return {
-        "pairs": int(chosen.sum()),
-        "baseline_ms": found.baseline_ms,
-        "ours_ms": found.ours_ms,
-        "ratio": found.ratio,
-    }
+    found: dict[str, Any] = {"with_obstacle": None, "without_obstacle": None}
+    for name, chosen in zip(found, (obstacle, ~obstacle), strict=True):
+        if chosen.any():
+            part = {way: times[way].reshape(-1, len(chosen))[:, chosen] for way in (BASELINE, OURS)}
+            medians = result("", part, True, {})
+            baseline_ms, ours_ms = medians.baseline_ms, medians.ours_ms
+            figures = {"baseline_ms": baseline_ms, "ours_ms": ours_ms, "ratio": medians.ratio}
+            found[name] = {"pairs": int(chosen.sum()), **figures}
+    return found

@@ -161,7 +161,7 @@ def fly(sea, seed, settings=None, most_s=240.0):
             break
         vehicle.step(STEP_S, autopilot.forces(vehicle.state, target))
     said = (steps, frames, planner.avoidances, planner.reached)
-    return Track.of("stand-in", sea.name, "stand-in", seed, *said)
+    return Track("stand-in", sea.name, "stand-in", seed, *said)
 
 
 def _turned(sea):

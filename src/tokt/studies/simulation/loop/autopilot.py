@@ -67,7 +67,9 @@ class Autopilot:
 
     def forces(self, state: State, target: Setpoint) -> Forces:
         """Forces to ask of the thrusters now."""
-        wanted = [*self._velocity(state, target), self._yaw_rate(state, target)]
+        yaw_rate = _HEADING * turn(target.heading - state.heading_rad)
+        yaw_rate = min(max(yaw_rate, -_MAX_YAW_RAD_S), _MAX_YAW_RAD_S)
+        wanted = [*self._velocity(state, target), yaw_rate]
         have = [*state.velocity_body.tolist(), state.yaw_rate]
         return Forces(*(self._force(axis, wanted[axis], have[axis]) for axis in range(4)))
 
@@ -86,10 +88,6 @@ class Autopilot:
         )
         gain = _POSITION / over
         return gain * surge, gain * sway, gain * down
-
-    def _yaw_rate(self, state: State, target: Setpoint) -> float:
-        error = turn(target.heading - state.heading_rad)
-        return min(max(_HEADING * error, -_MAX_YAW_RAD_S), _MAX_YAW_RAD_S)
 
     def _force(self, axis: int, wanted: float, have: float) -> float:
         gain, integral = (_VELOCITY, _INTEGRAL) if axis < 3 else (_YAW_RATE, _YAW_INTEGRAL)

@@ -35,6 +35,7 @@ from .vehicle import HULL_RADIUS_M, Vehicle
 NONE = "none"
 METHODS = ("texture", "disparity", "either", "fallback", NONE)
 """Policies of `tokt run`, and the control: a planner that hears nothing."""
+_OF_PAIRS = ("disparity", "either", "fallback")
 
 WIDTH = 360
 """Of the frames in pixels, where none is given: the grid's."""
@@ -87,7 +88,7 @@ def _runtime(scene: LoopScene, method: str, model: Path | None) -> Iterator[Runt
     if model is not None:
         options += ["--bundle", str(model)]
     with tempfile.TemporaryDirectory(prefix="tokt-closed-loop-") as folder:
-        if _looks_at_pairs(method):
+        if method in _OF_PAIRS:
             calibration = Path(folder) / "calibration.yml"
             scene.rig.write(calibration)
             options += ["--calibration", str(calibration), "--stereo-scale", STEREO_SCALE]
@@ -95,16 +96,12 @@ def _runtime(scene: LoopScene, method: str, model: Path | None) -> Iterator[Runt
             yield runtime
 
 
-def _looks_at_pairs(method: str) -> bool:
-    return method != "texture"
-
-
 class _Run:
     """The state of one run."""
 
     def __init__(self, scene: LoopScene, method: str, runtime: RuntimeProcess | None) -> None:
         self._scene, self._method, self._runtime = scene, method, runtime
-        self._pairs = _looks_at_pairs(method)
+        self._pairs = method in _OF_PAIRS
         self._renderer = StereoRenderer(scene.world, scene.rig, scene.seed)
         self._vehicle = Vehicle(scene.start, scene.world.current)
         self._autopilot = Autopilot()
@@ -123,13 +120,13 @@ class _Run:
                 self._said = None
             state = self._vehicle.state
             target = self._planner.target(t_s, state)
-            clearance = float(self._scene.world.clearance_m(state.position[None], t_s)[0])
+            clearance = float(self._scene.world.clearance_m(state.position[None])[0])
             self._steps.append((t_s, state, target.mode, clearance))
             if self._planner.reached or clearance < HULL_RADIUS_M:
                 break
             self._vehicle.step(STEP_S, self._autopilot.forces(state, target))
         scene, planner = self._scene, self._planner
-        return Track.of(
+        return Track(
             KINDS[scene.name].title, scene.name, self._method, scene.seed, self._steps,
             self._frames, planner.avoidances, planner.reached,
         )  # fmt: skip
@@ -142,7 +139,7 @@ class _Run:
         said = self._runtime.judge(number, EPOCH_S + t_s, left, right)
         self._said = (t_s, said)
         state = self._vehicle.state
-        in_view = self._renderer.sees_solid(t_s, state.camera, state.heading_rad, IN_VIEW_M)
+        in_view = self._renderer.sees_solid(state.camera, state.heading_rad, IN_VIEW_M)
         self._frames.append((t_s, said["status"], in_view))
 
     def _look(self, t_s: float) -> tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None]:

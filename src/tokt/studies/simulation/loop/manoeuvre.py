@@ -147,13 +147,9 @@ class Manoeuvre:
         """(3,) The place in the world, at a depth (the world's y)."""
         sine, cosine = math.sin(self.heading), math.cos(self.heading)
         right = self.side * beside
-        return np.array(
-            [
-                self.origin[0] + along * sine + right * cosine,
-                depth,
-                self.origin[2] + along * cosine - right * sine,
-            ]
-        )
+        east = self.origin[0] + along * sine + right * cosine
+        north = self.origin[2] + along * cosine - right * sine
+        return np.array([east, depth, north])
 
     def see(self, datagram: Mapping[str, Any], nav: State, wide: bool) -> None:
         """Remember what a verdict of status 1 says, from where the vehicle is."""

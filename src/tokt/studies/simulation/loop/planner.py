@@ -56,7 +56,7 @@ class PlannerSettings:
         Speed of transit.
     silence_s : float
         Nothing heard for longer is taken for unknown (docs/udp.md).
-    sight : CameraAssumptions
+    camera : CameraAssumptions
         The camera and what is assumed of obstacles.
     beside_m : float
         From the edge of what is remembered to the hull's centre, on the way past: the hull's
@@ -124,6 +124,8 @@ class Planner:
     ----------
     mode : Mode
         As of the last `autopilot`.
+    reached : bool
+        Whether the vehicle was at the goal at the last `autopilot`.
     avoidances : list of float
         When each manoeuvre began, s.
     """
@@ -132,13 +134,13 @@ class Planner:
         self.goal = np.asarray(goal, np.float64)
         self.settings = settings or PlannerSettings()
         self.mode = Mode.TRANSIT
+        self.reached = False
         self.avoidances: list[float] = []
         self._heard: list[dict[str, Any]] = []
         self._heard_s: float | None = None
         self._known = False
         self._manoeuvre: Manoeuvre | None = None
         self._held: tuple[Float, float] | None = None
-        self._reached = False
 
     def hear(self, t_s: float, datagram: dict[str, Any] | None) -> None:
         """Take in a datagram as `tokt.inference.outputs.udp.decode` gives it, or None for nothing.
@@ -163,7 +165,8 @@ class Planner:
         self._heard.clear()
         if self.settings.deaf:
             return self._transit(nav)
-        if not self._known or self._silent(t_s):
+        silent = self._heard_s is None or t_s - self._heard_s > self.settings.silence_s
+        if silent or not self._known:
             return self._hold(nav)
         self._held = None
         if self._manoeuvre is not None and self._manoeuvre.glances >= self.settings.glance_frames:
@@ -173,11 +176,6 @@ class Planner:
         if self._passed(self._manoeuvre, nav):
             return self._glance(self._manoeuvre, nav)
         return self._avoid(self._manoeuvre, nav)
-
-    @property
-    def reached(self) -> bool:
-        """Whether the vehicle was at the goal at the last `autopilot`."""
-        return self._reached
 
     def _take_in(self, t_s: float, datagram: dict[str, Any], nav: State) -> None:
         status = datagram["status"]
@@ -254,9 +252,6 @@ class Planner:
         """How far along to go: past what is remembered, and no farther than the goal."""
         return min(manoeuvre.end() + self.settings.past_m, manoeuvre.place(self.goal)[0])
 
-    def _silent(self, t_s: float) -> bool:
-        return self._heard_s is None or t_s - self._heard_s > self.settings.silence_s
-
     def _hold(self, nav: State) -> Setpoint:
         if self._held is None:
             self._held = nav.position + STOPPING_S * nav.velocity_world, nav.heading_rad
@@ -267,7 +262,7 @@ class Planner:
         """To the goal, looking where it goes: turned first, where the goal is not ahead."""
         own = self.settings
         way = self.goal - nav.position
-        self._reached = float(np.linalg.norm(way)) < own.reached_m
+        self.reached = float(np.linalg.norm(way)) < own.reached_m
         self.mode = Mode.TRANSIT
         heading = self._course(nav)
         off = abs(turn(heading - nav.heading_rad))

@@ -78,14 +78,11 @@ class SceneKind:
     ----------
     title : str
         For tables and maps.
-    obstacles : int
-        Things to hit on the way.
     make : callable
         ``make(rng, scene)`` puts in what is special about it.
     """
 
     title: str
-    obstacles: int
     make: Callable[[Rng, LoopScene], LoopScene]
 
 
@@ -132,7 +129,7 @@ def _fish(rng: Rng, scene: LoopScene) -> LoopScene:
     side = float(rng.choice([-1.0, 1.0]))
     through = (0.0, scene.start.position[1], float(rng.uniform(-4.0, 0.0)))
     at_s = float(rng.uniform(6.0, 12.0))
-    school = School.crossing(rng, through, at_s, velocity=(0.8 * side, 0.0, 0.0))
+    school = School(rng, through, at_s, velocity=(0.8 * side, 0.0, 0.0))
     return _with(scene, fish=school)
 
 
@@ -149,15 +146,15 @@ def _dust(rng: Rng, scene: LoopScene) -> LoopScene:
 
 
 KINDS = {
-    "tower": SceneKind("one tower", 1, _tower),
-    "two": SceneKind("two towers in succession (thesis, figure 5.9)", 2, _two),
-    "trap": SceneKind("a dead end (thesis, figure 6.2)", 1, _trap),
-    "current": SceneKind("one tower in a current", 1, _current),
-    "blind": SceneKind("one tower, no pictures for 6 s", 1, _blind),
-    "empty": SceneKind("empty water with marine snow", 0, _empty),
-    "snow": SceneKind(f"empty water, {THICK_SNOW} times the snow", 0, _snow),
-    "fish": SceneKind("a school of fish, nothing to hit", 0, _fish),
-    "dust": SceneKind("a cloud of sediment, nothing to hit", 0, _dust),
+    "tower": SceneKind("one tower", _tower),
+    "two": SceneKind("two towers in succession (thesis, figure 5.9)", _two),
+    "trap": SceneKind("a dead end (thesis, figure 6.2)", _trap),
+    "current": SceneKind("one tower in a current", _current),
+    "blind": SceneKind("one tower, no pictures for 6 s", _blind),
+    "empty": SceneKind("empty water with marine snow", _empty),
+    "snow": SceneKind(f"empty water, {THICK_SNOW} times the snow", _snow),
+    "fish": SceneKind("a school of fish, nothing to hit", _fish),
+    "dust": SceneKind("a cloud of sediment, nothing to hit", _dust),
 }
 """By name, in the order of tables."""
 
@@ -184,12 +181,8 @@ def draw_scene(name: str, seed: int, width: int) -> LoopScene:
     # Each part has a stream of its own, so that none shifts another.
     place, water, rig, special = (np.random.default_rng([seed, part]) for part in range(4))
     depth = float(place.uniform(*DEPTH_M))
-    scene = LoopScene(
-        name,
-        seed,
-        World(Water.draw(water), seed=seed),
-        SyntheticRig.draw(rig, width),
-        State(np.array([0.0, depth, START_M]), 0.0, np.zeros(3)),
-        np.array([0.0, depth, GOAL_M]),
-    )
+    world = World(Water.draw(water), seed=seed)
+    start = State(np.array([0.0, depth, START_M]), 0.0, np.zeros(3))
+    goal = np.array([0.0, depth, GOAL_M])
+    scene = LoopScene(name, seed, world, SyntheticRig(rig, width), start, goal)
     return KINDS[name].make(special, scene)

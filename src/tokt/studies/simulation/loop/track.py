@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .autopilot import Mode
 from .vehicle import Float, State
@@ -20,11 +18,15 @@ IN_VIEW_M = 10.0
 """What is solid and farther off, along the camera's axis, counts as nothing to see."""
 
 
-@dataclass(frozen=True)
 class Track:
-    """One run.
+    """One run, as it was recorded, step by step.
 
-    Parameters
+    Raises
+    ------
+    ValueError
+        If there was no step.
+
+    Attributes
     ----------
     title, scene, method : str
         The scene in words, its name, and what judged the frames.
@@ -51,53 +53,25 @@ class Track:
         Whether it came to the goal.
     """
 
-    title: str
-    scene: str
-    method: str
-    seed: int
-    t_s: Float
-    position: Float
-    heading: Float
-    mode: NDArray[np.str_]
-    clearance_m: Float
-    frame_t_s: Float
-    frame_status: NDArray[np.int64]
-    frame_in_view: NDArray[np.bool_]
-    avoidances_s: Float
-    reached: bool
-
-    @classmethod
-    def of(
-        cls, title: str, scene: str, method: str, seed: int, steps: Sequence[Step],
+    def __init__(
+        self, title: str, scene: str, method: str, seed: int, steps: Sequence[Step],
         frames: Sequence[SaidOfFrame], avoidances_s: Sequence[float], reached: bool,
-    ) -> Track:  # fmt: skip
-        """A run as it was recorded, step by step.
-
-        Raises
-        ------
-        ValueError
-            If there was no step.
-        """
+    ) -> None:  # fmt: skip
         if not steps:
             raise ValueError("a run without a step")
+        self.title, self.scene, self.method, self.seed = title, scene, method, seed
         times, states, modes, clearances = zip(*steps, strict=True)
         said = np.array(frames, np.float64).reshape(-1, 3)
-        return cls(
-            title,
-            scene,
-            method,
-            seed,
-            t_s=np.array(times),
-            position=np.stack([state.position for state in states]),
-            heading=np.array([state.heading_rad for state in states]),
-            mode=np.array([str(mode) for mode in modes]),
-            clearance_m=np.array(clearances),
-            frame_t_s=said[:, 0],
-            frame_status=said[:, 1].astype(np.int64),
-            frame_in_view=said[:, 2].astype(np.bool_),
-            avoidances_s=np.array(avoidances_s, np.float64),
-            reached=reached,
-        )
+        self.t_s = np.array(times)
+        self.position = np.stack([state.position for state in states])
+        self.heading = np.array([state.heading_rad for state in states])
+        self.mode = np.array([str(mode) for mode in modes])
+        self.clearance_m = np.array(clearances)
+        self.frame_t_s = said[:, 0]
+        self.frame_status = said[:, 1].astype(np.int64)
+        self.frame_in_view = said[:, 2].astype(np.bool_)
+        self.avoidances_s = np.array(avoidances_s, np.float64)
+        self.reached = reached
 
     def at(self, t_s: Float) -> Float:
         """(k, 3) Where the vehicle was at these times, k of them."""

@@ -13,7 +13,6 @@ turns to the east (clockwise seen from above). So (z, x, y) are Fossen's north, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -21,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Float = NDArray[np.float64]
-Current = Float | tuple[float, float, float] | Callable[[float], "Float | tuple[float, ...]"]
+Triple = tuple[float, float, float]
 
 HULL_RADIUS_M = 0.8
 """Of the sphere about the vehicle's centre that must touch nothing: half the length of Minerva
@@ -127,22 +126,20 @@ class Vehicle:
     Parameters
     ----------
     start : State
-    current_m_s : (3,) floats, or a function of time in seconds that gives them
-        Velocity of the water over ground: east, down, north. One that changes is taken to change
-        slowly: its own acceleration is left out.
+    current_m_s : (3,) floats
+        Velocity of the water over ground: east, down, north.
 
     Attributes
     ----------
     state : State
-    t_s : float
-        Seconds since the start.
     applied : Forces
         What the thrusters do now.
     """
 
-    def __init__(self, start: State, current_m_s: Current = (0.0, 0.0, 0.0)) -> None:
+    def __init__(
+        self, start: State, current_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ) -> None:
         self.state = start
-        self.t_s = 0.0
         self.applied = Forces()
         self._current = current_m_s
 
@@ -160,22 +157,15 @@ class Vehicle:
         old = self.state
         place, velocity = old.position.tolist(), old.velocity_body.tolist()
         y0 = (*place, old.heading_rad, *velocity, old.yaw_rate)
-        water = self._current(self.t_s) if callable(self._current) else self._current
-        east, down, north = (float(part) for part in water)
-
-        def rate(y: tuple[float, ...]) -> tuple[float, ...]:
-            return self._rate(y, (east, down, north))
-
-        k1 = rate(y0)
-        k2 = rate(_along(y0, k1, dt_s / 2))
-        k3 = rate(_along(y0, k2, dt_s / 2))
-        k4 = rate(_along(y0, k3, dt_s))
+        k1 = self._rate(y0)
+        k2 = self._rate(_along(y0, k1, dt_s / 2))
+        k3 = self._rate(_along(y0, k2, dt_s / 2))
+        k4 = self._rate(_along(y0, k3, dt_s))
         y = [
             a + dt_s / 6 * (b + 2 * c + 2 * d + e)
             for a, b, c, d, e in zip(y0, k1, k2, k3, k4, strict=True)
         ]
         self.state = State(np.array(y[:3]), y[3], np.array(y[4:7]), y[7])
-        self.t_s += dt_s
 
     def _thrust(self, dt_s: float, asked: Forces) -> Forces:
         """What the thrusters reach in this step of what is asked."""
@@ -186,10 +176,10 @@ class Vehicle:
             reached.append(now + min(max(change, -most * share), most * share))
         return Forces(*reached)
 
-    def _rate(self, y: tuple[float, ...], water: tuple[float, float, float]) -> tuple[float, ...]:
+    def _rate(self, y: tuple[float, ...]) -> tuple[float, ...]:
         _, _, _, heading, u, v, w, r = y
         sine, cosine = math.sin(heading), math.cos(heading)
-        east, down, north = water
+        east, down, north = self._current
         uc, vc = north * cosine + east * sine, east * cosine - north * sine
         ur, vr, wr = u - uc, v - vc, w - down
         own, tau = MINERVA, self.applied

@@ -6,7 +6,6 @@ All that never changes for one camera in one water is worked out once (`ViewMaps
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -46,9 +45,15 @@ _MIN_ATTENUATION = 0.002
 """Attenuation (of 1) below which there is nothing to see."""
 
 
-@dataclass(frozen=True, eq=False)
 class ViewMaps:
     """Maps over the pixels of one camera, in its own coordinates (x right, y down, z ahead).
+
+    Parameters
+    ----------
+    water : Water
+    rig : SyntheticRig
+    side : int
+        The left camera (0) or the right one (1).
 
     Attributes
     ----------
@@ -70,47 +75,33 @@ class ViewMaps:
         Grey levels of a particle for each of its brightness.
     """
 
-    scale: float
-    rays: Single
-    length: Single
-    lamp: Float
-    lamp_axis: Float
-    lamp_along: Single
-    lamp_beam: Single
-    lens: Single
-    open_water: Single
-    floor: Single
-    snow_gain: Single
-
-    @classmethod
-    def of(cls, water: Water, rig: SyntheticRig, side: int) -> ViewMaps:
-        """The maps of the left camera (0) or the right one (1)."""
+    def __init__(self, water: Water, rig: SyntheticRig, side: int) -> None:
         response = (water.left, water.right)[side]
         turn, shift = ((np.eye(3), np.zeros(3)), (rig.rotation, rig.translation_m))[side]
         rays = rig.cameras(np.eye(3), np.zeros(3))[side].rays(np.arange(rig.width * rig.height))
-        lamp = turn @ LAMP_AT_M + shift
-        axis = turn @ LAMP_TOWARDS / np.linalg.norm(LAMP_TOWARDS)
         across = (np.arange(rig.width) + 0.5) / rig.width
         down = (np.arange(rig.height) + 0.5) / rig.width
+        lens = response.gain * vignette(across[None, :], down[:, None], rig)
         shape = illumination(rig, response)[..., None]
         size = (rig.height, 3 * rig.width)
 
         def single(values: Any) -> Single:
             return np.ascontiguousarray(values, np.float32)
 
-        return cls(
-            rig.scale,
-            single(rays),
-            single(np.linalg.norm(rays, axis=0)),
-            lamp,
-            axis,
-            single(lamp @ rays),
-            single(axis @ rays),
-            single(response.gain * vignette(across[None, :], down[:, None], rig)).ravel(),
-            single(shape * np.array(water.veil) * response.gain).reshape(size),
-            single(np.ones_like(shape) * np.array(water.veil_floor) * response.gain).reshape(size),
-            single(shape * np.array(SNOW_TINT) * response.gain).reshape(size),
-        )
+        def over(values: Any) -> Single:
+            return single(values * response.gain).reshape(size)
+
+        self.scale = rig.scale
+        self.rays = single(rays)
+        self.length = single(np.linalg.norm(rays, axis=0))
+        self.lamp = turn @ LAMP_AT_M + shift
+        self.lamp_axis = turn @ LAMP_TOWARDS / np.linalg.norm(LAMP_TOWARDS)
+        self.lamp_along = single(self.lamp @ rays)
+        self.lamp_beam = single(self.lamp_axis @ rays)
+        self.lens = single(lens).ravel()
+        self.open_water = over(shape * np.array(water.veil))
+        self.floor = over(np.ones_like(shape) * np.array(water.veil_floor))
+        self.snow_gain = over(shape * np.array(SNOW_TINT))
 
 
 def surface_light(

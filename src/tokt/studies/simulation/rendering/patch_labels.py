@@ -33,9 +33,13 @@ def coverage(mask: NDArray[np.bool_], grid: Grid) -> NDArray[np.float64]:
     numpy.ndarray
         float64, (patches,), 0..1; exactly 0 where no tower pixel reaches the patch.
     """
-    size = grid.resized(*mask.shape)[::-1]
-    resized = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    return np.asarray(grid.cells(resized).mean(axis=(1, 2), dtype=np.float64))
+    covered = _resized(mask.astype(np.float32), grid)
+    return np.asarray(grid.cells(covered).mean(axis=(1, 2), dtype=np.float64))
+
+
+def _resized(image: NDArray[np.float32], grid: Grid) -> NDArray[np.float32]:
+    size = grid.resized(*image.shape[:2])[::-1]
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def contrast(
@@ -56,15 +60,11 @@ def contrast(
     numpy.ndarray
         float64, (patches,); 0 for a patch without tower.
     """
-    size = grid.resized(*mask.shape)[::-1]
     gray = [
-        cv2.cvtColor(
-            cv2.resize(np.minimum(image, 255), size, interpolation=cv2.INTER_AREA),
-            cv2.COLOR_BGR2GRAY,
-        )
+        cv2.cvtColor(_resized(np.minimum(image, 255), grid), cv2.COLOR_BGR2GRAY)
         for image in (with_tower, without)
     ]
-    covered = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    covered = _resized(mask.astype(np.float32), grid)
     change = grid.cells(np.abs(gray[0] - gray[1]) * covered).sum(axis=(1, 2), dtype=np.float64)
     weight = grid.cells(covered).sum(axis=(1, 2), dtype=np.float64)
     share = np.divide(change, weight, out=np.zeros_like(change), where=weight > 0)

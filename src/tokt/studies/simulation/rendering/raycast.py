@@ -340,7 +340,7 @@ class View(RayCaster):
         self.albedo = np.zeros((len(self.depth), 3), np.float32)
         self.normal = np.zeros((3, len(self.depth)), np.float32)
         self._textures = tower.textures
-        surfaces, here = Surfaces.of([tower]), np.zeros((1, 3))
+        surfaces, here = Surfaces([tower]), np.zeros((1, 3))
         for side in self.sides(surfaces.frusta, here):
             self._paint_side(surfaces, side)
         for face in self.faces(surfaces.boxes, here):
@@ -413,7 +413,8 @@ class Hits(RayCaster):
     def __init__(self, camera: Camera, rays: Single, lamp: Float) -> None:
         super().__init__(camera, lamp, np.float32)
         self._all_rays = rays
-        self.any = False
+        self.material_number = np.zeros(len(self.depth), np.int64)
+        self.across, self.along, self.facing = np.zeros((3, len(self.depth)), np.float32)
 
     def rays(self, pixels: Index) -> Single:
         """See `RayCaster.rays`."""
@@ -480,13 +481,6 @@ class Hits(RayCaster):
         self, pixels: Index, depth: Single, material_number: int, across: Single, along: Single,
         facing: Single | np.float32,
     ) -> None:  # fmt: skip
-        if not len(pixels):
-            return
-        if not self.any:
-            self.any = True
-            size = len(self.depth)
-            self.material_number = np.zeros(size, np.int64)
-            self.across, self.along, self.facing = np.zeros((3, size), np.float32)
         self.depth[pixels] = depth
         self.material_number[pixels] = material_number
         self.across[pixels] = across

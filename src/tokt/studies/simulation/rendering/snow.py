@@ -8,8 +8,6 @@ directions, as densely as a mission has them; sizes, focus and brightness are as
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -24,7 +22,6 @@ from .trajectory import CameraPose
 
 Float = NDArray[np.float64]
 Image = NDArray[np.float32]
-Index = NDArray[np.int64]
 Chosen = NDArray[np.bool_]
 
 _EXPOSURE_S = 0.03
@@ -35,8 +32,6 @@ _SIZE_SIGMA = 0.6
 """Particles' brightness is log-normal."""
 _COARSE = 4
 """Big blobs are drawn this many times smaller."""
-_AT_ONCE = 200_000
-"""Pixels of blobs, unless one has more: their arrays stay in the cache."""
 _PERIOD_M = 5.0
 """Longer than what both cameras see of `NEAR_M` to `FAR_M` is from corner to corner."""
 _MIDDLE_M = (0.15, 0.0, 1.9)
@@ -109,47 +104,20 @@ def _blobs(radius: Float, streak: Float, amount: Float) -> tuple[Float, Image, I
 
 def _splat(image: Image, where: Float, radius: Float, streak: Float, amount: Float) -> None:
     """Add blobs to a picture of a mission."""
-    reach, peak, (across, down, skew) = _blobs(radius, streak, amount)
-    size = np.array(image.shape)[::-1]
+    reach, peak, inverse = _blobs(radius, streak, amount)
     low = np.maximum(np.ceil(where - reach), 0).astype(np.int64)
-    high = np.minimum(np.floor(where + reach) + 1, size).astype(np.int64)
+    high = np.minimum(np.floor(where + reach) + 1, image.shape[::-1]).astype(np.int64)
     centre = where.astype(np.float32)
-    for which, col, row in _pixels_of_boxes(low, high):
-        x = col.astype(np.float32) - centre[which, 0]
-        y = row.astype(np.float32) - centre[which, 1]
-        exponent = across[which] * x * x + down[which] * y * y
-        exponent += skew[which] * x * y
-        np.add.at(image, (row, col), peak[which] * np.exp(exponent))
+    for blob in np.flatnonzero((high > low).all(axis=1)):
+        (left, top), (right, bottom) = low[blob], high[blob]
+        x = np.arange(left, right, dtype=np.float32) - centre[blob, 0]
+        y = np.arange(top, bottom, dtype=np.float32)[:, None] - centre[blob, 1]
+        across, down, skew = inverse[:, blob]
+        exponent = across * x * x + down * y * y
+        exponent += skew * x * y
+        image[top:bottom, left:right] += peak[blob] * np.exp(exponent)
 
 
-def _pixels_of_boxes(low: Index, high: Index) -> Iterator[tuple[Index, Index, Index]]:
-    """Every pixel of every box, box by box and row by row, some boxes at a time.
-
-    Parameters
-    ----------
-    low, high : (n, 2) arrays
-        First column and row of each box, and those after its last; empty where not larger.
-
-    Yields
-    ------
-    which, column, row : (pixels,) arrays
-        The number of the box that each pixel is of, and where it is.
-    """
-    size = np.maximum(high - low, 0)
-    count = size[:, 0] * size[:, 1]
-    ends = np.cumsum(count)
-    first = 0
-    while first < len(count):
-        before = ends[first] - count[first]
-        last = max(int(np.searchsorted(ends, before + _AT_ONCE, "right")), first + 1)
-        which = np.repeat(np.arange(first, last), count[first:last])
-        place = np.arange(before, ends[last - 1]) - (ends - count)[which]
-        row, column = np.divmod(place, np.maximum(size[which, 0], 1))
-        yield which, column + low[which, 0], row + low[which, 1]
-        first = last
-
-
-@dataclass(frozen=True, eq=False)
 class Snow:
     """Particles at a moment, about the left camera.
 
@@ -161,20 +129,12 @@ class Snow:
         Relative brightness.
     """
 
-    places: Image
-    sizes: Image
-    brightness: float
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, water: Water) -> Snow:
-        """The particles of a world."""
+    def __init__(self, rng: np.random.Generator, water: Water) -> None:
         volume = (_ACROSS[1] - _ACROSS[0]) * (_DOWN[1] - _DOWN[0]) * (_FAR_M**3 - _NEAR_M**3) / 3
         count = round(water.snow_per_frame / volume * _PERIOD_M**3)
-        return cls(
-            rng.uniform(0.0, _PERIOD_M, (3, count)).astype(np.float32),
-            rng.lognormal(0.0, _SIZE_SIGMA, count).astype(np.float32),
-            water.snow_brightness,
-        )
+        self.places = rng.uniform(0.0, _PERIOD_M, (3, count)).astype(np.float32)
+        self.sizes = rng.lognormal(0.0, _SIZE_SIGMA, count).astype(np.float32)
+        self.brightness = water.snow_brightness
 
     def near(self, left: Camera, carried: Float) -> tuple[Float, Float]:
         """World places (n, 3), relative to the left camera, and sizes of what may be in view.

@@ -6,8 +6,6 @@ the same JPEG: to a model trained on such missions it looks like theirs.
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -45,28 +43,24 @@ class StereoRenderer:
 
     def __init__(self, world: World, rig: SyntheticRig, seed: int) -> None:
         self._world, self._rig, self._seed = world, rig, seed
-        self._surfaces = Surfaces.of([thing.shape for thing in world.things])
+        self._surfaces = Surfaces([thing.shape for thing in world.things])
         textures = [fish_texture(np.random.default_rng([world.seed, _FISH]))]
         textures += [thing.shape.textures for thing in world.things]
-        self._materials = Materials.of(self._surfaces.materials, textures)
-        self._snow = Snow.draw(np.random.default_rng([world.seed, _SNOW]), world.water)
+        self._materials = Materials(self._surfaces.materials, textures)
+        self._snow = Snow(np.random.default_rng([world.seed, _SNOW]), world.water)
         clouds = np.random.default_rng([seed, _CLOUDS])
         self._clouds = cloud_bank(clouds, rig.height, rig.width)
         self._seen = (b"", np.inf)
-
-    @cached_property
-    def _left(self) -> tuple[ViewMaps, SensorNoise]:
-        return self._camera(0)
-
-    @cached_property
-    def _right(self) -> tuple[ViewMaps, SensorNoise]:
-        return self._camera(1)
+        self._kept: dict[int, tuple[ViewMaps, SensorNoise]] = {}
 
     def _camera(self, side: int) -> tuple[ViewMaps, SensorNoise]:
-        """The parts of one camera that stay the same."""
-        water, rig = self._world.water, self._rig
-        rng = np.random.default_rng([self._seed, _SENSOR, side])
-        return ViewMaps.of(water, rig, side), SensorNoise(water, rng, rig.height, rig.width)
+        """The parts of the left camera (0) or the right one (1) that stay the same."""
+        if side not in self._kept:
+            water, rig = self._world.water, self._rig
+            rng = np.random.default_rng([self._seed, _SENSOR, side])
+            noise = SensorNoise(water, rng, rig.height, rig.width)
+            self._kept[side] = ViewMaps(water, rig, side), noise
+        return self._kept[side]
 
     def left(self, t_s: float, position: Float, heading_rad: float, velocity: Float) -> Frame:
         """The left camera's frame.
@@ -96,48 +90,48 @@ class StereoRenderer:
         cameras = self._cameras(position, heading_rad)
         return self._see(0, t_s, cameras, velocity), self._see(1, t_s, cameras, velocity)
 
-    def sees_solid(self, t_s: float, position: Float, heading_rad: float, within_m: float) -> bool:
+    def sees_solid(self, position: Float, heading_rad: float, within_m: float) -> bool:
         """Whether the left camera's frame shows something solid nearer than `within_m`, no fish.
 
         Parameters
         ----------
-        t_s, position, heading_rad
+        position, heading_rad
             As of `left`.
         within_m : float
             Metres along the optical axis.
         """
         left, _ = self._cameras(position, heading_rad)
-        if self._seen[0] != _moment(t_s, left):
-            self._solids(0, t_s, left)
+        if self._seen[0] != _pose(left):
+            self._solids(0, left)
         return self._seen[1] < within_m
 
     def _cameras(self, position: Float, heading_rad: float) -> tuple[Camera, Camera]:
         """Both cameras, level, with the left one at `position`."""
         return self._rig.cameras(upright(heading_rad), np.asarray(position, np.float64))
 
-    def _solids(self, side: int, t_s: float, camera: Camera) -> Hits:
+    def _solids(self, side: int, camera: Camera) -> Hits:
         """Surfaces without fish; the left camera's nearest depth is kept for `sees_solid`."""
-        maps, _ = self._right if side else self._left
+        maps, _ = self._camera(side)
         hits = Hits(camera, maps.rays, maps.lamp)
         if self._world.things:
-            origins = np.array([thing.origin(t_s) for thing in self._world.things])
+            origins = np.array([thing.at for thing in self._world.things], np.float64)
             hits.add_solids(self._surfaces, origins)
         if side == 0:
-            self._seen = _moment(t_s, camera), float(hits.depth.min())
+            self._seen = _pose(camera), float(hits.depth.min())
         return hits
 
     def _see(self, side: int, t_s: float, cameras: tuple[Camera, Camera], velocity: Float) -> Frame:
         world, own = self._world, cameras[side]
-        maps, sensor = self._right if side else self._left
+        maps, sensor = self._camera(side)
         micros = round(t_s * 1e6)
-        hits = self._solids(side, t_s, own)
+        hits = self._solids(side, own)
         if world.fish is not None:
             hits.add_fish(world.fish, t_s)
         moment = np.random.default_rng([self._seed, _MOMENT, micros])
         light = cut(self._clouds, moment) * np.float32(moment.uniform(0.97, 1.03))
         light *= maps.open_water
         light += maps.floor
-        if hits.any:
+        if len(hits.pixels):
             change = surface_light(world.water, self._materials, maps, hits, light)
             light += change.reshape(light.shape)
         if world.dust:
@@ -155,6 +149,6 @@ class StereoRenderer:
         )
 
 
-def _moment(t_s: float, camera: Camera) -> bytes:
-    """The same bytes for the same time and pose only."""
-    return np.array([t_s, *camera.centre, *camera.rotation.flat]).tobytes()
+def _pose(camera: Camera) -> bytes:
+    """The same bytes for the same pose only."""
+    return np.array([*camera.centre, *camera.rotation.flat]).tobytes()

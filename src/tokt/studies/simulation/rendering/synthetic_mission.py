@@ -106,13 +106,8 @@ class MissionScene:
     def draw(cls, seed: int, n_frames: int, width: int) -> MissionScene:
         """Draw a scene; each part has a stream of its own, so that none shifts another."""
         rig, water, tower, trajectory = (np.random.default_rng([seed, part]) for part in range(4))
-        return cls(
-            seed,
-            SyntheticRig.draw(rig, width),
-            Water.draw(water),
-            Tower.draw(tower),
-            draw_trajectory(trajectory, n_frames),
-        )
+        poses = draw_trajectory(trajectory, n_frames)
+        return cls(seed, SyntheticRig(rig, width), Water.draw(water), Tower.draw(tower), poses)
 
 
 def simulate_mission(
@@ -223,12 +218,8 @@ def _render_frame(scene: MissionScene, folder: Path, number: int) -> RenderedFra
         image = develop(scene.water, exposure, sensor)
         _write_image(folder / folder_name / f"sim_{letter}_{number}.jpg", image, JPEG)
     nearest = float(views[0].depth.min())
-    return RenderedFrame(
-        number,
-        round(nearest, 4) if np.isfinite(nearest) else None,
-        round(float(np.linalg.norm(pose.centre)), 4),
-        labels,
-    )
+    nearest_m = round(nearest, 4) if np.isfinite(nearest) else None
+    return RenderedFrame(number, nearest_m, round(float(np.linalg.norm(pose.centre)), 4), labels)
 
 
 def _write_truth(folder: Path, number: int, view: View, exposure: Exposure) -> list[str]:

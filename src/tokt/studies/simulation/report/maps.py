@@ -100,8 +100,8 @@ def still(track: Track, chart: Chart) -> bytes:
     nearest to something solid.
     """
     figure, axes = _sheet(track, chart, _STILL_DPI)
-    lines = LineCollection(_pieces(track), colors=_colors(track), linewidths=1.8, zorder=3)
-    axes.add_collection(lines)
+    pieces, colors = _pieces(track)
+    axes.add_collection(LineCollection(pieces, colors=colors, linewidths=1.8, zorder=3))
     unknown = track.at(track.frame_t_s[track.frame_status == -1])
     axes.plot(*unknown[:, _EAST_NORTH].T, "o", mfc="none", mec="0.5", ms=4, zorder=4)
     seen = track.obstacle_places
@@ -182,15 +182,11 @@ def overview(tracks: Sequence[Track], charts: Sequence[Chart], columns: int = 17
     return figure_png(figure)
 
 
-def _pieces(track: Track) -> list[Float]:
-    """(2, 2) each: the lines from each place of a track to the next."""
+def _pieces(track: Track) -> tuple[list[Float], list[str]]:
+    """The lines (2, 2) from each place of a track to the next, and their colours."""
     places = track.position[:, _EAST_NORTH]
-    return list(np.stack([places[:-1], places[1:]], axis=1))
-
-
-def _colors(track: Track) -> list[str]:
-    """Of each of these lines."""
-    return [_COLORS[Mode(mode)] for mode in track.mode[1:]]
+    pieces = list(np.stack([places[:-1], places[1:]], axis=1))
+    return pieces, [_COLORS[Mode(mode)] for mode in track.mode[1:]]
 
 
 def _collided(track: Track) -> bool:
@@ -297,7 +293,7 @@ class _Moving:
 
     def __init__(self, axes: Axes, track: Track) -> None:
         self._axes, self._track = axes, track
-        self._pieces, self._colors = _pieces(track), _colors(track)
+        self._pieces, self._colors = _pieces(track)
         self._track_line = LineCollection([], linewidths=1.6, animated=True, zorder=3)
         self._view = Wedge((0, 0), _VIEW_M, 0, 1, color="#f3d36b", alpha=0.35, animated=True)
         self._hull = Circle((0, 0), HULL_RADIUS_M, fill=False, lw=1.4, animated=True, zorder=5)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -49,56 +48,9 @@ def write_report(
     atomic.write_text(out / "table.csv", rows.to_csv(index=False))
     runs = pd.DataFrame([outcome.to_json() for outcome in outcomes])
     atomic.write_text(out / "runs.csv", runs.to_csv(index=False))
-    sections = _sections(tracks, charts)
-    for section in sections:
-        for name, data in section.files.items():
-            atomic.write_bytes(out / "maps" / name, data)
-    atomic.write_text(out / "report.html", _page(rows, sections, words))
-
-
-@dataclass(frozen=True)
-class _Section:
-    """A scene with a method: how many runs, the nearest of them, and the files with its maps."""
-
-    runs: int
-    nearest: Track
-    overview: str
-    maps: tuple[str, ...]
-    files: dict[str, bytes]
-
-    @property
-    def solid(self) -> bool:
-        """Whether there was anything to come near to."""
-        return bool(np.isfinite(self.nearest.clearance_m.min()))
-
-    def uri(self, name: str) -> str:
-        """A file of it as a data URI."""
-        kind = "webp" if name.endswith(".webp") else "png"
-        return f"data:image/{kind};base64," + base64.b64encode(self.files[name]).decode("ascii")
-
-
-def _sections(tracks: Sequence[Track], charts: Sequence[Chart]) -> list[_Section]:
-    groups: dict[tuple[str, str], list[tuple[Track, Chart]]] = {}
-    for track, chart in zip(tracks, charts, strict=True):
-        groups.setdefault((track.scene, track.method), []).append((track, chart))
-    animated: set[str] = set()
-    sections = []
-    for (scene, method), group in groups.items():
-        nearest, chart = min(group, key=lambda one: one[0].clearance_m.min())
-        name = f"{scene}-{method}"
-        maps = {f"{name}-{nearest.seed}.png": still(nearest, chart)}
-        if scene not in animated:
-            animated.add(scene)
-            maps[f"{name}-{nearest.seed}.webp"] = animation(nearest, chart)
-        all_runs = overview([track for track, _ in group], [chart for _, chart in group])
-        files = {f"{name}.png": all_runs, **maps}
-        sections.append(_Section(len(group), nearest, f"{name}.png", tuple(maps), files))
-    return sections
-
-
-def _page(rows: pd.DataFrame, sections: Sequence[_Section], words: Sequence[str]) -> str:
-    titles = {section.nearest.scene: section.nearest.title for section in sections}
-    return report_page(
+    sections = _sections(out, tracks, charts)
+    titles = {track.scene: track.title for track in tracks}
+    page = report_page(
         __package__,
         version=__version__,
         words=words,
@@ -109,6 +61,36 @@ def _page(rows: pd.DataFrame, sections: Sequence[_Section], words: Sequence[str]
         fresh_s=FRESH_S,
         in_view_m=IN_VIEW_M,
     )
+    atomic.write_text(out / "report.html", page)
+
+
+def _sections(out: Path, tracks: Sequence[Track], charts: Sequence[Chart]) -> list[dict[str, Any]]:
+    """Write the maps of each scene with a method; what the page shows of them."""
+    groups: dict[tuple[str, str], list[tuple[Track, Chart]]] = {}
+    for track, chart in zip(tracks, charts, strict=True):
+        groups.setdefault((track.scene, track.method), []).append((track, chart))
+    animated: set[str] = set()
+    sections = []
+    for (scene, method), group in groups.items():
+        nearest, chart = min(group, key=lambda one: one[0].clearance_m.min())
+        name = f"{scene}-{method}"
+        all_runs = overview([track for track, _ in group], [chart for _, chart in group])
+        files = {f"{name}.png": all_runs, f"{name}-{nearest.seed}.png": still(nearest, chart)}
+        if scene not in animated:
+            animated.add(scene)
+            files[f"{name}-{nearest.seed}.webp"] = animation(nearest, chart)
+        for file, data in files.items():
+            atomic.write_bytes(out / "maps" / file, data)
+        whole, *maps = (_uri(*file) for file in files.items())
+        solid = bool(np.isfinite(nearest.clearance_m.min()))
+        shown = {"nearest": nearest, "solid": solid, "overview": whole, "maps": maps}
+        sections.append({"runs": len(group), **shown})
+    return sections
+
+
+def _uri(name: str, data: bytes) -> str:
+    kind = "webp" if name.endswith(".webp") else "png"
+    return f"data:image/{kind};base64," + base64.b64encode(data).decode("ascii")
 
 
 def _shown(row: Mapping[Any, Any], titles: Mapping[str, str]) -> dict[str, str | int | bool]:

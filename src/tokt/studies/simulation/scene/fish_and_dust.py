@@ -23,18 +23,23 @@ _BEAT_RAD_S = 12.0
 _MIN_M, _MAX_M = 0.2, 0.5
 
 
-@dataclass(frozen=True, eq=False)
 class School:
-    """Fish that keep their places in a moving school, loosely.
+    """Fish that keep their places in a school that moves straight on, loosely; drawn at random.
 
-    Attributes
+    Parameters
     ----------
-    through : (3,) array
+    through : (3,) tuple
         World point that the school's middle passes at `at_s`.
     at_s : float
         That time, s.
-    velocity : (3,) array
+    velocity : (3,) tuple
         m/s.
+    count : int
+    spread_m : (3,) tuple
+        Along world axes.
+
+    Attributes
+    ----------
     places : (n, 3) array
         Each fish from the middle, m.
     length_m : (n,) array
@@ -44,34 +49,21 @@ class School:
         rad, at `at_s`.
     """
 
-    through: Float
-    at_s: float
-    velocity: Float
-    places: Float
-    length_m: Float
-    rate: Float
-    phase: Float
-
-    @classmethod
-    def crossing(
-        cls,
+    def __init__(
+        self,
         rng: np.random.Generator,
         through: Triple,
         at_s: float,
         velocity: Triple = (0.5, 0.0, 0.0),
         count: int = 30,
         spread_m: Triple = (1.0, 0.4, 0.8),
-    ) -> School:
-        """A school drawn at random about a straight line; `spread_m` along world axes."""
-        return cls(
-            np.array(through, np.float64),
-            at_s,
-            np.array(velocity, np.float64),
-            rng.normal(0.0, 1.0, (count, 3)) * spread_m,
-            rng.uniform(_MIN_M, _MAX_M, count),
-            rng.uniform(0.4, 1.2, (count, 3)),
-            rng.uniform(0.0, 2 * np.pi, (count, 3)),
-        )
+    ) -> None:
+        self.through, self.at_s = np.array(through, np.float64), at_s
+        self.velocity = np.array(velocity, np.float64)
+        self.places = rng.normal(0.0, 1.0, (count, 3)) * spread_m
+        self.length_m = rng.uniform(_MIN_M, _MAX_M, count)
+        self.rate = rng.uniform(0.4, 1.2, (count, 3))
+        self.phase = rng.uniform(0.0, 2 * np.pi, (count, 3))
 
     def at(self, t_s: float) -> Float:
         """World positions (n, 3) of the fish's middles at a time, metres."""

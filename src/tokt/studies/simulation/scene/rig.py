@@ -48,50 +48,38 @@ class Camera:
         return np.stack([x, y, np.ones(len(pixels))])
 
 
-@dataclass(frozen=True)
 class SyntheticRig:
-    """Two pinhole cameras without distortion; a right-camera point is ``R @ left + T``.
+    """A rig of the mission's proportions, turned by about a degree as a real one is.
+
+    Two pinhole cameras without distortion; a right-camera point is ``R @ left + T``.
 
     Attributes
     ----------
     width, height : int
         Frame size in pixels.
-    left, right : (3, 3) arrays
-        Camera matrices in pixels; pixel centres have whole-number coordinates.
+    scale : float
+        Pixels of this rig for one pixel of the mission camera.
     rotation : (3, 3) array
         R.
     translation_m : (3,) array
         T in metres, about ``(-baseline, 0, 0)``.
+    left, right : (3, 3) arrays
+        Camera matrices in pixels; pixel centres have whole-number coordinates.
     """
 
-    width: int
-    height: int
-    left: Float
-    right: Float
-    rotation: Float
-    translation_m: Float
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, width: int) -> SyntheticRig:
-        """A rig of the mission's proportions, turned by about a degree as a real one is."""
-        scale = width / FULL_WIDTH
-        height = round(FULL_HEIGHT * scale)
-
-        def camera(focal_px: float) -> Float:
-            focal = focal_px * scale
-            centre = (width - 1) / 2, (height - 1) / 2
-            return np.array([[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1.0]])
-
-        rotation = cv2.Rodrigues(rng.normal(0.0, [0.010, 0.010, 0.010]))[0]
+    def __init__(self, rng: np.random.Generator, width: int) -> None:
+        self.width, self.scale = width, width / FULL_WIDTH
+        self.height = round(FULL_HEIGHT * self.scale)
+        turn = cv2.Rodrigues(rng.normal(0.0, [0.010, 0.010, 0.010]))[0]
+        self.rotation = np.asarray(turn, np.float64)
         direction = np.array([-1.0, *rng.normal(0.0, 0.01, 2)])
-        return cls(
-            width,
-            height,
-            camera(_FOCAL_PX),
-            camera(_FOCAL_PX * rng.uniform(0.997, 1.005)),
-            np.asarray(rotation, np.float64),
-            _BASELINE_M * direction / np.linalg.norm(direction),
-        )
+        self.translation_m = _BASELINE_M * direction / np.linalg.norm(direction)
+        self.left = self._matrix(_FOCAL_PX)
+        self.right = self._matrix(_FOCAL_PX * rng.uniform(0.997, 1.005))
+
+    def _matrix(self, focal_px: float) -> Float:
+        focal, x, y = focal_px * self.scale, (self.width - 1) / 2, (self.height - 1) / 2
+        return np.array([[focal, 0, x], [0, focal, y], [0, 0, 1.0]])
 
     def cameras(self, rotation: Float, centre: Float) -> tuple[Camera, Camera]:
         """The left camera, turned and placed so in the world, and the right one beside it."""
@@ -101,11 +89,6 @@ class SyntheticRig:
             Camera(self.left, rotation, centre, self.width, self.height),
             Camera(self.right, right, beside, self.width, self.height),
         )
-
-    @property
-    def scale(self) -> float:
-        """Pixels of this rig for one pixel of the mission camera."""
-        return self.width / FULL_WIDTH
 
     def write(self, path: Path) -> None:
         """Write an OpenCV FileStorage with K1 D1 K2 D2 R T_mm R1 R2 and the frames' size."""

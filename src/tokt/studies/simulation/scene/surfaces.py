@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,42 +22,22 @@ _HULL_POINTS = 16
 STALK_MATERIAL, FISH_MATERIAL = 0, 1
 
 
-@dataclass(frozen=True, eq=False)
 class Frusta:
     """Truncated cones; the axes' second row runs along the cone, from start to end.
 
     `thing` is the number of the placed thing whose origin the coordinates are about.
     """
 
-    start: Float
-    axes: Float
-    length: Float
-    radius: Float
-    slope: Float
-    end_radius: Float
-    hull: Float
-    thing: Index
-    material_number: Index
-
-    @classmethod
-    def of(cls, solids: Sequence[Frustum], thing: Index, material_number: Index) -> Frusta:
-        """These solids."""
-        length = np.array([solid.length for solid in solids])
-        start_radius = np.array([solid.start_radius for solid in solids])
-        end_radius = np.array([solid.end_radius for solid in solids])
-        return cls(
-            np.array([solid.start for solid in solids]).reshape(-1, 3),
-            np.array([solid.frame() for solid in solids]).reshape(-1, 3, 3),
-            length,
-            start_radius,
-            (end_radius - start_radius) / length,
-            end_radius,
-            np.array([solid.rims(_HULL_POINTS, outside=True) for solid in solids]).reshape(
-                -1, 2 * _HULL_POINTS, 3
-            ),
-            thing,
-            material_number,
-        )
+    def __init__(self, solids: Sequence[Frustum], thing: Index, material_number: Index) -> None:
+        hulls = [solid.rims(_HULL_POINTS, outside=True) for solid in solids]
+        self.start = np.array([solid.start for solid in solids]).reshape(-1, 3)
+        self.axes = np.array([solid.frame() for solid in solids]).reshape(-1, 3, 3)
+        self.length = np.array([solid.length for solid in solids])
+        self.radius = np.array([solid.start_radius for solid in solids])
+        self.end_radius = np.array([solid.end_radius for solid in solids])
+        self.slope = (self.end_radius - self.radius) / self.length
+        self.hull = np.array(hulls).reshape(-1, 2 * _HULL_POINTS, 3)
+        self.thing, self.material_number = thing, material_number
 
     def distances_m(self, points: Float) -> Float:
         """(n, m): from each of points (n, 3) to each cone; 0 in it.
@@ -90,15 +69,14 @@ def _to_segments(points: Float, start: Float, end: Float) -> Float:
     return np.asarray(np.linalg.norm(off - share[..., None] * step, axis=2))
 
 
-@dataclass(frozen=True, eq=False)
 class Boxes:
     """Cuboids: centre, orthonormal axes as rows, half sizes."""
 
-    centre: Float
-    axes: Float
-    half: Float
-    thing: Index
-    material_number: Index
+    def __init__(self, solids: Sequence[Cuboid], thing: Index, material_number: Index) -> None:
+        self.centre = np.array([solid.centre for solid in solids]).reshape(-1, 3)
+        self.axes = np.array([solid.axes for solid in solids]).reshape(-1, 3, 3)
+        self.half = np.array([solid.half for solid in solids]).reshape(-1, 3)
+        self.thing, self.material_number = thing, material_number
 
     def distances_m(self, points: Float) -> Float:
         """(n, m): from each of points (n, 3) to each box; 0 in it."""
@@ -107,19 +85,19 @@ class Boxes:
         return np.asarray(np.linalg.norm(outside.clip(0), axis=2))
 
 
-@dataclass(frozen=True, eq=False)
 class Stalks:
-    """Lines from root to tip (n, 2, 3)."""
+    """Lines from root to tip (n, 2, 3), each with the number of the thing that it grows on."""
 
-    ends: Float
-    half_width: Float
-    brightness: Float
-    thing: Index
+    def __init__(self, shapes: Sequence[Tower]) -> None:
+        stalks = [(thing, stalk) for thing, shape in enumerate(shapes) for stalk in shape.stalks]
+        self.ends = np.array([(stalk.root, stalk.tip) for _, stalk in stalks]).reshape(-1, 2, 3)
+        self.half_width = np.array([stalk.half_width for _, stalk in stalks])
+        self.brightness = np.array([stalk.brightness for _, stalk in stalks])
+        self.thing = np.array([thing for thing, _ in stalks], np.int64)
 
 
-@dataclass(frozen=True, eq=False)
 class Surfaces:
-    """All that is solid to look at and stays in its place.
+    """All that is solid to look at and stays in its place: solids and stalks of placed things.
 
     Attributes
     ----------
@@ -127,49 +105,21 @@ class Surfaces:
         By number, with the number of its texture: 0 is the fishes', then each thing's own.
     """
 
-    frusta: Frusta
-    boxes: Boxes
-    stalks: Stalks
-    materials: list[tuple[Material, int]]
-
-    @classmethod
-    def of(cls, shapes: Sequence[Tower]) -> Surfaces:
-        """The solids and stalks of placed things; the materials are the fishes' too."""
-        materials = [(GROWTH, 0), (FISH, 0)]
+    def __init__(self, shapes: Sequence[Tower]) -> None:
+        placed = [(solid, thing) for thing, shape in enumerate(shapes) for solid in shape.solids]
+        own = [(solid.material, thing + 1) for solid, thing in placed]
+        self.materials = list(dict.fromkeys([(GROWTH, 0), (FISH, 0), *own]))
 
         def numbered(kind: type) -> tuple[list[Any], Index, Index]:
             """Solids of a kind, each with the numbers of its thing and of its material."""
-            solids, things, numbers = [], [], []
-            for thing, shape in enumerate(shapes):
-                for solid in shape.solids:
-                    if isinstance(solid, kind):
-                        material = (solid.material, thing + 1)
-                        if material not in materials:
-                            materials.append(material)
-                        solids.append(solid)
-                        things.append(thing)
-                        numbers.append(materials.index(material))
-            return solids, np.array(things, np.int64), np.array(numbers, np.int64)
+            chosen = [(solid, thing) for solid, thing in placed if isinstance(solid, kind)]
+            things = np.array([thing for _, thing in chosen], np.int64)
+            numbers = [self.materials.index((one.material, thing + 1)) for one, thing in chosen]
+            return [solid for solid, _ in chosen], things, np.array(numbers, np.int64)
 
-        boxes, box_things, box_materials = numbered(Cuboid)
-        stalks = [(thing, stalk) for thing, shape in enumerate(shapes) for stalk in shape.stalks]
-        return cls(
-            Frusta.of(*numbered(Frustum)),
-            Boxes(
-                np.array([box.centre for box in boxes]).reshape(-1, 3),
-                np.array([box.axes for box in boxes]).reshape(-1, 3, 3),
-                np.array([box.half for box in boxes]).reshape(-1, 3),
-                box_things,
-                box_materials,
-            ),
-            Stalks(
-                np.array([(stalk.root, stalk.tip) for _, stalk in stalks]).reshape(-1, 2, 3),
-                np.array([stalk.half_width for _, stalk in stalks]),
-                np.array([stalk.brightness for _, stalk in stalks]),
-                np.array([thing for thing, _ in stalks], np.int64),
-            ),
-            materials,
-        )
+        self.frusta = Frusta(*numbered(Frustum))
+        self.boxes = Boxes(*numbered(Cuboid))
+        self.stalks = Stalks(shapes)
 
     def distance_m(self, points: Float) -> Float:
         """Distance of points from the nearest of the solids, where nothing has drifted.
@@ -188,9 +138,14 @@ class Surfaces:
         return np.asarray(np.concatenate(both, axis=1).min(axis=1, initial=np.inf), np.float64)
 
 
-@dataclass(frozen=True, eq=False)
 class Materials:
     """Materials with their textures, by number; 0 has no texture.
+
+    Parameters
+    ----------
+    materials : sequence of (Material, int)
+        Each with its texture's number.
+    textures : sequence of Texture
 
     Attributes
     ----------
@@ -204,32 +159,20 @@ class Materials:
         A level's first texel, and texels along its side.
     """
 
-    paint: Single
-    rust: Single
-    texture: Index
-    texels: Single
-    first: Index
-    size: Index
-
-    @classmethod
-    def of(
-        cls, materials: Sequence[tuple[Material, int]], textures: Sequence[Texture]
-    ) -> Materials:
-        """Materials each with its texture's number."""
+    def __init__(
+        self, materials: Sequence[tuple[Material, int]], textures: Sequence[Texture]
+    ) -> None:
         paint = np.array([material.paint for material, _ in materials], np.float64)
         rust = np.array([material.rust for material, _ in materials], np.float64)
         rusted = np.array([material.rusted for material, _ in materials], np.float64)
         levels = [level for texture in textures for level in texture]
-        counts = [len(level) ** 2 for level in levels]
-        shape = (len(textures), _LEVELS)
-        return cls(
-            np.ascontiguousarray(paint.T, np.float32),
-            np.ascontiguousarray(((rust - paint) * rusted[:, None]).T, np.float32),
-            np.array([texture for _, texture in materials], np.int64),
-            np.concatenate([level.reshape(-1, 2) for level in levels]),
-            np.concatenate([[0], np.cumsum(counts[:-1])]).reshape(shape).astype(np.int64),
-            np.array([len(level) for level in levels], np.int64).reshape(shape),
-        )
+        sizes = np.array([len(level) for level in levels], np.int64)
+        self.paint = np.ascontiguousarray(paint.T, np.float32)
+        self.rust = np.ascontiguousarray(((rust - paint) * rusted[:, None]).T, np.float32)
+        self.texture = np.array([texture for _, texture in materials], np.int64)
+        self.texels = np.concatenate([level.reshape(-1, 2) for level in levels])
+        self.size = sizes.reshape(-1, _LEVELS)
+        self.first = (np.cumsum(sizes**2) - sizes**2).reshape(-1, _LEVELS)
 
     def look_up(
         self, material_number: Index, across: Single, along: Single, pixel_m: Single

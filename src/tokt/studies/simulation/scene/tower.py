@@ -145,15 +145,8 @@ def _tripod(turn: float) -> list[Frustum]:
     for number in range(3):
         angle = turn + number * 2 * np.pi / 3
         outward = np.array([np.cos(angle), 0.0, np.sin(angle)])
-        legs.append(
-            Frustum(
-                _up(-_TOP_OF_LEGS_M) + 0.05 * outward,
-                _up(-_FEET_M) + 0.78 * outward,
-                0.055,
-                0.075,
-                WHITE if number == 0 else GREY,
-            )
-        )
+        top, foot = _up(-_TOP_OF_LEGS_M) + 0.05 * outward, _up(-_FEET_M) + 0.78 * outward
+        legs.append(Frustum(top, foot, 0.055, 0.075, WHITE if number == 0 else GREY))
     return legs
 
 
