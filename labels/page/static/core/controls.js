@@ -8,8 +8,7 @@ import { classes, colourOf, setSetting, signOf } from "./mission.js";
 
 /** Patch of colour with the class's key in it, so that colour is never the only sign. */
 export function swatch(name) {
-  const attrs = { "aria-hidden": "true" };
-  const mark = el("span", { class: "swatch", text: signOf(name), attrs });
+  const mark = el("span", { class: "swatch", text: signOf(name), "aria-hidden": "true" });
   mark.style.backgroundColor = colourOf(name);
   mark.style.color = inkOn(colourOf(name));
   return mark;
@@ -78,7 +77,7 @@ export function optionsOf(values, chosen) {
   return values
     .map((value) => [value].flat())
     .map(([value, text = value]) =>
-      el("option", { text, attrs: { value, selected: value === chosen } }),
+      el("option", { text, value, selected: value === chosen }),
     );
 }
 
@@ -94,11 +93,11 @@ export function obstacleChoice() {
 }
 
 function group(name, ...children) {
-  return el("span", { class: "pager", attrs: { role: "group", "aria-label": name } }, ...children);
+  return el("span", { class: "pager", role: "group", "aria-label": name }, ...children);
 }
 
 function named(sign, name, key, run) {
-  return button(sign, run, { title: `${name} (${key})`, attrs: { "aria-label": name } });
+  return button(sign, run, { title: `${name} (${key})`, "aria-label": name });
 }
 
 /**

@@ -4,16 +4,16 @@
 /**
  * Make an element.
  * @param {string} tag
- * @param {{class?: string, text?: string, attrs?: Object, on?: Object<string, Function>}} [options]
- *   `attrs`: true gives an empty attribute, false, null and undefined give none.
+ * @param {{text?: string, on?: Object<string, Function>}} [options] `text`: its words; `on`: its
+ *   listeners by event. All others are attributes: true gives an empty one, false, null and
+ *   undefined give none.
  * @param {...(Node|string|null|undefined)} children
  * @returns {HTMLElement}
  */
-export function el(tag, { class: className, text, attrs = {}, on = {} } = {}, ...children) {
+export function el(tag, { text, on = {}, ...attributes } = {}, ...children) {
   const node = document.createElement(tag);
-  if (className) node.className = className;
   if (text !== undefined) node.textContent = text;
-  for (const [name, value] of Object.entries(attrs)) setAttribute(node, name, value);
+  for (const [name, value] of Object.entries(attributes)) setAttribute(node, name, value);
   for (const [type, listener] of Object.entries(on)) node.addEventListener(type, listener);
   node.append(...children.filter((child) => child !== null && child !== undefined));
   return node;
@@ -35,20 +35,15 @@ export function setAttribute(node, name, value) {
  * next Enter or Space is the view's and does not press the button again.
  * @param {string} text
  * @param {Function} run
- * @param {{class?: string, title?: string, attrs?: Object}} [options]
+ * @param {Object} [attributes]
  * @returns {HTMLButtonElement}
  */
-export function button(text, run, { class: className = "", title, attrs = {} } = {}) {
+export function button(text, run, attributes) {
   const click = (event) => {
     run(event);
     if (event.detail > 0) focusView();
   };
-  return el("button", {
-    class: className,
-    text,
-    attrs: { type: "button", title, ...attrs },
-    on: { click },
-  });
+  return el("button", { text, type: "button", on: { click }, ...attributes });
 }
 
 /**

@@ -136,7 +136,7 @@ export function toggleHelp() {
     el("button", {
       class: "close",
       text: "Close (Esc)",
-      attrs: { type: "button" },
+      type: "button",
       on: { click: toggleHelp },
     }),
     el("h2", { text: "Keys" }),

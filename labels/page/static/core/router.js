@@ -127,8 +127,8 @@ function buildLinks() {
       event.preventDefault();
       go(views.get(name).link?.() ?? `#/${name}`);
     };
-    const attrs = { href: `#/${name}`, "data-view": name };
-    return el("a", { text: view.title, attrs, on: { click: follow } });
+    const on = { click: follow };
+    return el("a", { text: view.title, href: `#/${name}`, "data-view": name, on });
   });
   document.getElementById("views").replaceChildren(...links);
 }

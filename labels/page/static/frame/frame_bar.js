@@ -18,7 +18,7 @@ import { STATES } from "./timeline.js";
 export function buildBar(commands, keyFor) {
   const command = commandButtons(commands, keyFor);
   const number = el("input", {
-    attrs: { type: "number", "aria-label": "Frame number", class: "frame-number" },
+    type: "number", "aria-label": "Frame number", class: "frame-number",
     on: {
       change: () => number.value && commands.goTo(Number(number.value)),
       // Leaving it is what changes it.
@@ -31,7 +31,7 @@ export function buildBar(commands, keyFor) {
   const setFilter = () => setSetting("filter", filter.value);
   const filter = backAfterMouse(el("select", { class: "filter", on: { change: setFilter } }));
   const matches = el("span", { class: "matches" });
-  const legend = el("div", { class: "legend", attrs: { "aria-label": "States of frames" } });
+  const legend = el("div", { class: "legend", "aria-label": "States of frames" });
   const root = el(
     "div",
     { class: "frame-bar" },
@@ -84,7 +84,7 @@ function showLegend(root, camera) {
       el(
         "span",
         { class: "legend-item" },
-        el("i", { class: `legend-mark state-${state}`, attrs: { "aria-hidden": "true" } }),
+        el("i", { class: `legend-mark state-${state}`, "aria-hidden": "true" }),
         `${words} ${counts[state] ?? 0}`,
       ),
     ),

@@ -56,12 +56,12 @@ const cursor = new PatchCursor();
 function build(root) {
   const element = el("canvas", {
     class: "frame-canvas",
-    attrs: { tabindex: 0, role: "application", "data-home": true, "aria-describedby": "status" },
+    tabindex: 0, role: "application", "data-home": true, "aria-describedby": "status",
   });
-  const status = el("div", { class: "status", attrs: { id: "status" } });
+  const status = el("div", { class: "status", id: "status" });
   const strip = el("canvas", {
     class: "timeline",
-    attrs: { tabindex: 0, role: "slider", "aria-label": "Frame of the mission" },
+    tabindex: 0, role: "slider", "aria-label": "Frame of the mission",
   });
   const tools = buildTools(commands, keyForCommand);
   const bar = buildBar(commands, keyForCommand);
@@ -224,7 +224,7 @@ function showStatus() {
   const said = labels && cell >= 0 ? describeCell(cell, labels, page.hints[cell]) : "";
   const words = why
     ? [el("span", { class: "why", text: why })]
-    : [el("span", { text: said, attrs: { title: said } })];
+    : [el("span", { text: said, title: said })];
   page.status.replaceChildren(el("b", { text: first }), ...words);
   page.element.setAttribute(
     "aria-label",

@@ -29,13 +29,13 @@ import { needsObstacleClass, obstacleClass } from "./suggest.js";
 export function buildTools(commands, keyFor) {
   const painters = el("div", {
     class: "painters",
-    attrs: { role: "group", "aria-label": "What painting puts on patches" },
+    role: "group", "aria-label": "What painting puts on patches",
   });
   const command = commandButtons(commands, keyFor);
   const model = el("div", { class: "model" });
   const root = el(
     "aside",
-    { class: "tools", attrs: { "aria-label": "Tools" } },
+    { class: "tools", "aria-label": "Tools" },
     painters,
     frameCommands(command),
     pictureTools(command),
@@ -75,8 +75,8 @@ function showPainters(root, commands, keyFor, tool) {
 }
 
 function painterButton({ name, key, on, colour, title, count, run, disabled }) {
-  const attrs = { "aria-pressed": String(on), disabled };
-  const row = button("", run, { class: "painter", title, attrs });
+  const attributes = { class: "painter", title, "aria-pressed": String(on), disabled };
+  const row = button("", run, attributes);
   const swatch = el("span", { class: "sign", text: colour ? signOf(name) : "" });
   if (colour) swatch.style.borderColor = colour;
   row.append(
@@ -101,7 +101,7 @@ function frameCommands(command) {
 }
 
 function pictureTools(command) {
-  const toggle = (text, name) => command(text, name, { attrs: { "data-toggle": name } });
+  const toggle = (text, name) => command(text, name, { "data-toggle": name });
   const toggles = [
     toggle("Raw", "raw"),
     toggle("Blink", "blink"),
@@ -120,7 +120,7 @@ function pictureTools(command) {
 function slider(name, label, min, max, step, words) {
   const output = el("output", { text: words(setting(name)) });
   const input = el("input", {
-    attrs: { type: "range", min, max, step, value: setting(name), "data-setting": name },
+    type: "range", min, max, step, value: setting(name), "data-setting": name,
     on: {
       input: () => {
         setSetting(name, Number(input.value));
@@ -169,7 +169,7 @@ function showModel(root, { confident, proposed, fault }) {
 function modelParts() {
   const select = obstacleChoice();
   const shown = el("input", {
-    attrs: { type: "checkbox", checked: setting("suggestions") },
+    type: "checkbox", checked: setting("suggestions"),
     on: { change: () => setSetting("suggestions", shown.checked) },
   });
   return [

@@ -82,15 +82,15 @@ function hide() {
 function build() {
   const list = el("div", {
     class: "thumbs",
-    attrs: { role: "listbox", tabindex: "0", "aria-label": "frames", "data-home": true },
+    role: "listbox", tabindex: "0", "aria-label": "frames", "data-home": true,
   });
   list.addEventListener("click", clicked);
   list.addEventListener("dblclick", doubleClicked);
   paintOver(list, { thumbAt, allThumbs, onStroke, onPainted });
   const does = { accept: accepting, rest: restOfAll, turn, resize, otherCamera };
   const bar = new OverviewBar(does);
-  const attrs = { "aria-label": "overview of frames" };
-  const root = el("section", { class: "overview", attrs }, bar.element, list);
+  const options = { class: "overview", "aria-label": "overview of frames" };
+  const root = el("section", options, bar.element, list);
   return { root, list, bar, resized: new ResizeObserver(soon(relayOut)) };
 }
 

@@ -54,16 +54,16 @@ export class Thumb {
    */
   constructor(camera, frame, { id, width, height, onShape, onPicture }) {
     Object.assign(this, { camera, frame, size: { width, height } });
-    this.image = el("img", { attrs: { alt: "", draggable: "false" } });
-    this.canvas = el("canvas", { attrs: { "aria-hidden": "true" } });
+    this.image = el("img", { alt: "", draggable: "false" });
+    this.canvas = el("canvas", { "aria-hidden": "true" });
     this.number = el("span", { class: "thumb-number", text: String(frame) });
     this.state = el("span", { class: "thumb-state" });
-    const attrs = { title: "leave this frame out, or no longer (x)" };
-    this.leave = el("span", { class: "thumb-leave", text: "×", attrs });
+    const title = "leave this frame out, or no longer (x)";
+    this.leave = el("span", { class: "thumb-leave", text: "×", title });
     this.picture = el("div", { class: "thumb-picture" }, this.image, this.canvas);
     this.element = el(
       "div",
-      { class: "thumb", attrs: { role: "option", id, "data-camera": camera, "data-frame": frame } },
+      { class: "thumb", role: "option", id, "data-camera": camera, "data-frame": frame },
       this.picture,
       el("div", { class: "thumb-caption" }, this.number, this.state, this.leave),
     );

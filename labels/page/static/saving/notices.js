@@ -40,7 +40,7 @@ function show() {
   const open = count > counted || Boolean(box.querySelector("details[open]"));
   counted = count;
   const head = items.length
-    ? el("details", { attrs: { open } }, el("summary", { text: words }), el("ul", {}, ...items))
+    ? el("details", { open }, el("summary", { text: words }), el("ul", {}, ...items))
     : el("p", { text: words });
   box.replaceChildren(head);
   box.hidden = !words;
@@ -123,6 +123,6 @@ function foreignItems(foreign) {
 function saveFile(entries) {
   const text = JSON.stringify(entries, null, 1);
   const url = URL.createObjectURL(new Blob([text], { type: "application/json" }));
-  el("a", { attrs: { href: url, download: "tokt-unsaved-actions.json" } }).click();
+  el("a", { href: url, download: "tokt-unsaved-actions.json" }).click();
   setTimeout(() => URL.revokeObjectURL(url), 1000);
 }

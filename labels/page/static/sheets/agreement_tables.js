@@ -80,7 +80,7 @@ export function classTable(found) {
         el(
           "tr",
           {},
-          el("th", { attrs: { scope: "row" } }, classTag(name)),
+          el("th", { scope: "row" }, classTag(name)),
           ...[count(one.n_a), count(one.n_b), count(one.n_both), percent(one.f1)].map((text) =>
             el("td", { text }),
           ),
@@ -91,7 +91,7 @@ export function classTable(found) {
 }
 
 function columnHead(text) {
-  return el("th", { text, attrs: { scope: "col" } });
+  return el("th", { text, scope: "col" });
 }
 
 /**
@@ -105,12 +105,12 @@ export function confusionTable(found, chosen, choose) {
   const { labels, confusion } = found;
   const unseen = (name) => el("span", { class: "unseen", text: name });
   const head = (name) =>
-    el("th", { attrs: { scope: "col", title: name } }, swatch(name), unseen(name));
+    el("th", { scope: "col", title: name }, swatch(name), unseen(name));
   const row = (a, i) =>
     el(
       "tr",
       {},
-      el("th", { attrs: { scope: "row" } }, classTag(a)),
+      el("th", { scope: "row" }, classTag(a)),
       ...labels.map((b, j) => confusionCell({ a, b }, confusion[i][j], found, chosen, choose)),
     );
   return el(
@@ -133,7 +133,7 @@ function confusionCell({ a, b }, number, found, chosen, choose) {
     button(count(number), () => choose({ a, b }), {
       class: "pair",
       title: `show the patches that are ${title}`,
-      attrs: { "aria-pressed": String(pressed), "aria-label": `${number} patches ${title}` },
+      "aria-pressed": String(pressed), "aria-label": `${number} patches ${title}`,
     }),
   );
 }

@@ -21,9 +21,9 @@ const SIGNS = {
  * @returns {HTMLElement}
  */
 export function blindForm({ of, onCancel }) {
-  const whose = choice(mission.annotators, of, { attrs: { id: "blind-of" } });
+  const whose = choice(mission.annotators, of, { id: "blind-of" });
   const name = el("input", {
-    attrs: { id: "blind-who", required: true, maxlength: 60, autocomplete: "off" },
+    id: "blind-who", required: true, maxlength: 60, autocomplete: "off",
   });
   if (who() !== of) name.value = who();
   const begin = (event) => {
@@ -39,14 +39,14 @@ export function blindForm({ of, onCancel }) {
         "A second person labels the same frames without seeing the first one's labels or any " +
         "suggestion. Only then does agreement say something about the labels.",
     }),
-    el("label", { text: "Frames that were labelled by", attrs: { for: "blind-of" } }),
+    el("label", { text: "Frames that were labelled by", for: "blind-of" }),
     whose,
-    el("label", { text: "Your name (another one)", attrs: { for: "blind-who" } }),
+    el("label", { text: "Your name (another one)", for: "blind-who" }),
     name,
     el(
       "div",
       { class: "bar" },
-      el("button", { class: "main", text: "Begin, or go on", attrs: { type: "submit" } }),
+      el("button", { class: "main", text: "Begin, or go on", type: "submit" }),
       onCancel ? button("Cancel", onCancel) : null,
     ),
   );
@@ -112,7 +112,7 @@ export function blindProgress(fault) {
     "section",
     { class: "blind-progress" },
     el("h2", { text: "Blind labelling" }),
-    el("p", { text: words, attrs: { role: "status" } }),
+    el("p", { text: words, role: "status" }),
     el("p", { text: "What others said and what the model suggests is hidden until you end this." }),
     el(
       "div",
@@ -127,6 +127,6 @@ export function blindProgress(fault) {
 function frameLink({ camera, frame }) {
   const { sign, text } = SIGNS[stateOf(camera, frame)] ?? SIGNS.u;
   const href = `#/label/${camera}/${frame}`;
-  const attrs = { href, title: text, "aria-label": `${camera} ${frame}, ${text}` };
-  return el("a", { text: `${sign} ${camera} ${frame}`, attrs });
+  const name = `${camera} ${frame}`;
+  return el("a", { text: `${sign} ${name}`, href, title: text, "aria-label": `${name}, ${text}` });
 }

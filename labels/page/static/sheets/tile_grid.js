@@ -103,16 +103,14 @@ export class TileGrid {
     this.busy = false;
     this.list = el("div", {
       class: "tiles",
-      attrs: {
-        role: "listbox",
-        "aria-multiselectable": "true",
-        "aria-label": label,
-        tabindex: 0,
-        "data-home": true,
-      },
+      role: "listbox",
+      "aria-multiselectable": "true",
+      "aria-label": label,
+      tabindex: 0,
+      "data-home": true,
+      "data-caption-lines": captionLines,
     });
-    this.list.dataset.captionLines = captionLines;
-    this.band = el("div", { class: "tile-band", attrs: { "aria-hidden": "true" } });
+    this.band = el("div", { class: "tile-band", "aria-hidden": "true" });
     this.band.hidden = true;
     this.element = el("div", { class: "tile-scroller" }, this.list, this.band);
     this.pictures = new TilePictures(this.element);
@@ -204,7 +202,7 @@ export class TileGrid {
     }
     return el(
       "div",
-      { class: "tile", attrs: { role: "option", id: `${this.prefix}-${index}` } },
+      { class: "tile", role: "option", id: `${this.prefix}-${index}` },
       picture,
       el("div", { class: "tile-caption" }),
     );

@@ -156,12 +156,12 @@ export class PatchPreview {
   constructor() {
     this.patch = el("div", { class: "preview-patch" });
     this.patchMark = el("div", { class: "preview-mark" });
-    this.frame = el("img", { attrs: { alt: "", width: PREVIEW } });
+    this.frame = el("img", { alt: "", width: PREVIEW });
     this.frameMark = el("div", { class: "preview-mark" });
     this.words = el("div", { class: "preview-words" });
     this.element = el(
       "aside",
-      { class: "preview", attrs: { "aria-label": "The patch under the cursor" } },
+      { class: "preview", "aria-label": "The patch under the cursor" },
       el("div", { class: "preview-picture" }, this.patch, this.patchMark),
       el("div", { class: "preview-picture" }, this.frame, this.frameMark),
       this.words,
