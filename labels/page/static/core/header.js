@@ -73,21 +73,15 @@ function openPersonDialog() {
     await become(chosen, hides.checked);
   };
   dialog.replaceChildren(
-    el(
-      "form",
-      { on: { submit: choose } },
+    el("form", { on: { submit: choose } },
       el("h2", { text: "Who works here" }),
       el("label", { text: "Annotator ", for: "person-name" }),
       name,
-      el(
-        "datalist",
-        { id: "person-names" },
+      el("datalist", { id: "person-names" },
         ...mission.annotators.map((value) => el("option", { value })),
       ),
       el("label", { class: "check" }, hides, " Blind: hide what others and the model said"),
-      el(
-        "div",
-        { class: "row" },
+      el("div", { class: "row" },
         el("button", { class: "main", text: "Work as this", type: "submit" }),
         button("Cancel", () => dialog.close()),
       ),

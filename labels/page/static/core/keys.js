@@ -163,9 +163,7 @@ function tables() {
   for (const { keys, does, group } of viewKeys) add(group ?? viewTitle, keys, does);
   for (const { keys, does, group } of globalKeys) add(group ?? "Everywhere", keys, does);
   return [...groups].map(([title, rows]) =>
-    el(
-      "section",
-      {},
+    el("section", {},
       el("h3", { text: title }),
       el("table", {}, ...rows.map(([keys, does]) => keyRow(keys, does))),
     ),

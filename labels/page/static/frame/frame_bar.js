@@ -32,9 +32,7 @@ export function buildBar(commands, keyFor) {
   const filter = backAfterMouse(el("select", { class: "filter", on: { change: setFilter } }));
   const matches = el("span", { class: "matches" });
   const legend = el("div", { class: "legend", "aria-label": "States of frames" });
-  const root = el(
-    "div",
-    { class: "frame-bar" },
+  const root = el("div", { class: "frame-bar" },
     command("◀", "previous", { title: "Frame before" }),
     number,
     command("▶", "next", { title: "Next frame" }),
@@ -81,9 +79,7 @@ function showLegend(root, camera) {
   root.dataset.shown = text;
   root.replaceChildren(
     ...Object.entries(STATES).map(([state, { words }]) =>
-      el(
-        "span",
-        { class: "legend-item" },
+      el("span", { class: "legend-item" },
         el("i", { class: `legend-mark state-${state}`, "aria-hidden": "true" }),
         `${words} ${counts[state] ?? 0}`,
       ),

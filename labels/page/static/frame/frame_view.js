@@ -66,9 +66,7 @@ function build(root) {
   const tools = buildTools(commands, keyForCommand);
   const bar = buildBar(commands, keyForCommand);
   root.replaceChildren(
-    el(
-      "div",
-      { class: "frame-view" },
+    el("div", { class: "frame-view" },
       tools.root,
       el("div", { class: "stage" }, status, element),
       bar.root,
@@ -417,14 +415,8 @@ const commands = {
   erase: () => chooseTool("erase"),
   takeBack: () => mayPaint() && apply(cursor.cells, "erase"),
   escape,
-  raw: tapped(
-    () => page.show.pressRaw(),
-    () => page?.show.releaseRaw(),
-  ),
-  blink: tapped(
-    () => page.show.pressBlink(),
-    () => page?.show.releaseBlink(),
-  ),
+  raw: tapped(() => page.show.pressRaw(), () => page?.show.releaseRaw()),
+  blink: tapped(() => page.show.pressBlink(), () => page?.show.releaseBlink()),
   grid: () => toggle("grid"),
   outlines: () => toggle("outlines"),
   suggestions: () => toggle("suggestions"),

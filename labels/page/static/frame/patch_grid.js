@@ -12,10 +12,7 @@ export function patchSize(width, height) {
   const { rows, cols, width: resized } = mission.grid;
   const w = resized ?? width;
   const h = resized ? Math.floor((height * resized) / width) : height;
-  return {
-    width: (Math.floor(w / cols) * width) / w,
-    height: (Math.floor(h / rows) * height) / h,
-  };
+  return { width: (Math.floor(w / cols) * width) / w, height: (Math.floor(h / rows) * height) / h };
 }
 
 /** Row and column of a cell. */

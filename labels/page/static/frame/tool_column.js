@@ -33,9 +33,7 @@ export function buildTools(commands, keyFor) {
   });
   const command = commandButtons(commands, keyFor);
   const model = el("div", { class: "model" });
-  const root = el(
-    "aside",
-    { class: "tools", "aria-label": "Tools" },
+  const root = el("aside", { class: "tools", "aria-label": "Tools" },
     painters,
     frameCommands(command),
     pictureTools(command),
@@ -90,9 +88,7 @@ function painterButton({ name, key, on, colour, title, count, run, disabled }) {
 
 function frameCommands(command) {
   const make = (text, name, title) => command(text, name, { title });
-  return el(
-    "div",
-    { class: "commands" },
+  return el("div", { class: "commands" },
     make("Rest is clear", "rest", "Patches without a label get the class that is no obstacle."),
     make("Copy previous", "copy", "Labels of the frame before, to be accepted."),
     make("Accept", "accept", "Accept the copies and the confident suggestions."),
@@ -108,9 +104,7 @@ function pictureTools(command) {
     toggle("Grid", "grid"),
     toggle("Labels", "outlines"),
   ];
-  return el(
-    "div",
-    { class: "picture-tools" },
+  return el("div", { class: "picture-tools" },
     slider("enhance", "Contrast", 0, 100, 5, (value) => `${value}`),
     el("div", { class: "toggles" }, ...toggles),
   );

@@ -22,12 +22,8 @@ export class OverviewBar {
     this.acceptAll = button("", () => does.accept(true));
     this.rest = button("", does.rest);
     this.filter = filterChoice();
-    this.element = el(
-      "div",
-      { class: "overview-bars" },
-      el(
-        "div",
-        { class: "bar" },
+    this.element = el("div", { class: "overview-bars" },
+      el("div", { class: "bar" },
         cameraButton(does.otherCamera),
         this.filter,
         pager(does.turn, this.range),

@@ -311,10 +311,7 @@ function turn(step) {
 }
 
 function resize(step) {
-  setSetting(
-    "overviewColumns",
-    Math.max(COLUMNS.least, Math.min(COLUMNS.most, columns() - step)),
-  );
+  setSetting("overviewColumns", Math.max(COLUMNS.least, Math.min(COLUMNS.most, columns() - step)));
 }
 
 function changeConfidence(by) {

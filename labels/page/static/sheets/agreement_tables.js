@@ -35,12 +35,8 @@ export function figures(found) {
     ["With unsure as a class", unsure.join(", κ ")],
     ["Obstacle or not, F1", obstacleText(found)],
   ];
-  return el(
-    "div",
-    { class: "figures" },
-    el(
-      "p",
-      { class: "kappa" },
+  return el("div", { class: "figures" },
+    el("p", { class: "kappa" },
       el("span", { text: "Cohen's κ " }),
       el("strong", { text: kappaText(found.kappa) }),
       el("small", { text: kappaMeaning(found) }),
@@ -68,18 +64,12 @@ function kappaMeaning({ kappa, n_both_sure: sure }) {
  */
 export function classTable(found) {
   const heads = ["class", found.a, found.b, "both", "F1"];
-  return el(
-    "table",
-    { class: "numbers" },
+  return el("table", { class: "numbers" },
     el("caption", { text: "Patches by class" }),
     el("thead", {}, el("tr", {}, ...heads.map(columnHead))),
-    el(
-      "tbody",
-      {},
+    el("tbody", {},
       ...Object.entries(found.per_class).map(([name, one]) =>
-        el(
-          "tr",
-          {},
+        el("tr", {},
           el("th", { scope: "row" }, classTag(name)),
           ...[count(one.n_a), count(one.n_b), count(one.n_both), percent(one.f1)].map((text) =>
             el("td", { text }),
@@ -107,15 +97,11 @@ export function confusionTable(found, chosen, choose) {
   const head = (name) =>
     el("th", { scope: "col", title: name }, swatch(name), unseen(name));
   const row = (a, i) =>
-    el(
-      "tr",
-      {},
+    el("tr", {},
       el("th", { scope: "row" }, classTag(a)),
       ...labels.map((b, j) => confusionCell({ a, b }, confusion[i][j], found, chosen, choose)),
     );
-  return el(
-    "table",
-    { class: "numbers confusion" },
+  return el("table", { class: "numbers confusion" },
     el("caption", { text: `${found.a} (rows) against ${found.b} (columns)` }),
     el("thead", {}, el("tr", {}, el("td"), ...labels.map(head))),
     el("tbody", {}, ...labels.map(row)),
@@ -127,9 +113,7 @@ function confusionCell({ a, b }, number, found, chosen, choose) {
   if (number === 0) return el("td", { class: "nil", text: "0" });
   const pressed = chosen?.a === a && chosen?.b === b;
   const title = `${found.a}: ${a}, ${found.b}: ${b}`;
-  return el(
-    "td",
-    {},
+  return el("td", {},
     button(count(number), () => choose({ a, b }), {
       class: "pair",
       title: `show the patches that are ${title}`,

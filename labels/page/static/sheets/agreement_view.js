@@ -39,9 +39,7 @@ class ConflictSheet extends DecisionSheet {
       place: { only: null, unsure: null, ...place },
     });
     Object.assign(this, { people, onChoice });
-    this.element = el(
-      "div",
-      { class: "conflicts" },
+    this.element = el("div", { class: "conflicts" },
       el("div", { class: "bar" }, el("h2", { text: "Conflicts" }), this.filters),
       this.bar(
         "settle the selected conflicts",
@@ -238,9 +236,7 @@ function build() {
   const section = el(
     "section",
     { class: "agreement tiles-view", "aria-label": "agreement of two annotators" },
-    el(
-      "div",
-      { class: "bar" },
+    el("div", { class: "bar" },
       person("a"),
       button("⇄", swap, { title: "exchange them (s)", "aria-label": "exchange them" }),
       person("b"),

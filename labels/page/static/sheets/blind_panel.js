@@ -22,17 +22,13 @@ const SIGNS = {
  */
 export function blindForm({ of, onCancel }) {
   const whose = choice(mission.annotators, of, { id: "blind-of" });
-  const name = el("input", {
-    id: "blind-who", required: true, maxlength: 60, autocomplete: "off",
-  });
+  const name = el("input", { id: "blind-who", required: true, maxlength: 60, autocomplete: "off" });
   if (who() !== of) name.value = who();
   const begin = (event) => {
     event.preventDefault();
     beginBlind(whose.value, name.value.trim());
   };
-  return el(
-    "form",
-    { class: "blind-form", on: { submit: begin } },
+  return el("form", { class: "blind-form", on: { submit: begin } },
     el("h2", { text: "Label a second time, blind" }),
     el("p", {
       text:
@@ -43,9 +39,7 @@ export function blindForm({ of, onCancel }) {
     whose,
     el("label", { text: "Your name (another one)", for: "blind-who" }),
     name,
-    el(
-      "div",
-      { class: "bar" },
+    el("div", { class: "bar" },
       el("button", { class: "main", text: "Begin, or go on", type: "submit" }),
       onCancel ? button("Cancel", onCancel) : null,
     ),
@@ -108,15 +102,11 @@ export function blindProgress(fault) {
     : fault || "No list of frames was chosen: label any frame.";
   const more = list.length > done;
   const end = of && of !== who() ? "End blind labelling and compare" : "End blind labelling";
-  return el(
-    "section",
-    { class: "blind-progress" },
+  return el("section", { class: "blind-progress" },
     el("h2", { text: "Blind labelling" }),
     el("p", { text: words, role: "status" }),
     el("p", { text: "What others said and what the model suggests is hidden until you end this." }),
-    el(
-      "div",
-      { class: "bar" },
+    el("div", { class: "bar" },
       more ? withKey(button("Continue", continueBlind, { class: "main" }), "Enter") : null,
       button(end, endBlind),
     ),

@@ -36,9 +36,7 @@ class ReviewSheet extends TileSheet {
     this.tabs = el("nav", { class: "sheet-tabs", "aria-label": "classes" });
     this.words = el("p", { class: "sheet-words", role: "status" });
     this.range = el("span", { class: "sheet-range" });
-    this.root = el(
-      "section",
-      { class: "sheet tiles-view", "aria-label": "review sheet" },
+    this.root = el("section", { class: "sheet tiles-view", "aria-label": "review sheet" },
       this.tabs,
       el("div", { class: "bar one-line" }, this.words, ...this.#controls()),
       this.bar(

@@ -200,9 +200,7 @@ export class TileGrid {
       putAt(mark, patchInTile(tile, width, this.height, margin));
       picture.append(mark);
     }
-    return el(
-      "div",
-      { class: "tile", role: "option", id: `${this.prefix}-${index}` },
+    return el("div", { class: "tile", role: "option", id: `${this.prefix}-${index}` },
       picture,
       el("div", { class: "tile-caption" }),
     );

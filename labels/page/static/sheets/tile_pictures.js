@@ -159,9 +159,7 @@ export class PatchPreview {
     this.frame = el("img", { alt: "", width: PREVIEW });
     this.frameMark = el("div", { class: "preview-mark" });
     this.words = el("div", { class: "preview-words" });
-    this.element = el(
-      "aside",
-      { class: "preview", "aria-label": "The patch under the cursor" },
+    this.element = el("aside", { class: "preview", "aria-label": "The patch under the cursor" },
       el("div", { class: "preview-picture" }, this.patch, this.patchMark),
       el("div", { class: "preview-picture" }, this.frame, this.frameMark),
       this.words,
