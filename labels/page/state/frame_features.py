@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,18 +92,6 @@ class FrameFeatures:
         self._good: list[bool] = []
         self._features = np.zeros((_FIRST_ROOM, grid.n_patches, _EXTRACTOR.dim), np.float32)
         self.background = Background("tokt-sheet", self._step)
-
-    @property
-    def progress(self) -> tuple[int, int]:
-        """How many frames have been looked at, and how many were asked for."""
-        return len(self._good), len(self._rows.names)
-
-    def want(self, frames: Iterable[_FrameName]) -> None:
-        """Ask for frames."""
-        with self._lock:
-            for name in frames:
-                self._rows[name]
-        self.background.wake()
 
     def locate(self, cells: Sequence[CellName]) -> PatchLocations:
         """Places of patches in the next `snapshot`; their frames are computed if need be."""

@@ -7,9 +7,8 @@ of a dive are near copies: labelling one tells the model almost all about the ot
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +26,6 @@ _SPREAD = 2654435761  # an odd number far from simple fractions of 2**32: spread
 
 _Name = tuple[str, int]
 _Float = NDArray[np.float32]
-
-
-class HasSuggestions(Protocol):
-    """A `Suggester`."""
-
-    def known(self) -> MissionSuggestions:
-        """All frames known so far."""
 
 
 @dataclass(frozen=True)
@@ -57,47 +49,35 @@ class QueueEntry:
 
 
 def next_frames(
-    suggester: HasSuggestions,
-    labelled: Mapping[_Name, bool],
-    n: int,
-    now: _Name | None = None,
-    camera: str | None = None,
+    known: MissionSuggestions, labelled: Collection[_Name], n: int, now: _Name | None = None
 ) -> list[QueueEntry]:
     """The next frames to label, best first; the same input gives the same queue.
 
     Parameters
     ----------
-    suggester : Suggester
-        Frames that it does not know yet, or that are faulty, are left out.
-    labelled : mapping of (camera, frame) to bool
-        Frames with True are left out.
+    known : MissionSuggestions
+        The frames to choose from.
+    labelled : collection of (camera, frame)
+        Frames that are left out.
     n : int
         How many at most.
     now : (camera, frame), optional
         The frame that is shown: it is left out, and its near copies come late.
-    camera : str, optional
-        Only frames of this camera.
     """
-    known = suggester.known()
     names = list(zip(known.cameras.tolist(), known.frames.tolist(), strict=True))
-    seen = {name for name, is_labelled in labelled.items() if is_labelled}
+    seen = set(labelled)
     shown = {now} - seen if now else set()
     is_seen, is_shown = (
         np.fromiter((name in some for name in names), bool, len(names)) for some in (seen, shown)
     )
     free = ~is_seen & ~is_shown
-    if camera is not None:
-        free &= known.cameras == camera
     if not free.any():
         return []
     uncertainty = _Uncertainty.of(known)
     queue = _Queue(known, uncertainty, _candidates(uncertainty.unsure, free))
     queue.leave(np.flatnonzero(is_seen), [frame for _, frame in seen], "labelled")
     queue.leave(np.flatnonzero(is_shown), [frame for _, frame in shown], "shown now")
-    entries = []
-    for _ in range(min(n, len(queue.candidates))):
-        entries.append(queue.take())
-    return entries
+    return [queue.take() for _ in range(min(n, len(queue.candidates)))]
 
 
 @dataclass(frozen=True)
