@@ -221,12 +221,8 @@ function write(context, { x, y }, { label, line }) {
 
 function drawCursor(context, { x, y, width, height }) {
   context.setLineDash([]);
-  for (const [width, colour] of [
-    [4, "#000000"],
-    [2, "#ffffff"],
-  ]) {
-    context.lineWidth = width;
-    context.strokeStyle = colour;
+  for (const [lineWidth, strokeStyle] of [[4, "#000000"], [2, "#ffffff"]]) {
+    Object.assign(context, { lineWidth, strokeStyle });
     context.strokeRect(x, y, width, height);
   }
 }
