@@ -66,10 +66,8 @@ class Ranked:
 
     def patches(self, start: int, stop: int) -> list[Patch]:
         """A part of the patches, odd ones first; made when it is asked for: of a million."""
-        return [
-            Patch(*self.cells[place], float(self.values[place]))
-            for place in self._order[start:stop].tolist()
-        ]
+        places: list[int] = self._order[start:stop].tolist()
+        return [Patch(*self.cells[place], float(self.values[place])) for place in places]
 
     @property
     def ready(self) -> bool:
