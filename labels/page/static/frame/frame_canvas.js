@@ -2,12 +2,7 @@
 // pan: from frame pixels to the canvas and back.
 
 import {
-  drawCursor,
-  drawHints,
-  drawLabels,
-  drawOthers,
-  drawPending,
-  drawStroke,
+  drawCursor, drawHints, drawLabels, drawOthers, drawPending, drawStroke,
 } from "./cell_drawing.js";
 import { soon } from "../core/dom.js";
 import { mission, setting } from "../core/mission.js";
@@ -19,7 +14,7 @@ const MAX_ZOOM = 24;
 const MARGIN = { left: 26, top: 20, right: 6, bottom: 6 }; // CSS pixels: row and column heads
 
 /** What part of a frame the canvas shows. Sizes in CSS pixels. */
-export class Viewport {
+class Viewport {
   constructor() {
     this.canvas = { width: 1, height: 1 };
     this.frame = { width: 4, height: 3 };

@@ -4,15 +4,7 @@ import { onFailure } from "../core/api.js";
 import { announce, el, focusView, say } from "../core/dom.js";
 import { otherPalette } from "../core/keys.js";
 import {
-  blind,
-  frames,
-  mission,
-  onChange,
-  onSetting,
-  selectClass,
-  selectedClass,
-  setSetting,
-  setting,
+  blind, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting, setting,
 } from "../core/mission.js";
 import { addView, noteAddress } from "../core/router.js";
 import { changeSetting } from "../core/settings.js";
@@ -26,13 +18,7 @@ import { listenToPointer } from "./gestures.js";
 import { accept, copyFrom, dropAllCopies, hintsOf, paint, paintRest } from "./painting.js";
 import { ARROWS, PatchCursor, cellName, cellsOfRow, rowCol } from "./patch_grid.js";
 import {
-  endFrame,
-  filterName,
-  nextBlindFrame,
-  nextIn,
-  nextUncertain,
-  onClassFrames,
-  stepFrom,
+  endFrame, filterName, nextBlindFrame, nextIn, nextUncertain, onClassFrames, stepFrom,
 } from "./steps.js";
 import { suggestionFault } from "./suggest.js";
 import { Timeline } from "./timeline.js";

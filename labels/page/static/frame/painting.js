@@ -135,7 +135,7 @@ function nameOf(camera, frame) {
  * @param {number} frame
  * @returns {(?string)[]} One a cell; empty where there are none.
  */
-export function copiesOf(camera, frame) {
+function copiesOf(camera, frame) {
   return read(nameOf(camera, frame)) ?? [];
 }
 

@@ -4,15 +4,7 @@
 import { get, onFailure } from "../core/api.js";
 import { signal } from "../core/dom.js";
 import {
-  blind,
-  classes,
-  frameIndex,
-  frames,
-  mission,
-  onChange,
-  onReload,
-  setting,
-  stateOf,
+  blind, classes, frameIndex, frames, mission, onChange, onReload, setting, stateOf,
 } from "../core/mission.js";
 
 const CLASS = "class:";

@@ -4,13 +4,7 @@
 import { commandButtons, obstacleChoice } from "../core/controls.js";
 import { backAfterMouse, button, el, setAttribute } from "../core/dom.js";
 import {
-  classes,
-  colourOf,
-  mission,
-  selectedClass,
-  setSetting,
-  setting,
-  signOf,
+  classes, colourOf, mission, selectedClass, setSetting, setting, signOf,
 } from "../core/mission.js";
 import { needsObstacleClass, obstacleClass } from "./suggest.js";
 

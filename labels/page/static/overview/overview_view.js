@@ -3,15 +3,7 @@
 import { el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
 import {
-  clearClass,
-  frames,
-  indexFrom,
-  mission,
-  onChange,
-  onReload,
-  onSetting,
-  selectedClass,
-  setSetting,
+  clearClass, frames, indexFrom, mission, onChange, onReload, onSetting, selectedClass, setSetting,
   setting,
 } from "../core/mission.js";
 import { frameAspect, lookAtShapes, thumbAddress } from "../core/pictures.js";
@@ -19,11 +11,7 @@ import { addView, go } from "../core/router.js";
 import { changeSetting } from "../core/settings.js";
 import { ARROWS, cellAt, cellFrom } from "../frame/patch_grid.js";
 import {
-  filterWords,
-  onClassFrames,
-  passesBlindList,
-  passing,
-  tryBlindList,
+  filterWords, onClassFrames, passesBlindList, passing, tryBlindList,
 } from "../frame/steps.js";
 import { framesFollowed } from "../frame/suggest.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";

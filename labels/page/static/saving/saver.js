@@ -4,33 +4,12 @@
 import { ApiError, get, onFailure, post } from "../core/api.js";
 import { say, signal } from "../core/dom.js";
 import {
-  blind,
-  mission,
-  onChange,
-  onReload,
-  sameMission,
-  strangerWords,
-  takeNews,
-  who,
+  blind, mission, onChange, onReload, sameMission, strangerWords, takeNews, who,
 } from "../core/mission.js";
 import { acknowledge, labelsChanged, labelsOf } from "./labels.js";
 import {
-  dequeue,
-  enqueue,
-  forget,
-  framesOf,
-  holdPage,
-  isKept,
-  keep,
-  leftovers,
-  noteConflicts,
-  readConflicts,
-  setAside,
-  setForeign,
-  takeBack,
-  uniqueKey,
-  unwritten,
-  waiting,
+  dequeue, enqueue, forget, framesOf, holdPage, isKept, keep, leftovers, noteConflicts,
+  readConflicts, setAside, setForeign, takeBack, uniqueKey, unwritten, waiting,
 } from "./outbox.js";
 
 const RETRY_MS = [250, 500, 1000, 2000, 4000];

@@ -5,13 +5,7 @@ import { classButtons, classTag, pager, sizeButtons } from "../core/controls.js"
 import { button, el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
 import {
-  classes,
-  mission,
-  onChange,
-  onReload,
-  onSetting,
-  setSetting,
-  setting,
+  classes, mission, onChange, onReload, onSetting, setSetting, setting,
 } from "../core/mission.js";
 import { lookAtShapes } from "../core/pictures.js";
 import { addView, go } from "../core/router.js";
