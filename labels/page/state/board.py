@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from itertools import islice, pairwise
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from tokt.labels.record import SETTLED
 from tokt.labels.store.store import EventRow, LabelStore
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 
+K = TypeVar("K")
 Codes = NDArray[np.int16]
 FrameName: TypeAlias = tuple[str, int]
 """Camera and number of a frame."""
@@ -27,21 +28,22 @@ _UNSEEN, _SEEN, _PART, _DONE, _DISAGREEMENT = b"uspdx"
 _NOBODY_SURE = np.int16(np.iinfo(np.int16).max)
 
 
-class _Vocabulary(dict[str | None, int]):
-    """Words and their codes; a new word gets the next code."""
+class Numbering(dict[K, int]):
+    """Words, or anything else, and their numbers from 0; a new one gets the next number."""
 
-    def __init__(self, words: Iterable[str | None]) -> None:
+    def __init__(self, words: Iterable[K] = ()) -> None:
         super().__init__()
-        self.words: list[str | None] = []
+        self.words: list[K] = []
         for word in words:
             self[word]
 
-    def __missing__(self, word: str | None) -> int:
+    def __missing__(self, word: K) -> int:
         self.words.append(word)
         self[word] = len(self.words) - 1
         return self[word]
 
-    def codes(self, words: Iterable[str | None], n: int) -> Codes:
+    def codes(self, words: Iterable[K], n: int) -> Codes:
+        """The numbers of `n` words."""
         return np.fromiter((self[word] for word in words), np.int16, n)
 
 
@@ -244,10 +246,10 @@ class Board:
         every = [(camera, frame) for camera, frames in self.frames.items() for frame in frames]
         self._every: list[FrameName] = every
         self._position = {name: n for n, name in enumerate(every)}
-        self._labels = _Vocabulary((None, *taxonomy.names, UNSURE))
+        self._labels = Numbering[str | None]((None, *taxonomy.names, UNSURE))
         self._unsure = self._labels[UNSURE]
         self._usual = frozenset(self._labels)
-        self._notes = _Vocabulary((None,))
+        self._notes = Numbering[str | None]((None,))
         self._said: dict[str, LabelArray] = {}
         self._nothing_said = LabelArray(len(every), grid.n_patches)
         self._settled = LabelArray(len(every), grid.n_patches)
