@@ -132,17 +132,13 @@ export function toggleHelp() {
     dialog.close();
     return;
   }
+  const on = { click: toggleHelp };
   dialog.replaceChildren(
-    el("button", {
-      class: "close",
-      text: "Close (Esc)",
-      type: "button",
-      on: { click: toggleHelp },
-    }),
+    el("button", { class: "close", text: "Close (Esc)", type: "button", on }),
     el("h2", { text: "Keys" }),
-    el("p", {
-      text: "Class keys go before page keys; a one-character page key also answers to Alt with it.",
-    }),
+    el("p", {},
+      "Class keys go before page keys; a one-character page key also answers to Alt with it.",
+    ),
     el("div", { class: "help-columns" }, ...tables()),
   );
   dialog.onkeydown = (event) => {

@@ -1,4 +1,6 @@
 // The mission as the server describes it, kept up to date: classes, frames, states, counts.
+// In all modules `camera` is a camera's name, `frame` a frame's number, `cell` a patch's number in
+// its frame, row by row from 0, and `label` a class's name.
 
 import { get } from "./api.js";
 import { signal } from "./dom.js";

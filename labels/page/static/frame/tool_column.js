@@ -130,8 +130,7 @@ export function showSettings(root, toggles) {
     const value = String(setting(input.dataset.setting));
     if (input.value === value) continue;
     input.value = value;
-    const output = input.parentElement.querySelector("output");
-    if (output) output.textContent = value;
+    input.parentElement.querySelector("output").textContent = value;
   }
   for (const [name, on] of Object.entries(toggles)) {
     setAttribute(root.querySelector(`[data-toggle="${name}"]`), "aria-pressed", String(on));
@@ -161,7 +160,9 @@ function modelParts() {
     on: { change: () => setSetting("suggestions", shown.checked) },
   });
   return [
-    el("label", { class: "check" }, backAfterMouse(shown), " Suggestions of ", el("b", { class: "model-name" })),
+    el("label", { class: "check" },
+      backAfterMouse(shown), " Suggestions of ", el("b", { class: "model-name" }),
+    ),
     slider("confidence", "Confident from", 0, 3, 0.05, (value) => value.toFixed(2)),
     slider("follow", "Keep from before", 0, 5, 0.25, (value) => (value ? value.toFixed(2) : "off")),
     el("label", { class: "pick" }, el("span", { text: "Obstacle is" }), select),

@@ -136,15 +136,9 @@ function layOut() {
   const focus = Math.max(0, shown.indexOf(page.thumbs?.[page.focus]?.frame));
   Object.assign(page, { count, width, excluded, focus, cell: page.cell ?? null });
   Object.assign(page, { stroke: null, touched: new Set() });
+  const plan = { width, height, onShape: layOutSoon, onPicture: drawSoon };
   page.thumbs = shown.map(
-    (frame, index) =>
-      new Thumb(camera, frame, {
-        id: `thumb-${index}`,
-        width,
-        height,
-        onShape: layOutSoon,
-        onPicture: drawSoon,
-      }),
+    (frame, index) => new Thumb(camera, frame, { id: `thumb-${index}`, ...plan }),
   );
   parts.list.replaceChildren(...page.thumbs.map((thumb) => thumb.element));
   if (shown.length === 0) parts.list.append(el("p", { class: "empty-state", text: nothing() }));
@@ -159,7 +153,8 @@ function needed(shown) {
 }
 
 function nothing() {
-  return `From frame ${page.first} on there is nothing: ${filterWords()}. / filters, Page Up goes back.`;
+  const keys = "/ filters, Page Up goes back.";
+  return `From frame ${page.first} on there is nothing: ${filterWords()}. ${keys}`;
 }
 
 function relayOut() {
@@ -355,7 +350,8 @@ function thumbAt(x, y) {
 }
 
 function allThumbs(start) {
-  return page.thumbs.filter((thumb) => thumb === start || (thumb.seen && !page.excluded.has(thumb.frame)));
+  const painted = (thumb) => thumb.seen && !page.excluded.has(thumb.frame);
+  return page.thumbs.filter((thumb) => thumb === start || painted(thumb));
 }
 
 function labelOf(mouseButton) {

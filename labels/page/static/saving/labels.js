@@ -197,15 +197,14 @@ export function acknowledge(entry, answer) {
  * @param {number} [event] Answers from before it do not do.
  */
 export function labelsAreStale(frames, event = 0) {
-  const cameras = new Map();
-  for (const [camera, frame] of frames) {
+  const here = frames.filter(([camera, frame]) => {
     const key = frameKey(camera, frame);
     // What is on its way may have been read before.
-    if (!truths.has(key) && !loading.has(key)) continue;
+    if (!truths.has(key) && !loading.has(key)) return false;
     stale.set(key, Math.max(event, stale.get(key) ?? 0));
-    cameras.set(camera, [...(cameras.get(camera) ?? []), frame]);
-  }
-  for (const [camera, list] of cameras) prefetch(camera, list);
+    return true;
+  });
+  prefetchOf(here.map(([camera, frame]) => ({ camera, frame })));
 }
 
 // Another person works here: nothing that was read is for their eyes or counts for them.

@@ -115,8 +115,7 @@ function confusionCell({ a, b }, number, found, chosen, choose) {
   const title = `${found.a}: ${a}, ${found.b}: ${b}`;
   return el("td", {},
     button(count(number), () => choose({ a, b }), {
-      class: "pair",
-      title: `show the patches that are ${title}`,
+      class: "pair", title: `show the patches that are ${title}`,
       "aria-pressed": String(pressed), "aria-label": `${number} patches ${title}`,
     }),
   );

@@ -102,13 +102,8 @@ export class TileGrid {
     /** Whether the mouse is held down on a tile. */
     this.busy = false;
     this.list = el("div", {
-      class: "tiles",
-      role: "listbox",
-      "aria-multiselectable": "true",
-      "aria-label": label,
-      tabindex: 0,
-      "data-home": true,
-      "data-caption-lines": captionLines,
+      class: "tiles", role: "listbox", "aria-multiselectable": "true", "aria-label": label,
+      tabindex: 0, "data-home": true, "data-caption-lines": captionLines,
     });
     this.band = el("div", { class: "tile-band", "aria-hidden": "true" });
     this.band.hidden = true;
