@@ -20,7 +20,6 @@ const MARK_ROOM = 6;
 /** Draws the strip into a canvas that is a slider for keyboards and screen readers. */
 export class Timeline {
   /**
-   * @param {HTMLCanvasElement} canvas
    * @param {(frame: number) => void} jump
    */
   constructor(canvas, jump) {

@@ -18,7 +18,6 @@ const SIGNS = {
 /**
  * The form that begins a blind labelling.
  * @param {{of: string, onCancel: ?Function}} options `of`: whose frames are proposed.
- * @returns {HTMLElement}
  */
 export function blindForm({ of, onCancel }) {
   const whose = choice(mission.annotators, of, { id: "blind-of" });
@@ -46,11 +45,7 @@ export function blindForm({ of, onCancel }) {
   );
 }
 
-/**
- * Work blind from now on, as `name`, on the frames of `of`.
- * @param {string} of
- * @param {string} name
- */
+/** Work blind from now on, as `name`, on the frames of `of`. */
 async function beginBlind(of, name) {
   if (!name) return;
   if (name === of) {
@@ -91,7 +86,6 @@ async function changePerson(change) {
 /**
  * How far a blind labelling is.
  * @param {string} fault Why there is no list; "" where there is.
- * @returns {HTMLElement}
  */
 export function blindProgress(fault) {
   const list = blindFrames();
