@@ -123,17 +123,8 @@ class Action:
         """Its changes as label records, in their order."""
         return [
             LabelRecord(
-                mission=self.mission,
-                camera=change.camera,
-                frame=change.frame,
-                grid=self.grid,
-                row=change.row,
-                col=change.col,
-                label=change.label,
-                annotator=self.annotator,
-                time=self.time,
-                source=self.source,
-                model_version=change.model_version,
+                *(self.mission, change.camera, change.frame, self.grid, change.row, change.col),
+                *(change.label, self.annotator, self.time, self.source, change.model_version),
             )
             for change in self.changes
         ]
@@ -423,13 +414,7 @@ def _moved(
 
 
 def _applied(key: str, number: int, result: dict[str, Any], *, repeated: bool) -> ActionResult:
-    return ActionResult(
-        key=key,
-        action=number,
-        event=result["event"],
-        changed=result["changed"],
-        conflicts=tuple(Conflict(*values) for values in result["conflicts"]),
-        repeated=repeated,
-        frames=tuple((camera, frame) for camera, frame in result["frames"]),
-        kind=result["kind"],
-    )
+    conflicts = tuple(Conflict(*values) for values in result["conflicts"])
+    frames = tuple((camera, frame) for camera, frame in result["frames"])
+    said = {**result, "conflicts": conflicts, "frames": frames}
+    return ActionResult(key=key, action=number, repeated=repeated, **said)

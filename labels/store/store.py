@@ -416,21 +416,17 @@ class LabelStore:
 
     def missions(self) -> list[str]:
         """Missions that have events, by name."""
-        return [row[0] for row in self._rows("SELECT DISTINCT mission FROM events ORDER BY 1")]
+        return self._column("SELECT DISTINCT mission FROM events ORDER BY 1")
 
     def grids(self, mission: str) -> list[str]:
         """Grids in which people labelled a mission, as text and in its order."""
         sql = "SELECT DISTINCT grid FROM events WHERE mission = ? AND source <> 'model' ORDER BY 1"
-        return [row[0] for row in self._rows(sql, (mission,))]
+        return self._column(sql, (mission,))
 
     def annotators(self) -> list[str]:
         """People who said something, by name; models are not among them."""
-        return [
-            row[0]
-            for row in self._rows(
-                "SELECT DISTINCT annotator FROM events WHERE source = 'human' ORDER BY 1"
-            )
-        ]
+        sql = "SELECT DISTINCT annotator FROM events WHERE source = 'human' ORDER BY 1"
+        return self._column(sql)
 
     def stats(self) -> list[AnnotatorStats]:
         """How much each annotator labelled, by mission and annotator."""
@@ -490,9 +486,12 @@ class LabelStore:
     def _one(self, sql: str) -> Any:
         return self._connection.execute(sql).fetchone()[0]
 
-    def _rows(self, sql: str, values: Sequence[Any] = ()) -> list[Any]:
+    def _rows(self, sql: str, values: Sequence[Any] | dict[str, Any] = ()) -> list[Any]:
         with self._lock, self._user_errors():
             return self._connection.execute(sql, values).fetchall()
+
+    def _column(self, sql: str, values: Sequence[Any] = ()) -> list[str]:
+        return [row[0] for row in self._rows(sql, values)]
 
     def _chosen(
         self,
@@ -517,8 +516,7 @@ class LabelStore:
         )
 
     def _records(self, sql: str, values: dict[str, Any]) -> list[LabelRecord]:
-        with self._lock, self._user_errors():
-            rows = self._connection.execute(sql, values).fetchall()
+        rows = self._rows(sql, values)
         grids = {text: Grid.parse(text) for text in {row[3] for row in rows}}
         return [
             LabelRecord(mission, camera, frame, grids[grid], row, col, *said)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import mimetypes
-import os
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from typing import Any
 
 from fastapi import FastAPI, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
-from starlette.types import ASGIApp, Scope
+from starlette.types import ASGIApp
 
 from tokt.features.common.errors import ToktError
 from tokt.labels.page.state.session import Session
@@ -35,14 +35,8 @@ mimetypes.add_type("text/css", ".css")
 class _PageFiles(StaticFiles):
     """The page's own files. Browsers ask each time whether they changed: tokt may be updated."""
 
-    def file_response(
-        self,
-        full_path: str | os.PathLike[str],
-        stat_result: os.stat_result,
-        scope: Scope,
-        status_code: int = 200,
-    ) -> Response:
-        response = super().file_response(full_path, stat_result, scope, status_code)
+    def file_response(self, *args: Any, **more: Any) -> Response:
+        response = super().file_response(*args, **more)
         response.headers["cache-control"] = "no-cache"
         return response
 

@@ -158,14 +158,11 @@ def _suggestions(session: Session, camera: str, frame: int) -> dict[str, Any] | 
     if found is None:
         return None
     # A page that was opened with another model must not take these for that one's.
-    label = session.suggester.bundle.label
-    if found.fault:
-        return {"model": label, "classes": [], "values": [], "fault": found.fault}
     return {
-        "model": label,
+        "model": session.suggester.bundle.label,
         "classes": found.classes.tolist(),
         "values": found.values.round(_VALUE_DECIMALS).tolist(),
-        "fault": "",
+        "fault": found.fault,
     }
 
 
@@ -194,18 +191,9 @@ def _action(session: Session, body: ActionBody) -> Action:
             changes.append(
                 Change(change.camera, change.frame, row, col, change.label, base, change.model)
             )
+    said = (body.key, body.who, session.mission.name, session.grid, body.kind, body.time)
     try:
-        return Action(
-            body.key,
-            body.who,
-            session.mission.name,
-            session.grid,
-            body.kind,
-            body.time,
-            tuple(changes),
-            body.source,
-            body.blind,
-        )
+        return Action(*said, tuple(changes), body.source, body.blind)
     except ToktError as error:
         raise refuse(400, str(error)) from None
 

@@ -172,7 +172,6 @@ async def _session(request: Request) -> Session:
 SessionOf = Annotated[Session, Depends(_session)]
 Who = Annotated[str, Query(min_length=1, max_length=MAX_NAME)]
 Blind = Annotated[bool, Query()]
-CameraOf = Annotated[Camera, Query()]
 Version = Annotated[str, Query(alias="v", max_length=MAX_NAME)]
 """Which mission's frames a page means: another one may be served on this port tomorrow."""
 Frame = Annotated[int, Query(ge=0, le=2**31 - 1)]

@@ -101,16 +101,11 @@ def get_queue(
     if blind:
         return _none("not while labelling blind: the order would show what the model says")
     done, total = session.suggester.progress
-    labelled = dict.fromkeys(session.board.labelled_frames(who or session.annotator), True)
+    labelled = session.board.labelled_frames(who or session.annotator)
     now = None if camera is None or frame is None else (camera, frame)
     frames = [
-        {
-            "camera": entry.camera,
-            "frame": entry.frame,
-            "why": entry.why,
-            "score": round(entry.score, _SCORE_DECIMALS),
-        }
-        for entry in next_frames(session.suggester, labelled, n, now)
+        {**vars(entry), "score": round(entry.score, _SCORE_DECIMALS)}
+        for entry in next_frames(session.suggester.known(), labelled, n, now)
     ]
     return _queue(frames, "", done, total)
 

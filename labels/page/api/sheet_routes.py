@@ -34,24 +34,21 @@ def get_sheet(
     ranked = session.sheet.ranked(who or session.annotator, label)
     return json_response(
         {
-            "total": len(ranked.patches),
+            "total": len(ranked.cells),
             "by": ranked.by,
             "ready": ranked.ready,
             "done": ranked.done,
             "of": ranked.of,
             "patches": [
-                {
-                    "camera": patch.camera,
-                    "frame": patch.frame,
-                    "cell": patch.cell,
-                    "value": round(patch.value, _VALUE_DECIMALS)
-                    if math.isfinite(patch.value)
-                    else None,
-                }
-                for patch in ranked.patches[offset : offset + limit]
+                {**patch._asdict(), "value": _rounded(patch.value)}
+                for patch in ranked.patches(offset, offset + limit)
             ],
         }
     )
+
+
+def _rounded(value: float) -> float | None:
+    return round(value, _VALUE_DECIMALS) if math.isfinite(value) else None
 
 
 @router.get("/agreement")

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from itertools import islice, pairwise
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from tokt.labels.record import SETTLED
 from tokt.labels.store.store import EventRow, LabelStore
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 
+K = TypeVar("K")
 Codes = NDArray[np.int16]
 FrameName: TypeAlias = tuple[str, int]
 """Camera and number of a frame."""
@@ -27,21 +28,22 @@ _UNSEEN, _SEEN, _PART, _DONE, _DISAGREEMENT = b"uspdx"
 _NOBODY_SURE = np.int16(np.iinfo(np.int16).max)
 
 
-class _Vocabulary(dict[str | None, int]):
-    """Words and their codes; a new word gets the next code."""
+class Numbering(dict[K, int]):
+    """Words, or anything else, and their numbers from 0; a new one gets the next number."""
 
-    def __init__(self, words: Iterable[str | None]) -> None:
+    def __init__(self, words: Iterable[K] = ()) -> None:
         super().__init__()
-        self.words: list[str | None] = []
+        self.words: list[K] = []
         for word in words:
             self[word]
 
-    def __missing__(self, word: str | None) -> int:
+    def __missing__(self, word: K) -> int:
         self.words.append(word)
         self[word] = len(self.words) - 1
         return self[word]
 
-    def codes(self, words: Iterable[str | None], n: int) -> Codes:
+    def codes(self, words: Iterable[K], n: int) -> Codes:
+        """The numbers of `n` words."""
         return np.fromiter((self[word] for word in words), np.int16, n)
 
 
@@ -244,11 +246,12 @@ class Board:
         every = [(camera, frame) for camera, frames in self.frames.items() for frame in frames]
         self._every: list[FrameName] = every
         self._position = {name: n for n, name in enumerate(every)}
-        self._labels = _Vocabulary((None, *taxonomy.names, UNSURE))
+        self._labels = Numbering[str | None]((None, *taxonomy.names, UNSURE))
         self._unsure = self._labels[UNSURE]
         self._usual = frozenset(self._labels)
-        self._notes = _Vocabulary((None,))
+        self._notes = Numbering[str | None]((None,))
         self._said: dict[str, LabelArray] = {}
+        self._nothing_said = LabelArray(len(every), grid.n_patches)
         self._settled = LabelArray(len(every), grid.n_patches)
         self._seen: dict[str, NDArray[np.bool_]] = {}
         self._disagree = np.zeros(len(every), bool)
@@ -301,7 +304,7 @@ class Board:
     def labels(self, who: str, camera: str, frame: int) -> list[str | None]:
         """One annotator's labels of a frame, one a cell."""
         with self._lock:
-            return self._words(self._said.get(who), self._position[camera, frame])
+            return self._words(self._by(who), self._position[camera, frame])
 
     def others(self, who: str, camera: str, frame: int) -> dict[str, list[str | None]]:
         """Labels of a frame by everybody else who labelled something in it."""
@@ -321,25 +324,20 @@ class Board:
     def versions(self, who: str, camera: str, frame: int) -> dict[int, str]:
         """Model versions whose suggestions this annotator confirmed, by cell."""
         with self._lock:
-            array = self._said.get(who)
-            codes = array.notes(self._position[camera, frame]) if array else {}
+            codes = self._by(who).notes(self._position[camera, frame])
             return {cell: str(self._notes.words[code]) for cell, code in codes.items()}
 
     def counts(self, who: str) -> dict[str, int]:
         """One annotator's patches by label: classes, ``unsure``, and what else this person used."""
         with self._lock:
-            array = self._said.get(who)
-            counts = {
-                name: array.count(code) if array else 0
-                for name, code in self._labels.items()
-                if name is not None
-            }
+            count = self._by(who).count
+            counts = {name: count(code) for name, code in self._labels.items() if name is not None}
         return {name: n for name, n in counts.items() if n or name in self._usual}
 
     def blind_count(self, who: str) -> int:
         """Number of this annotator's labels that were given blind."""
         with self._lock:
-            return self._said[who].blind_count() if who in self._said else 0
+            return self._by(who).blind_count()
 
     def states(self, who: str, blind: bool) -> dict[str, str]:
         """State of every frame by camera, one letter a frame in the order of `frames`.
@@ -371,10 +369,7 @@ class Board:
     def cells_of_class(self, who: str, label: str) -> list[tuple[str, int, int]]:
         """One annotator's patches of one label: (camera, frame, cell), in order."""
         with self._lock:
-            array = self._said.get(who)
-            if array is None or label not in self._labels:
-                return []
-            positions, cells = np.nonzero(array.labels == self._labels[label])
+            positions, cells = np.nonzero(self._are(who, label))
         return [
             (*self._every[position], cell)
             for position, cell in zip(positions.tolist(), cells.tolist(), strict=True)
@@ -383,29 +378,22 @@ class Board:
     def last_event(self, who: str) -> int:
         """The last event by which this annotator labelled something."""
         with self._lock:
-            return self._said[who].event if who in self._said else 0
+            return self._by(who).event
 
     def labelled_frames(self, who: str) -> list[FrameName]:
         """Frames in which this annotator labelled something, in order."""
         with self._lock:
-            array = self._said.get(who)
-            return [self._every[n] for n in np.flatnonzero(array.filled)] if array else []
+            return [self._every[n] for n in np.flatnonzero(self._by(who).filled)]
 
     def frames_with(self, who: str, label: str) -> list[FrameName]:
         """Frames in which this annotator gave at least one patch that label, in order."""
         with self._lock:
-            array = self._said.get(who)
-            if array is None or label not in self._labels:
-                return []
-            some = (array.labels == self._labels[label]).any(axis=1)
-            return [self._every[n] for n in np.flatnonzero(some)]
+            return [self._every[n] for n in np.flatnonzero(self._are(who, label).any(axis=1))]
 
     def pairs(self, a: str, b: str) -> Counter[tuple[str, str]]:
         """How often `a` and `b` gave a patch each pair of labels, over what both labelled."""
         with self._lock:
-            if a not in self._said or b not in self._said:
-                return Counter()
-            of_a, of_b = self._said[a].labels, self._said[b].labels
+            of_a, of_b = self._by(a).labels, self._by(b).labels
             both = (of_a > 0) & (of_b > 0)
             n_words = len(self._labels.words)
             found, counts = np.unique(
@@ -422,9 +410,7 @@ class Board:
     def differences(self, a: str, b: str) -> list[LabelDifference]:
         """Patches that `a` and `b` labelled differently, settled or not, in order."""
         with self._lock:
-            if a not in self._said or b not in self._said:
-                return []
-            of_a, of_b = self._said[a].labels, self._said[b].labels
+            of_a, of_b = self._by(a).labels, self._by(b).labels
             positions, cells = np.nonzero((of_a > 0) & (of_b > 0) & (of_a != of_b))
             return [
                 self._difference(position, cell, of_a, of_b)
@@ -469,19 +455,23 @@ class Board:
             self._seen[who] = seen
         return self._seen[who]
 
-    def _words(self, array: LabelArray | None, position: int) -> list[str | None]:
-        if array is None:
-            return [None] * self.grid.n_patches
+    def _by(self, who: str) -> LabelArray:
+        """What somebody said; of somebody who said nothing, not to be written into."""
+        return self._said.get(who, self._nothing_said)
+
+    def _are(self, who: str, label: str) -> NDArray[np.bool_]:
+        """Which patches somebody gave that label, by frame and cell."""
+        return np.asarray(self._by(who).labels == self._labels.get(label, -1))
+
+    def _words(self, array: LabelArray, position: int) -> list[str | None]:
         words = self._labels.words
         return [words[code] for code in array.labels[position].tolist()]
 
     def _letters(self, who: str, blind: bool, positions: NDArray[np.int64]) -> NDArray[np.uint8]:
         letters = np.where(self._seen_by(who)[positions], _SEEN, _UNSEEN).astype(np.uint8)
-        array = self._said.get(who)
-        if array is not None:
-            filled = array.filled[positions]
-            letters[filled > 0] = _PART
-            letters[filled == self.grid.n_patches] = _DONE
+        filled = self._by(who).filled[positions]
+        letters[filled > 0] = _PART
+        letters[filled == self.grid.n_patches] = _DONE
         if not blind:
             letters[self._disagree[positions]] = _DISAGREEMENT
         return letters

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,12 +16,13 @@ from tokt.features.frames.mission import Mission
 from tokt.labels.page.background import Background
 from tokt.labels.page.frames import for_background, read_frame
 
+from .board import FrameName, Numbering
+
 WHAT = "LBP and Haralick features"
 _EXTRACTOR = extractor_named("lbp_10_5_frame+haralick")
 _FIRST_ROOM = 64  # frames
 
 CellName = tuple[str, int, int]
-_FrameName = tuple[str, int]
 
 
 @dataclass(frozen=True)
@@ -60,19 +61,6 @@ class FeatureSnapshot:
     done: int
 
 
-class _RowOfFrame(dict[_FrameName, int]):
-    """Frames and their rows; a frame that is new gets the next row."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.names: list[_FrameName] = []
-
-    def __missing__(self, name: _FrameName) -> int:
-        self.names.append(name)
-        self[name] = len(self.names) - 1
-        return self[name]
-
-
 class FrameFeatures:
     """Features of every patch of the frames that were asked for. For any number of threads.
 
@@ -88,22 +76,10 @@ class FrameFeatures:
         self._mission = for_background(mission)
         self._grid = grid
         self._lock = threading.Lock()
-        self._rows = _RowOfFrame()
+        self._rows = Numbering[FrameName]()
         self._good: list[bool] = []
         self._features = np.zeros((_FIRST_ROOM, grid.n_patches, _EXTRACTOR.dim), np.float32)
         self.background = Background("tokt-sheet", self._step)
-
-    @property
-    def progress(self) -> tuple[int, int]:
-        """How many frames have been looked at, and how many were asked for."""
-        return len(self._good), len(self._rows.names)
-
-    def want(self, frames: Iterable[_FrameName]) -> None:
-        """Ask for frames."""
-        with self._lock:
-            for name in frames:
-                self._rows[name]
-        self.background.wake()
 
     def locate(self, cells: Sequence[CellName]) -> PatchLocations:
         """Places of patches in the next `snapshot`; their frames are computed if need be."""
@@ -119,18 +95,18 @@ class FrameFeatures:
     def snapshot(self) -> FeatureSnapshot:
         """All that is known; what comes later does not change it."""
         with self._lock:
-            n = len(self._rows.names)
+            n = len(self._rows.words)
             good = np.zeros(n, bool)
             good[: len(self._good)] = self._good
-            numbers = np.fromiter((frame for _, frame in self._rows.names), np.int64, n)
+            numbers = np.fromiter((frame for _, frame in self._rows.words), np.int64, n)
             return FeatureSnapshot(self._features, numbers, good, len(self._good))
 
     def _step(self) -> bool:
         row = len(self._good)
         with self._lock:
-            if row == len(self._rows.names):
+            if row == len(self._rows.words):
                 return False
-            camera, frame = self._rows.names[row]
+            camera, frame = self._rows.words[row]
         features = self._describe(camera, frame)
         with self._lock:
             if row == len(self._features):

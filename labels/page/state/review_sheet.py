@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, overload
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
-from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import Mission
 from tokt.labels.taxonomy import UNSURE
 
@@ -37,49 +37,37 @@ class Patch(NamedTuple):
     value: float
 
 
-class Patches(Sequence[Patch]):
-    """Patches in order, made when they are looked at: there may be a million."""
-
-    def __init__(
-        self, cells: Sequence[CellName], values: NDArray[np.float64], order: NDArray[np.int64]
-    ) -> None:
-        self._cells, self._values, self._order = cells, values, order
-
-    def __len__(self) -> int:
-        return len(self._order)
-
-    @overload
-    def __getitem__(self, index: int) -> Patch: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[Patch]: ...
-    def __getitem__(self, index: int | slice) -> Patch | list[Patch]:
-        if isinstance(index, slice):
-            return [self._patch(place) for place in self._order[index].tolist()]
-        return self._patch(int(self._order[index]))
-
-    def _patch(self, place: int) -> Patch:
-        return Patch(*self._cells[place], float(self._values[place]))
-
-
 @dataclass(frozen=True)
 class Ranked:
     """A class's patches.
 
     Attributes
     ----------
-    patches : Patches
-        A sequence of `Patch`, odd ones first; last, with a value that is not a number, those
-        whose frame has not been looked at yet or cannot be read.
+    cells : sequence of (camera, frame, cell)
+        The patches, in the order of the frames.
+    values : array of float64, shape (n,)
+        A value a patch: lower the less it looks like its label; not a number where its frame has
+        not been looked at yet or cannot be read.
     by : str
         What the order goes by and how that was computed, in words.
     done, of : int
         Labelled frames that have been looked at, and all of them.
     """
 
-    patches: Patches
+    cells: Sequence[CellName]
+    values: NDArray[np.float64]
     by: str
     done: int
     of: int
+
+    @cached_property
+    def _order(self) -> NDArray[np.int64]:
+        return np.argsort(self.values, kind="stable")  # what is not a number comes last
+
+    def patches(self, start: int, stop: int) -> list[Patch]:
+        """A part of the patches, odd ones first; made when it is asked for: of a million."""
+        places: list[int] = self._order[start:stop].tolist()
+        return [Patch(*self.cells[place], float(self.values[place])) for place in places]
 
     @property
     def ready(self) -> bool:
@@ -87,62 +75,33 @@ class Ranked:
         return self.done == self.of
 
 
-class PatchRanker:
-    """Ranks labelled patches by how they look. For any number of threads.
+def rank(
+    features: FrameFeatures, cells_by_class: Mapping[str, Sequence[CellName]], label: str
+) -> Ranked:
+    """Rank the patches of a label by how they look.
 
     Parameters
     ----------
-    mission : Mission
-    grid : Grid
-
-    Attributes
-    ----------
     features : FrameFeatures
         Of the frames with labels, as far as they have been looked at.
+    cells_by_class : mapping of str to sequence of (camera, frame, cell)
+        All labelled patches, by label.
+    label : str
+        One of these labels.
+
+    Raises
+    ------
+    ToktError
+        If scikit-learn is not installed.
     """
-
-    def __init__(self, mission: Mission, grid: Grid) -> None:
-        self.features = FrameFeatures(mission, grid)
-        self._lock = threading.Lock()
-        self._last: tuple[Hashable, str, Ranked] | None = None
-
-    def patches(
-        self, cells_by_class: Mapping[str, Sequence[CellName]], label: str, version: Hashable = None
-    ) -> Ranked:
-        """The patches of a label, odd ones first.
-
-        Parameters
-        ----------
-        cells_by_class : mapping of str to sequence of (camera, frame, cell)
-            All labelled patches, by label.
-        label : str
-            One of these labels.
-        version : hashable, optional
-            Names this state of the labels: asked for again with the same one, the same ranking
-            is answered at once, without a look at `cells_by_class`.
-
-        Raises
-        ------
-        ToktError
-            If scikit-learn is not installed.
-        """
-        # One at a time: the next one mostly asks for the following page of the same ranking.
-        with self._lock:
-            last = self._last
-            if version is not None and last and last[:2] == (version, label) and last[2].ready:
-                return last[2]
-            located = {name: self.features.locate(c) for name, c in cells_by_class.items()}
-            known = self.features.snapshot()
-            own = located.get(label, self.features.locate([]))
-            # What nobody was sure of is no example of anything.
-            names = [name for name in located if name not in (label, UNSURE)]
-            others = [located[name] for name in names] if label != UNSURE else []
-            values, by = _values(known, own, others)
-            order = np.argsort(values, kind="stable")  # what is not a number comes last
-            patches = Patches(cells_by_class.get(label, ()), values, order)
-            ranked = Ranked(patches, by, known.done, len(known.numbers))
-            self._last = (version, label, ranked)
-            return ranked
+    located = {name: features.locate(cells) for name, cells in cells_by_class.items()}
+    known = features.snapshot()
+    own = located.get(label, features.locate([]))
+    # What nobody was sure of is no example of anything.
+    names = [name for name in located if name not in (label, UNSURE)]
+    others = [located[name] for name in names] if label != UNSURE else []
+    values, by = _values(known, own, others)
+    return Ranked(cells_by_class.get(label, ()), values, by, known.done, len(known.numbers))
 
 
 class ReviewSheet:
@@ -156,34 +115,38 @@ class ReviewSheet:
 
     def __init__(self, mission: Mission, board: Board) -> None:
         self._board = board
-        self._ranker = PatchRanker(mission, board.grid)
+        self._features = FrameFeatures(mission, board.grid)
         self._lock = threading.Lock()
         self._started = False
         self._version: tuple[str, int] | None = None
         self._cells: dict[str, list[CellName]] = {}
+        self._last: tuple[str, Ranked] | None = None
 
     def ranked(self, who: str, label: str) -> Ranked:
-        """A person's patches of one label, odd ones first."""
+        """A person's patches of one label, odd ones first; ToktError as in `rank`."""
+        # One at a time: the next one mostly asks for the following page of the same ranking.
         with self._lock:
             if not self._started:
                 # Not before: it keeps a processor busy for as long as there are labelled frames.
-                self._ranker.features.background.start()
+                self._features.background.start()
                 self._started = True
             version = who, self._board.last_event(who)
             if version != self._version:
                 # A million patches take a while to list; pages ask for them bit by bit.
                 names = self._board.names
                 self._cells = {name: self._board.cells_of_class(who, name) for name in names}
-                self._version = version
-            return self._ranker.patches(self._cells, label, version)
+                self._version, self._last = version, None
+            if self._last is None or self._last[0] != label or not self._last[1].ready:
+                self._last = label, rank(self._features, self._cells, label)
+            return self._last[1]
 
     def give_way(self) -> None:
         """Say that a request is being served."""
-        self._ranker.features.background.give_way()
+        self._features.background.give_way()
 
     def close(self) -> None:
         """Stop."""
-        self._ranker.features.background.close()
+        self._features.background.close()
 
 
 @dataclass(frozen=True)

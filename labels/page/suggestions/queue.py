@@ -7,9 +7,8 @@ of a dive are near copies: labelling one tells the model almost all about the ot
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +26,6 @@ _SPREAD = 2654435761  # an odd number far from simple fractions of 2**32: spread
 
 _Name = tuple[str, int]
 _Float = NDArray[np.float32]
-
-
-class HasSuggestions(Protocol):
-    """A `Suggester`."""
-
-    def known(self) -> MissionSuggestions:
-        """All frames known so far."""
 
 
 @dataclass(frozen=True)
@@ -57,75 +49,41 @@ class QueueEntry:
 
 
 def next_frames(
-    suggester: HasSuggestions,
-    labelled: Mapping[_Name, bool],
-    n: int,
-    now: _Name | None = None,
-    camera: str | None = None,
+    known: MissionSuggestions, labelled: Collection[_Name], n: int, now: _Name | None = None
 ) -> list[QueueEntry]:
     """The next frames to label, best first; the same input gives the same queue.
 
     Parameters
     ----------
-    suggester : Suggester
-        Frames that it does not know yet, or that are faulty, are left out.
-    labelled : mapping of (camera, frame) to bool
-        Frames with True are left out.
+    known : MissionSuggestions
+        The frames to choose from.
+    labelled : collection of (camera, frame)
+        Frames that are left out.
     n : int
         How many at most.
     now : (camera, frame), optional
         The frame that is shown: it is left out, and its near copies come late.
-    camera : str, optional
-        Only frames of this camera.
     """
-    known = suggester.known()
     names = list(zip(known.cameras.tolist(), known.frames.tolist(), strict=True))
-    seen = {name for name, is_labelled in labelled.items() if is_labelled}
+    seen = set(labelled)
     shown = {now} - seen if now else set()
     is_seen, is_shown = (
         np.fromiter((name in some for name in names), bool, len(names)) for some in (seen, shown)
     )
     free = ~is_seen & ~is_shown
-    if camera is not None:
-        free &= known.cameras == camera
     if not free.any():
         return []
-    uncertainty = _Uncertainty.of(known)
-    queue = _Queue(known, uncertainty, _candidates(uncertainty.unsure, free))
+    queue = _Queue(known, free)
     queue.leave(np.flatnonzero(is_seen), [frame for _, frame in seen], "labelled")
     queue.leave(np.flatnonzero(is_shown), [frame for _, frame in shown], "shown now")
-    entries = []
-    for _ in range(min(n, len(queue.candidates))):
-        entries.append(queue.take())
-    return entries
+    return [queue.take() for _ in range(min(n, len(queue.candidates)))]
 
 
-@dataclass(frozen=True)
-class _Uncertainty:
-    """How unsure the model is of each frame.
-
-    Attributes
-    ----------
-    near : float
-        Decision values so far from the threshold, and less, count.
-    patches : array of int, shape (n,)
-        How many such patches each frame has.
-    unsure : array of float, shape (n,)
-        0 to 1.
-    """
-
-    near: float
-    patches: NDArray[np.int64]
-    unsure: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, known: MissionSuggestions) -> _Uncertainty:
-        # Two digits, as the reason given says them.
-        near = float(f"{_NEAR_SHARE * float(np.median(known.values)):.2g}")
-        share = 1 - known.values / max(near, 1e-300)
-        sums = share.clip(0, None).sum(axis=1)
-        unsure = _MIN_UNSURE + (1 - _MIN_UNSURE) * sums / (sums + _HALF_UNSURE)
-        return cls(near, (known.values <= near).sum(axis=1), unsure)
+def _unsure(values: NDArray[np.float64], near: float) -> NDArray[np.float64]:
+    """How unsure the model is of each frame, 0 to 1; decision values below `near` count."""
+    share = 1 - values / max(near, 1e-300)
+    sums = share.clip(0, None).sum(axis=1)
+    return np.asarray(_MIN_UNSURE + (1 - _MIN_UNSURE) * sums / (sums + _HALF_UNSURE))
 
 
 def _candidates(unsure: NDArray[np.float64], free: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -140,16 +98,16 @@ def _candidates(unsure: NDArray[np.float64], free: NDArray[np.bool_]) -> NDArray
 class _Queue:
     """Candidates, and how alike each is to the frames that are known or taken."""
 
-    def __init__(
-        self, known: MissionSuggestions, uncertainty: _Uncertainty, candidates: NDArray[np.int64]
-    ) -> None:
-        self.candidates = candidates
+    def __init__(self, known: MissionSuggestions, free: NDArray[np.bool_]) -> None:
+        # Two digits, as the reason given says them.
+        self._near = float(f"{_NEAR_SHARE * float(np.median(known.values)):.2g}")
+        unsure = _unsure(known.values, self._near)
+        self.candidates = candidates = _candidates(unsure, free)
         self._known = known
-        self._uncertainty = uncertainty
         self._looks = looks(known.features)
         self._own_looks = self._looks[candidates]
         self._own_frames = known.frames[candidates]
-        self._unsure = uncertainty.unsure[candidates]
+        self._unsure = unsure[candidates]
         self._distance = np.full(len(candidates), np.inf, np.float32)
         self._nearest = np.full(len(candidates), -1)
         self._gap = np.full(len(candidates), np.inf)
@@ -190,10 +148,10 @@ class _Queue:
         self._distance[nearer], self._nearest[nearer] = distance[nearer], places[nearer]
 
     def _why(self, place: int, candidate: int) -> str:
-        patches, near = self._uncertainty.patches[place], self._uncertainty.near
+        patches = (self._known.values[place] <= self._near).sum()
         number = f"{patches or 'no'} patch{'' if patches == 1 else 'es'}"
         of_what = "of a second class" if self._known.several else "of the threshold"
-        unsure = f"{number} within {near:g} {of_what}"
+        unsure = f"{number} within {self._near:g} {of_what}"
         nearest = int(self._nearest[candidate])
         if nearest < 0:
             return f"{unsure}; nothing to compare it with is labelled yet"

@@ -74,11 +74,6 @@ class Suggester:
         """How many frames are known, and of how many."""
         return self._table.done, len(self._table.names)
 
-    @property
-    def ready(self) -> bool:
-        """Whether all frames are known."""
-        return self._table.done == len(self._table.names)
-
     def start(self) -> None:
         """Begin to compute all frames, those near the one shown first; once."""
         self._background.start()
@@ -107,7 +102,7 @@ class Suggester:
             return None
         with self._lock:
             if self._table.knows(index):
-                return self._table.get(index, self.bundle.model.obstacle)
+                return self._table.get(index)
         return self._compute(index, self._mission)
 
     def known(self) -> MissionSuggestions:
@@ -192,4 +187,4 @@ def suggestions(model: LinearModel, features: NDArray[np.float64]) -> FrameSugge
     else:
         best = np.sort(excess, axis=1)[:, -2:]
         margins = best[:, 1] - best[:, 0]
-    return FrameSuggestions(classes, margins, np.asarray(model.obstacle, bool)[classes])
+    return FrameSuggestions(classes, margins)

@@ -31,15 +31,12 @@ class FrameSuggestions:
     values : array of float64, shape (n_patches,)
         How far the decision is on the side of that class, 0 and more: with two classes the
         distance to the threshold, with more the lead over the second best.
-    obstacle : array of bool, shape (n_patches,)
-        Whether that class is an obstacle.
     fault : str
         Why there are no suggestions, the arrays being empty; or an empty string.
     """
 
     classes: NDArray[np.int64]
     values: NDArray[np.float64]
-    obstacle: NDArray[np.bool_]
     fault: str = ""
 
 
@@ -111,14 +108,11 @@ class SuggestionTable:
         self._features[index] = np.concatenate([features.mean(axis=0), features.std(axis=0)])
         self._states[index] = _JUDGED
 
-    def get(self, index: int, obstacle: tuple[bool, ...]) -> FrameSuggestions:
+    def get(self, index: int) -> FrameSuggestions:
         """The suggestions of a frame that is known."""
         if self._states[index] == _FAULTY:
             return no_suggestions(self._faults[index])
-        classes = self._classes[index].astype(np.int64)
-        return FrameSuggestions(
-            classes, self._values[index].copy(), np.asarray(obstacle, bool)[classes]
-        )
+        return FrameSuggestions(self._classes[index].astype(np.int64), self._values[index].copy())
 
     def known(self, several: bool) -> MissionSuggestions:
         """A copy of everything known, without faulty frames."""
@@ -180,7 +174,7 @@ class SuggestionTable:
 
 def no_suggestions(fault: str) -> FrameSuggestions:
     """The suggestions of a frame that cannot be judged: none, and why."""
-    return FrameSuggestions(np.zeros(0, np.int64), np.zeros(0), np.zeros(0, bool), fault)
+    return FrameSuggestions(np.zeros(0, np.int64), np.zeros(0), fault)
 
 
 def mission_stamp(mission: Mission) -> str:

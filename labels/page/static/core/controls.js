@@ -8,8 +8,7 @@ import { classes, colourOf, setSetting, signOf } from "./mission.js";
 
 /** Patch of colour with the class's key in it, so that colour is never the only sign. */
 export function swatch(name) {
-  const attrs = { "aria-hidden": "true" };
-  const mark = el("span", { class: "swatch", text: signOf(name), attrs });
+  const mark = el("span", { class: "swatch", text: signOf(name), "aria-hidden": "true" });
   mark.style.backgroundColor = colourOf(name);
   mark.style.color = inkOn(colourOf(name));
   return mark;
@@ -60,9 +59,7 @@ export function commandButtons(commands, keyFor) {
 /**
  * A choice of one of several values.
  * @param {(string | [string, string])[]} values Each one, or with the words for it.
- * @param {string} chosen
  * @param {Object} options Of the element, as `el` takes them.
- * @returns {HTMLSelectElement}
  */
 export function choice(values, chosen, options) {
   return el("select", options, ...optionsOf(values, chosen));
@@ -71,21 +68,16 @@ export function choice(values, chosen, options) {
 /**
  * The options of a `choice`.
  * @param {(string | [string, string])[]} values
- * @param {string} [chosen]
- * @returns {HTMLOptionElement[]}
  */
 export function optionsOf(values, chosen) {
   return values
     .map((value) => [value].flat())
     .map(([value, text = value]) =>
-      el("option", { text, attrs: { value, selected: value === chosen } }),
+      el("option", { text, value, selected: value === chosen }),
     );
 }
 
-/**
- * For a model that only knows "obstacle": which class that is in these frames.
- * @returns {HTMLSelectElement}
- */
+/** For a model that only knows "obstacle": which class that is in these frames. */
 export function obstacleChoice() {
   const obstacles = classes().filter((known) => known.obstacle);
   const change = ({ target }) => setSetting("obstacleAs", target.value);
@@ -94,11 +86,11 @@ export function obstacleChoice() {
 }
 
 function group(name, ...children) {
-  return el("span", { class: "pager", attrs: { role: "group", "aria-label": name } }, ...children);
+  return el("span", { class: "pager", role: "group", "aria-label": name }, ...children);
 }
 
 function named(sign, name, key, run) {
-  return button(sign, run, { title: `${name} (${key})`, attrs: { "aria-label": name } });
+  return button(sign, run, { title: `${name} (${key})`, "aria-label": name });
 }
 
 /**
@@ -106,7 +98,6 @@ function named(sign, name, key, run) {
  * @param {(step: number) => void} turn -1 or 1.
  * @param {Node} range Says what the page shows.
  * @param {...Node} more Further buttons.
- * @returns {HTMLElement}
  */
 export function pager(turn, range, ...more) {
   const back = named("‹", "previous page", "Page Up", () => turn(-1));
@@ -118,7 +109,6 @@ export function pager(turn, range, ...more) {
  * Smaller and larger pictures.
  * @param {(step: number) => void} resize -1: smaller, 1: larger.
  * @param {...Node} more Further buttons.
- * @returns {HTMLElement}
  */
 export function sizeButtons(resize, ...more) {
   const smaller = named("−", "smaller pictures", "-", () => resize(-1));

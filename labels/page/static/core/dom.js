@@ -3,28 +3,21 @@
 
 /**
  * Make an element.
- * @param {string} tag
- * @param {{class?: string, text?: string, attrs?: Object, on?: Object<string, Function>}} [options]
- *   `attrs`: true gives an empty attribute, false, null and undefined give none.
+ * @param {{text?: string, on?: Object<string, Function>}} [options] `text`: its words; `on`: its
+ *   listeners by event. All others are attributes: true gives an empty one, false, null and
+ *   undefined give none.
  * @param {...(Node|string|null|undefined)} children
- * @returns {HTMLElement}
  */
-export function el(tag, { class: className, text, attrs = {}, on = {} } = {}, ...children) {
+export function el(tag, { text, on = {}, ...attributes } = {}, ...children) {
   const node = document.createElement(tag);
-  if (className) node.className = className;
   if (text !== undefined) node.textContent = text;
-  for (const [name, value] of Object.entries(attrs)) setAttribute(node, name, value);
+  for (const [name, value] of Object.entries(attributes)) setAttribute(node, name, value);
   for (const [type, listener] of Object.entries(on)) node.addEventListener(type, listener);
   node.append(...children.filter((child) => child !== null && child !== undefined));
   return node;
 }
 
-/**
- * Set, or with false, null or undefined remove, an attribute.
- * @param {Element} node
- * @param {string} name
- * @param {*} value
- */
+/** Set, or with false, null or undefined remove, an attribute. */
 export function setAttribute(node, name, value) {
   if (value === false || value === null || value === undefined) node.removeAttribute(name);
   else node.setAttribute(name, value === true ? "" : String(value));
@@ -33,22 +26,13 @@ export function setAttribute(node, name, value) {
 /**
  * A button that gives the keyboard back to the view after a click with the mouse, so that the
  * next Enter or Space is the view's and does not press the button again.
- * @param {string} text
- * @param {Function} run
- * @param {{class?: string, title?: string, attrs?: Object}} [options]
- * @returns {HTMLButtonElement}
  */
-export function button(text, run, { class: className = "", title, attrs = {} } = {}) {
+export function button(text, run, attributes) {
   const click = (event) => {
     run(event);
     if (event.detail > 0) focusView();
   };
-  return el("button", {
-    class: className,
-    text,
-    attrs: { type: "button", title, ...attrs },
-    on: { click },
-  });
+  return el("button", { text, type: "button", on: { click }, ...attributes });
 }
 
 /**
@@ -71,10 +55,7 @@ export function focusView() {
   document.querySelector("#view [data-home]")?.focus({ preventScroll: true });
 }
 
-/**
- * Read a text out (polite live region), without showing it.
- * @param {string} text
- */
+/** Read a text out (polite live region), without showing it. */
 export function announce(text) {
   document.getElementById("announcer").textContent = text;
 }
@@ -83,7 +64,6 @@ let toastTimer = 0;
 
 /**
  * Show a sentence for some seconds, and read it out.
- * @param {string} text
  * @param {{bad?: boolean}} [options] `bad`: something was not done.
  */
 export function say(text, { bad = false } = {}) {
@@ -95,11 +75,7 @@ export function say(text, { bad = false } = {}) {
   toastTimer = setTimeout(() => toast.classList.remove("shown"), bad ? 8000 : 4000);
 }
 
-/**
- * A function that runs `work` once before the next drawing, however often it is called.
- * @param {Function} work
- * @returns {Function}
- */
+/** A function that runs `work` once before the next drawing, however often it is called. */
 export function soon(work) {
   let waiting = false;
   return () => {

@@ -62,9 +62,9 @@ function readOut() {
 function openPersonDialog() {
   const dialog = byId("person-dialog");
   const name = el("input", {
-    attrs: { id: "person-name", value: who(), list: "person-names", maxlength: 60, required: true },
+    id: "person-name", value: who(), list: "person-names", maxlength: 60, required: true,
   });
-  const hides = el("input", { attrs: { id: "person-blind", type: "checkbox", checked: blind() } });
+  const hides = el("input", { id: "person-blind", type: "checkbox", checked: blind() });
   const choose = async (event) => {
     event.preventDefault();
     const chosen = name.value.trim();
@@ -73,22 +73,16 @@ function openPersonDialog() {
     await become(chosen, hides.checked);
   };
   dialog.replaceChildren(
-    el(
-      "form",
-      { on: { submit: choose } },
+    el("form", { on: { submit: choose } },
       el("h2", { text: "Who works here" }),
-      el("label", { text: "Annotator ", attrs: { for: "person-name" } }),
+      el("label", { text: "Annotator ", for: "person-name" }),
       name,
-      el(
-        "datalist",
-        { attrs: { id: "person-names" } },
-        ...mission.annotators.map((value) => el("option", { attrs: { value } })),
+      el("datalist", { id: "person-names" },
+        ...mission.annotators.map((value) => el("option", { value })),
       ),
       el("label", { class: "check" }, hides, " Blind: hide what others and the model said"),
-      el(
-        "div",
-        { class: "row" },
-        el("button", { class: "main", text: "Work as this", attrs: { type: "submit" } }),
+      el("div", { class: "row" },
+        el("button", { class: "main", text: "Work as this", type: "submit" }),
         button("Cancel", () => dialog.close()),
       ),
     ),

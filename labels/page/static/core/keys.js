@@ -34,10 +34,7 @@ export function setViewKeys({ title, keys = [], classKeys = null }) {
   held.clear();
 }
 
-/**
- * Add keys that answer in every view, after the view's own.
- * @param {KeyEntry[]} entries
- */
+/** Add keys that answer in every view, after the view's own. */
 export function addGlobalKeys(entries) {
   globalKeys.push(...entries);
 }
@@ -132,17 +129,13 @@ export function toggleHelp() {
     dialog.close();
     return;
   }
+  const on = { click: toggleHelp };
   dialog.replaceChildren(
-    el("button", {
-      class: "close",
-      text: "Close (Esc)",
-      attrs: { type: "button" },
-      on: { click: toggleHelp },
-    }),
+    el("button", { class: "close", text: "Close (Esc)", type: "button", on }),
     el("h2", { text: "Keys" }),
-    el("p", {
-      text: "Class keys go before page keys; a one-character page key also answers to Alt with it.",
-    }),
+    el("p", {},
+      "Class keys go before page keys; a one-character page key also answers to Alt with it.",
+    ),
     el("div", { class: "help-columns" }, ...tables()),
   );
   dialog.onkeydown = (event) => {
@@ -163,9 +156,7 @@ function tables() {
   for (const { keys, does, group } of viewKeys) add(group ?? viewTitle, keys, does);
   for (const { keys, does, group } of globalKeys) add(group ?? "Everywhere", keys, does);
   return [...groups].map(([title, rows]) =>
-    el(
-      "section",
-      {},
+    el("section", {},
       el("h3", { text: title }),
       el("table", {}, ...rows.map(([keys, does]) => keyRow(keys, does))),
     ),
@@ -183,11 +174,7 @@ function printed(key) {
   return key.replace(/Arrow\w+/, (name) => ARROWS[name]);
 }
 
-/**
- * The form in which a page key can be pressed: with Alt where a class takes it.
- * @param {string} key
- * @returns {string}
- */
+/** The form in which a page key can be pressed: with Alt where a class takes it. */
 export function reachable(key) {
   return classes().some((known) => known.key === key) ? `Alt+${key}` : key;
 }

@@ -1,4 +1,6 @@
 // The mission as the server describes it, kept up to date: classes, frames, states, counts.
+// In all modules `camera` is a camera's name, `frame` a frame's number, `cell` a patch's number in
+// its frame, row by row from 0, and `label` a class's name.
 
 import { get } from "./api.js";
 import { signal } from "./dom.js";
@@ -46,8 +48,6 @@ export function strangerWords(answer) {
 /**
  * Whether an /api/mission answer is about the mission this page was opened on: another server may
  * have been started on the same port.
- * @param {Object} answer
- * @returns {boolean}
  */
 export function sameMission(answer) {
   const { rows, cols } = answer.grid;
@@ -133,7 +133,6 @@ export function classes() {
 
 /**
  * A class by its name; also for names that the taxonomy does not have.
- * @param {string} name
  * @returns {{name: string, obstacle: ?boolean, color: string, key: string, description: string}}
  */
 export function classOf(name) {
@@ -174,20 +173,13 @@ export function selectedClass() {
   return byName.has(name) ? name : (mission.classes[0]?.name ?? "");
 }
 
-/**
- * Choose the class to paint with.
- * @param {string} name
- */
+/** Choose the class to paint with. */
 export function selectClass(name) {
   setSetting("selected", name);
   changed("selected");
 }
 
-/**
- * The frame numbers of a camera, ascending.
- * @param {string} camera
- * @returns {number[]}
- */
+/** The frame numbers of a camera, ascending. */
 export function frames(camera) {
   frameLists[camera] ??= (mission.cameras[camera]?.ranges ?? []).flatMap(([first, last]) =>
     Array.from({ length: last - first + 1 }, (_, index) => first + index),
@@ -195,12 +187,7 @@ export function frames(camera) {
   return frameLists[camera];
 }
 
-/**
- * Where a frame stands in `frames(camera)`; -1 if it is not there.
- * @param {string} camera
- * @param {number} frame
- * @returns {number}
- */
+/** Where a frame stands in `frames(camera)`; -1 if it is not there. */
 export function frameIndex(camera, frame) {
   const at = indexFrom(camera, frame);
   return frames(camera)[at] === frame ? at : -1;
@@ -208,9 +195,6 @@ export function frameIndex(camera, frame) {
 
 /**
  * Where the first frame with this or a higher number stands; the count of frames if there is none.
- * @param {string} camera
- * @param {number} frame
- * @returns {number}
  */
 export function indexFrom(camera, frame) {
   const list = frames(camera);
@@ -226,9 +210,6 @@ export function indexFrom(camera, frame) {
 
 /**
  * The state of a frame: u unseen, s seen, p part, d done, x disagreement; "" if it is not there.
- * @param {string} camera
- * @param {number} frame
- * @returns {string}
  */
 export function stateOf(camera, frame) {
   return mission.states[camera]?.[frameIndex(camera, frame)] ?? "";

@@ -21,7 +21,6 @@ export function addView(name, view) {
 
 /**
  * Register a view whose module is loaded when it is first shown, and registers itself then.
- * @param {string} name
  * @param {string} title Of its link; "" for a view that others lead to.
  * @param {(again: string) => Promise} load `again` belongs at the end of the module's address:
  *   browsers do not fetch an address again that could not be had.
@@ -51,10 +50,7 @@ export function go(hash, { replace = false } = {}) {
   route();
 }
 
-/**
- * Show another address without going anywhere: what is shown moved on by itself.
- * @param {string} hash
- */
+/** Show another address without going anywhere: what is shown moved on by itself. */
 export function noteAddress(hash) {
   if (hash !== location.hash) history.replaceState(null, "", hash);
 }
@@ -127,8 +123,8 @@ function buildLinks() {
       event.preventDefault();
       go(views.get(name).link?.() ?? `#/${name}`);
     };
-    const attrs = { href: `#/${name}`, "data-view": name };
-    return el("a", { text: view.title, attrs, on: { click: follow } });
+    const on = { click: follow };
+    return el("a", { text: view.title, href: `#/${name}`, "data-view": name, on });
   });
   document.getElementById("views").replaceChildren(...links);
 }

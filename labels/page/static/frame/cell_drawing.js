@@ -1,8 +1,8 @@
 // Drawing what is known of patches onto a canvas: outlines inside their borders, signs, values.
 // The texture in the middle of a patch stays free.
 
-import { colourOf, mission, signOf } from "../core/mission.js";
-import { rowCol } from "./patch_grid.js";
+import { colourOf, signOf } from "../core/mission.js";
+import { cellAt, rowCol } from "./patch_grid.js";
 
 const HINT_DASH = { strong: [8, 4], kept: [2, 3], weak: [2, 8] };
 const TEXT_FROM = 34; // CSS pixels of patch width from which text fits
@@ -16,18 +16,10 @@ const MARK_FROM = 16;
 
 /**
  * Outline regions of equal labels: solid, with a dark rim so that they show on any ground.
- * @param {CellPlan} plan
  * @param {(?string)[]} labels
  */
 export function drawLabels(plan, labels) {
-  const paths = new Map();
-  labels.forEach((label, cell) => {
-    if (label === null) return;
-    const path = paths.get(label) ?? new Path2D();
-    addEdges(path, plan.boxOf(cell), cell, labels, 2.5);
-    paths.set(label, path);
-  });
-  for (const [label, path] of paths) {
+  for (const [label, path] of outlines(labels, plan.boxOf, 2.5)) {
     strokeTwice(plan.ctx, path, colourOf(label), label === "unsure" ? [2, 3] : []);
   }
   labels.forEach((label, cell) => label !== null && drawSign(plan, cell, label, true));
@@ -36,19 +28,11 @@ export function drawLabels(plan, labels) {
 /**
  * Outline unconfirmed labels: dashed, those from the frame before dotted, the less sure ones thinly
  * so; with the value or a word in each patch.
- * @param {CellPlan} plan
  * @param {(?{label: string, text: string, strong: boolean, kept: boolean})[]} hints
  */
 export function drawHints(plan, hints) {
   const groups = hints.map((hint) => hint && `${hint.label}/${styleOf(hint)}`);
-  const paths = new Map();
-  hints.forEach((hint, cell) => {
-    if (!hint) return;
-    const path = paths.get(groups[cell]) ?? new Path2D();
-    addEdges(path, plan.boxOf(cell), cell, groups, 3.5);
-    paths.set(groups[cell], path);
-  });
-  for (const [group, path] of paths) {
+  for (const [group, path] of outlines(groups, plan.boxOf, 3.5)) {
     const [label, style] = group.split("/");
     strokeTwice(plan.ctx, path, colourOf(label), HINT_DASH[style], 1.75);
   }
@@ -67,11 +51,7 @@ function styleOf({ strong, kept }) {
   return strong ? "strong" : "weak";
 }
 
-/**
- * Mark patches that the server has not acknowledged.
- * @param {CellPlan} plan
- * @param {Iterable<number>} cells
- */
+/** Mark patches that the server has not acknowledged. */
 export function drawPending({ ctx, boxOf }, cells) {
   for (const cell of cells) {
     const { x, y, width, height } = boxOf(cell);
@@ -88,7 +68,6 @@ export function drawPending({ ctx, boxOf }, cells) {
 /**
  * What others said: an initial and the class's sign in the lower left corner, a mark in the right
  * one where two people are sure of different classes; a settled patch shows a tick.
- * @param {CellPlan} plan
  * @param {{mine: (?string)[], others: Object, settled: (?string)[]}} labels
  */
 export function drawOthers(plan, { mine, others, settled }) {
@@ -116,22 +95,14 @@ export function disagree(labels) {
 }
 
 function drawDisagreement({ ctx }, { x, y, width, height }) {
-  ctx.font = "700 18px system-ui, sans-serif";
-  ctx.textAlign = "right";
-  ctx.textBaseline = "bottom";
-  ctx.lineWidth = 4;
-  ctx.lineJoin = "round";
-  ctx.strokeStyle = "#000000";
-  ctx.strokeText("≠", x + width - 5, y + height - 3);
-  ctx.fillStyle = "#ff7aa2";
-  ctx.fillText("≠", x + width - 5, y + height - 3);
+  Object.assign(ctx, { font: "700 18px system-ui, sans-serif", lineWidth: 4, lineJoin: "round" });
+  Object.assign(ctx, { textAlign: "right", textBaseline: "bottom" });
+  rimmedText(ctx, "≠", x + width - 5, y + height - 3, { rim: "#000000", ink: "#ff7aa2" });
 }
 
 /**
  * Show the cursor and the selected rectangle.
- * @param {CellPlan} plan
  * @param {?number} cursor
- * @param {number[]} selection
  */
 export function drawCursor(plan, cursor, selection) {
   const { ctx, boxOf } = plan;
@@ -149,8 +120,6 @@ export function drawCursor(plan, cursor, selection) {
 
 /**
  * Fill patches faintly: the stroke that is being drawn.
- * @param {CellPlan} plan
- * @param {Iterable<number>} cells
  * @param {?string} label Null takes labels back.
  */
 export function drawStroke({ ctx, boxOf }, cells, label) {
@@ -163,20 +132,36 @@ export function drawStroke({ ctx, boxOf }, cells, label) {
   ctx.globalAlpha = 1;
 }
 
-// Edges towards a patch with another label; `inset` keeps them inside the patch.
-function addEdges(path, { x, y, width, height }, cell, labels, inset) {
-  const { rows, cols } = mission.grid;
+/**
+ * The outlines of areas of equal patches.
+ * @param {(?string)[]} keys One a cell: what is equal; null: none.
+ * @param {(cell: number) => Object} boxOf
+ * @param {number} inset How far inside the patches the lines lie.
+ * @param {number} [cut] How much shorter they are at corners.
+ * @returns {Map<string, Path2D>} By key.
+ */
+export function outlines(keys, boxOf, inset, cut = inset) {
+  const paths = new Map();
+  keys.forEach((key, cell) => {
+    if (key === null) return;
+    if (!paths.has(key)) paths.set(key, new Path2D());
+    addEdges(paths.get(key), boxOf(cell), cell, keys, inset, cut);
+  });
+  return paths;
+}
+
+// Edges towards a patch with another key.
+function addEdges(path, { x, y, width, height }, cell, keys, inset, cut) {
   const [row, col] = rowCol(cell);
-  const same = (r, c) =>
-    r >= 0 && c >= 0 && r < rows && c < cols && labels[r * cols + c] === labels[cell];
+  const same = (r, c) => keys[cellAt(r, c)] === keys[cell];
   const up = same(row - 1, col);
   const down = same(row + 1, col);
   const left = same(row, col - 1);
   const right = same(row, col + 1);
-  const x0 = x + (left ? 0 : inset);
-  const x1 = x + width - (right ? 0 : inset);
-  const y0 = y + (up ? 0 : inset);
-  const y1 = y + height - (down ? 0 : inset);
+  const x0 = x + (left ? 0 : cut);
+  const x1 = x + width - (right ? 0 : cut);
+  const y0 = y + (up ? 0 : cut);
+  const y1 = y + height - (down ? 0 : cut);
   const edges = [
     [up, x0, y + inset, x1, y + inset],
     [down, x0, y + height - inset, x1, y + height - inset],
@@ -213,21 +198,22 @@ function drawSign({ ctx, boxOf }, cell, label, sure) {
   ctx.fillStyle = sure ? colour : "rgb(0 0 0 / 60%)";
   ctx.fillRect(left, top, size, size);
   ctx.fillStyle = sure ? inkOn(colour) : lighter(colour);
-  ctx.font = `600 ${size - 2}px system-ui, sans-serif`;
-  ctx.textAlign = "center";
-  ctx.textBaseline = "middle";
+  const font = `600 ${size - 2}px system-ui, sans-serif`;
+  Object.assign(ctx, { font, textAlign: "center", textBaseline: "middle" });
   ctx.fillText(signOf(label), left + size / 2, top + size / 2 + 0.5);
 }
 
-function smallText(ctx, text, x, y, align) {
-  ctx.font = "10px system-ui, sans-serif";
-  ctx.textAlign = align;
-  ctx.textBaseline = "top";
-  ctx.lineWidth = 3;
-  ctx.lineJoin = "round";
-  ctx.strokeStyle = "rgb(0 0 0 / 75%)";
+function smallText(ctx, text, x, y, textAlign) {
+  Object.assign(ctx, { font: "10px system-ui, sans-serif", lineWidth: 3, lineJoin: "round" });
+  Object.assign(ctx, { textAlign, textBaseline: "top" });
+  rimmedText(ctx, text, x, y, { rim: "rgb(0 0 0 / 75%)", ink: "#f2f2f2" });
+}
+
+/** Write a text with a rim, so that it shows on any ground. */
+export function rimmedText(ctx, text, x, y, { rim, ink }) {
+  ctx.strokeStyle = rim;
   ctx.strokeText(text, x, y);
-  ctx.fillStyle = "#f2f2f2";
+  ctx.fillStyle = ink;
   ctx.fillText(text, x, y);
 }
 

@@ -18,7 +18,7 @@ import { STATES } from "./timeline.js";
 export function buildBar(commands, keyFor) {
   const command = commandButtons(commands, keyFor);
   const number = el("input", {
-    attrs: { type: "number", "aria-label": "Frame number", class: "frame-number" },
+    type: "number", "aria-label": "Frame number", class: "frame-number",
     on: {
       change: () => number.value && commands.goTo(Number(number.value)),
       // Leaving it is what changes it.
@@ -31,10 +31,8 @@ export function buildBar(commands, keyFor) {
   const setFilter = () => setSetting("filter", filter.value);
   const filter = backAfterMouse(el("select", { class: "filter", on: { change: setFilter } }));
   const matches = el("span", { class: "matches" });
-  const legend = el("div", { class: "legend", attrs: { "aria-label": "States of frames" } });
-  const root = el(
-    "div",
-    { class: "frame-bar" },
+  const legend = el("div", { class: "legend", "aria-label": "States of frames" });
+  const root = el("div", { class: "frame-bar" },
     command("◀", "previous", { title: "Frame before" }),
     number,
     command("▶", "next", { title: "Next frame" }),
@@ -81,10 +79,8 @@ function showLegend(root, camera) {
   root.dataset.shown = text;
   root.replaceChildren(
     ...Object.entries(STATES).map(([state, { words }]) =>
-      el(
-        "span",
-        { class: "legend-item" },
-        el("i", { class: `legend-mark state-${state}`, attrs: { "aria-hidden": "true" } }),
+      el("span", { class: "legend-item" },
+        el("i", { class: `legend-mark state-${state}`, "aria-hidden": "true" }),
         `${words} ${counts[state] ?? 0}`,
       ),
     ),
@@ -93,10 +89,7 @@ function showLegend(root, camera) {
 
 /**
  * A frame in words.
- * @param {string} camera
- * @param {number} frame
  * @param {?Object} labels
- * @returns {string}
  */
 export function describeFrame(camera, frame, labels) {
   const words = [`${camera} frame ${frame}`];
@@ -111,10 +104,7 @@ export function describeFrame(camera, frame, labels) {
 
 /**
  * A patch in words.
- * @param {number} cell
- * @param {Object} labels
  * @param {?Object} hint
- * @returns {string}
  */
 export function describeCell(cell, labels, hint) {
   const words = [`${cellName(cell)}: ${labels.mine[cell] ?? "no label of mine"}`];

@@ -2,13 +2,9 @@
 // pan: from frame pixels to the canvas and back.
 
 import {
-  drawCursor,
-  drawHints,
-  drawLabels,
-  drawOthers,
-  drawPending,
-  drawStroke,
+  drawCursor, drawHints, drawLabels, drawOthers, drawPending, drawStroke,
 } from "./cell_drawing.js";
+import { soon } from "../core/dom.js";
 import { mission, setting } from "../core/mission.js";
 import { cellAt, patchSize, rowCol } from "./patch_grid.js";
 
@@ -18,7 +14,7 @@ const MAX_ZOOM = 24;
 const MARGIN = { left: 26, top: 20, right: 6, bottom: 6 }; // CSS pixels: row and column heads
 
 /** What part of a frame the canvas shows. Sizes in CSS pixels. */
-export class Viewport {
+class Viewport {
   constructor() {
     this.canvas = { width: 1, height: 1 };
     this.frame = { width: 4, height: 3 };
@@ -118,7 +114,8 @@ export class FrameCanvas {
     /** What to draw; see `set`. */
     this.content = { bitmap: null, labels: null, hints: [], message: "", badge: "" };
     this.onDrawn = () => {};
-    this.requested = 0;
+    /** Draw again at the next screen refresh. */
+    this.invalidate = soon(() => this.draw());
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(canvas);
   }
@@ -126,7 +123,6 @@ export class FrameCanvas {
   /** Stop drawing: the canvas leaves the page. */
   close() {
     this.observer.disconnect();
-    cancelAnimationFrame(this.requested);
   }
 
   /**
@@ -141,15 +137,6 @@ export class FrameCanvas {
     const { bitmap } = this.content;
     if (bitmap) this.viewport.frame = { width: bitmap.width, height: bitmap.height };
     this.invalidate();
-  }
-
-  /** Draw again at the next screen refresh. */
-  invalidate() {
-    if (this.requested) return;
-    this.requested = requestAnimationFrame(() => {
-      this.requested = 0;
-      this.draw();
-    });
   }
 
   resize() {
@@ -205,6 +192,7 @@ export class FrameCanvas {
 
   draw() {
     const { ctx, content } = this;
+    if (!this.canvas.isConnected) return; // asked for before the view was left
     const ratio = window.devicePixelRatio || 1;
     this.drawGround(ratio);
     ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
@@ -289,9 +277,8 @@ export class FrameCanvas {
     ctx.fillRect(0, 0, 24, height);
     ctx.fillRect(0, 0, width, 18);
     ctx.fillStyle = "#9fb0bf";
-    ctx.font = "11px system-ui, sans-serif";
-    ctx.textAlign = "center";
-    ctx.textBaseline = "middle";
+    const font = "11px system-ui, sans-serif";
+    Object.assign(ctx, { font, textAlign: "center", textBaseline: "middle" });
     const downs = Math.ceil(HEAD_EVERY / box.height);
     for (let row = 0; row < rows; row += downs) {
       const y = box.y + (row + 0.5) * box.height;
@@ -307,9 +294,8 @@ export class FrameCanvas {
   drawMessage() {
     const { ctx } = this;
     const { width, height } = this.viewport.canvas;
-    ctx.font = "15px system-ui, sans-serif";
-    ctx.textAlign = "center";
-    ctx.textBaseline = "middle";
+    const font = "15px system-ui, sans-serif";
+    Object.assign(ctx, { font, textAlign: "center", textBaseline: "middle" });
     const lines = wrap(ctx, this.content.message, width * 0.7);
     const top = height / 2 - lines.length * 11;
     ctx.fillStyle = "rgb(11 14 17 / 85%)";
@@ -320,9 +306,8 @@ export class FrameCanvas {
 
   drawBadge() {
     const { ctx } = this;
-    ctx.font = "600 13px system-ui, sans-serif";
-    ctx.textAlign = "left";
-    ctx.textBaseline = "middle";
+    const font = "600 13px system-ui, sans-serif";
+    Object.assign(ctx, { font, textAlign: "left", textBaseline: "middle" });
     const { width } = ctx.measureText(this.content.badge);
     ctx.fillStyle = "#ffd166";
     ctx.fillRect(30, 24, width + 16, 22);

@@ -71,7 +71,6 @@ const POINTER_HELP = [
 /**
  * The table of keys for the router.
  * @param {Object<string, Function>} commands By name; a function may carry a `release`.
- * @returns {KeyEntry[]}
  */
 export function frameKeys(commands) {
   const rows = TABLE.map(([name, keys, group, does]) => ({
@@ -85,11 +84,7 @@ export function frameKeys(commands) {
   return [...rows, ...pointer];
 }
 
-/**
- * The key to show on a button.
- * @param {string} command
- * @returns {string}
- */
+/** The key to show on a button. */
 export function keyForCommand(command) {
   const [, keys] = TABLE.find(([name]) => name === command);
   return keys.find((key) => reachable(key) === key) ?? reachable(keys[0]);

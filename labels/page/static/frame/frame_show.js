@@ -18,7 +18,6 @@ const BLINK_MS = 450; // under three changes a second: no flicker that could har
 /** Shows one frame at a time on a FrameCanvas. */
 export class FrameShow {
   /**
-   * @param {FrameCanvas} canvas
    * @param {Function} changed Called when another frame, or another picture of it, is shown.
    */
   constructor(canvas, changed) {
@@ -67,11 +66,7 @@ export class FrameShow {
     );
   }
 
-  /**
-   * Show a frame.
-   * @param {string} camera
-   * @param {number} frame
-   */
+  /** Show a frame. */
   go(camera, frame) {
     this.started = performance.now();
     this.endBlink();

@@ -4,15 +4,7 @@ import { onFailure } from "../core/api.js";
 import { announce, el, focusView, say } from "../core/dom.js";
 import { otherPalette } from "../core/keys.js";
 import {
-  blind,
-  frames,
-  mission,
-  onChange,
-  onSetting,
-  selectClass,
-  selectedClass,
-  setSetting,
-  setting,
+  blind, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting, setting,
 } from "../core/mission.js";
 import { addView, noteAddress } from "../core/router.js";
 import { changeSetting } from "../core/settings.js";
@@ -26,13 +18,7 @@ import { listenToPointer } from "./gestures.js";
 import { accept, copyFrom, dropAllCopies, hintsOf, paint, paintRest } from "./painting.js";
 import { ARROWS, PatchCursor, cellName, cellsOfRow, rowCol } from "./patch_grid.js";
 import {
-  endFrame,
-  filterName,
-  nextBlindFrame,
-  nextIn,
-  nextUncertain,
-  onClassFrames,
-  stepFrom,
+  endFrame, filterName, nextBlindFrame, nextIn, nextUncertain, onClassFrames, stepFrom,
 } from "./steps.js";
 import { suggestionFault } from "./suggest.js";
 import { Timeline } from "./timeline.js";
@@ -56,19 +42,17 @@ const cursor = new PatchCursor();
 function build(root) {
   const element = el("canvas", {
     class: "frame-canvas",
-    attrs: { tabindex: 0, role: "application", "data-home": true, "aria-describedby": "status" },
+    tabindex: 0, role: "application", "data-home": true, "aria-describedby": "status",
   });
-  const status = el("div", { class: "status", attrs: { id: "status" } });
+  const status = el("div", { class: "status", id: "status" });
   const strip = el("canvas", {
     class: "timeline",
-    attrs: { tabindex: 0, role: "slider", "aria-label": "Frame of the mission" },
+    tabindex: 0, role: "slider", "aria-label": "Frame of the mission",
   });
   const tools = buildTools(commands, keyForCommand);
   const bar = buildBar(commands, keyForCommand);
   root.replaceChildren(
-    el(
-      "div",
-      { class: "frame-view" },
+    el("div", { class: "frame-view" },
       tools.root,
       el("div", { class: "stage" }, status, element),
       bar.root,
@@ -224,7 +208,7 @@ function showStatus() {
   const said = labels && cell >= 0 ? describeCell(cell, labels, page.hints[cell]) : "";
   const words = why
     ? [el("span", { class: "why", text: why })]
-    : [el("span", { text: said, attrs: { title: said } })];
+    : [el("span", { text: said, title: said })];
   page.status.replaceChildren(el("b", { text: first }), ...words);
   page.element.setAttribute(
     "aria-label",
@@ -417,14 +401,8 @@ const commands = {
   erase: () => chooseTool("erase"),
   takeBack: () => mayPaint() && apply(cursor.cells, "erase"),
   escape,
-  raw: tapped(
-    () => page.show.pressRaw(),
-    () => page?.show.releaseRaw(),
-  ),
-  blink: tapped(
-    () => page.show.pressBlink(),
-    () => page?.show.releaseBlink(),
-  ),
+  raw: tapped(() => page.show.pressRaw(), () => page?.show.releaseRaw()),
+  blink: tapped(() => page.show.pressBlink(), () => page?.show.releaseBlink()),
   grid: () => toggle("grid"),
   outlines: () => toggle("outlines"),
   suggestions: () => toggle("suggestions"),

@@ -5,17 +5,13 @@ import { mission } from "../core/mission.js";
 /**
  * The part of a frame that patches cover: their size is rounded down, as in features/frames/grid.py.
  * @param {number} width  Of the frame, in pixels.
- * @param {number} height
  * @returns {{width: number, height: number}} Size of one patch in frame pixels.
  */
 export function patchSize(width, height) {
   const { rows, cols, width: resized } = mission.grid;
   const w = resized ?? width;
   const h = resized ? Math.floor((height * resized) / width) : height;
-  return {
-    width: (Math.floor(w / cols) * width) / w,
-    height: (Math.floor(h / rows) * height) / h,
-  };
+  return { width: (Math.floor(w / cols) * width) / w, height: (Math.floor(h / rows) * height) / h };
 }
 
 /** Row and column of a cell. */
@@ -65,12 +61,7 @@ function crossings(from, to) {
   return cuts;
 }
 
-/**
- * The cells of the rectangle between two of them.
- * @param {number} one
- * @param {number} other
- * @returns {number[]}
- */
+/** The cells of the rectangle between two of them. */
 export function cellsBetween(one, other) {
   const [row1, col1] = rowCol(one);
   const [row2, col2] = rowCol(other);
@@ -128,8 +119,6 @@ export class PatchCursor {
 
   /**
    * Move by rows and columns; the first press only shows where the cursor is.
-   * @param {number} rows
-   * @param {number} cols
    * @param {boolean} extend Keep the other corner of the rectangle.
    */
   move(rows, cols, extend) {
@@ -144,7 +133,6 @@ export class PatchCursor {
 
   /**
    * Stand on a cell.
-   * @param {number} cell
    * @param {boolean} visible Whether to show it.
    */
   put(cell, visible) {

@@ -1,6 +1,7 @@
 // The strip of all frames of a camera: states told apart by colour and by height, jump by click,
 // drag or keys.
 
+import { soon } from "../core/dom.js";
 import { frameIndex, frames, mission } from "../core/mission.js";
 import { passing } from "./steps.js";
 
@@ -19,7 +20,6 @@ const MARK_ROOM = 6;
 /** Draws the strip into a canvas that is a slider for keyboards and screen readers. */
 export class Timeline {
   /**
-   * @param {HTMLCanvasElement} canvas
    * @param {(frame: number) => void} jump
    */
   constructor(canvas, jump) {
@@ -27,8 +27,9 @@ export class Timeline {
     this.jump = jump;
     this.camera = "";
     this.frame = 0;
-    this.requested = 0;
-    this.observer = new ResizeObserver(() => this.invalidate());
+    /** Draw again at the next screen refresh. */
+    this.invalidate = soon(() => this.draw());
+    this.observer = new ResizeObserver(this.invalidate);
     this.observer.observe(canvas);
     canvas.addEventListener("pointerdown", (event) => this.press(event));
     canvas.addEventListener("pointermove", (event) => this.drag(event));
@@ -38,7 +39,6 @@ export class Timeline {
   /** Stop: the canvas leaves the page. */
   close() {
     this.observer.disconnect();
-    cancelAnimationFrame(this.requested);
   }
 
   /** Show a frame as the current one. */
@@ -58,15 +58,6 @@ export class Timeline {
       this.canvas.setAttribute(`aria-${name}`, value);
     }
     this.invalidate();
-  }
-
-  /** Draw again at the next screen refresh. */
-  invalidate() {
-    if (this.requested) return;
-    this.requested = requestAnimationFrame(() => {
-      this.requested = 0;
-      this.draw();
-    });
   }
 
   draw() {
@@ -125,9 +116,8 @@ export class Timeline {
     const list = frames(this.camera);
     const step = niceStep((list.length * 70) / width);
     ctx.fillStyle = "#9fb0bf";
-    ctx.font = "10px system-ui, sans-serif";
-    ctx.textBaseline = "bottom";
-    ctx.textAlign = "left";
+    const font = "10px system-ui, sans-serif";
+    Object.assign(ctx, { font, textBaseline: "bottom", textAlign: "left" });
     list.forEach((frame, at) => {
       if (frame % step && at) return;
       const x = ((at + 0.5) / list.length) * width;

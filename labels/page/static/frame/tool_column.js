@@ -4,13 +4,7 @@
 import { commandButtons, obstacleChoice } from "../core/controls.js";
 import { backAfterMouse, button, el, setAttribute } from "../core/dom.js";
 import {
-  classes,
-  colourOf,
-  mission,
-  selectedClass,
-  setSetting,
-  setting,
-  signOf,
+  classes, colourOf, mission, selectedClass, setSetting, setting, signOf,
 } from "../core/mission.js";
 import { needsObstacleClass, obstacleClass } from "./suggest.js";
 
@@ -29,13 +23,11 @@ import { needsObstacleClass, obstacleClass } from "./suggest.js";
 export function buildTools(commands, keyFor) {
   const painters = el("div", {
     class: "painters",
-    attrs: { role: "group", "aria-label": "What painting puts on patches" },
+    role: "group", "aria-label": "What painting puts on patches",
   });
   const command = commandButtons(commands, keyFor);
   const model = el("div", { class: "model" });
-  const root = el(
-    "aside",
-    { class: "tools", attrs: { "aria-label": "Tools" } },
+  const root = el("aside", { class: "tools", "aria-label": "Tools" },
     painters,
     frameCommands(command),
     pictureTools(command),
@@ -75,8 +67,8 @@ function showPainters(root, commands, keyFor, tool) {
 }
 
 function painterButton({ name, key, on, colour, title, count, run, disabled }) {
-  const attrs = { "aria-pressed": String(on), disabled };
-  const row = button("", run, { class: "painter", title, attrs });
+  const attributes = { class: "painter", title, "aria-pressed": String(on), disabled };
+  const row = button("", run, attributes);
   const swatch = el("span", { class: "sign", text: colour ? signOf(name) : "" });
   if (colour) swatch.style.borderColor = colour;
   row.append(
@@ -90,9 +82,7 @@ function painterButton({ name, key, on, colour, title, count, run, disabled }) {
 
 function frameCommands(command) {
   const make = (text, name, title) => command(text, name, { title });
-  return el(
-    "div",
-    { class: "commands" },
+  return el("div", { class: "commands" },
     make("Rest is clear", "rest", "Patches without a label get the class that is no obstacle."),
     make("Copy previous", "copy", "Labels of the frame before, to be accepted."),
     make("Accept", "accept", "Accept the copies and the confident suggestions."),
@@ -101,16 +91,14 @@ function frameCommands(command) {
 }
 
 function pictureTools(command) {
-  const toggle = (text, name) => command(text, name, { attrs: { "data-toggle": name } });
+  const toggle = (text, name) => command(text, name, { "data-toggle": name });
   const toggles = [
     toggle("Raw", "raw"),
     toggle("Blink", "blink"),
     toggle("Grid", "grid"),
     toggle("Labels", "outlines"),
   ];
-  return el(
-    "div",
-    { class: "picture-tools" },
+  return el("div", { class: "picture-tools" },
     slider("enhance", "Contrast", 0, 100, 5, (value) => `${value}`),
     el("div", { class: "toggles" }, ...toggles),
   );
@@ -120,7 +108,7 @@ function pictureTools(command) {
 function slider(name, label, min, max, step, words) {
   const output = el("output", { text: words(setting(name)) });
   const input = el("input", {
-    attrs: { type: "range", min, max, step, value: setting(name), "data-setting": name },
+    type: "range", min, max, step, value: setting(name), "data-setting": name,
     on: {
       input: () => {
         setSetting(name, Number(input.value));
@@ -134,7 +122,6 @@ function slider(name, label, min, max, step, words) {
 
 /**
  * Bring sliders and toggles up to date with settings that keys changed.
- * @param {HTMLElement} root
  * @param {Object<string, boolean>} toggles
  */
 export function showSettings(root, toggles) {
@@ -142,8 +129,7 @@ export function showSettings(root, toggles) {
     const value = String(setting(input.dataset.setting));
     if (input.value === value) continue;
     input.value = value;
-    const output = input.parentElement.querySelector("output");
-    if (output) output.textContent = value;
+    input.parentElement.querySelector("output").textContent = value;
   }
   for (const [name, on] of Object.entries(toggles)) {
     setAttribute(root.querySelector(`[data-toggle="${name}"]`), "aria-pressed", String(on));
@@ -169,11 +155,13 @@ function showModel(root, { confident, proposed, fault }) {
 function modelParts() {
   const select = obstacleChoice();
   const shown = el("input", {
-    attrs: { type: "checkbox", checked: setting("suggestions") },
+    type: "checkbox", checked: setting("suggestions"),
     on: { change: () => setSetting("suggestions", shown.checked) },
   });
   return [
-    el("label", { class: "check" }, backAfterMouse(shown), " Suggestions of ", el("b", { class: "model-name" })),
+    el("label", { class: "check" },
+      backAfterMouse(shown), " Suggestions of ", el("b", { class: "model-name" }),
+    ),
     slider("confidence", "Confident from", 0, 3, 0.05, (value) => value.toFixed(2)),
     slider("follow", "Keep from before", 0, 5, 0.25, (value) => (value ? value.toFixed(2) : "off")),
     el("label", { class: "pick" }, el("span", { text: "Obstacle is" }), select),

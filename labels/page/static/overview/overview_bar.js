@@ -16,18 +16,14 @@ export class OverviewBar {
    */
   constructor(does) {
     this.range = el("span", { class: "overview-range" });
-    this.words = el("span", { class: "overview-words", attrs: { role: "status" } });
+    this.words = el("span", { class: "overview-words", role: "status" });
     this.brush = el("span", { class: "overview-brush" });
     this.accept = button("", () => does.accept(false), { class: "main" });
     this.acceptAll = button("", () => does.accept(true));
     this.rest = button("", does.rest);
     this.filter = filterChoice();
-    this.element = el(
-      "div",
-      { class: "overview-bars" },
-      el(
-        "div",
-        { class: "bar" },
+    this.element = el("div", { class: "overview-bars" },
+      el("div", { class: "bar" },
         cameraButton(does.otherCamera),
         this.filter,
         pager(does.turn, this.range),
@@ -78,8 +74,8 @@ function cameraButton(otherCamera) {
 function filterChoice() {
   const change = ({ target }) => setSetting("filter", target.value);
   const words = "which frames are shown";
-  const attrs = { class: "filter", "aria-label": words, title: `${words} (/)` };
-  return backAfterMouse(choice(filterChoices(), filterName(), { attrs, on: { change } }));
+  const options = { class: "filter", "aria-label": words, title: `${words} (/)`, on: { change } };
+  return backAfterMouse(choice(filterChoices(), filterName(), options));
 }
 
 function advice(waiting, from) {

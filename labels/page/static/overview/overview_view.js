@@ -3,15 +3,7 @@
 import { el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
 import {
-  clearClass,
-  frames,
-  indexFrom,
-  mission,
-  onChange,
-  onReload,
-  onSetting,
-  selectedClass,
-  setSetting,
+  clearClass, frames, indexFrom, mission, onChange, onReload, onSetting, selectedClass, setSetting,
   setting,
 } from "../core/mission.js";
 import { frameAspect, lookAtShapes, thumbAddress } from "../core/pictures.js";
@@ -19,11 +11,7 @@ import { addView, go } from "../core/router.js";
 import { changeSetting } from "../core/settings.js";
 import { ARROWS, cellAt, cellFrom } from "../frame/patch_grid.js";
 import {
-  filterWords,
-  onClassFrames,
-  passesBlindList,
-  passing,
-  tryBlindList,
+  filterWords, onClassFrames, passesBlindList, passing, tryBlindList,
 } from "../frame/steps.js";
 import { framesFollowed } from "../frame/suggest.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
@@ -82,15 +70,15 @@ function hide() {
 function build() {
   const list = el("div", {
     class: "thumbs",
-    attrs: { role: "listbox", tabindex: "0", "aria-label": "frames", "data-home": true },
+    role: "listbox", tabindex: "0", "aria-label": "frames", "data-home": true,
   });
   list.addEventListener("click", clicked);
   list.addEventListener("dblclick", doubleClicked);
   paintOver(list, { thumbAt, allThumbs, onStroke, onPainted });
   const does = { accept: accepting, rest: restOfAll, turn, resize, otherCamera };
   const bar = new OverviewBar(does);
-  const attrs = { "aria-label": "overview of frames" };
-  const root = el("section", { class: "overview", attrs }, bar.element, list);
+  const options = { class: "overview", "aria-label": "overview of frames" };
+  const root = el("section", options, bar.element, list);
   return { root, list, bar, resized: new ResizeObserver(soon(relayOut)) };
 }
 
@@ -148,15 +136,9 @@ function layOut() {
   const focus = Math.max(0, shown.indexOf(page.thumbs?.[page.focus]?.frame));
   Object.assign(page, { count, width, excluded, focus, cell: page.cell ?? null });
   Object.assign(page, { stroke: null, touched: new Set() });
+  const plan = { width, height, onShape: layOutSoon, onPicture: drawSoon };
   page.thumbs = shown.map(
-    (frame, index) =>
-      new Thumb(camera, frame, {
-        id: `thumb-${index}`,
-        width,
-        height,
-        onShape: layOutSoon,
-        onPicture: drawSoon,
-      }),
+    (frame, index) => new Thumb(camera, frame, { id: `thumb-${index}`, ...plan }),
   );
   parts.list.replaceChildren(...page.thumbs.map((thumb) => thumb.element));
   if (shown.length === 0) parts.list.append(el("p", { class: "empty-state", text: nothing() }));
@@ -171,7 +153,8 @@ function needed(shown) {
 }
 
 function nothing() {
-  return `From frame ${page.first} on there is nothing: ${filterWords()}. / filters, Page Up goes back.`;
+  const keys = "/ filters, Page Up goes back.";
+  return `From frame ${page.first} on there is nothing: ${filterWords()}. ${keys}`;
 }
 
 function relayOut() {
@@ -311,10 +294,7 @@ function turn(step) {
 }
 
 function resize(step) {
-  setSetting(
-    "overviewColumns",
-    Math.max(COLUMNS.least, Math.min(COLUMNS.most, columns() - step)),
-  );
+  setSetting("overviewColumns", Math.max(COLUMNS.least, Math.min(COLUMNS.most, columns() - step)));
 }
 
 function changeConfidence(by) {
@@ -370,7 +350,8 @@ function thumbAt(x, y) {
 }
 
 function allThumbs(start) {
-  return page.thumbs.filter((thumb) => thumb === start || (thumb.seen && !page.excluded.has(thumb.frame)));
+  const painted = (thumb) => thumb.seen && !page.excluded.has(thumb.frame);
+  return page.thumbs.filter((thumb) => thumb === start || painted(thumb));
 }
 
 function labelOf(mouseButton) {

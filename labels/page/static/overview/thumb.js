@@ -7,7 +7,8 @@ import { el } from "../core/dom.js";
 import { blind, colourOf, mission, setting, signOf, stateOf } from "../core/mission.js";
 import { learnShape, thumbAddress } from "../core/pictures.js";
 import { hintsOf } from "../frame/painting.js";
-import { cellAt, patchSize, rowCol } from "../frame/patch_grid.js";
+import { outlines, rimmedText } from "../frame/cell_drawing.js";
+import { ARROWS, cellAt, patchSize, rowCol } from "../frame/patch_grid.js";
 import { suggestionFault } from "../frame/suggest.js";
 import { STATES } from "../frame/timeline.js";
 import { labelsOf } from "../saving/labels.js";
@@ -15,17 +16,9 @@ import { labelsOf } from "../saving/labels.js";
 const DASHES = { solid: [], dashed: [5, 3], dotted: [1.5, 3] };
 const RIM = "rgb(0 0 0 / 60%)";
 const INSET = 1; // CSS pixels that a line lies inside its area, so that neighbours both show
-const SIDES = [
-  { down: -1, right: 0, from: [0, 0], to: [1, 0] },
-  { down: 1, right: 0, from: [0, 1], to: [1, 1] },
-  { down: 0, right: -1, from: [0, 0], to: [0, 1] },
-  { down: 0, right: 1, from: [1, 0], to: [1, 1] },
-];
 
 /**
  * What a frame shows and what of it waits for a decision.
- * @param {string} camera
- * @param {number} frame
  * @returns {?{mine: (?string)[], hints: (?Object)[], waits: boolean, fault: string}}
  *   Null while it is not loaded; `hints`: as `hintsOf` gives them; `waits`: the model has not come
  *   to this frame.
@@ -46,24 +39,22 @@ export function suggesting() {
 /** A thumbnail. */
 export class Thumb {
   /**
-   * @param {string} camera
-   * @param {number} frame
    * @param {{id: string, width: number, height: number, onShape: Function,
    *   onPicture: Function}} plan Size in CSS pixels; `onShape`: the picture has another shape than
    *   was believed; `onPicture`: the picture is there, or cannot be had.
    */
   constructor(camera, frame, { id, width, height, onShape, onPicture }) {
     Object.assign(this, { camera, frame, size: { width, height } });
-    this.image = el("img", { attrs: { alt: "", draggable: "false" } });
-    this.canvas = el("canvas", { attrs: { "aria-hidden": "true" } });
+    this.image = el("img", { alt: "", draggable: "false" });
+    this.canvas = el("canvas", { "aria-hidden": "true" });
     this.number = el("span", { class: "thumb-number", text: String(frame) });
     this.state = el("span", { class: "thumb-state" });
-    const attrs = { title: "leave this frame out, or no longer (x)" };
-    this.leave = el("span", { class: "thumb-leave", text: "×", attrs });
+    const title = "leave this frame out, or no longer (x)";
+    this.leave = el("span", { class: "thumb-leave", text: "×", title });
     this.picture = el("div", { class: "thumb-picture" }, this.image, this.canvas);
     this.element = el(
       "div",
-      { class: "thumb", attrs: { role: "option", id, "data-camera": camera, "data-frame": frame } },
+      { class: "thumb", role: "option", id, "data-camera": camera, "data-frame": frame },
       this.picture,
       el("div", { class: "thumb-caption" }, this.number, this.state, this.leave),
     );
@@ -154,26 +145,23 @@ function shownCells({ mine, hints }, painted) {
 
 /**
  * Draw the areas.
- * @param {HTMLCanvasElement} canvas
  * @param {{width: number, height: number}} size Of the picture below it, in CSS pixels.
  * @param {ShownCell[]} cells Row by row.
  * @param {?number} cursor Cell of the keyboard's cursor.
  */
 function drawAreas(canvas, { width, height }, cells, cursor) {
-  const { context, size } = fresh(canvas, width, height);
-  const area = areasOf(cells);
-  const paths = new Map();
-  cells.forEach((cell, index) => {
-    if (!cell) return;
-    const key = `${cell.line} ${cell.label}`;
-    if (!paths.has(key)) paths.set(key, { cell, path: new Path2D() });
-    addEdges(paths.get(key).path, index, area, size);
-  });
-  for (const { cell, path } of paths.values()) stroke(context, path, cell);
-  area.forEach((first, index) => {
-    if (first === index && cells[index]) write(context, index, cells[index], size);
-  });
-  if (cursor !== null) drawCursor(context, cursor, size);
+  const context = fresh(canvas, width, height);
+  const patch = patchSize(width, height);
+  const boxOf = (index) => {
+    const [row, col] = rowCol(index);
+    return { x: col * patch.width, y: row * patch.height, ...patch };
+  };
+  const keys = cells.map((cell) => cell && `${cell.line} ${cell.label}`);
+  for (const [key, path] of outlines(keys, boxOf, INSET, 0)) {
+    stroke(context, path, cells[keys.indexOf(key)]);
+  }
+  for (const first of firstOfAreas(keys)) write(context, boxOf(first), cells[first]);
+  if (cursor !== null) drawCursor(context, boxOf(cursor));
 }
 
 function fresh(canvas, width, height) {
@@ -182,48 +170,29 @@ function fresh(canvas, width, height) {
   canvas.height = Math.round(height * scale);
   const context = canvas.getContext("2d");
   context.scale(scale, scale);
-  return { context, size: patchSize(width, height) };
+  return context;
 }
 
-/** For each cell the first cell of the connected area of equal ones that it lies in. */
-function areasOf(cells) {
-  const same = (a, b) => a?.label === b?.label && a?.line === b?.line;
-  const area = cells.map(() => -1);
-  cells.forEach((cell, start) => {
-    if (area[start] >= 0) return;
-    area[start] = start;
+/** The first cell of each connected area of equal keys. */
+function firstOfAreas(keys) {
+  const known = new Set();
+  return [...keys.keys()].filter((start) => {
+    if (keys[start] === null || known.has(start)) return false;
     const waiting = [start];
     while (waiting.length > 0) {
-      for (const next of neighbours(waiting.pop())) {
-        if (next < 0 || area[next] >= 0 || !same(cell, cells[next])) continue;
-        area[next] = start;
-        waiting.push(next);
-      }
+      const cell = waiting.pop();
+      known.add(cell);
+      const alike = neighbours(cell).filter((next) => keys[next] === keys[cell]);
+      waiting.push(...alike.filter((next) => !known.has(next)));
     }
+    return true;
   });
-  return area;
 }
 
 /** The cells above, below, left and right; -1 outside the frame. */
 function neighbours(index) {
-  const { rows, cols } = mission.grid;
   const [row, col] = rowCol(index);
-  return SIDES.map(({ down, right }) => {
-    const [r, c] = [row + down, col + right];
-    return r < 0 || c < 0 || r >= rows || c >= cols ? -1 : r * cols + c;
-  });
-}
-
-function addEdges(path, index, area, size) {
-  const [row, col] = rowCol(index);
-  neighbours(index).forEach((next, at) => {
-    if (next >= 0 && area[next] === area[index]) return;
-    const { down, right, from, to } = SIDES[at];
-    const x = (part) => (col + part) * size.width - right * INSET;
-    const y = (part) => (row + part) * size.height - down * INSET;
-    path.moveTo(x(from[0]), y(from[1]));
-    path.lineTo(x(to[0]), y(to[1]));
-  });
+  return Object.values(ARROWS).map(([down, right]) => cellAt(row + down, col + right));
 }
 
 function stroke(context, path, { label, line }) {
@@ -237,29 +206,18 @@ function stroke(context, path, { label, line }) {
   context.stroke(path);
 }
 
-function write(context, index, { label, line }, size) {
-  const [row, col] = rowCol(index);
+function write(context, { x, y }, { label, line }) {
   const text = signOf(label) + (line === "dotted" ? "?" : "");
-  const [x, y] = [col * size.width + 3, row * size.height + 2.5];
-  context.font = "600 10px system-ui, sans-serif";
-  context.textBaseline = "top";
   context.setLineDash([]);
-  context.lineWidth = 3;
-  context.strokeStyle = "rgb(0 0 0 / 80%)";
-  context.strokeText(text, x, y);
-  context.fillStyle = "#ffffff";
-  context.fillText(text, x, y);
+  const font = "600 10px system-ui, sans-serif";
+  Object.assign(context, { font, textBaseline: "top", lineWidth: 3 });
+  rimmedText(context, text, x + 3, y + 2.5, { rim: "rgb(0 0 0 / 80%)", ink: "#ffffff" });
 }
 
-function drawCursor(context, cell, size) {
-  const [row, col] = rowCol(cell);
+function drawCursor(context, { x, y, width, height }) {
   context.setLineDash([]);
-  for (const [width, colour] of [
-    [4, "#000000"],
-    [2, "#ffffff"],
-  ]) {
-    context.lineWidth = width;
-    context.strokeStyle = colour;
-    context.strokeRect(col * size.width, row * size.height, size.width, size.height);
+  for (const [lineWidth, strokeStyle] of [[4, "#000000"], [2, "#ffffff"]]) {
+    Object.assign(context, { lineWidth, strokeStyle });
+    context.strokeRect(x, y, width, height);
   }
 }

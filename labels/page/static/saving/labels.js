@@ -25,8 +25,6 @@ export const [onLabels, labelsChanged] = signal();
 
 /**
  * The labels of a frame as they shall be shown.
- * @param {string} camera
- * @param {number} frame
  * @returns {?{mine: (?string)[], models: Object, others: Object, settled: (?string)[],
  *   suggestions: ?Object, pending: Set<number>}} Null while they are not loaded; `pending`: cells
  *   that the server has not acknowledged.
@@ -69,8 +67,6 @@ function applyChange(labels, entry, change, holds) {
 
 /**
  * Load the labels of frames that are not there yet.
- * @param {string} camera
- * @param {number[]} frames
  * @returns {Promise<void>} Done when all of them are there (or could not be had).
  */
 export function prefetch(camera, frames) {
@@ -164,7 +160,6 @@ function takeTruth(event, labels) {
 
 /**
  * Take an acknowledged action into what the server said.
- * @param {Entry} entry
  * @param {{event: number, conflicts: Object[]}} answer
  */
 export function acknowledge(entry, answer) {
@@ -197,15 +192,14 @@ export function acknowledge(entry, answer) {
  * @param {number} [event] Answers from before it do not do.
  */
 export function labelsAreStale(frames, event = 0) {
-  const cameras = new Map();
-  for (const [camera, frame] of frames) {
+  const here = frames.filter(([camera, frame]) => {
     const key = frameKey(camera, frame);
     // What is on its way may have been read before.
-    if (!truths.has(key) && !loading.has(key)) continue;
+    if (!truths.has(key) && !loading.has(key)) return false;
     stale.set(key, Math.max(event, stale.get(key) ?? 0));
-    cameras.set(camera, [...(cameras.get(camera) ?? []), frame]);
-  }
-  for (const [camera, list] of cameras) prefetch(camera, list);
+    return true;
+  });
+  prefetchOf(here.map(([camera, frame]) => ({ camera, frame })));
 }
 
 // Another person works here: nothing that was read is for their eyes or counts for them.

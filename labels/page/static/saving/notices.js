@@ -40,7 +40,7 @@ function show() {
   const open = count > counted || Boolean(box.querySelector("details[open]"));
   counted = count;
   const head = items.length
-    ? el("details", { attrs: { open } }, el("summary", { text: words }), el("ul", {}, ...items))
+    ? el("details", { open }, el("summary", { text: words }), el("ul", {}, ...items))
     : el("p", { text: words });
   box.replaceChildren(head);
   box.hidden = !words;
@@ -79,9 +79,7 @@ function conflictItem(conflict) {
     act("resolve", [{ camera, frame, label: yours, cells: [cell], base: [theirs] }], { source });
     closeConflict(conflict);
   };
-  return el(
-    "li",
-    { class: "conflict" },
+  return el("li", { class: "conflict" },
     `${where}: there is now ${said(theirs)} (said elsewhere meanwhile); ` +
       `yours, ${said(yours)}, was not written. `,
     button("Use mine", useMine),
@@ -97,9 +95,7 @@ function describe({ kind, changes }) {
 }
 
 function refusedItem(entry) {
-  return el(
-    "li",
-    { class: "bad" },
+  return el("li", { class: "bad" },
     `The server refused ${describe(entry)}: ${entry.refusal} `,
     button("Try again", () => sendAgain(entry)),
     button("Save as file", () => saveFile([entry])),
@@ -110,9 +106,7 @@ function refusedItem(entry) {
 function foreignItems(foreign) {
   const groups = Map.groupBy(foreign, ({ who, mission }) => `${who} on mission ${mission}`);
   return [...groups].map(([name, entries]) =>
-    el(
-      "li",
-      {},
+    el("li", {},
       `${entries.length} unsaved of ${name} are kept in this browser; ` +
         "they are sent when that mission is open with that annotator. ",
       button("Save as file", () => saveFile(entries)),
@@ -123,6 +117,6 @@ function foreignItems(foreign) {
 function saveFile(entries) {
   const text = JSON.stringify(entries, null, 1);
   const url = URL.createObjectURL(new Blob([text], { type: "application/json" }));
-  el("a", { attrs: { href: url, download: "tokt-unsaved-actions.json" } }).click();
+  el("a", { href: url, download: "tokt-unsaved-actions.json" }).click();
   setTimeout(() => URL.revokeObjectURL(url), 1000);
 }

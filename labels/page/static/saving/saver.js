@@ -4,33 +4,12 @@
 import { ApiError, get, onFailure, post } from "../core/api.js";
 import { say, signal } from "../core/dom.js";
 import {
-  blind,
-  mission,
-  onChange,
-  onReload,
-  sameMission,
-  strangerWords,
-  takeNews,
-  who,
+  blind, mission, onChange, onReload, sameMission, strangerWords, takeNews, who,
 } from "../core/mission.js";
 import { acknowledge, labelsChanged, labelsOf } from "./labels.js";
 import {
-  dequeue,
-  enqueue,
-  forget,
-  framesOf,
-  holdPage,
-  isKept,
-  keep,
-  leftovers,
-  noteConflicts,
-  readConflicts,
-  setAside,
-  setForeign,
-  takeBack,
-  uniqueKey,
-  unwritten,
-  waiting,
+  dequeue, enqueue, forget, framesOf, holdPage, isKept, keep, leftovers, noteConflicts,
+  readConflicts, setAside, setForeign, takeBack, uniqueKey, unwritten, waiting,
 } from "./outbox.js";
 
 const RETRY_MS = [250, 500, 1000, 2000, 4000];
@@ -114,11 +93,7 @@ export function patchesAre(count) {
  *   model?: ?string}} LabelledPatch A patch, the label it shall have, and the one it is shown with.
  */
 
-/**
- * Changes as `act` takes them: one for each frame and label, cells in order.
- * @param {LabelledPatch[]} patches
- * @returns {Object[]}
- */
+/** Changes as `act` takes them: one for each frame and label, cells in order. */
 export function changesOf(patches) {
   const groups = Map.groupBy(patches, ({ camera, frame, label, model }) =>
     JSON.stringify([camera, frame, label, model ?? null]),
@@ -132,8 +107,6 @@ export function changesOf(patches) {
 
 /**
  * Give patches of many frames their labels, as one action that one undo takes back.
- * @param {string} kind
- * @param {LabelledPatch[]} patches
  * @param {{source?: string}} [options]
  * @returns {number} How many change.
  */
@@ -282,10 +255,7 @@ async function oneStep(kind) {
   return head;
 }
 
-/**
- * Send an action again that the server refused.
- * @param {Entry} entry
- */
+/** Send an action again that the server refused. */
 export function sendAgain(entry) {
   takeBack(entry);
   entry.refusal = null;
@@ -380,12 +350,7 @@ function noteOwn({ event, changed }) {
   if (ownEvents.length > KEPT_RANGES) ownEvents.shift();
 }
 
-/**
- * Whether all events after `since` up to `last` are of this page's own actions.
- * @param {number} since
- * @param {number} last
- * @returns {boolean}
- */
+/** Whether all events after `since` up to `last` are of this page's own actions. */
 export function allOwn(since, last) {
   let heard = since;
   for (const range of ownEvents) if (range.before <= heard) heard = Math.max(heard, range.last);
@@ -416,10 +381,7 @@ async function refreshHeads() {
   if (answer && sameMission(answer) && !waiting().length) takeHeads(answer.undo);
 }
 
-/**
- * Note whether the server is heard.
- * @param {boolean} value
- */
+/** Note whether the server is heard. */
 export function setConnected(value) {
   if (value === connected) return;
   connected = value;

@@ -22,7 +22,6 @@ function kappaText(kappa) {
 /**
  * The main figures.
  * @param {Object} found Answer of /api/agreement.
- * @returns {HTMLElement}
  */
 export function figures(found) {
   const { a, b, blind } = found;
@@ -35,12 +34,8 @@ export function figures(found) {
     ["With unsure as a class", unsure.join(", κ ")],
     ["Obstacle or not, F1", obstacleText(found)],
   ];
-  return el(
-    "div",
-    { class: "figures" },
-    el(
-      "p",
-      { class: "kappa" },
+  return el("div", { class: "figures" },
+    el("p", { class: "kappa" },
       el("span", { text: "Cohen's κ " }),
       el("strong", { text: kappaText(found.kappa) }),
       el("small", { text: kappaMeaning(found) }),
@@ -61,26 +56,16 @@ function kappaMeaning({ kappa, n_both_sure: sure }) {
   return " 1: always the same; 0: no better than by chance";
 }
 
-/**
- * Figures class by class.
- * @param {Object} found
- * @returns {HTMLElement}
- */
+/** Figures class by class. */
 export function classTable(found) {
   const heads = ["class", found.a, found.b, "both", "F1"];
-  return el(
-    "table",
-    { class: "numbers" },
+  return el("table", { class: "numbers" },
     el("caption", { text: "Patches by class" }),
     el("thead", {}, el("tr", {}, ...heads.map(columnHead))),
-    el(
-      "tbody",
-      {},
+    el("tbody", {},
       ...Object.entries(found.per_class).map(([name, one]) =>
-        el(
-          "tr",
-          {},
-          el("th", { attrs: { scope: "row" } }, classTag(name)),
+        el("tr", {},
+          el("th", { scope: "row" }, classTag(name)),
           ...[count(one.n_a), count(one.n_b), count(one.n_both), percent(one.f1)].map((text) =>
             el("td", { text }),
           ),
@@ -91,31 +76,25 @@ export function classTable(found) {
 }
 
 function columnHead(text) {
-  return el("th", { text, attrs: { scope: "col" } });
+  return el("th", { text, scope: "col" });
 }
 
 /**
  * Who said what where: each pair of labels and how often; a pair that differs is a button.
- * @param {Object} found
  * @param {?{a: string, b: string}} chosen The pair whose conflicts are shown.
  * @param {(pair: {a: string, b: string}) => void} choose
- * @returns {HTMLElement}
  */
 export function confusionTable(found, chosen, choose) {
   const { labels, confusion } = found;
   const unseen = (name) => el("span", { class: "unseen", text: name });
   const head = (name) =>
-    el("th", { attrs: { scope: "col", title: name } }, swatch(name), unseen(name));
+    el("th", { scope: "col", title: name }, swatch(name), unseen(name));
   const row = (a, i) =>
-    el(
-      "tr",
-      {},
-      el("th", { attrs: { scope: "row" } }, classTag(a)),
+    el("tr", {},
+      el("th", { scope: "row" }, classTag(a)),
       ...labels.map((b, j) => confusionCell({ a, b }, confusion[i][j], found, chosen, choose)),
     );
-  return el(
-    "table",
-    { class: "numbers confusion" },
+  return el("table", { class: "numbers confusion" },
     el("caption", { text: `${found.a} (rows) against ${found.b} (columns)` }),
     el("thead", {}, el("tr", {}, el("td"), ...labels.map(head))),
     el("tbody", {}, ...labels.map(row)),
@@ -127,13 +106,10 @@ function confusionCell({ a, b }, number, found, chosen, choose) {
   if (number === 0) return el("td", { class: "nil", text: "0" });
   const pressed = chosen?.a === a && chosen?.b === b;
   const title = `${found.a}: ${a}, ${found.b}: ${b}`;
-  return el(
-    "td",
-    {},
+  return el("td", {},
     button(count(number), () => choose({ a, b }), {
-      class: "pair",
-      title: `show the patches that are ${title}`,
-      attrs: { "aria-pressed": String(pressed), "aria-label": `${number} patches ${title}` },
+      class: "pair", title: `show the patches that are ${title}`,
+      "aria-pressed": String(pressed), "aria-label": `${number} patches ${title}`,
     }),
   );
 }

@@ -39,9 +39,7 @@ class ConflictSheet extends DecisionSheet {
       place: { only: null, unsure: null, ...place },
     });
     Object.assign(this, { people, onChoice });
-    this.element = el(
-      "div",
-      { class: "conflicts" },
+    this.element = el("div", { class: "conflicts" },
       el("div", { class: "bar" }, el("h2", { text: "Conflicts" }), this.filters),
       this.bar(
         "settle the selected conflicts",
@@ -54,7 +52,6 @@ class ConflictSheet extends DecisionSheet {
 
   /**
    * Take what the server found.
-   * @param {Conflict[]} conflicts
    * @param {{anew: boolean}} options `anew`: show them from where the person was; else the tiles
    *   stay as they are.
    */
@@ -110,7 +107,7 @@ class ConflictSheet extends DecisionSheet {
     if (only) return [button(`${only.a} / ${only.b} ×`, () => this.choosePair(null))];
     const count = this.patches.filter((conflict) => !conflict.sure).length;
     if (count === 0) return [];
-    const options = { attrs: { "aria-pressed": String(unsure) }, title: "show them too (e)" };
+    const options = { "aria-pressed": String(unsure), title: "show them too (e)" };
     return [button(`with one unsure ${count}`, () => this.withUnsure(), options)];
   }
 
@@ -224,25 +221,23 @@ function showForm() {
 }
 
 function showAlso(...children) {
-  const attrs = { tabindex: -1, "data-home": true };
-  root.replaceChildren(el("section", { class: "agreement-alone", attrs }, ...children));
+  const options = { class: "agreement-alone", tabindex: -1, "data-home": true };
+  root.replaceChildren(el("section", options, ...children));
 }
 
 // ---- The comparison
 
 function build() {
   const numbers = el("div", { class: "agreement-numbers" });
-  const words = el("p", { class: "agreement-words", attrs: { role: "status" } });
+  const words = el("p", { class: "agreement-words", role: "status" });
   const same = last?.pair.a === pair.a && last.pair.b === pair.b;
   const sheet = new ConflictSheet(pair, same ? last.place : null, showNumbers);
   const section = el(
     "section",
-    { class: "agreement tiles-view", attrs: { "aria-label": "agreement of two annotators" } },
-    el(
-      "div",
-      { class: "bar" },
+    { class: "agreement tiles-view", "aria-label": "agreement of two annotators" },
+    el("div", { class: "bar" },
       person("a"),
-      button("⇄", swap, { title: "exchange them (s)", attrs: { "aria-label": "exchange them" } }),
+      button("⇄", swap, { title: "exchange them (s)", "aria-label": "exchange them" }),
       person("b"),
       button("Label blind …", showForm, { title: "label again without seeing this (b)" }),
       words,
@@ -259,8 +254,8 @@ function person(side) {
     go(addressOf(next));
   };
   const letter = side.toUpperCase();
-  const attrs = { "aria-label": `annotator ${letter}` };
-  const select = choice(mission.annotators, pair[side], { attrs, on: { change: choose } });
+  const options = { "aria-label": `annotator ${letter}`, on: { change: choose } };
+  const select = choice(mission.annotators, pair[side], options);
   return el("label", { class: "person-choice" }, el("strong", { text: letter }), select);
 }
 
@@ -292,7 +287,7 @@ function showFault({ status, message }) {
   parts.root.classList.add("not-compared");
   parts.words.textContent = "";
   parts.numbers.replaceChildren(
-    el("p", { class: "empty-state", text: words, attrs: { role: "status" } }),
+    el("p", { class: "empty-state", text: words, role: "status" }),
     ...(yet ? [el("p", { class: "empty-state", text: hint })] : []),
   );
 }

@@ -179,12 +179,12 @@ function leave() {
 }
 
 function build() {
-  const tabs = el("nav", { class: "sheet-tabs", attrs: { "aria-label": "audits" } });
-  const words = el("p", { class: "sheet-words", attrs: { role: "status" } });
+  const tabs = el("nav", { class: "sheet-tabs", "aria-label": "audits" });
+  const words = el("p", { class: "sheet-words", role: "status" });
   const body = el("div", { class: "audit-body" });
   const root = el(
     "section",
-    { class: "sheet tiles-view", attrs: { "aria-label": "label audit", tabindex: -1 } },
+    { class: "sheet tiles-view", "aria-label": "label audit", tabindex: -1 },
     tabs,
     el("div", { class: "bar" }, words),
     body,
@@ -216,15 +216,16 @@ async function loadAudit(wanted, mine) {
 }
 
 function showTabs(audits) {
-  const back = el("a", { class: "tab", text: "‹ by class", attrs: { href: "#/sheet" } });
+  const back = el("a", { class: "tab", text: "‹ by class", href: "#/sheet" });
   const tabs = audits.map((one) => {
-    const attrs = {
+    const options = {
+      class: "tab",
       href: `#/audit/${encodeURIComponent(one.name)}`,
       title: one.fault || one.of,
       "aria-current": one.name === name && "page",
     };
     const count = el("span", { class: "count", text: one.patches.toLocaleString("en") });
-    return el("a", { class: "tab", attrs }, el("span", { text: `Audit ${one.name}` }), count);
+    return el("a", options, el("span", { text: `Audit ${one.name}` }), count);
   });
   parts.tabs.replaceChildren(back, ...tabs);
 }

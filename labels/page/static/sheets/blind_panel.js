@@ -18,45 +18,34 @@ const SIGNS = {
 /**
  * The form that begins a blind labelling.
  * @param {{of: string, onCancel: ?Function}} options `of`: whose frames are proposed.
- * @returns {HTMLElement}
  */
 export function blindForm({ of, onCancel }) {
-  const whose = choice(mission.annotators, of, { attrs: { id: "blind-of" } });
-  const name = el("input", {
-    attrs: { id: "blind-who", required: true, maxlength: 60, autocomplete: "off" },
-  });
+  const whose = choice(mission.annotators, of, { id: "blind-of" });
+  const name = el("input", { id: "blind-who", required: true, maxlength: 60, autocomplete: "off" });
   if (who() !== of) name.value = who();
   const begin = (event) => {
     event.preventDefault();
     beginBlind(whose.value, name.value.trim());
   };
-  return el(
-    "form",
-    { class: "blind-form", on: { submit: begin } },
+  return el("form", { class: "blind-form", on: { submit: begin } },
     el("h2", { text: "Label a second time, blind" }),
     el("p", {
       text:
         "A second person labels the same frames without seeing the first one's labels or any " +
         "suggestion. Only then does agreement say something about the labels.",
     }),
-    el("label", { text: "Frames that were labelled by", attrs: { for: "blind-of" } }),
+    el("label", { text: "Frames that were labelled by", for: "blind-of" }),
     whose,
-    el("label", { text: "Your name (another one)", attrs: { for: "blind-who" } }),
+    el("label", { text: "Your name (another one)", for: "blind-who" }),
     name,
-    el(
-      "div",
-      { class: "bar" },
-      el("button", { class: "main", text: "Begin, or go on", attrs: { type: "submit" } }),
+    el("div", { class: "bar" },
+      el("button", { class: "main", text: "Begin, or go on", type: "submit" }),
       onCancel ? button("Cancel", onCancel) : null,
     ),
   );
 }
 
-/**
- * Work blind from now on, as `name`, on the frames of `of`.
- * @param {string} of
- * @param {string} name
- */
+/** Work blind from now on, as `name`, on the frames of `of`. */
 async function beginBlind(of, name) {
   if (!name) return;
   if (name === of) {
@@ -97,7 +86,6 @@ async function changePerson(change) {
 /**
  * How far a blind labelling is.
  * @param {string} fault Why there is no list; "" where there is.
- * @returns {HTMLElement}
  */
 export function blindProgress(fault) {
   const list = blindFrames();
@@ -108,15 +96,11 @@ export function blindProgress(fault) {
     : fault || "No list of frames was chosen: label any frame.";
   const more = list.length > done;
   const end = of && of !== who() ? "End blind labelling and compare" : "End blind labelling";
-  return el(
-    "section",
-    { class: "blind-progress" },
+  return el("section", { class: "blind-progress" },
     el("h2", { text: "Blind labelling" }),
-    el("p", { text: words, attrs: { role: "status" } }),
+    el("p", { text: words, role: "status" }),
     el("p", { text: "What others said and what the model suggests is hidden until you end this." }),
-    el(
-      "div",
-      { class: "bar" },
+    el("div", { class: "bar" },
       more ? withKey(button("Continue", continueBlind, { class: "main" }), "Enter") : null,
       button(end, endBlind),
     ),
@@ -127,6 +111,6 @@ export function blindProgress(fault) {
 function frameLink({ camera, frame }) {
   const { sign, text } = SIGNS[stateOf(camera, frame)] ?? SIGNS.u;
   const href = `#/label/${camera}/${frame}`;
-  const attrs = { href, title: text, "aria-label": `${camera} ${frame}, ${text}` };
-  return el("a", { text: `${sign} ${camera} ${frame}`, attrs });
+  const name = `${camera} ${frame}`;
+  return el("a", { text: `${sign} ${name}`, href, title: text, "aria-label": `${name}, ${text}` });
 }

@@ -5,13 +5,7 @@ import { classButtons, classTag, pager, sizeButtons } from "../core/controls.js"
 import { button, el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
 import {
-  classes,
-  mission,
-  onChange,
-  onReload,
-  onSetting,
-  setSetting,
-  setting,
+  classes, mission, onChange, onReload, onSetting, setSetting, setting,
 } from "../core/mission.js";
 import { lookAtShapes } from "../core/pictures.js";
 import { addView, go } from "../core/router.js";
@@ -33,12 +27,10 @@ class ReviewSheet extends TileSheet {
     /** {offset, total, by, ready, done, of, tiles}; null until it is loaded. */
     this.page = null;
     this.asked = 0;
-    this.tabs = el("nav", { class: "sheet-tabs", attrs: { "aria-label": "classes" } });
-    this.words = el("p", { class: "sheet-words", attrs: { role: "status" } });
+    this.tabs = el("nav", { class: "sheet-tabs", "aria-label": "classes" });
+    this.words = el("p", { class: "sheet-words", role: "status" });
     this.range = el("span", { class: "sheet-range" });
-    this.root = el(
-      "section",
-      { class: "sheet tiles-view", attrs: { "aria-label": "review sheet" } },
+    this.root = el("section", { class: "sheet tiles-view", "aria-label": "review sheet" },
       this.tabs,
       el("div", { class: "bar one-line" }, this.words, ...this.#controls()),
       this.bar(
@@ -150,14 +142,13 @@ class ReviewSheet extends TileSheet {
   // ---- What is shown
 
   #showTabs() {
-    const audit = el("a", { class: "tab", text: "Audit", attrs: { href: "#/audit" } });
+    const audit = el("a", { class: "tab", text: "Audit", href: "#/audit" });
     audit.title = "labels that a model which did not learn them contradicts";
     const tabs = classes().map(({ name }) => {
       const count = (mission.counts[name] ?? 0).toLocaleString("en");
       const current = name === this.label && "page";
-      const attrs = { href: addressOf(name), "aria-current": current };
-      const number = el("span", { class: "count", text: count });
-      return el("a", { class: "tab", attrs }, classTag(name), number);
+      const options = { class: "tab", href: addressOf(name), "aria-current": current };
+      return el("a", options, classTag(name), el("span", { class: "count", text: count }));
     });
     this.tabs.replaceChildren(...tabs, audit);
   }

@@ -82,7 +82,6 @@ class TileSelection {
 /** Grid of tiles; a tile is anything with `camera`, `frame` and `cell`. */
 export class TileGrid {
   /**
-   * @param {object} options
    * @param {string} options.label what the grid holds, for screen readers
    * @param {(tile: object) => {name: string, lines: Node[], faded?: boolean}} options.describe
    *   the tile in words, and what stands under its picture
@@ -102,17 +101,10 @@ export class TileGrid {
     /** Whether the mouse is held down on a tile. */
     this.busy = false;
     this.list = el("div", {
-      class: "tiles",
-      attrs: {
-        role: "listbox",
-        "aria-multiselectable": "true",
-        "aria-label": label,
-        tabindex: 0,
-        "data-home": true,
-      },
+      class: "tiles", role: "listbox", "aria-multiselectable": "true", "aria-label": label,
+      tabindex: 0, "data-home": true, "data-caption-lines": captionLines,
     });
-    this.list.dataset.captionLines = captionLines;
-    this.band = el("div", { class: "tile-band", attrs: { "aria-hidden": "true" } });
+    this.band = el("div", { class: "tile-band", "aria-hidden": "true" });
     this.band.hidden = true;
     this.element = el("div", { class: "tile-scroller" }, this.list, this.band);
     this.pictures = new TilePictures(this.element);
@@ -122,7 +114,6 @@ export class TileGrid {
 
   /**
    * Show these tiles.
-   * @param {object[]} tiles
    * @param {{width: number, margin: number}} look Width in CSS pixels, margin around each patch in
    *   patches.
    */
@@ -202,9 +193,7 @@ export class TileGrid {
       putAt(mark, patchInTile(tile, width, this.height, margin));
       picture.append(mark);
     }
-    return el(
-      "div",
-      { class: "tile", attrs: { role: "option", id: `${this.prefix}-${index}` } },
+    return el("div", { class: "tile", role: "option", id: `${this.prefix}-${index}` },
       picture,
       el("div", { class: "tile-caption" }),
     );
@@ -291,7 +280,6 @@ const STEPS = {
 /**
  * Rows of a view's table of keys that move the cursor of its grid and select.
  * @param {() => TileGrid} gridOf
- * @returns {KeyEntry[]}
  */
 export function selectionKeys(gridOf) {
   const select = (change) => gridOf()?.select(change);

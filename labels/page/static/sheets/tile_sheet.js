@@ -35,14 +35,14 @@ export class TileSheet {
       onOpen: open,
     });
     this.preview = new PatchPreview();
-    this.chosen = el("span", { class: "sheet-chosen", attrs: { role: "status" } });
+    this.chosen = el("span", { class: "sheet-chosen", role: "status" });
     this.tiles = el("div", { class: "tiles-and-preview" }, this.grid.element, this.preview.element);
   }
 
   /** The bar of what can be done to the selected patches. */
   bar(label, ...children) {
-    const attrs = { role: "group", "aria-label": label };
-    return el("div", { class: "bar", attrs }, this.chosen, ...children);
+    const options = { class: "bar", role: "group", "aria-label": label };
+    return el("div", options, this.chosen, ...children);
   }
 
   /** Show these tiles, and load the labels of their frames: they say what was done since. */
@@ -82,7 +82,6 @@ function open({ camera, frame, cell }) {
  */
 export class DecisionSheet extends TileSheet {
   /**
-   * @param {object} options
    * @param {string} options.label What the grid holds.
    * @param {string} options.filters What is filtered, for screen readers.
    * @param {string} options.decided The word for patches that are not open.
@@ -95,7 +94,7 @@ export class DecisionSheet extends TileSheet {
     this.which = [OPEN, decided, ALL];
     this.look = { width: TILE_WIDTH, margin };
     this.view = { which: OPEN, first: 0, cursor: 0, ...place };
-    this.filters = el("span", { class: "pager", attrs: { role: "group", "aria-label": filters } });
+    this.filters = el("span", { class: "pager", role: "group", "aria-label": filters });
   }
 
   /** Where the person is, to come back to. */
@@ -171,7 +170,7 @@ export class DecisionSheet extends TileSheet {
     const { which, first } = this.view;
     const filters = this.which.map((name) =>
       button(`${name} ${this.matching(name).length}`, () => this.choose({ which: name }), {
-        attrs: { "aria-pressed": String(name === which) },
+        "aria-pressed": String(name === which),
       }),
     );
     const total = this.matching(which).length;
@@ -213,7 +212,6 @@ export function settledOf({ camera, frame, cell, settled }) {
 
 /**
  * Settle patches: both opinions stay, and what holds stands beside them.
- * @param {object[]} patches
  * @param {(patch: object) => ?string} labelFor Null takes the settlement back.
  * @returns {number} How many change.
  */

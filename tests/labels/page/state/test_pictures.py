@@ -159,16 +159,10 @@ def test_an_unreadable_frame_is_said_and_never_shown_in_part(tmp_path, enhance):
                 frame_picture(mission, "left", number, enhance, width)
 
 
-def test_what_is_out_of_range_is_refused(tiny):
-    mission = open_mission(tiny.path)
-    pictures = PatchPictures(mission, Grid())
-    for wrong in ({"enhance": -1}, {"enhance": 101}, {"enhance": 0, "width": 0}):
-        refuses("", frame_picture, mission, "left", 1, **wrong)
-    cells = [("left", 1, 5)]
-    for more in ({"size": 7}, {"size": 513}, {"margin": 1.1}, {"margin": -0.1}, {"enhance": 200}):
-        refuses("", pictures.sprite, cells, **more)
-    for these in ([], [("left", 1, 100)], [("left", 1, -1)], cells * 1001):
-        refuses("", pictures.sprite, these)
+@pytest.mark.parametrize("cell", [-1, 100])
+def test_a_cell_outside_the_grid_is_refused(tiny, cell):
+    sprite = PatchPictures(open_mission(tiny.path), Grid()).sprite
+    refuses(f"cell is 0 to 99, not {cell}", sprite, [("left", 1, cell)])
 
 
 def numbered_patches(tmp_path):

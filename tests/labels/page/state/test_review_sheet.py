@@ -1,6 +1,8 @@
 """All patches of a class, odd ones first."""
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,17 +12,18 @@ from tests.waiting import until
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
 from tokt.labels.page.state import review_sheet
-from tokt.labels.page.state.review_sheet import PatchRanker
+from tokt.labels.page.state.frame_features import FrameFeatures
+from tokt.labels.page.state.review_sheet import ReviewSheet, rank
 
 FIRST_PAGE = 50
 Cells = dict[str, list[tuple[str, int, int]]]
 
 
 @pytest.fixture
-def sheet(tiny):
-    made = PatchRanker(open_mission(tiny.path), Grid())
+def features(tiny):
+    made = FrameFeatures(open_mission(tiny.path), Grid())
     yield made
-    made.features.background.close()
+    made.background.close()
 
 
 @pytest.fixture
@@ -32,12 +35,12 @@ def cells(tiny_truth):
     return found
 
 
-def looked_at(sheet, cells):
-    features = sheet.features
-    features.want((camera, frame) for c in cells.values() for camera, frame, _ in c)
+def looked_at(features, cells):
+    for some in cells.values():
+        features.locate(some)
     features.background.start()
-    until(lambda: features.progress[0] >= features.progress[1])
-    return sheet
+    until(lambda: features.snapshot().done == len(features.snapshot().numbers))
+    return features
 
 
 def plant(cells, of, into, n):
@@ -49,47 +52,51 @@ def plant(cells, of, into, n):
     return wrong
 
 
+def all_of(ranked):
+    return ranked.patches(0, len(ranked.cells))
+
+
 def cells_of(ranked):
-    return [patch[:3] for patch in ranked.patches]
+    return [patch[:3] for patch in all_of(ranked)]
 
 
 @pytest.mark.parametrize(
     ("of", "into"), [("ocean", "subsea_installation"), ("subsea_installation", "ocean")]
 )
-def test_planted_wrong_labels_come_first(sheet, cells, of, into):
+def test_planted_wrong_labels_come_first(features, cells, of, into):
     wrong = plant(cells, of, into, 6)
-    ranked = looked_at(sheet, cells).patches(cells, into)
+    ranked = rank(looked_at(features, cells), cells, into)
     assert set(wrong) <= set(cells_of(ranked)[:FIRST_PAGE])
     assert set(wrong) & set(cells_of(ranked)[:3])
     assert sorted(cells_of(ranked)) == cells[into] and ranked.ready
-    values = [patch.value for patch in ranked.patches]
+    values = [patch.value for patch in all_of(ranked)]
     assert values == sorted(values) and values[0] < 0 < values[-1]
 
 
-def test_the_sheet_says_how_the_order_was_made(sheet, cells):
-    looked_at(sheet, cells)
+def test_the_sheet_says_how_the_order_was_made(features, cells):
+    looked_at(features, cells)
     # Frames 1..40 are in blocks 0, 1 and 2 (frame 40).
-    assert sheet.patches(cells, "ocean").by == (
+    assert rank(features, cells, "ocean").by == (
         "decision value against the other classes, cross-validated: 3 folds of whole blocks of"
         " 20 frames, linear SVM on LBP and Haralick features"
     )
-    assert "for cross-validation it needs a second class" in sheet.patches(cells, "unsure").by
+    assert "for cross-validation it needs a second class" in rank(features, cells, "unsure").by
     alone = {"ocean": cells["ocean"], "unsure": cells["unsure"]}
-    assert "needs a second class" in sheet.patches(alone, "ocean").by
+    assert "needs a second class" in rank(features, alone, "ocean").by
     one_block = {name: [cell for cell in c if cell[1] < 20] for name, c in cells.items()}
-    ranked = sheet.patches(one_block, "ocean")
+    ranked = rank(features, one_block, "ocean")
     assert "distance from the class's median" in ranked.by
     assert ranked.by.endswith("needs patches in two blocks of 20 frames")
     class_in_one = {**cells, "subsea_installation": one_block["subsea_installation"]}
-    assert "distance" in sheet.patches(class_in_one, "subsea_installation").by
+    assert "distance" in rank(features, class_in_one, "subsea_installation").by
 
 
-def test_no_classifier_saw_the_block_of_the_patch_it_judges(sheet, cells, monkeypatch):
+def test_no_classifier_saw_the_block_of_the_patch_it_judges(features, cells, monkeypatch):
     from sklearn.preprocessing import StandardScaler
     from sklearn.svm import LinearSVC
 
-    looked_at(sheet, cells)
-    known = sheet.features.snapshot()
+    looked_at(features, cells)
+    known = features.snapshot()
     block_of = {
         known.features[row, cell].tobytes(): int(known.numbers[row]) // 20
         for row in range(40)
@@ -108,65 +115,70 @@ def test_no_classifier_saw_the_block_of_the_patch_it_judges(sheet, cells, monkey
     monkeypatch.setattr(StandardScaler, "fit_transform", keep)
     monkeypatch.setattr(StandardScaler, "transform", lambda self, x: x)
     monkeypatch.setattr(LinearSVC, "decision_function", judge)
-    sheet.patches(cells, "ocean")
+    rank(features, cells, "ocean")
     assert len(seen) == 3
     assert all(trained and judged and not trained & judged for trained, judged in seen)
     assert set().union(*(judged for _, judged in seen)) == {0, 1, 2}
 
 
-def test_without_a_second_class_odd_is_what_is_far_from_the_middle(sheet, cells):
+def test_without_a_second_class_odd_is_what_is_far_from_the_middle(features, cells):
     wrong = plant(cells, "subsea_installation", "ocean", 6)
     only = {"ocean": cells["ocean"]}
-    ranked = looked_at(sheet, only).patches(only, "ocean")
+    ranked = rank(looked_at(features, only), only, "ocean")
     assert set(wrong) <= set(cells_of(ranked)[:FIRST_PAGE])
-    assert all(patch.value <= 0 for patch in ranked.patches)
+    assert all(patch.value <= 0 for patch in all_of(ranked))
 
 
-def test_before_all_frames_are_looked_at_nothing_is_missing(sheet, cells):
-    ranked = sheet.patches(cells, "ocean", version=1)
+def test_before_all_frames_are_looked_at_nothing_is_missing(features, cells):
+    ranked = rank(features, cells, "ocean")
     assert (ranked.done, ranked.of, ranked.ready) == (0, 40, False)
-    assert cells_of(ranked) == cells["ocean"] and math.isnan(ranked.patches[0].value)
+    assert cells_of(ranked) == cells["ocean"] and math.isnan(all_of(ranked)[0].value)
     assert ranked.by == "in the order of the frames: none has been looked at so far"
-    looked_at(sheet, cells)
-    again = sheet.patches(cells, "ocean", version=1)
+    looked_at(features, cells)
+    again = rank(features, cells, "ocean")
     assert again.ready and "cross-validated" in again.by
 
 
 def test_an_unreadable_frame_comes_last(own_tiny, cells):
     (own_tiny.path / "Left" / "tiny_L_7.png").write_bytes(b"")
     cv2.imwrite(str(own_tiny.path / "Left" / "tiny_L_8.png"), np.zeros((3, 500), np.uint8))
-    sheet = PatchRanker(open_mission(own_tiny.path), Grid())
-    ranked = looked_at(sheet, cells).patches(cells, "ocean")
-    sheet.features.background.close()
+    features = FrameFeatures(open_mission(own_tiny.path), Grid())
+    ranked = rank(looked_at(features, cells), cells, "ocean")
+    features.background.close()
     last = [cell for cell in cells["ocean"] if cell[1] in (7, 8)]
     assert cells_of(ranked)[-len(last) :] == last and ranked.ready
-    for place, patch in enumerate(ranked.patches):
-        assert math.isnan(patch.value) == (place >= len(ranked.patches) - len(last))
+    for place, patch in enumerate(all_of(ranked)):
+        assert math.isnan(patch.value) == (place >= len(ranked.cells) - len(last))
 
 
-def test_pages_of_one_ranking_are_computed_once(sheet, cells, monkeypatch):
-    looked_at(sheet, cells)
-    first = sheet.patches(cells, "ocean", version=("anna", 5))
-    fresh = sheet.patches(cells, "ocean")
-    assert list(fresh.patches) == list(first.patches)  # seeded
-    sheet.patches(cells, "ocean", version=("anna", 5))
+def test_pages_of_one_ranking_are_computed_once(tiny, cells, monkeypatch):
+    said = {"anna": (5, cells), "ben": (6, {**cells, "ocean": cells["ocean"][:10]})}
+    board: Any = SimpleNamespace(
+        grid=Grid(),
+        names=list(cells),
+        last_event=lambda who: said[who][0],
+        cells_of_class=lambda who, name: said[who][1][name],
+    )
+    sheet = ReviewSheet(open_mission(tiny.path), board)
+    until(lambda: sheet.ranked("anna", "ocean").ready)
+    first = all_of(sheet.ranked("anna", "ocean"))
     with monkeypatch.context() as patched:
         patched.setattr(review_sheet, "_values", lambda *a: pytest.fail("computed again"))
-        page = sheet.patches({}, "ocean", version=("anna", 5)).patches[20:23]
-    assert page == list(first.patches)[20:23]
-    fewer = {**cells, "ocean": cells["ocean"][:10]}
-    assert len(sheet.patches(fewer, "ocean", version=("anna", 6)).patches) == 10
+        assert sheet.ranked("anna", "ocean").patches(20, 23) == first[20:23]
+    assert len(sheet.ranked("ben", "ocean").cells) == 10
+    assert all_of(sheet.ranked("anna", "ocean")) == first  # seeded
+    sheet.close()
 
 
-def test_a_label_nobody_used_has_no_patches(sheet, cells):
-    ranked = looked_at(sheet, cells).patches(cells, "reef")
-    assert len(ranked.patches) == 0 and ranked.patches[:200] == []
-    assert len(sheet.patches({}, "ocean").patches) == 0
+def test_a_label_nobody_used_has_no_patches(features, cells):
+    ranked = rank(looked_at(features, cells), cells, "reef")
+    assert len(ranked.cells) == 0 and ranked.patches(0, 200) == []
+    assert len(rank(features, {}, "ocean").cells) == 0
 
 
-def test_more_patches_than_are_trained_on_are_all_ranked(sheet, cells, monkeypatch):
+def test_more_patches_than_are_trained_on_are_all_ranked(features, cells, monkeypatch):
     monkeypatch.setattr(review_sheet, "MAX_TRAINED", 200)
     wrong = plant(cells, "ocean", "subsea_installation", 4)
-    ranked = looked_at(sheet, cells).patches(cells, "subsea_installation")
-    assert not any(math.isnan(patch.value) for patch in ranked.patches)
+    ranked = rank(looked_at(features, cells), cells, "subsea_installation")
+    assert not any(math.isnan(patch.value) for patch in all_of(ranked))
     assert set(wrong) <= set(cells_of(ranked)[:FIRST_PAGE])

@@ -1,7 +1,7 @@
 """Which frames to label next."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,17 +16,9 @@ from tokt.models.bundle.bundle import read_bundle
 PATCHES = 20
 
 
-@dataclass(frozen=True)
-class Known:
-    """What a suggester knows."""
-
-    content: MissionSuggestions
-
-    def known(self):
-        return self.content
-
-
-def dive(n, unsure, cameras=("left",)):
+def dive(
+    n: int, unsure: dict[int, int], cameras: tuple[str, ...] = ("left",)
+) -> MissionSuggestions:
     """Frames 1..n that look slowly different; so many patches of some frames are unsure."""
     rng = np.random.default_rng(3)
     number = np.arange(1, n + 1)
@@ -35,8 +27,9 @@ def dive(n, unsure, cameras=("left",)):
     values = rng.uniform(2, 6, (n * len(cameras), PATCHES))
     for frame, patches in unsure.items():
         values[frame - 1, :patches] = np.linspace(0.02, 0.3, patches)
-    frames = (np.repeat(cameras, n), np.tile(number, len(cameras)))
-    return Known(MissionSuggestions(*frames, values, features.astype(np.float32)))
+    return MissionSuggestions(
+        np.repeat(cameras, n), np.tile(number, len(cameras)), values, features.astype(np.float32)
+    )
 
 
 def names(queue):
@@ -45,26 +38,26 @@ def names(queue):
 
 def points_of(known):
     """The frames in units of standard deviations, computed here anew."""
-    x = known.content.features.astype(np.float64)
+    x = known.features.astype(np.float64)
     return (x - x.mean(axis=0)) / x.std(axis=0) / np.sqrt(x.shape[1])
 
 
 def test_neighbours_of_one_uncertain_frame_do_not_fill_the_top():
     burst = {frame: 15 for frame in range(50, 58)}
     known = dive(300, {**burst, 120: 8, 200: 8, 280: 8})
-    top = [entry.frame for entry in next_frames(known, {}, 4)]
+    top = [entry.frame for entry in next_frames(known, [], 4)]
     assert sum(frame in burst for frame in top) == 1
     assert {120, 200, 280} < set(top)
 
 
 def test_without_near_copies_the_most_uncertain_come_first():
     known = dive(300, {40: 3, 120: 18, 200: 8})
-    assert [entry.frame for entry in next_frames(known, {}, 3)] == [120, 200, 40]
+    assert [entry.frame for entry in next_frames(known, [], 3)] == [120, 200, 40]
 
 
 def test_labelled_frames_are_out_and_their_near_copies_late():
     known = dive(300, {50: 15, 51: 15, 150: 9, 250: 9})
-    labelled = {("left", 50): True, ("left", 150): False, ("right", 250): True}
+    labelled = [("left", 50), ("right", 250)]
     queue = next_frames(known, labelled, 300)
     assert len(queue) == 299 and ("left", 50) not in names(queue)
     assert [entry.frame for entry in queue[:1]] == [150]
@@ -73,40 +66,34 @@ def test_labelled_frames_are_out_and_their_near_copies_late():
 
 def test_the_frame_that_is_shown_counts_as_known():
     known = dive(300, {50: 15, 51: 15, 150: 9})
-    queue = next_frames(known, {}, 10, now=("left", 50))
+    queue = next_frames(known, [], 10, now=("left", 50))
     assert queue[0].frame == 150 and not {50, 51} & {entry.frame for entry in queue}
 
 
 def test_the_other_cameras_picture_of_the_same_moment_comes_late():
     known = dive(100, {30: 10, 70: 9}, ("left", "right"))
-    known.content.values[130 - 1, :10] = known.content.values[30 - 1, :10]
-    top = names(next_frames(known, {}, 2))
+    known.values[130 - 1, :10] = known.values[30 - 1, :10]
+    top = names(next_frames(known, [], 2))
     assert top[0] in [("left", 30), ("right", 30)] and top[1] == ("left", 70)
-
-
-def test_one_camera_can_be_asked_for():
-    known = dive(50, {30: 10}, ("left", "right"))
-    queue = next_frames(known, {("right", 9): True}, 100, camera="right")
-    assert sorted(names(queue)) == [("right", frame) for frame in range(1, 51) if frame != 9]
-    assert next_frames(known, {}, 5, camera="none") == []
 
 
 def test_scores_fall_and_every_frame_comes_once():
     known = dive(120, {20: 4, 60: 12})
-    queue = next_frames(known, {("left", 7): True}, 1000)
+    queue = next_frames(known, [("left", 7)], 1000)
     scores = [entry.score for entry in queue]
     assert scores == sorted(scores, reverse=True) and 0 <= scores[-1] <= scores[0] <= 1
     assert sorted(names(queue)) == [("left", frame) for frame in range(1, 121) if frame != 7]
-    assert queue == next_frames(known, {("left", 7): True}, 1000)
-    assert next_frames(known, {}, 0) == [] and len(next_frames(known, {}, 5)) == 5
+    assert queue == next_frames(known, [("left", 7)], 1000)
+    assert next_frames(known, [], 0) == [] and len(next_frames(known, [], 5)) == 5
 
 
 def test_when_all_is_labelled_or_nothing_is_known_the_queue_is_empty():
     known = dive(5, {})
-    assert next_frames(known, {("left", frame): True for frame in range(1, 6)}, 3) == []
-    frames = (np.zeros(0, str), np.zeros(0, np.int64))
-    nothing = MissionSuggestions(*frames, np.zeros((0, 4)), np.zeros((0, 2), np.float32))
-    assert next_frames(Known(nothing), {}, 3) == []
+    assert next_frames(known, [("left", frame) for frame in range(1, 6)], 3) == []
+    nothing = MissionSuggestions(
+        np.zeros(0, str), np.zeros(0, np.int64), np.zeros((0, 4)), np.zeros((0, 2), np.float32)
+    )
+    assert next_frames(nothing, [], 3) == []
 
 
 WHY = re.compile(
@@ -121,14 +108,14 @@ WHY = re.compile(
 def test_the_reasons_are_true(labelled, now):
     known = dive(300, {30: 1, 50: 15, 51: 14, 150: 9, 250: 7})
     shown = ("left", now) if now else None
-    queue = next_frames(known, {("left", frame): True for frame in labelled}, 60, shown)
+    queue = next_frames(known, [("left", frame) for frame in labelled], 60, shown)
     also = {now} - {None, *labelled}
     points, earlier = points_of(known), [*labelled, *also]
     kinds = set()
     for entry in queue:
         said = WHY.fullmatch(entry.why)
         assert said, entry.why
-        within = known.content.values[entry.frame - 1] <= float(said[2])
+        within = known.values[entry.frame - 1] <= float(said[2])
         assert (0 if said[1] == "no" else int(said[1])) == within.sum()
         kinds.add(said[3])
         if not earlier:
@@ -149,18 +136,18 @@ def test_the_reasons_are_true(labelled, now):
 
 def test_with_two_cameras_and_several_classes_the_reason_says_so():
     known = dive(60, {30: 5}, ("left", "right"))
-    several = Known(replace(known.content, several=True))
-    (entry,) = next_frames(several, {("right", 10): True}, 1)
+    several = replace(known, several=True)
+    (entry,) = next_frames(several, [("right", 10)], 1)
     assert re.match(r"5 patches within [\d.]+ of a second class; looks ", entry.why)
     assert re.search(r"(left|right) frame 10\)?$", entry.why)
 
 
 def test_margins_of_any_size_will_do():
     small = dive(100, {30: 5, 60: 9})
-    large = Known(replace(small.content, values=small.content.values * 1e4))
-    none = Known(replace(small.content, values=np.zeros((100, PATCHES))))
-    assert names(next_frames(small, {}, 20)) == names(next_frames(large, {}, 20))
-    assert next_frames(none, {}, 1)[0].why.startswith("20 patches within 0 of the threshold")
+    large = replace(small, values=small.values * 1e4)
+    none = replace(small, values=np.zeros((100, PATCHES)))
+    assert names(next_frames(small, [], 20)) == names(next_frames(large, [], 20))
+    assert next_frames(none, [], 1)[0].why.startswith("20 patches within 0 of the threshold")
 
 
 def test_the_queue_of_a_real_model(tiny, tiny_bundle, tmp_path):
@@ -168,6 +155,6 @@ def test_the_queue_of_a_real_model(tiny, tiny_bundle, tmp_path):
     suggester = Suggester(read_bundle(tiny_bundle), mission, Grid(), tmp_path)
     for frame in mission.frames():
         suggester.of("left", frame)
-    queue = next_frames(suggester, {("left", frame): True for frame in range(1, 21)}, 40)
+    queue = next_frames(suggester.known(), [("left", frame) for frame in range(1, 21)], 40)
     assert sorted(entry.frame for entry in queue) == list(range(21, 41))
     suggester.close()
