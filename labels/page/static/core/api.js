@@ -27,7 +27,9 @@ export function onFailure(handle = () => undefined) {
 
 /**
  * The address of an API path with its parameters, `who` and `blind`.
+ * @param {string} path
  * @param {Object} [params] Those that are null or undefined are left out.
+ * @returns {string}
  */
 export function address(path, params = {}) {
   const query = new URLSearchParams();
@@ -40,6 +42,9 @@ export function address(path, params = {}) {
 
 /**
  * GET a path.
+ * @param {string} path
+ * @param {Object} [params]
+ * @returns {Promise<*>}
  * @throws {ApiError}
  */
 export async function get(path, params = {}) {
@@ -48,6 +53,9 @@ export async function get(path, params = {}) {
 
 /**
  * POST a body to a path; `who` and `blind` are filled in where the body has none.
+ * @param {string} path
+ * @param {Object} body
+ * @returns {Promise<*>}
  * @throws {ApiError}
  */
 export async function post(path, body) {
@@ -60,6 +68,8 @@ export async function post(path, body) {
 
 /**
  * Fetch an address as it is.
+ * @param {string} url
+ * @param {RequestInit} options
  * @returns {Promise<Response>} A successful one.
  * @throws {ApiError}
  */

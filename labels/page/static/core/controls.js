@@ -59,7 +59,9 @@ export function commandButtons(commands, keyFor) {
 /**
  * A choice of one of several values.
  * @param {(string | [string, string])[]} values Each one, or with the words for it.
+ * @param {string} chosen
  * @param {Object} options Of the element, as `el` takes them.
+ * @returns {HTMLSelectElement}
  */
 export function choice(values, chosen, options) {
   return el("select", options, ...optionsOf(values, chosen));
@@ -68,6 +70,8 @@ export function choice(values, chosen, options) {
 /**
  * The options of a `choice`.
  * @param {(string | [string, string])[]} values
+ * @param {string} [chosen]
+ * @returns {HTMLOptionElement[]}
  */
 export function optionsOf(values, chosen) {
   return values
@@ -77,7 +81,10 @@ export function optionsOf(values, chosen) {
     );
 }
 
-/** For a model that only knows "obstacle": which class that is in these frames. */
+/**
+ * For a model that only knows "obstacle": which class that is in these frames.
+ * @returns {HTMLSelectElement}
+ */
 export function obstacleChoice() {
   const obstacles = classes().filter((known) => known.obstacle);
   const change = ({ target }) => setSetting("obstacleAs", target.value);
@@ -98,6 +105,7 @@ function named(sign, name, key, run) {
  * @param {(step: number) => void} turn -1 or 1.
  * @param {Node} range Says what the page shows.
  * @param {...Node} more Further buttons.
+ * @returns {HTMLElement}
  */
 export function pager(turn, range, ...more) {
   const back = named("‹", "previous page", "Page Up", () => turn(-1));
@@ -109,6 +117,7 @@ export function pager(turn, range, ...more) {
  * Smaller and larger pictures.
  * @param {(step: number) => void} resize -1: smaller, 1: larger.
  * @param {...Node} more Further buttons.
+ * @returns {HTMLElement}
  */
 export function sizeButtons(resize, ...more) {
   const smaller = named("−", "smaller pictures", "-", () => resize(-1));

@@ -3,10 +3,12 @@
 
 /**
  * Make an element.
+ * @param {string} tag
  * @param {{text?: string, on?: Object<string, Function>}} [options] `text`: its words; `on`: its
  *   listeners by event. All others are attributes: true gives an empty one, false, null and
  *   undefined give none.
  * @param {...(Node|string|null|undefined)} children
+ * @returns {HTMLElement}
  */
 export function el(tag, { text, on = {}, ...attributes } = {}, ...children) {
   const node = document.createElement(tag);
@@ -17,7 +19,12 @@ export function el(tag, { text, on = {}, ...attributes } = {}, ...children) {
   return node;
 }
 
-/** Set, or with false, null or undefined remove, an attribute. */
+/**
+ * Set, or with false, null or undefined remove, an attribute.
+ * @param {Element} node
+ * @param {string} name
+ * @param {*} value
+ */
 export function setAttribute(node, name, value) {
   if (value === false || value === null || value === undefined) node.removeAttribute(name);
   else node.setAttribute(name, value === true ? "" : String(value));
@@ -26,6 +33,10 @@ export function setAttribute(node, name, value) {
 /**
  * A button that gives the keyboard back to the view after a click with the mouse, so that the
  * next Enter or Space is the view's and does not press the button again.
+ * @param {string} text
+ * @param {Function} run
+ * @param {Object} [attributes]
+ * @returns {HTMLButtonElement}
  */
 export function button(text, run, attributes) {
   const click = (event) => {
@@ -55,7 +66,10 @@ export function focusView() {
   document.querySelector("#view [data-home]")?.focus({ preventScroll: true });
 }
 
-/** Read a text out (polite live region), without showing it. */
+/**
+ * Read a text out (polite live region), without showing it.
+ * @param {string} text
+ */
 export function announce(text) {
   document.getElementById("announcer").textContent = text;
 }
@@ -64,6 +78,7 @@ let toastTimer = 0;
 
 /**
  * Show a sentence for some seconds, and read it out.
+ * @param {string} text
  * @param {{bad?: boolean}} [options] `bad`: something was not done.
  */
 export function say(text, { bad = false } = {}) {
@@ -75,7 +90,11 @@ export function say(text, { bad = false } = {}) {
   toastTimer = setTimeout(() => toast.classList.remove("shown"), bad ? 8000 : 4000);
 }
 
-/** A function that runs `work` once before the next drawing, however often it is called. */
+/**
+ * A function that runs `work` once before the next drawing, however often it is called.
+ * @param {Function} work
+ * @returns {Function}
+ */
 export function soon(work) {
   let waiting = false;
   return () => {

@@ -34,7 +34,10 @@ export function setViewKeys({ title, keys = [], classKeys = null }) {
   held.clear();
 }
 
-/** Add keys that answer in every view, after the view's own. */
+/**
+ * Add keys that answer in every view, after the view's own.
+ * @param {KeyEntry[]} entries
+ */
 export function addGlobalKeys(entries) {
   globalKeys.push(...entries);
 }
@@ -174,7 +177,11 @@ function printed(key) {
   return key.replace(/Arrow\w+/, (name) => ARROWS[name]);
 }
 
-/** The form in which a page key can be pressed: with Alt where a class takes it. */
+/**
+ * The form in which a page key can be pressed: with Alt where a class takes it.
+ * @param {string} key
+ * @returns {string}
+ */
 export function reachable(key) {
   return classes().some((known) => known.key === key) ? `Alt+${key}` : key;
 }

@@ -48,6 +48,8 @@ export function strangerWords(answer) {
 /**
  * Whether an /api/mission answer is about the mission this page was opened on: another server may
  * have been started on the same port.
+ * @param {Object} answer
+ * @returns {boolean}
  */
 export function sameMission(answer) {
   const { rows, cols } = answer.grid;
@@ -133,6 +135,7 @@ export function classes() {
 
 /**
  * A class by its name; also for names that the taxonomy does not have.
+ * @param {string} name
  * @returns {{name: string, obstacle: ?boolean, color: string, key: string, description: string}}
  */
 export function classOf(name) {
@@ -173,13 +176,20 @@ export function selectedClass() {
   return byName.has(name) ? name : (mission.classes[0]?.name ?? "");
 }
 
-/** Choose the class to paint with. */
+/**
+ * Choose the class to paint with.
+ * @param {string} name
+ */
 export function selectClass(name) {
   setSetting("selected", name);
   changed("selected");
 }
 
-/** The frame numbers of a camera, ascending. */
+/**
+ * The frame numbers of a camera, ascending.
+ * @param {string} camera
+ * @returns {number[]}
+ */
 export function frames(camera) {
   frameLists[camera] ??= (mission.cameras[camera]?.ranges ?? []).flatMap(([first, last]) =>
     Array.from({ length: last - first + 1 }, (_, index) => first + index),
@@ -187,7 +197,12 @@ export function frames(camera) {
   return frameLists[camera];
 }
 
-/** Where a frame stands in `frames(camera)`; -1 if it is not there. */
+/**
+ * Where a frame stands in `frames(camera)`; -1 if it is not there.
+ * @param {string} camera
+ * @param {number} frame
+ * @returns {number}
+ */
 export function frameIndex(camera, frame) {
   const at = indexFrom(camera, frame);
   return frames(camera)[at] === frame ? at : -1;
@@ -195,6 +210,9 @@ export function frameIndex(camera, frame) {
 
 /**
  * Where the first frame with this or a higher number stands; the count of frames if there is none.
+ * @param {string} camera
+ * @param {number} frame
+ * @returns {number}
  */
 export function indexFrom(camera, frame) {
   const list = frames(camera);
@@ -210,6 +228,9 @@ export function indexFrom(camera, frame) {
 
 /**
  * The state of a frame: u unseen, s seen, p part, d done, x disagreement; "" if it is not there.
+ * @param {string} camera
+ * @param {number} frame
+ * @returns {string}
  */
 export function stateOf(camera, frame) {
   return mission.states[camera]?.[frameIndex(camera, frame)] ?? "";

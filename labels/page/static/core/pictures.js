@@ -28,6 +28,8 @@ export function pictureNow(camera, frame, enhance) {
 
 /**
  * The picture of a frame.
+ * @param {string} camera
+ * @param {number} frame
  * @param {number} enhance 0..100; 0 is the frame as the camera gave it.
  * @returns {Promise<ImageBitmap>}
  * @throws {ApiError} Also for a frame that cannot be read (status 422, its sentence).
@@ -118,12 +120,20 @@ function forgetOld(wanted) {
 const USUAL_ASPECT = 0.75;
 const aspects = new Map(); // by camera
 
-/** Height of a camera's frames over their width. */
+/**
+ * Height of a camera's frames over their width.
+ * @param {string} camera
+ * @returns {number}
+ */
 export function frameAspect(camera) {
   return aspects.get(camera) ?? USUAL_ASPECT;
 }
 
-/** Height of a camera's patches over their width. */
+/**
+ * Height of a camera's patches over their width.
+ * @param {string} camera
+ * @returns {number}
+ */
 export function patchAspect(camera) {
   const { width, height } = patchSize(1000, 1000 * frameAspect(camera));
   return height / width;
@@ -131,6 +141,8 @@ export function patchAspect(camera) {
 
 /**
  * Learn the shape from a picture that was loaded.
+ * @param {string} camera
+ * @param {HTMLImageElement} image
  * @returns {boolean} Whether it differs from what was believed.
  */
 export function learnShape(camera, image) {
@@ -141,7 +153,10 @@ export function learnShape(camera, image) {
 
 /**
  * Address of a small picture of a frame, enhanced as the person set it.
+ * @param {string} camera
+ * @param {number} frame
  * @param {number} width In CSS pixels; asked for in steps, so that pictures are found again.
+ * @returns {string}
  */
 export function thumbAddress(camera, frame, width) {
   const pixels = Math.ceil((width * Math.min(2, window.devicePixelRatio || 1)) / 40) * 40;

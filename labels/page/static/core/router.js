@@ -21,6 +21,7 @@ export function addView(name, view) {
 
 /**
  * Register a view whose module is loaded when it is first shown, and registers itself then.
+ * @param {string} name
  * @param {string} title Of its link; "" for a view that others lead to.
  * @param {(again: string) => Promise} load `again` belongs at the end of the module's address:
  *   browsers do not fetch an address again that could not be had.
@@ -50,7 +51,10 @@ export function go(hash, { replace = false } = {}) {
   route();
 }
 
-/** Show another address without going anywhere: what is shown moved on by itself. */
+/**
+ * Show another address without going anywhere: what is shown moved on by itself.
+ * @param {string} hash
+ */
 export function noteAddress(hash) {
   if (hash !== location.hash) history.replaceState(null, "", hash);
 }

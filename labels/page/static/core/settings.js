@@ -14,7 +14,11 @@ function area(name) {
 
 const areas = { local: area("localStorage"), session: area("sessionStorage") };
 
-/** What is stored under a name, parsed; null where there is nothing or it cannot be read. */
+/**
+ * What is stored under a name, parsed; null where there is nothing or it cannot be read.
+ * @param {string} name
+ * @param {Storage} [store]
+ */
 export function read(name, store = areas.local) {
   try {
     return JSON.parse(store.getItem(name));
@@ -25,6 +29,9 @@ export function read(name, store = areas.local) {
 
 /**
  * Store a value, and look whether it is there.
+ * @param {string} name
+ * @param {*} value
+ * @param {Storage} [store]
  * @returns {boolean} Whether it is stored.
  */
 export function write(name, value, store = areas.local) {
@@ -37,7 +44,11 @@ export function write(name, value, store = areas.local) {
   }
 }
 
-/** Forget a name. */
+/**
+ * Forget a name.
+ * @param {string} name
+ * @param {Storage} [store]
+ */
 export function remove(name, store = areas.local) {
   try {
     store.removeItem(name);
@@ -46,7 +57,11 @@ export function remove(name, store = areas.local) {
   }
 }
 
-/** The stored names that start with a text, sorted. */
+/**
+ * The stored names that start with a text, sorted.
+ * @param {string} prefix
+ * @returns {string[]}
+ */
 export function names(prefix) {
   try {
     return Object.keys(areas.local).filter((name) => name.startsWith(prefix)).sort();
@@ -77,12 +92,19 @@ let settings = { ...DEFAULTS, ...read(SETTINGS) };
 const [onSetting, settingChanged] = signal();
 export { onSetting };
 
-/** The value of a setting. */
+/**
+ * The value of a setting.
+ * @param {string} name
+ */
 export function setting(name) {
   return settings[name];
 }
 
-/** Change a setting; kept in this browser where it lets us. */
+/**
+ * Change a setting; kept in this browser where it lets us.
+ * @param {string} name
+ * @param {*} value
+ */
 export function setSetting(name, value) {
   if (settings[name] === value) return;
   settings = { ...settings, [name]: value };
@@ -92,6 +114,8 @@ export function setSetting(name, value) {
 
 /**
  * Make a number among the settings larger or smaller.
+ * @param {string} name
+ * @param {number} by
  * @param {number} most The least is 0.
  */
 export function changeSetting(name, by, most) {
@@ -125,6 +149,7 @@ export function setIdentity(change) {
 
 /**
  * Take the server's annotator where nobody was chosen here, or for another one of the server's.
+ * @param {string} preset
  * @returns {boolean} Whether that changed who works here.
  */
 export function adoptPreset(preset) {

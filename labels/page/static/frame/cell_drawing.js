@@ -16,6 +16,7 @@ const MARK_FROM = 16;
 
 /**
  * Outline regions of equal labels: solid, with a dark rim so that they show on any ground.
+ * @param {CellPlan} plan
  * @param {(?string)[]} labels
  */
 export function drawLabels(plan, labels) {
@@ -28,6 +29,7 @@ export function drawLabels(plan, labels) {
 /**
  * Outline unconfirmed labels: dashed, those from the frame before dotted, the less sure ones thinly
  * so; with the value or a word in each patch.
+ * @param {CellPlan} plan
  * @param {(?{label: string, text: string, strong: boolean, kept: boolean})[]} hints
  */
 export function drawHints(plan, hints) {
@@ -51,7 +53,11 @@ function styleOf({ strong, kept }) {
   return strong ? "strong" : "weak";
 }
 
-/** Mark patches that the server has not acknowledged. */
+/**
+ * Mark patches that the server has not acknowledged.
+ * @param {CellPlan} plan
+ * @param {Iterable<number>} cells
+ */
 export function drawPending({ ctx, boxOf }, cells) {
   for (const cell of cells) {
     const { x, y, width, height } = boxOf(cell);
@@ -68,6 +74,7 @@ export function drawPending({ ctx, boxOf }, cells) {
 /**
  * What others said: an initial and the class's sign in the lower left corner, a mark in the right
  * one where two people are sure of different classes; a settled patch shows a tick.
+ * @param {CellPlan} plan
  * @param {{mine: (?string)[], others: Object, settled: (?string)[]}} labels
  */
 export function drawOthers(plan, { mine, others, settled }) {
@@ -102,7 +109,9 @@ function drawDisagreement({ ctx }, { x, y, width, height }) {
 
 /**
  * Show the cursor and the selected rectangle.
+ * @param {CellPlan} plan
  * @param {?number} cursor
+ * @param {number[]} selection
  */
 export function drawCursor(plan, cursor, selection) {
   const { ctx, boxOf } = plan;
@@ -120,6 +129,8 @@ export function drawCursor(plan, cursor, selection) {
 
 /**
  * Fill patches faintly: the stroke that is being drawn.
+ * @param {CellPlan} plan
+ * @param {Iterable<number>} cells
  * @param {?string} label Null takes labels back.
  */
 export function drawStroke({ ctx, boxOf }, cells, label) {

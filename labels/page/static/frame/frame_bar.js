@@ -89,7 +89,10 @@ function showLegend(root, camera) {
 
 /**
  * A frame in words.
+ * @param {string} camera
+ * @param {number} frame
  * @param {?Object} labels
+ * @returns {string}
  */
 export function describeFrame(camera, frame, labels) {
   const words = [`${camera} frame ${frame}`];
@@ -104,7 +107,10 @@ export function describeFrame(camera, frame, labels) {
 
 /**
  * A patch in words.
+ * @param {number} cell
+ * @param {Object} labels
  * @param {?Object} hint
+ * @returns {string}
  */
 export function describeCell(cell, labels, hint) {
   const words = [`${cellName(cell)}: ${labels.mine[cell] ?? "no label of mine"}`];

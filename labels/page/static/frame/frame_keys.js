@@ -71,6 +71,7 @@ const POINTER_HELP = [
 /**
  * The table of keys for the router.
  * @param {Object<string, Function>} commands By name; a function may carry a `release`.
+ * @returns {KeyEntry[]}
  */
 export function frameKeys(commands) {
   const rows = TABLE.map(([name, keys, group, does]) => ({
@@ -84,7 +85,11 @@ export function frameKeys(commands) {
   return [...rows, ...pointer];
 }
 
-/** The key to show on a button. */
+/**
+ * The key to show on a button.
+ * @param {string} command
+ * @returns {string}
+ */
 export function keyForCommand(command) {
   const [, keys] = TABLE.find(([name]) => name === command);
   return keys.find((key) => reachable(key) === key) ?? reachable(keys[0]);

@@ -18,6 +18,7 @@ const BLINK_MS = 450; // under three changes a second: no flicker that could har
 /** Shows one frame at a time on a FrameCanvas. */
 export class FrameShow {
   /**
+   * @param {FrameCanvas} canvas
    * @param {Function} changed Called when another frame, or another picture of it, is shown.
    */
   constructor(canvas, changed) {
@@ -66,7 +67,11 @@ export class FrameShow {
     );
   }
 
-  /** Show a frame. */
+  /**
+   * Show a frame.
+   * @param {string} camera
+   * @param {number} frame
+   */
   go(camera, frame) {
     this.started = performance.now();
     this.endBlink();

@@ -19,6 +19,7 @@ const RIGHT = 2;
 
 /**
  * Listen to the pointer.
+ * @param {FrameCanvas} view
  * @param {Host} host Tools: "chosen", "unsure", "confirm".
  * @returns {{cancel: Function, complete: Function, busy: () => boolean}} `complete`: what was
  *   done so far counts, and the rest of the gesture does nothing.

@@ -13,7 +13,11 @@ const COPY = { text: "copy", strong: true, kept: true, model: null };
 
 /**
  * Put a label on patches.
+ * @param {string} camera
+ * @param {number} frame
+ * @param {number[]} cells
  * @param {?string} label Null takes my labels back.
+ * @param {string} [kind]
  */
 export function paint(camera, frame, cells, label, kind = "paint") {
   const key = act(label === null ? "erase" : kind, [{ camera, frame, label, cells }]);
@@ -33,6 +37,8 @@ export function paintRest(camera, frame) {
 
 /**
  * Accept proposals.
+ * @param {string} camera
+ * @param {number} frame
  * @param {{cells?: number[], all?: boolean}} [options] `cells`: these only; `all`: also those
  *   below the threshold.
  * @returns {number} How many patches have a label now.
@@ -48,7 +54,12 @@ export function accept(camera, frame, { cells, all = false } = {}) {
   return taken.length;
 }
 
-/** Propose the labels of another frame for the patches that have none. */
+/**
+ * Propose the labels of another frame for the patches that have none.
+ * @param {string} camera
+ * @param {number} from
+ * @param {number} frame
+ */
 export function copyFrom(camera, from, frame) {
   const before = labelsOf(camera, from);
   if (!before) {
@@ -90,6 +101,8 @@ export function dropAllCopies(camera, frame) {
 /**
  * The proposals for the patches of a frame without a label of mine; a copy goes before a
  * suggestion.
+ * @param {string} camera
+ * @param {number} frame
  * @returns {(?{label: string, text: string, strong: boolean, kept: boolean,
  *   model: ?string})[]} `strong`: taken by "accept the confident ones"; `kept`: from the frame
  *   before, not what the model says; `model`: the version to record.
@@ -118,6 +131,8 @@ function nameOf(camera, frame) {
 
 /**
  * The unconfirmed copies on a frame.
+ * @param {string} camera
+ * @param {number} frame
  * @returns {(?string)[]} One a cell; empty where there are none.
  */
 function copiesOf(camera, frame) {

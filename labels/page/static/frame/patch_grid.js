@@ -5,6 +5,7 @@ import { mission } from "../core/mission.js";
 /**
  * The part of a frame that patches cover: their size is rounded down, as in features/frames/grid.py.
  * @param {number} width  Of the frame, in pixels.
+ * @param {number} height
  * @returns {{width: number, height: number}} Size of one patch in frame pixels.
  */
 export function patchSize(width, height) {
@@ -61,7 +62,12 @@ function crossings(from, to) {
   return cuts;
 }
 
-/** The cells of the rectangle between two of them. */
+/**
+ * The cells of the rectangle between two of them.
+ * @param {number} one
+ * @param {number} other
+ * @returns {number[]}
+ */
 export function cellsBetween(one, other) {
   const [row1, col1] = rowCol(one);
   const [row2, col2] = rowCol(other);
@@ -119,6 +125,8 @@ export class PatchCursor {
 
   /**
    * Move by rows and columns; the first press only shows where the cursor is.
+   * @param {number} rows
+   * @param {number} cols
    * @param {boolean} extend Keep the other corner of the rectangle.
    */
   move(rows, cols, extend) {
@@ -133,6 +141,7 @@ export class PatchCursor {
 
   /**
    * Stand on a cell.
+   * @param {number} cell
    * @param {boolean} visible Whether to show it.
    */
   put(cell, visible) {

@@ -68,6 +68,8 @@ export function countPassing(camera) {
 
 /**
  * The frame some steps away among those that pass the filter.
+ * @param {string} camera
+ * @param {number} frame
  * @param {number} steps Negative: backwards.
  * @returns {?number} Null if there is none in that direction.
  */
@@ -87,6 +89,10 @@ export function stepFrom(camera, frame, steps) {
 
 /**
  * The next frame in one of some states, round the end of the mission.
+ * @param {string} camera
+ * @param {number} frame
+ * @param {string} states
+ * @param {number} [direction]
  * @returns {?number}
  */
 export function nextIn(camera, frame, states, direction = 1) {
@@ -112,6 +118,7 @@ const shown = new Set();
 /**
  * The frame that the model is least sure about and that is unlike what is labelled.
  * @param {string} camera Of the frame that is shown.
+ * @param {number} frame
  * @returns {Promise<{camera?: string, frame?: number, why: string}>} Without a frame: `why` says
  *   why there is none.
  * @throws {ApiError}
@@ -193,6 +200,7 @@ let asking = null;
 
 /**
  * Fetch the list, if somebody labels blind after somebody else here.
+ * @returns {Promise<void>}
  * @throws {ApiError}
  */
 export async function loadBlindList() {
@@ -207,12 +215,20 @@ export async function loadBlindList() {
   listed = new Set(blindList.map(({ camera, frame }) => `${camera}/${frame}`));
 }
 
-/** Fetch the list if it can be had; the agreement view asks again, and says why there is none. */
+/**
+ * Fetch the list if it can be had; the agreement view asks again, and says why there is none.
+ * @returns {Promise<void>}
+ */
 export function tryBlindList() {
   return loadBlindList().catch(onFailure());
 }
 
-/** Whether a frame is on the list, or there is none. */
+/**
+ * Whether a frame is on the list, or there is none.
+ * @param {string} camera
+ * @param {number} frame
+ * @returns {boolean}
+ */
 export function passesBlindList(camera, frame) {
   return blindFrames().length === 0 || listed.has(`${camera}/${frame}`);
 }
@@ -227,6 +243,8 @@ export function blindFrames() {
 
 /**
  * The next frame to label blind that is not done, after this one and then from the beginning.
+ * @param {string} [camera]
+ * @param {number} [frame]
  * @returns {?{camera: string, frame: number}} Null when all are done or there is no list.
  */
 export function nextBlindFrame(camera, frame) {

@@ -48,6 +48,8 @@ function labelFor(index) {
 
 /**
  * The suggestion for each patch of a frame.
+ * @param {string} camera
+ * @param {number} frame
  * @returns {?({label: string, value: number, confident: boolean, origin: string})[]} Null where
  *   there are none (no model, blind, not computed yet, or the frame cannot be judged). `value` is
  *   the model's, also where the suggestion was kept from the frame before.
@@ -94,7 +96,12 @@ function contradicts({ label, named, value }, { label: y, mine }) {
   return !agrees && value >= setting("follow");
 }
 
-/** The frames before one that its suggestions depend on, latest first. */
+/**
+ * The frames before one that its suggestions depend on, latest first.
+ * @param {string} camera
+ * @param {number} frame
+ * @returns {number[]}
+ */
 export function framesFollowed(camera, frame) {
   if (!mission.model || !setting("follow")) return [];
   const list = frames(camera);
@@ -129,7 +136,11 @@ function heldBefore(camera, frame) {
   return held;
 }
 
-/** Why a frame has no suggestions; "" where it has or nothing is amiss. */
+/**
+ * Why a frame has no suggestions; "" where it has or nothing is amiss.
+ * @param {string} camera
+ * @param {number} frame
+ */
 export function suggestionFault(camera, frame) {
   return labelsOf(camera, frame)?.suggestions?.fault ?? "";
 }

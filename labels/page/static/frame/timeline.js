@@ -20,6 +20,7 @@ const MARK_ROOM = 6;
 /** Draws the strip into a canvas that is a slider for keyboards and screen readers. */
 export class Timeline {
   /**
+   * @param {HTMLCanvasElement} canvas
    * @param {(frame: number) => void} jump
    */
   constructor(canvas, jump) {

@@ -122,6 +122,7 @@ function slider(name, label, min, max, step, words) {
 
 /**
  * Bring sliders and toggles up to date with settings that keys changed.
+ * @param {HTMLElement} root
  * @param {Object<string, boolean>} toggles
  */
 export function showSettings(root, toggles) {

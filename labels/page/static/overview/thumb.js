@@ -19,6 +19,8 @@ const INSET = 1; // CSS pixels that a line lies inside its area, so that neighbo
 
 /**
  * What a frame shows and what of it waits for a decision.
+ * @param {string} camera
+ * @param {number} frame
  * @returns {?{mine: (?string)[], hints: (?Object)[], waits: boolean, fault: string}}
  *   Null while it is not loaded; `hints`: as `hintsOf` gives them; `waits`: the model has not come
  *   to this frame.
@@ -39,6 +41,8 @@ export function suggesting() {
 /** A thumbnail. */
 export class Thumb {
   /**
+   * @param {string} camera
+   * @param {number} frame
    * @param {{id: string, width: number, height: number, onShape: Function,
    *   onPicture: Function}} plan Size in CSS pixels; `onShape`: the picture has another shape than
    *   was believed; `onPicture`: the picture is there, or cannot be had.
@@ -145,6 +149,7 @@ function shownCells({ mine, hints }, painted) {
 
 /**
  * Draw the areas.
+ * @param {HTMLCanvasElement} canvas
  * @param {{width: number, height: number}} size Of the picture below it, in CSS pixels.
  * @param {ShownCell[]} cells Row by row.
  * @param {?number} cursor Cell of the keyboard's cursor.

@@ -8,6 +8,7 @@ const STEP = 4; // CSS pixels between two looks at what a stroke passes
 /**
  * Let strokes be painted over thumbnails.
  * @param {HTMLElement} element that holds the thumbnails
+ * @param {object} host
  * @param {(x: number, y: number) => ?Thumb} host.thumbAt the thumbnail whose picture is there
  * @param {(start: Thumb) => Thumb[]} host.allThumbs those that a stroke with Ctrl paints
  * @param {(stroke: ?Map<Thumb, Set<number>>, button: number) => void} host.onStroke show what

@@ -25,6 +25,8 @@ export const [onLabels, labelsChanged] = signal();
 
 /**
  * The labels of a frame as they shall be shown.
+ * @param {string} camera
+ * @param {number} frame
  * @returns {?{mine: (?string)[], models: Object, others: Object, settled: (?string)[],
  *   suggestions: ?Object, pending: Set<number>}} Null while they are not loaded; `pending`: cells
  *   that the server has not acknowledged.
@@ -67,6 +69,8 @@ function applyChange(labels, entry, change, holds) {
 
 /**
  * Load the labels of frames that are not there yet.
+ * @param {string} camera
+ * @param {number[]} frames
  * @returns {Promise<void>} Done when all of them are there (or could not be had).
  */
 export function prefetch(camera, frames) {
@@ -160,6 +164,7 @@ function takeTruth(event, labels) {
 
 /**
  * Take an acknowledged action into what the server said.
+ * @param {Entry} entry
  * @param {{event: number, conflicts: Object[]}} answer
  */
 export function acknowledge(entry, answer) {

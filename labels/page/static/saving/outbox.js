@@ -60,6 +60,7 @@ export function waiting() {
 
 /**
  * Add an entry at the end, or before all others.
+ * @param {Entry} entry
  * @param {{first?: boolean}} [options]
  */
 export function enqueue(entry, { first = false } = {}) {
@@ -73,7 +74,10 @@ export function enqueue(entry, { first = false } = {}) {
   }
 }
 
-/** Take an entry out. */
+/**
+ * Take an entry out.
+ * @param {Entry} entry
+ */
 export function dequeue(entry) {
   const at = queue.indexOf(entry);
   if (at >= 0) queue.splice(at, 1);
@@ -84,13 +88,19 @@ export function dequeue(entry) {
   }
 }
 
-/** The waiting entries that change a frame. */
+/**
+ * The waiting entries that change a frame.
+ * @param {string} camera
+ * @param {number} frame
+ * @returns {Entry[]}
+ */
 export function waitingFor(camera, frame) {
   return byFrame.get(frameKey(camera, frame)) ?? [];
 }
 
 /**
  * The frames that an entry changes.
+ * @param {Entry} entry
  * @returns {[string, number][]} Each once.
  */
 export function framesOf(entry) {
@@ -135,17 +145,27 @@ export function keep(entry) {
   return write(entry.stored, entry);
 }
 
-/** Forget an entry. */
+/**
+ * Forget an entry.
+ * @param {Entry} entry
+ */
 export function forget(entry) {
   if (entry.stored) remove(entry.stored);
 }
 
-/** Whether an entry is still there: nobody sent it or threw it away. */
+/**
+ * Whether an entry is still there: nobody sent it or threw it away.
+ * @param {Entry} entry
+ * @returns {boolean}
+ */
 export function isKept(entry) {
   return read(entry.stored) !== null;
 }
 
-/** The entries that pages left which are gone, in the order in which they were made. */
+/**
+ * The entries that pages left which are gone, in the order in which they were made.
+ * @returns {Promise<Entry[]>}
+ */
 export async function leftovers() {
   const pages = new Set(names(PREFIX).map((name) => name.slice(PREFIX.length).split("/")[0]));
   pages.delete(page);
@@ -193,6 +213,7 @@ export function unwritten() {
 
 /**
  * Set an entry aside that the server will never take.
+ * @param {Entry} entry
  * @param {string} refusal Why, in the server's words.
  */
 export function setAside(entry, refusal) {
@@ -202,19 +223,28 @@ export function setAside(entry, refusal) {
   refusedChanged();
 }
 
-/** Take a refused entry out of the list, to send it again. */
+/**
+ * Take a refused entry out of the list, to send it again.
+ * @param {Entry} entry
+ */
 export function takeBack(entry) {
   aside.splice(aside.indexOf(entry), 1);
   refusedChanged();
 }
 
-/** Throw a refused entry away; only when a person says so. */
+/**
+ * Throw a refused entry away; only when a person says so.
+ * @param {Entry} entry
+ */
 export function discard(entry) {
   forget(entry);
   takeBack(entry);
 }
 
-/** Name the entries that are not this page's to send. */
+/**
+ * Name the entries that are not this page's to send.
+ * @param {Entry[]} entries
+ */
 export function setForeign(entries) {
   if (!entries.length && !foreign.length) return;
   foreign = entries;
@@ -223,6 +253,7 @@ export function setForeign(entries) {
 
 /**
  * Note patches that were not written because somebody said something else meanwhile.
+ * @param {Entry} entry
  * @param {Object[]} refusedCells From the server: {camera, frame, cell, theirs, yours}.
  */
 export function noteConflicts(entry, refusedCells) {
@@ -245,7 +276,10 @@ function isSame(noted, { camera, frame, cell }, { who, mission, source }) {
   return Object.entries(now).every(([name, value]) => noted[name] === value);
 }
 
-/** Forget a conflict that was decided. */
+/**
+ * Forget a conflict that was decided.
+ * @param {Object} conflict
+ */
 export function closeConflict(conflict) {
   drop(conflict);
   refusedChanged();
@@ -256,7 +290,11 @@ function drop(conflict) {
   conflicts = conflicts.filter((other) => other !== conflict);
 }
 
-/** Read the conflicts that this person left open. */
+/**
+ * Read the conflicts that this person left open.
+ * @param {string} mission
+ * @param {string} who
+ */
 export function readConflicts(mission, who) {
   const kept = names(CONFLICT).map((name) => ({ ...read(name), kept: true }));
   // Those that the browser could not keep are only here.

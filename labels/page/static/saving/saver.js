@@ -93,7 +93,11 @@ export function patchesAre(count) {
  *   model?: ?string}} LabelledPatch A patch, the label it shall have, and the one it is shown with.
  */
 
-/** Changes as `act` takes them: one for each frame and label, cells in order. */
+/**
+ * Changes as `act` takes them: one for each frame and label, cells in order.
+ * @param {LabelledPatch[]} patches
+ * @returns {Object[]}
+ */
 export function changesOf(patches) {
   const groups = Map.groupBy(patches, ({ camera, frame, label, model }) =>
     JSON.stringify([camera, frame, label, model ?? null]),
@@ -107,6 +111,8 @@ export function changesOf(patches) {
 
 /**
  * Give patches of many frames their labels, as one action that one undo takes back.
+ * @param {string} kind
+ * @param {LabelledPatch[]} patches
  * @param {{source?: string}} [options]
  * @returns {number} How many change.
  */
@@ -255,7 +261,10 @@ async function oneStep(kind) {
   return head;
 }
 
-/** Send an action again that the server refused. */
+/**
+ * Send an action again that the server refused.
+ * @param {Entry} entry
+ */
 export function sendAgain(entry) {
   takeBack(entry);
   entry.refusal = null;
@@ -350,7 +359,12 @@ function noteOwn({ event, changed }) {
   if (ownEvents.length > KEPT_RANGES) ownEvents.shift();
 }
 
-/** Whether all events after `since` up to `last` are of this page's own actions. */
+/**
+ * Whether all events after `since` up to `last` are of this page's own actions.
+ * @param {number} since
+ * @param {number} last
+ * @returns {boolean}
+ */
 export function allOwn(since, last) {
   let heard = since;
   for (const range of ownEvents) if (range.before <= heard) heard = Math.max(heard, range.last);
@@ -381,7 +395,10 @@ async function refreshHeads() {
   if (answer && sameMission(answer) && !waiting().length) takeHeads(answer.undo);
 }
 
-/** Note whether the server is heard. */
+/**
+ * Note whether the server is heard.
+ * @param {boolean} value
+ */
 export function setConnected(value) {
   if (value === connected) return;
   connected = value;

@@ -22,6 +22,7 @@ function kappaText(kappa) {
 /**
  * The main figures.
  * @param {Object} found Answer of /api/agreement.
+ * @returns {HTMLElement}
  */
 export function figures(found) {
   const { a, b, blind } = found;
@@ -56,7 +57,11 @@ function kappaMeaning({ kappa, n_both_sure: sure }) {
   return " 1: always the same; 0: no better than by chance";
 }
 
-/** Figures class by class. */
+/**
+ * Figures class by class.
+ * @param {Object} found
+ * @returns {HTMLElement}
+ */
 export function classTable(found) {
   const heads = ["class", found.a, found.b, "both", "F1"];
   return el("table", { class: "numbers" },
@@ -81,8 +86,10 @@ function columnHead(text) {
 
 /**
  * Who said what where: each pair of labels and how often; a pair that differs is a button.
+ * @param {Object} found
  * @param {?{a: string, b: string}} chosen The pair whose conflicts are shown.
  * @param {(pair: {a: string, b: string}) => void} choose
+ * @returns {HTMLElement}
  */
 export function confusionTable(found, chosen, choose) {
   const { labels, confusion } = found;

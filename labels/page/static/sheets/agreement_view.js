@@ -52,6 +52,7 @@ class ConflictSheet extends DecisionSheet {
 
   /**
    * Take what the server found.
+   * @param {Conflict[]} conflicts
    * @param {{anew: boolean}} options `anew`: show them from where the person was; else the tiles
    *   stay as they are.
    */

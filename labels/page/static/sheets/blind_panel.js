@@ -18,6 +18,7 @@ const SIGNS = {
 /**
  * The form that begins a blind labelling.
  * @param {{of: string, onCancel: ?Function}} options `of`: whose frames are proposed.
+ * @returns {HTMLElement}
  */
 export function blindForm({ of, onCancel }) {
   const whose = choice(mission.annotators, of, { id: "blind-of" });
@@ -45,7 +46,11 @@ export function blindForm({ of, onCancel }) {
   );
 }
 
-/** Work blind from now on, as `name`, on the frames of `of`. */
+/**
+ * Work blind from now on, as `name`, on the frames of `of`.
+ * @param {string} of
+ * @param {string} name
+ */
 async function beginBlind(of, name) {
   if (!name) return;
   if (name === of) {
@@ -86,6 +91,7 @@ async function changePerson(change) {
 /**
  * How far a blind labelling is.
  * @param {string} fault Why there is no list; "" where there is.
+ * @returns {HTMLElement}
  */
 export function blindProgress(fault) {
   const list = blindFrames();

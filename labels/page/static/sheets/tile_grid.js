@@ -82,6 +82,7 @@ class TileSelection {
 /** Grid of tiles; a tile is anything with `camera`, `frame` and `cell`. */
 export class TileGrid {
   /**
+   * @param {object} options
    * @param {string} options.label what the grid holds, for screen readers
    * @param {(tile: object) => {name: string, lines: Node[], faded?: boolean}} options.describe
    *   the tile in words, and what stands under its picture
@@ -114,6 +115,7 @@ export class TileGrid {
 
   /**
    * Show these tiles.
+   * @param {object[]} tiles
    * @param {{width: number, margin: number}} look Width in CSS pixels, margin around each patch in
    *   patches.
    */
@@ -280,6 +282,7 @@ const STEPS = {
 /**
  * Rows of a view's table of keys that move the cursor of its grid and select.
  * @param {() => TileGrid} gridOf
+ * @returns {KeyEntry[]}
  */
 export function selectionKeys(gridOf) {
   const select = (change) => gridOf()?.select(change);

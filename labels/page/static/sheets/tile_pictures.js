@@ -19,6 +19,7 @@ export const MARGINS = [0, 0.25, 1];
  * @param {{camera: string, frame: number, cell: number}[]} tiles
  * @param {number} width Of a tile, in CSS pixels.
  * @param {number} margin Around each patch, in patches.
+ * @returns {string}
  */
 function patchesAddress(tiles, width, margin) {
   const pixels = Math.round(width * Math.min(2, window.devicePixelRatio || 1));
@@ -33,7 +34,14 @@ function patchesAddress(tiles, width, margin) {
   });
 }
 
-/** Show one tile of a sprite in an element as wide as a tile and of the patches' shape. */
+/**
+ * Show one tile of a sprite in an element as wide as a tile and of the patches' shape.
+ * @param {HTMLElement} element
+ * @param {string} sprite
+ * @param {number} position
+ * @param {number} width
+ * @param {number} height
+ */
 function placeTile(element, sprite, position, width, height) {
   const [column, row] = [position % COLUMNS, Math.floor(position / COLUMNS)];
   // Tiles are square with the patch in their middle: what is above and below it is cut off.
@@ -46,6 +54,9 @@ function placeTile(element, sprite, position, width, height) {
 /**
  * Where the patch itself lies within its tile, which at a frame's edge is not the middle.
  * @param {{camera: string, cell: number}} tile
+ * @param {number} width
+ * @param {number} height
+ * @param {number} margin
  * @returns {{left: number, top: number, width: number, height: number}} In pixels.
  */
 export function patchInTile({ camera, cell }, width, height, margin) {
@@ -134,6 +145,7 @@ const PREVIEW_MARGIN = 1;
 /**
  * A patch in words: "left 17, row 3, column 4".
  * @param {{camera: string, frame: number, cell: number}} tile
+ * @returns {string}
  */
 export function nameOf({ camera, frame, cell }) {
   return `${camera} ${frame}, ${cellName(cell)}`;
@@ -188,6 +200,7 @@ export class PatchPreview {
 
 /**
  * Put an element where a rectangle is.
+ * @param {HTMLElement} element
  * @param {{left: number, top: number, width: number, height: number}} rectangle In pixels.
  */
 export function putAt(element, rectangle) {

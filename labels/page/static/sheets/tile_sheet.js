@@ -82,6 +82,7 @@ function open({ camera, frame, cell }) {
  */
 export class DecisionSheet extends TileSheet {
   /**
+   * @param {object} options
    * @param {string} options.label What the grid holds.
    * @param {string} options.filters What is filtered, for screen readers.
    * @param {string} options.decided The word for patches that are not open.
@@ -212,6 +213,7 @@ export function settledOf({ camera, frame, cell, settled }) {
 
 /**
  * Settle patches: both opinions stay, and what holds stands beside them.
+ * @param {object[]} patches
  * @param {(patch: object) => ?string} labelFor Null takes the settlement back.
  * @returns {number} How many change.
  */
