@@ -25,14 +25,7 @@ from tokt.studies.thesis.exhibits.dark_figures import DarkPicture, DarkScene, ba
 from tokt.studies.thesis.exhibits.dot_figures import prediction_dots
 from tokt.studies.thesis.exhibits.exhibit import Exhibit, StudyContext
 from tokt.studies.thesis.exhibits.patch_figures import patch_histograms
-from tokt.studies.thesis.exhibits.training_image_figures import training_images
-from tokt.studies.thesis.methods.curves import THESIS, Curves, Method
-from tokt.studies.thesis.methods.mission_models import (
-    TOKT_TEXTURE,
-    SuperpixelMethods,
-    train_on_all_labels,
-)
-from tokt.studies.thesis.methods.texture_histograms import (
+from tokt.studies.thesis.exhibits.training_image_figures import (
     BinKind,
     bin_kinds,
     chi_square,
@@ -40,6 +33,13 @@ from tokt.studies.thesis.methods.texture_histograms import (
     described,
     hellinger,
     share_by_kind,
+    training_images,
+)
+from tokt.studies.thesis.methods.curves import THESIS, Curves, Method
+from tokt.studies.thesis.methods.mission_models import (
+    TOKT_TEXTURE,
+    SuperpixelMethods,
+    train_on_all_labels,
 )
 from tokt.studies.thesis.patch_scores import (
     PatchScore,

@@ -104,20 +104,16 @@ class Offset:
     Parameters
     ----------
     frames : float
-    error : float
-        Standard error, by the jackknife over frames.
     half_width : float
-        Of the 95 % confidence interval (Student's t).
-    n_frames, n_points : int
+        Of the 95 % confidence interval (Student's t), by the jackknife over frames.
+    n_points : int
     by_frame : array of float, shape (n_frames, 3)
         Frame number, median rows a frame that its points move over the offset, and median rows by
         which they differ between the views, less what the calibration leaves.
     """
 
     frames: float
-    error: float
     half_width: float
-    n_frames: int
     n_points: int
     by_frame: Float
 
@@ -252,7 +248,7 @@ def offset_of(rows: Rows) -> Offset:
         for at in [rows.frame == number]
     ]
     half_width = float(student_t.ppf((1 + _CONFIDENCE) / 2, n - 1) * error)
-    return Offset(float(whole[0]), error, half_width, n, len(rows.frame), np.array(by_frame))
+    return Offset(float(whole[0]), half_width, len(rows.frame), np.array(by_frame))
 
 
 def _fitted(rows: Rows, start: Float | None) -> Float:
@@ -312,7 +308,7 @@ def synchrony_figure(context: StudyContext) -> Exhibit:
         numbers |= {
             f"{name}_offset_frames": one.frames,
             f"{name}_half_width_frames": one.half_width,
-            f"{name}_frames": one.n_frames,
+            f"{name}_frames": len(one.by_frame),
             f"{name}_points": one.n_points,
         }
     return Exhibit(
@@ -395,7 +391,7 @@ def _table(found: dict[str, Offset]) -> Table:
             "frames": words,
             "offset of the right camera, frames": round(one.frames, 5),
             "95 % interval, +-": round(one.half_width, 5),
-            "frames used": one.n_frames,
+            "frames used": len(one.by_frame),
             "points": one.n_points,
             "largest row motion, px a frame": round(float(np.abs(one.by_frame[:, 1]).max()), 2),
         }
