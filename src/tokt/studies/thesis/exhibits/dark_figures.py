@@ -275,15 +275,10 @@ def _predictions(
 ) -> list[MethodPrediction]:
     """What every method says of a picture; without `slow` the superpixels are left out."""
     frame, (words, judge) = dark.left, texture
-    who, judged = (TOKT_TEXTURE, "tokt texture", OURS, words), judge(frame)
-    if isinstance(judged, str):
-        ours = MethodPrediction(*who, fault=judged)
-    else:
-        ours = said_by_patches(*who, judged, frame)
     return [
         *by_thesis(context, frame),
         *(by_superpixels(context, dark.number or 0, frame) if slow else []),
-        ours,
+        said_by_patches(TOKT_TEXTURE, "tokt texture", OURS, words, judge(frame), frame),
         *by_bundle(context, frame, "the model as given"),
         by_stereo(dark.calibration, frame, dark.right, dark.calibration_words),
     ]

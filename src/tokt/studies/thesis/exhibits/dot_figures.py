@@ -96,9 +96,11 @@ class MethodPrediction:
 
 
 def said_by_patches(
-    name: str, title: str, kind: str, words: str, patches: Flags, frame: Image
+    name: str, title: str, kind: str, words: str, patches: Flags | str, frame: Image
 ) -> MethodPrediction:
-    """Predictions of a method that judges patches of the grid."""
+    """Predictions of a method that judges patches of the grid, or says why it cannot."""
+    if isinstance(patches, str):
+        return MethodPrediction(name, title, kind, words, fault=patches)
     mask = GRID.paint(patches, *GRID.resized(*frame.shape[:2]))
     return MethodPrediction(name, title, kind, words, patches, mask)
 
@@ -138,11 +140,11 @@ def by_bundle(context: StudyContext, frame: Image, words: str) -> list[MethodPre
     who = TOKT_MODEL, f"tokt model {bundle.label}", OURS, words
     if bundle.grid != GRID:
         fault = f"its patches are {bundle.grid}, these figures are of {GRID}"
-        return [MethodPrediction(*who, fault=fault)]
+        return [said_by_patches(*who, fault, frame)]
     try:
         values = bundle.values_of(bundle.features(frame))
     except ValueError as error:
-        return [MethodPrediction(*who, fault=str(error))]
+        return [said_by_patches(*who, str(error), frame)]
     return [said_by_patches(*who, bundle.model.obstacle_patches(values), frame)]
 
 

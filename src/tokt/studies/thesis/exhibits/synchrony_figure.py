@@ -117,11 +117,6 @@ class Offset:
     n_points: int
     by_frame: Float
 
-    @property
-    def at_the_end(self) -> bool:
-        """Whether the offset is at the end of what is looked for, and may be larger."""
-        return abs(self.frames) > FARTHEST_FRAMES - 0.01
-
 
 class LateRight:
     """A mission whose right frames are those of `by` frames later, on purpose.
@@ -334,8 +329,9 @@ def _with_neighbours(context: StudyContext) -> list[int]:
 
 def _said(offset: Offset) -> str:
     """An offset with its 95 % interval, and more than it says where it is at the end."""
+    at_the_end = abs(offset.frames) > FARTHEST_FRAMES - 0.01
     words = f"{offset.frames:+.4f} +- {offset.half_width:.4f} frames"
-    return f"{words} (or more: the end of what is looked for)" if offset.at_the_end else words
+    return f"{words} (or more: the end of what is looked for)" if at_the_end else words
 
 
 def claim_of(found: dict[str, Offset]) -> Claim:
