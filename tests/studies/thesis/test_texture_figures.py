@@ -32,7 +32,6 @@ from tokt.studies.thesis.exhibits.training_image_figures import (
     confused,
     described,
     hellinger,
-    share_by_kind,
     training_images,
 )
 from tokt.studies.thesis.methods.curves import THESIS, Curves, Method
@@ -138,8 +137,7 @@ def test_bins_are_flat_edge_and_corner_as_in_scikit_images_example() -> None:
     assert places[BinKind.CORNER] == [4, 5, 6, 7, 8, 16, 17, 18, 19, 20]
     assert places[BinKind.NOT_UNIFORM] == [25]
     assert bin_kinds(10).count(BinKind.EDGE) == 1
-    shares = share_by_kind(np.arange(12.0))
-    assert shares == {"flat": 10, "edge": 5, "corner": 20, "between": 20, "not uniform": 11}
+    assert [str(kind) for kind in bin_kinds(10)].count("between") == 4
 
 
 def test_distances_of_histograms() -> None:

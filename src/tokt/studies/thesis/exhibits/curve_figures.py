@@ -244,22 +244,11 @@ def _panels(
     titles: Mapping[str, str] | None = None,
     height: float = 2.2,
 ) -> Figure:
-    """A panel for each kind of method, with a curve of each.
+    """A panel for each kind of method, with a curve of each; `words` below the last.
 
-    Parameters
-    ----------
-    context : StudyContext
-        Its labels are shaded: gray where an obstacle is labelled, hatched where nothing is.
-    values : DataFrame
-        Index ``frame``, a column a method.
-    dress : callable
-        Sets a panel's scale and words, and draws what is no method's.
-    words : str
-        Below the panels.
-    firsts : mapping of str to int, optional
-        First detections, dotted.
-    titles : mapping of str to str, optional
-        For the legend, by method; by default the methods' own.
+    Labels are shaded: gray where an obstacle is labelled, hatched where nothing is. `dress` sets a
+    panel's scale and words, and draws what is no method's. First detections are dotted; `titles`
+    are for the legend, by method, where these are not the methods' own.
     """
     curves = context.curves
     kinds = [kind for kind in (THESIS, COMPARED, OURS) if curves.named(kind)]

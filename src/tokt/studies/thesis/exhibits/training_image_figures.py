@@ -84,15 +84,6 @@ def bin_kinds(points: int) -> tuple[BinKind, ...]:
     return (*kinds, BinKind.NOT_UNIFORM)
 
 
-def share_by_kind(histogram: Rows) -> dict[BinKind, float]:
-    """How much of a normalised histogram, shape (points + 2,), falls into bins of each kind."""
-    kinds = bin_kinds(len(histogram) - 2)
-    return {
-        kind: float(sum(value for value, its in zip(histogram, kinds, strict=True) if its == kind))
-        for kind in BinKind
-    }
-
-
 def described(picture: NDArray[np.uint8]) -> dict[str, Rows]:
     """The thesis's features of each patch of a picture, by extractor."""
     return {key: texture.describe(picture, GRID) for key, texture in EXTRACTORS.items()}
@@ -276,13 +267,12 @@ def _numbers(
     table: pd.DataFrame, rank: dict[str, float], n_tested: int, ocean: Rows, structure: Rows
 ) -> dict[str, Any]:
     farthest = table.iloc[0]
-    water, solid = (share_by_kind(rows.mean(axis=0)) for rows in (ocean, structure))
     numbers: dict[str, Any] = {
         "farthest_image": str(farthest["image"]),
         "farthest_hellinger": float(farthest[f"{_KEY} {TO_OCEAN}"]),
         "ocean_to_structure_hellinger": _means_apart(ocean, structure),
-        "ocean_not_uniform_share": water[BinKind.NOT_UNIFORM],
-        "structure_not_uniform_share": solid[BinKind.NOT_UNIFORM],
+        "ocean_not_uniform_share": float(ocean.mean(axis=0)[-1]),
+        "structure_not_uniform_share": float(structure.mean(axis=0)[-1]),
         "scored_frames": n_tested,
     }
     for row in table[table["image"] == CONTROL].to_dict("records"):
