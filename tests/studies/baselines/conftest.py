@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,7 +13,6 @@ from numpy.typing import NDArray
 
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, open_mission
 from tokt.studies.baselines import lab_colour, slic
-from tokt.studies.baselines.baseline import Baseline
 from tokt.studies.baselines.slic import superpixels
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 
@@ -45,31 +45,29 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Dive:
     return Dive(folder)
 
 
+CUTS: dict[bytes, NDArray[np.int64]] = {}
+"""Superpixels by picture."""
+
+
+def cut(picture: NDArray[np.uint8]) -> NDArray[np.int64]:
+    key = picture.tobytes()
+    if key not in CUTS:
+        CUTS[key] = superpixels(picture)
+    return CUTS[key]
+
+
 @pytest.fixture(autouse=True)
-def cut_once(cuts: dict[bytes, NDArray[np.int64]], monkeypatch: pytest.MonkeyPatch) -> None:
+def cut_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures that several tests cut into superpixels are cut once."""
-
-    def cut(picture: NDArray[np.uint8]) -> NDArray[np.int64]:
-        key = picture.tobytes()
-        if key not in cuts:
-            cuts[key] = superpixels(picture)
-        return cuts[key]
-
     for module in (slic, lab_colour):
         monkeypatch.setattr(module, "superpixels", cut)
 
 
 @pytest.fixture(scope="session")
-def cuts() -> dict[bytes, NDArray[np.int64]]:
-    """Superpixels by picture."""
-    return {}
-
-
-@pytest.fixture(scope="session")
-def finds_tower(dive: Dive) -> Callable[[Baseline], bool]:
+def finds_tower(dive: Dive) -> Callable[[Any], bool]:
     """Whether a method's mask is on the tower, and empty where there is none."""
 
-    def finds(method: Baseline) -> bool:
+    def finds(method: Any) -> bool:
         water, close = (method.judge(dive.left(n), dive.right(n), n / 4) for n in (5, 15))
         if water.mask is None or close.mask is None or close.verdict.status != 1:
             return False

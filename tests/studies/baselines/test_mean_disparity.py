@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
 from tokt.inference.stereo.calibration import StereoCalibration, load_calibration
-from tokt.studies.baselines.baseline import Baseline
+from tokt.studies.baselines import mean_disparity
 from tokt.studies.baselines.mean_disparity import Thirds
 from tokt.studies.speed.cases import textured_frame
 
@@ -65,11 +65,15 @@ def test_the_centre_decides_and_the_emptier_side_is_the_way(
     assert near == (depth_m < 6)
 
 
-def test_near_is_a_distance() -> None:
-    pair = pair_with(250, 180, 4.5)
-    assert Thirds(PLAIN, near_m=4.0).judge(*pair, 0.0).verdict.status == 0
-    assert Thirds(PLAIN, near_m=5.0).judge(*pair, 0.0).verdict.status == 1
-    assert Thirds(PLAIN, near_m=5.0, blocked=0.99).judge(*pair, 0.0).verdict.status == 0
+@pytest.mark.parametrize(
+    ("near_m", "blocked", "status"), [(4.0, 0.01, 0), (5.0, 0.01, 1), (5.0, 0.99, 0)]
+)
+def test_near_is_a_distance(
+    near_m: float, blocked: float, status: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mean_disparity, "NEAR_M", near_m)
+    monkeypatch.setattr(mean_disparity, "BLOCKED", blocked)
+    assert Thirds(PLAIN).judge(*pair_with(250, 180, 4.5), 0.0).verdict.status == status
 
 
 def test_one_frame_is_refused_and_a_wrong_pair_is_never_clear() -> None:
@@ -82,7 +86,7 @@ def test_one_frame_is_refused_and_a_wrong_pair_is_never_clear() -> None:
     assert unknown.verdict.health
 
 
-def test_rendered_tower(dive: Any, finds_tower: Callable[[Baseline], bool]) -> None:
+def test_rendered_tower(dive: Any, finds_tower: Callable[[Any], bool]) -> None:
     calibration = load_calibration(dive.folder / "calibration.yml")
     assert finds_tower(Thirds(calibration))
     turned = Thirds(calibration)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tokt.features.frames.mission import open_mission
-from tokt.studies.baselines.baseline import Baseline
 from tokt.studies.baselines.size_change import SizeChange
 from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.thesis_texture import describe_lbp_10_5
@@ -25,7 +25,7 @@ def test_superpixels_and_growing_keypoints(mission_dir: Path) -> None:
         mission.read(1), rendered_other_image(), describe_lbp_10_5, "lbp_10_5"
     )
 
-    def mean(method: Baseline, number: int, before: int = 0) -> float:
+    def mean(method: Any, number: int, before: int = 0) -> float:
         numbers = range(number - before, number + 1)
         last = [method.judge(mission.read(n), None, n / 4) for n in numbers][-1]
         assert last.verdict.mean is not None

@@ -27,21 +27,21 @@ from tokt.studies.thesis.exhibits import curve_figures as curve_exhibit
 from tokt.studies.thesis.exhibits.curve_figures import (
     agreement_with_distance,
     curve_figures,
-    first_in_a_row,
     score_methods,
     with_nearness,
 )
 from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, StudyContext
+from tokt.studies.thesis.exhibits.training_image_figures import EXTRACTORS
 from tokt.studies.thesis.methods import mission_models
-from tokt.studies.thesis.methods.curves import Curves, Method, _model_method
-from tokt.studies.thesis.methods.frame_methods import (
+from tokt.studies.thesis.methods.curves import (
     TOKT_STEREO,
-    FrameResult,
+    Curves,
     FrameTask,
+    Method,
+    _model_method,
     judge_frames,
 )
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
-from tokt.studies.thesis.methods.texture_histograms import EXTRACTORS
 from tokt.studies.thesis.patch_scores import pooled_score
 from tokt.training.fitting.presets import settings_named
 
@@ -60,14 +60,14 @@ def judged_by_kernels(model: ThesisModel, frame: NDArray[np.uint8]) -> ThesisTex
 
 
 @pytest.fixture(scope="module")
-def judged(reproduced: StudyContext) -> list[FrameResult]:
-    """What was found frame by frame on the way to the curves, which are made here."""
-    kept: list[FrameResult] = []
+def judged(reproduced: StudyContext) -> list[Any]:
+    """Features and sizes of the frames on the way to the curves, which are made here."""
+    kept: list[Any] = []
     own = mission_models.held_out_texture
 
-    def keep(context: StudyContext, frames: list[FrameResult], settings: Any) -> Any:
-        kept.extend(frames)
-        return own(context, frames, settings)
+    def keep(context: StudyContext, features: Any, sizes: Any, settings: Any) -> Any:
+        kept.extend((features, sizes))
+        return own(context, features, sizes, settings)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(mission_models, "EXAMPLES", 2)
@@ -79,7 +79,7 @@ def judged(reproduced: StudyContext) -> list[FrameResult]:
 
 
 @pytest.fixture(scope="module")
-def curves(reproduced: StudyContext, judged: list[FrameResult]) -> Curves:
+def curves(reproduced: StudyContext, judged: list[Any]) -> Curves:
     return reproduced.curves
 
 
@@ -126,22 +126,21 @@ def test_the_distance_is_the_scenes(reproduced: StudyContext, curves: Curves) ->
 
 
 def test_shuffled_features_lose(
-    reproduced: StudyContext, judged: list[FrameResult], curves: Curves
+    reproduced: StudyContext, judged: list[Any], curves: Curves
 ) -> None:
     found = pooled_score(curves.patches[TOKT_TEXTURE], reproduced.truths).f1
     rng = np.random.default_rng(1)
-    mixed = [
-        replace(one, features=[rng.permutation(table) for table in one.features]) for one in judged
-    ]
-    broken = mission_models.held_out_texture(reproduced, mixed, SETTINGS)
+    features, sizes = judged
+    mixed = {n: [rng.permutation(one) for one in tables] for n, tables in features.items()}
+    broken = mission_models.held_out_texture(reproduced, mixed, sizes, SETTINGS)
     assert found is not None and found > 0.8
     assert (pooled_score(broken.patches, reproduced.truths).f1 or 0.0) < found / 2
 
 
 def test_no_model_judges_what_it_learnt_from(
-    reproduced: StudyContext, judged: list[FrameResult], monkeypatch: pytest.MonkeyPatch
+    reproduced: StudyContext, judged: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    number_of = {id(one.features[0]): one.number for one in judged}
+    number_of = {id(tables[0]): number for number, tables in judged[0].items()}
     datasets, learnt, checked = [], {}, []
     make, teach, values = (
         mission_models._dataset,
@@ -167,7 +166,7 @@ def test_no_model_judges_what_it_learnt_from(
     monkeypatch.setattr(mission_models, "_dataset", dataset)
     monkeypatch.setattr(mission_models, "fit_rows", learn)
     monkeypatch.setattr(mission_models, "decision_values", decide)
-    mission_models.held_out_texture(reproduced, judged, SETTINGS)
+    mission_models.held_out_texture(reproduced, *judged, SETTINGS)
     assert sorted(checked) == reproduced.scored
 
 
@@ -303,12 +302,6 @@ def made_up(means: dict[str, list[float]], distance: list[float] | None = None) 
     status = (mean > 0.345).astype(int)
     near = pd.Series(distance if distance else np.nan, index=index, dtype=float)
     return Curves(mean, status, methods, {}, near)
-
-
-def test_first_of_three_in_a_row() -> None:
-    status = pd.Series([1, 1, 0, 1, 1, 1, 0], index=[3, 4, 5, 6, 7, 8, 9])
-    assert first_in_a_row(status) == 6
-    assert first_in_a_row(status[:5]) is None
 
 
 def test_scores_count_what_the_labels_say(

@@ -6,7 +6,6 @@ import json
 import re
 import shutil
 from collections.abc import Callable
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -68,21 +67,6 @@ def reproduced_files(
     return out, found
 
 
-class Parsed(HTMLParser):
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.ids: list[str] = []
-        self.links: list[str] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        for name, value in attrs:
-            if name == "id":
-                self.ids.append(str(value))
-            if name in ("href", "src"):
-                self.links.append(str(value))
-
-
 def test_everything_is_written(reproduced_files: tuple[Path, dict[str, Any]]) -> None:
     out, found = reproduced_files
     names = sorted(str(path.relative_to(out)) for path in out.rglob("*") if path.is_file())
@@ -108,11 +92,11 @@ def test_results_have_what_was_found(reproduced_files: tuple[Path, dict[str, Any
 
 def test_the_report_needs_no_other_file(reproduced_files: tuple[Path, dict[str, Any]]) -> None:
     text = (reproduced_files[0] / "report.html").read_text("utf-8")
-    page = Parsed(text)
-    outside = [link for link in page.links if not link.startswith(("#", "data:"))]
+    links = re.findall(r'\b(?:href|src)="([^"]*)"', text)
+    outside = [link for link in links if not link.startswith(("#", "data:"))]
     assert not outside and "http" not in text.replace("http-equiv", "")
-    assert [link[1:] for link in page.links if link.startswith("#")] == ["counted", "moon"]
-    assert {"counted", "moon"} <= set(page.ids)
+    assert [link[1:] for link in links if link.startswith("#")] == ["counted", "moon"]
+    assert {"counted", "moon"} <= set(re.findall(r'\bid="([^"]*)"', text))
     assert "Not made: it needs a second moon" in text
     assert "<h3>Halves</h3>" in text
     assert "so &lt;many&gt; frames" in text and "9 &amp; more" in text

@@ -8,9 +8,11 @@ from typing import Any
 
 import jinja2
 import jinja2.nodes
+import pandas as pd
 import pytest
 
 from tokt.features.common.errors import ToktError
+from tokt.studies.thesis.exhibits.exhibit import Claim, ClaimAgreement, Exhibit, Table
 from tokt.studies.thesis.page import (
     QUOTED_TABLES,
     page_faults,
@@ -18,6 +20,7 @@ from tokt.studies.thesis.page import (
     thesis_page,
     write_thesis_page,
 )
+from tokt.studies.thesis.report import exhibit_json
 from tokt.studies.thesis.run import EXHIBITS
 
 ROOT = Path(__file__).parents[3]
@@ -63,34 +66,22 @@ def results_for(template: str, missing: str = "") -> dict[str, Any]:
     counter = iter(range(70001, 80000))
     wanted = asked(template)
     asked_with_tables = wanted | {key: [] for key in QUOTED_TABLES if key not in wanted}
-    exhibits = [
-        {
-            "key": key,
-            "title": f"Title of {key}",
-            "section": "figure 1.1",
-            "words": ["Split by a | and <em>."],
-            "claims": [
-                {
-                    "what": "is it so",
-                    "printed": "yes, 12.5 %",
-                    "found": f"no, {next(counter)} px",
-                    "agreement": "does not agree",
-                    "why": "it\nis not so.",
-                }
-            ],
-            "numbers": {name: next(counter) for name in names},
-            "tables": [
-                {
-                    "name": QUOTED_TABLES.get(key, "other"),
-                    "caption": f"Caption of {key}.",
-                    "columns": ["method", "ms"],
-                    "rows": [["a|b", 0.123456], ["c", None]],
-                }
-            ],
-            "missing": missing,
-        }
-        for key, names in asked_with_tables.items()
-    ]
+    table = pd.DataFrame({"method": ["a|b", "c"], "ms": [0.123456, None]})
+    exhibits = []
+    for key, names in asked_with_tables.items():
+        found = f"no, {next(counter)} px"
+        claim = Claim("is it so", "yes, 12.5 %", found, ClaimAgreement.NO, "it\nis not so.")
+        made = Exhibit(
+            ("Split by a | and <em>.",),
+            (claim,),
+            (Table(QUOTED_TABLES.get(key, "other"), f"Caption of {key}.", table),),
+            numbers={name: next(counter) for name in names},
+            key=key,
+            title=f"Title of {key}",
+            section="figure 1.1",
+            missing=missing,
+        )
+        exhibits.append(exhibit_json(made))
     mission = {"name": "dive", "frames": 60001, "pairs": 60002}
     return {
         "format": 1,

@@ -20,7 +20,6 @@ Conference on Robotics and Automation, 2014.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -40,27 +39,17 @@ _LEVELS = 256
 _MOSTLY = 0.5
 """Part of a superpixel that must be obstacle for an example to be one."""
 
-
-class Example(NamedTuple):
-    """A frame whose obstacles are known.
-
-    Parameters
-    ----------
-    frame : array of uint8, shape (height, width) or (height, width, 3)
-    truth : array of int8, shape (height, width)
-        1 where there is an obstacle, 0 where there is none, -1 where nobody knows.
-    """
-
-    frame: NDArray[np.uint8]
-    truth: NDArray[np.int8]
+Example = tuple[NDArray[np.uint8], NDArray[np.int8]]
+"""A frame, and of each of its pixels 1 where there is an obstacle, 0 where there is none, -1 where
+nobody knows."""
 
 
 def labelled_example(frame: NDArray[np.uint8], patches: NDArray[np.int8]) -> Example:
-    """A frame with labels of its patches: int8, (n_patches,), as the pixels of `Example.truth`."""
+    """A frame with labels of its patches: int8, (n_patches,), by pixel."""
     truth = np.full(frame.shape[:2], -1, np.int8)
     for label, (y0, y1, x0, x1) in zip(patches, GRID.boxes(*frame.shape[:2]), strict=True):
         truth[y0:y1, x0:x1] = label
-    return Example(frame, truth)
+    return frame, truth
 
 
 class LabColour:
@@ -92,14 +81,11 @@ class LabColour:
         Raises
         ------
         ToktError
-            If they do not show both obstacles and clear water, or a truth is not of its frame's
-            size.
+            If they do not show both obstacles and clear water.
         """
         rows: list[NDArray[np.float64]] = []
         flags: list[NDArray[np.bool_]] = []
         for frame, truth in examples:
-            if truth.shape != frame.shape[:2]:
-                raise ToktError("an example's truth is not of its frame's size")
             picture = resized_bgr(frame)
             cut = _counted(superpixels(picture))
             size = cut.shape[1], cut.shape[0]
@@ -118,7 +104,7 @@ class LabColour:
     def train_on_two(cls, ocean: NDArray[np.uint8], other: NDArray[np.uint8]) -> LabColour:
         """Learn as the thesis's methods do: one image of open ocean, one of anything else."""
         return cls.train(
-            Example(image, np.full(image.shape[:2], obstacle, np.int8))
+            (image, np.full(image.shape[:2], obstacle, np.int8))
             for image, obstacle in ((ocean, 0), (other, 1))
         )
 

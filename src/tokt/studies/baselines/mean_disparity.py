@@ -35,32 +35,18 @@ from .baseline import BaselineResult, not_judged
 from .thesis_texture import GRID
 
 NEAR_M = 6.0
-"""Nearer than this counts: ten seconds at 0.6 m/s."""
+"""A matched pixel nearer than this counts: ten seconds at 0.6 m/s."""
 BLOCKED = 0.01
 """Part of the centre window that must be near: a lattice tower covers little of what it stands
 in, and what is matched by chance is less."""
 
 
 class Thirds:
-    """Decide by the left, centre and right thirds of the disparity map.
-
-    Parameters
-    ----------
-    calibration : StereoCalibration
-    near_m : float
-        Distance in metres below which a matched pixel is near.
-    blocked : float
-        Part of the centre third, 0..1, above which near pixels block the way.
-    """
+    """Decide by the left, centre and right thirds of the disparity map."""
 
     name = "mean_disparity"
-    title = "left, centre, right disparity"
-    source = "Kostavelis, Nalpantidis and Gasteratos 2009"
 
-    def __init__(
-        self, calibration: StereoCalibration, near_m: float = NEAR_M, blocked: float = BLOCKED
-    ) -> None:
-        self._near_m, self._blocked = near_m, blocked
+    def __init__(self, calibration: StereoCalibration) -> None:
         self._detector = DisparityDetector(calibration, GRID)
         self._number = 0
 
@@ -79,12 +65,12 @@ class Thirds:
     def _decide(self, matches: Matches, size: tuple[int, ...]) -> BaselineResult:
         rectifier = self._detector.rectifier
         disparity = np.where(matches.valid, matches.disparity_px, 0.0)
-        near = disparity > rectifier.focal_baseline_px_m / self._near_m
+        near = disparity > rectifier.focal_baseline_px_m / NEAR_M
         centre = _mean_of_third(near, matches.searched, 1)
         left, right = (_mean_of_third(disparity, matches.searched, side) for side in (0, 2))
         mask = rectifier.to_left(near.astype(np.uint8) * 255, size[0], size[1])
         verdict = verdict_from_mask(mask, self.name)
-        blocked = centre > self._blocked
+        blocked = centre > BLOCKED
         turn = (1 if right < left else -1) * (size[1] // 3) if blocked else 0
         verdict = replace(verdict, status=OBSTACLE if blocked else CLEAR, x=turn, y=0)
         return BaselineResult(verdict, mask)

@@ -74,16 +74,11 @@ class SizeChange:
     ----------
     back : int
         Judged frames between the two that are compared.
-    least : int
-        Keypoints that must have grown for an obstacle.
     """
 
     name = "size_change"
-    title = "keypoints that grow"
-    source = "Mori and Scherer 2013"
 
-    def __init__(self, back: int = BACK, least: int = MIN_KEYPOINTS) -> None:
-        self._least = least
+    def __init__(self, back: int = BACK) -> None:
         self._before: deque[_RememberedFrame] = deque(maxlen=back)
         self._sift = cv2.SIFT.create(_MAX_FEATURES)
 
@@ -125,7 +120,7 @@ class SizeChange:
             cv2.resize(picture, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8
         )
         count = len(found)
-        status = OBSTACLE if count >= self._least else CLEAR
+        status = OBSTACLE if count >= MIN_KEYPOINTS else CLEAR
         verdict = replace(verdict_from_mask(mask, self.name), status=status)
         if count:
             scale = float(np.median([scale for _, _, scale in found]))

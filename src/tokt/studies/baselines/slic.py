@@ -157,18 +157,12 @@ class SlicTexture:
         cut = superpixels(picture)
         for number in np.unique(cut):
             for box in outline_boxes(np.where(cut == number, 255, 0).astype(np.uint8)):
+                row = _features(_gray(picture, box), self.describe)
+                # What has no features is ocean, as in the thesis's program.
+                obstacle = row is not None and self.classifier.predict(row.reshape(1, -1))[0] == 1
                 x, y, width, height = box
-                obstacle = self._is_obstacle(_gray(picture, box))
                 mask[y : y + height, x : x + width] = 255 * obstacle
         return BaselineResult(verdict_from_mask(mask, self.name), mask)
-
-    def _is_obstacle(self, patch: NDArray[np.uint8]) -> bool:
-        """What has no features is ocean, as in the thesis's program."""
-        row = _features(patch, self.describe)
-        if row is None:
-            return False
-        answer: Any = self.classifier.predict(row.reshape(1, -1))
-        return bool(answer[0] == 1)
 
 
 def _training_patches(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:

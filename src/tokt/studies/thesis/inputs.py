@@ -119,8 +119,11 @@ class StudyInputs:
 
     def any_left(self) -> NDArray[np.uint8]:
         """The first left frame that can be read. Raises ToktError if none can."""
-        for _, image in self.decoded(self.frames):
-            return image
+        return self._first(self.frames)[1]
+
+    def _first(self, numbers: Sequence[int]) -> tuple[int, NDArray[np.uint8]]:
+        for number, image in self.decoded(numbers):
+            return number, image
         raise ToktError(f"mission {self.mission.name}: no left frame can be read")
 
     def right(self, number: int) -> NDArray[np.uint8] | None:
@@ -211,9 +214,8 @@ class StudyInputs:
         """The thesis's image of ocean: the one asked for, or an early frame of the mission."""
         if self.request.ocean is not None:
             return self._given(self.request.ocean)
-        for number, image in self.decoded(self.ocean_frames or self.frames):
-            return TrainingImage(image, f"the mission's frame {number}", number)
-        raise ToktError(f"mission {self.mission.name}: no left frame can be read")
+        number, image = self._first(self.ocean_frames or self.frames)
+        return TrainingImage(image, f"the mission's frame {number}", number)
 
     def _given(self, file: Path) -> TrainingImage:
         return TrainingImage(read_image(file), f"the image {file.name}", self.frame_with(file))
@@ -256,9 +258,9 @@ class StudyInputs:
             )
         return found
 
-    def spread(self, count: int | None = None) -> list[int]:
-        """At most `count` (by default the request's sample) of `scored`, evenly spaced."""
-        return evenly_spaced(self.scored, self.request.sample if count is None else count)
+    def spread(self) -> list[int]:
+        """At most the request's sample of `scored`, evenly spaced."""
+        return evenly_spaced(self.scored, self.request.sample)
 
     @cached_property
     def thesis(self) -> dict[str, ThesisModel]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,10 +56,6 @@ class PatchScore:
         """The four figures by name."""
         return {name: getattr(self, name) for name in ("precision", "recall", "f1", "iou")}
 
-    def __add__(self, other: PatchScore) -> PatchScore:
-        pairs = zip(astuple(self), astuple(other), strict=True)
-        return PatchScore(*(mine + theirs for mine, theirs in pairs))
-
 
 def _share(part: int, whole: int) -> float | None:
     return part / whole if whole else None
@@ -75,8 +71,10 @@ def score_patches(said: Flags, truth: Truth) -> PatchScore:
 
 def pooled_score(said: Mapping[int, Flags], truths: Mapping[int, Truth]) -> PatchScore:
     """Count the sure patches of the frames that both have."""
-    both = (score_patches(said[number], truths[number]) for number in truths if number in said)
-    return sum(both, PatchScore())
+    both = [number for number in truths if number in said]
+    if not both:
+        return PatchScore()
+    return score_patches(*(np.concatenate([part[n] for n in both]) for part in (said, truths)))
 
 
 def truth_by_mask(mask: NDArray[np.uint8], grid: Grid) -> Truth:

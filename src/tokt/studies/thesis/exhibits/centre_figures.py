@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
-from tokt.inference.verdict import OBSTACLE, Verdict, verdict_from_mask
+from tokt.inference.verdict import OBSTACLE, Box, Verdict, verdict_from_mask
 from tokt.studies.baselines.thesis_centre import (
     ThesisCentre,
     dilated,
@@ -64,20 +64,20 @@ class BothWays:
     corrected: Verdict
 
     @property
+    def boxes(self) -> tuple[Box, Box]:
+        """The thesis's and the corrected one, without an extent where nothing is seen."""
+        return self.thesis.box or (0, 0, 0, 0), self.corrected.box or (0, 0, 0, 0)
+
+    @property
     def thesis_leaves(self) -> bool:
         """Whether the thesis's box reaches beyond the frame."""
-        box = self.thesis.box
-        return box is not None and leaves_frame(box, *self.mask.shape)
+        return leaves_frame(self.boxes[0], *self.mask.shape)
 
     @property
     def thesis_misses(self) -> bool:
         """Whether a part of what was seen is outside of the thesis's box."""
-        mine, right = self.thesis.box, self.corrected.box
-        if mine is None or right is None:
-            return False
-        starts_after = mine[0] > right[0] or mine[1] > right[1]
-        ends = [(box[0] + box[2], box[1] + box[3]) for box in (mine, right)]
-        return starts_after or ends[0][0] < ends[1][0] or ends[0][1] < ends[1][1]
+        (left, top, width, height), (x0, y0, w, h) = self.boxes
+        return left > x0 or top > y0 or left + width < x0 + w or top + height < y0 + h
 
     @property
     def ypos_off(self) -> int:
@@ -92,9 +92,7 @@ class BothWays:
     @property
     def box_ratio(self) -> float:
         """Area of the thesis's box over that of the corrected one."""
-        mine, right = self.thesis.box, self.corrected.box
-        if mine is None or right is None:
-            return float("nan")
+        mine, right = self.boxes
         return mine[2] * mine[3] / (right[2] * right[3])
 
     @property

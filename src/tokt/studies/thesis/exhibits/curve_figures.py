@@ -13,11 +13,11 @@ from tokt.features.frames.mission import format_frames
 from tokt.inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN
 from tokt.studies.thesis.methods.curves import COMPARED, OURS, THESIS, Curves
 from tokt.studies.thesis.patch_scores import pooled_score
+from tokt.training.evaluation.metrics import first_of_three
 
 from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import new_figure, png_of
 
-IN_A_ROW = 3
 MIN_FRAMES = 8
 """Of fewer frames that both curves have no correlation is told."""
 NEARLY_ALWAYS, GOES_WITH = 0.95, 0.7
@@ -51,15 +51,6 @@ def curve_figures(context: StudyContext) -> Exhibit:
     )
 
 
-def first_in_a_row(status: pd.Series, wanted: int = IN_A_ROW) -> int | None:
-    """The first of so many frames in a row, as they are in the series, with status 1."""
-    said = (status == OBSTACLE).to_numpy()
-    for at in range(len(said) - wanted + 1):
-        if said[at : at + wanted].all():
-            return int(status.index[at])
-    return None
-
-
 def score_methods(context: StudyContext) -> dict[str, MethodScore]:
     """Score every curve.
 
@@ -69,7 +60,7 @@ def score_methods(context: StudyContext) -> dict[str, MethodScore]:
         By method:
 
         first_detection : int or None
-            The first of `IN_A_ROW` judged frames in a row with status 1; None without one, and
+            The first of three judged frames in a row with status 1; None without one, and
             for a method that judged a sample of the frames only.
         ocean_frames, false_status : int or None
             Judged frames of which every patch is labelled as clear, and those with status 1; None
@@ -92,8 +83,9 @@ def score_methods(context: StudyContext) -> dict[str, MethodScore]:
         ocean, false = _counted(status, context.ocean_frames) if labelled else (None, None)
         obstacle, detected = _counted(status, with_obstacle) if labelled else (None, None)
         patches = pooled_score(curves.patches.get(name, {}), context.truths)
+        first = first_of_three(status.index.tolist(), status.tolist())
         found[name] = {
-            "first_detection": None if method.sampled else first_in_a_row(status),
+            "first_detection": None if method.sampled else first,
             "ocean_frames": ocean,
             "false_status": false,
             "obstacle_frames": obstacle,
@@ -151,7 +143,7 @@ def _words(context: StudyContext) -> tuple[str, ...]:
         "The mean value is that of the 0/255 mask; the status is 1 above "
         f"{STATUS_MEAN_THRESHOLD:g}, except for growing keypoints and thirds of disparity, which "
         "have rules of their own. A first detection is the first of "
-        f"{IN_A_ROW} frames in a row with status 1."
+        "3 frames in a row with status 1."
     )
     methods = [f"{method.title}: {method.words.rstrip('.')}." for method in curves.methods.values()]
     missing = [f"Left out: {why}." for why in curves.left_out]
@@ -218,11 +210,8 @@ def _scores_table(curves: Curves, scores: Scores) -> pd.DataFrame:
 
 def _plots(context: StudyContext, scores: Scores, together: pd.DataFrame) -> tuple[Plot, ...]:
     curves = context.curves
-    firsts = {
-        name: one["first_detection"]
-        for name, one in scores.items()
-        if one["first_detection"] is not None
-    }
+    every = {name: one["first_detection"] for name, one in scores.items()}
+    firsts = {name: first for name, first in every.items() if first is not None}
     shaded = " Gray: an obstacle is labelled; hatched: not labelled." if context.labels else ""
     plots = [
         Plot(
@@ -249,25 +238,17 @@ def _panels(
     context: StudyContext,
     values: pd.DataFrame,
     dress: Callable[[Any], None],
+    words: str,
     firsts: Mapping[str, int] | None = None,
     first_width: float = 0.8,
     titles: Mapping[str, str] | None = None,
     height: float = 2.2,
 ) -> Figure:
-    """A panel for each kind of method, with a curve of each.
+    """A panel for each kind of method, with a curve of each; `words` below the last.
 
-    Parameters
-    ----------
-    context : StudyContext
-        Its labels are shaded: gray where an obstacle is labelled, hatched where nothing is.
-    values : DataFrame
-        Index ``frame``, a column a method.
-    dress : callable
-        Sets a panel's scale and words, and draws what is no method's.
-    firsts : mapping of str to int, optional
-        First detections, dotted.
-    titles : mapping of str to str, optional
-        For the legend, by method; by default the methods' own.
+    Labels are shaded: gray where an obstacle is labelled, hatched where nothing is. `dress` sets a
+    panel's scale and words, and draws what is no method's. First detections are dotted; `titles`
+    are for the legend, by method, where these are not the methods' own.
     """
     curves = context.curves
     kinds = [kind for kind in (THESIS, COMPARED, OURS) if curves.named(kind)]
@@ -284,6 +265,7 @@ def _panels(
         axes.set_title(kind, loc="left", fontsize=9)
         _shade(axes, context.obstacle_patches, curves.mean.index)
         axes.legend(loc="upper left", fontsize=7)
+    axes.set_xlabel(words)
     return figure
 
 
@@ -321,10 +303,8 @@ def _sequence(context: StudyContext, firsts: Mapping[str, int]) -> Figure:
         axes.set_ylim(0, 255)
         axes.set_ylabel("mean of the mask")
 
-    figure = _panels(context, context.curves.mean, dress, firsts, height=2.5)
     words = "frame (dotted: first detection; red: status threshold 0.345)"
-    figure.axes[-1].set_xlabel(words)
-    return figure
+    return _panels(context, context.curves.mean, dress, words, firsts, height=2.5)
 
 
 def _normalised(context: StudyContext) -> Figure:
@@ -337,9 +317,7 @@ def _normalised(context: StudyContext) -> Figure:
         axes.set_ylim(0, 1.05)
         axes.set_ylabel("share of the largest")
 
-    figure = _panels(context, context.curves.shares(), dress)
-    figure.axes[-1].set_xlabel("frame")
-    return figure
+    return _panels(context, context.curves.shares(), dress, "frame")
 
 
 def _zoomed(context: StudyContext, firsts: Mapping[str, int]) -> Figure:
@@ -354,9 +332,8 @@ def _zoomed(context: StudyContext, firsts: Mapping[str, int]) -> Figure:
         axes.set_ylabel("mean of the mask")
 
     titles = {name: f"{methods[name].title}: {first}" for name, first in firsts.items()}
-    figure = _panels(context, mean.loc[begin:end], dress, firsts, 1.0, titles)
-    figure.axes[-1].set_xlabel("frame (dotted, and in the legend: first detection)")
-    return figure
+    words = "frame (dotted, and in the legend: first detection)"
+    return _panels(context, mean.loc[begin:end], dress, words, firsts, 1.0, titles)
 
 
 def _correlation_picture(table: pd.DataFrame, titles: Sequence[str]) -> Figure:
@@ -367,8 +344,7 @@ def _correlation_picture(table: pd.DataFrame, titles: Sequence[str]) -> Figure:
     axes.imshow(values, cmap="RdBu", vmin=-1, vmax=1, aspect="auto")
     for (row, col), value in np.ndenumerate(values):
         if np.isfinite(value):
-            dark = abs(value) > 0.6
-            color = "white" if dark else "black"
+            color = "white" if abs(value) > 0.6 else "black"
             axes.text(col, row, f"{value:.2f}", ha="center", va="center", fontsize=8, color=color)
     axes.set_xticks(range(count), titles, rotation=35, ha="right", fontsize=8)
     axes.set_yticks(range(count), titles, fontsize=8)
@@ -395,13 +371,9 @@ def _detection_claim(context: StudyContext, scores: Scores) -> Claim:
         f"{len(good)} of {len(names)} methods have status 1 before frame {nearest}, where most "
         "patches are obstacle, and none in an ocean frame"
     )
-    agreement = (
-        ClaimAgreement.YES
-        if len(good) == len(names)
-        else ClaimAgreement.PARTLY
-        if good
-        else ClaimAgreement.NO
-    )
+    agreement = ClaimAgreement.PARTLY if good else ClaimAgreement.NO
+    if len(good) == len(names):
+        agreement = ClaimAgreement.YES
     why = "judged by first detections and false statuses of this mission alone; not: " + (
         ", ".join(context.curves.methods[n].title for n in names if n not in good) or "none"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,7 +25,7 @@ from tokt.studies.simulation.scene.rig import FULL_WIDTH
 from tokt.studies.simulation.scene.water import CameraResponse, Water
 from tokt.studies.thesis.methods.curves import OURS, THESIS
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE, JudgeFrame, train_on_all_labels
-from tokt.studies.thesis.patch_scores import PatchScore, Truth, truth_by_mask
+from tokt.studies.thesis.patch_scores import Truth, truth_by_mask
 
 from .dot_figures import (
     MethodPrediction,
@@ -36,7 +36,6 @@ from .dot_figures import (
     learnt_words,
     may_have_learnt,
     said_by_patches,
-    score_predictions,
     scored_predictions,
 )
 from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
@@ -66,7 +65,6 @@ _COLORS = {THESIS: "#d9771e", OURS: "#12836f"}
 
 Said = Sequence[MethodPrediction]
 Texture = tuple[str, JudgeFrame]
-Scores = Mapping[str, PatchScore]
 
 
 @dataclass(frozen=True)
@@ -160,9 +158,7 @@ class DarkScene:
     Parameters
     ----------
     width : int
-        Of the pictures, in pixels.
-    seed : int
-        The same scene, snow and noise for every light.
+        Of the pictures, in pixels. Scene, snow and noise are the same for every light.
 
     Attributes
     ----------
@@ -172,8 +168,8 @@ class DarkScene:
         Least depth of the tower, metres.
     """
 
-    def __init__(self, width: int = FULL_WIDTH, seed: int = SEED) -> None:
-        self._scene, self._seed = MissionScene.draw(seed, _FRAMES, width), seed
+    def __init__(self, width: int) -> None:
+        self._scene = MissionScene.draw(SEED, _FRAMES, width)
         self._pose = self._scene.poses[_PLACE]
         cameras = self._pose.cameras(self._scene.rig)
         self._views = [cast_rays(self._scene.tower, camera) for camera in cameras]
@@ -183,13 +179,17 @@ class DarkScene:
 
     def at(self, light: float) -> DarkPicture:
         """The pair by a lamp of `light`, as a share of a rendered mission's."""
-        water = _dimmed(self._scene.water, light)
+        water, rig, straight = _dimmed(self._scene.water, light), self._scene.rig, np.zeros(5)
+        shift_mm = 1000.0 * rig.translation_m.reshape(3, 1)
+        size = rig.width, rig.height
         return DarkPicture(
             self._picture(water, 0, water.left),
             self._picture(water, 1, water.right),
             self.mask,
             truth_by_mask(self.mask, GRID),
-            self._calibration(),
+            StereoCalibration(
+                rig.left, straight, rig.right, straight, rig.rotation, shift_mm, size
+            ),
             f"A rendered picture of the tower at {self.nearest_m:.1f} m by a lamp of {light:g} of "
             "a mission's light, as no image was given (--dark)",
             "the exact rendered mask",
@@ -199,17 +199,9 @@ class DarkScene:
 
     def _picture(self, water: Water, side: int, response: CameraResponse) -> NDArray[np.uint8]:
         """One camera's picture."""
-        moment = np.random.default_rng([self._seed, _MOMENT])
+        moment = np.random.default_rng([SEED, _MOMENT])
         exposure = expose(water, self._scene.rig, self._pose, self._views[side], response, moment)
-        return develop(water, exposure, np.random.default_rng([self._seed, _SENSOR, side]))
-
-    def _calibration(self) -> StereoCalibration:
-        rig, straight = self._scene.rig, np.zeros(5)
-        shift_mm = 1000.0 * rig.translation_m.reshape(3, 1)
-        size = rig.width, rig.height
-        return StereoCalibration(
-            rig.left, straight, rig.right, straight, rig.rotation, shift_mm, size
-        )
+        return develop(water, exposure, np.random.default_rng([SEED, _SENSOR, side]))
 
 
 def _dimmed(water: Water, light: float) -> Water:
@@ -244,13 +236,12 @@ def bad_lighting(context: StudyContext) -> Exhibit:
         scene = DarkScene(int(np.clip(width, *RENDERED_WIDTHS)))
         dark, sweep = scene.at(_LIGHT), _sweep(context, texture, scene)
     said = _predictions(context, texture, dark)
-    scores = score_predictions(said, dark.truth)
     plots = [
         Plot(
             "predictions",
             f"{dark.words} (5.6); what is there, {dark.truth_words} (5.7); and what each method "
             f"says (5.8). Green outlines are obstacle patches. {DARK_SHOWN}",
-            png_of(_figure(dark, said, scores)),
+            png_of(_figure(dark, said)),
         )
     ]
     caption = (
@@ -259,7 +250,7 @@ def bad_lighting(context: StudyContext) -> Exhibit:
         f"Counts of patches. Nothing that is trained here learnt from this picture"
         f"{may_have_learnt(said)}"
     )
-    tables = [Table("scores", caption, scored_predictions(said, scores))]
+    tables = [Table("scores", caption, scored_predictions(said, dark.truth))]
     if len(sweep):
         plots.append(_sweep_plot(sweep))
         tables.append(
@@ -272,10 +263,10 @@ def bad_lighting(context: StudyContext) -> Exhibit:
         )
     return Exhibit(
         _words(dark, said),
-        _claims(said, scores, dark),
+        _claims(said, dark),
         tuple(tables),
         tuple(plots),
-        _numbers(said, scores, dark, sweep),
+        _numbers(said, dark, sweep),
     )
 
 
@@ -284,15 +275,10 @@ def _predictions(
 ) -> list[MethodPrediction]:
     """What every method says of a picture; without `slow` the superpixels are left out."""
     frame, (words, judge) = dark.left, texture
-    who, judged = (TOKT_TEXTURE, "tokt texture", OURS, words), judge(frame)
-    if isinstance(judged, str):
-        ours = MethodPrediction(*who, fault=judged)
-    else:
-        ours = said_by_patches(*who, judged, frame)
     return [
         *by_thesis(context, frame),
         *(by_superpixels(context, dark.number or 0, frame) if slow else []),
-        ours,
+        said_by_patches(TOKT_TEXTURE, "tokt texture", OURS, words, judge(frame), frame),
         *by_bundle(context, frame, "the model as given"),
         by_stereo(dark.calibration, frame, dark.right, dark.calibration_words),
     ]
@@ -314,13 +300,17 @@ def _words(dark: DarkPicture, said: Said) -> tuple[str, ...]:
     )
 
 
-def _claims(said: Said, scores: Scores, dark: DarkPicture) -> tuple[Claim, ...]:
-    if not scores or dark.truth is None:
-        found = "no mask to score by" if dark.truth is None else "no method judged the picture"
-        return (_claim("which method finds most in bad light", found, dark),)
-    titles = {one.name: one.title for one in said}
-    ranked = sorted(scores, key=lambda name: -(scores[name].f1 or 0.0))
-    listed = ", ".join(f"{titles[name]} {scores[name].f1 or 0.0:.2f}" for name in ranked)
+def _f1(one: MethodPrediction, dark: DarkPicture) -> float | None:
+    score = one.score(dark.truth)
+    return score.f1 if score else None
+
+
+def _claims(said: Said, dark: DarkPicture) -> tuple[Claim, ...]:
+    if dark.truth is None:
+        return (_claim("which method finds most in bad light", "no mask to score by", dark),)
+    f1 = {one.title: _f1(one, dark) or 0.0 for one in said if one.patches is not None}
+    ranked = sorted(f1, key=lambda title: -f1[title])
+    listed = ", ".join(f"{title} {f1[title]:.2f}" for title in ranked)
     claims = [
         _claim(
             "which method comes nearest to a person in bad light", f"F1 by patch: {listed}", dark
@@ -346,7 +336,7 @@ def _claim(what: str, found: str, dark: DarkPicture) -> Claim:
     return Claim(what, NOT_KNOWN, found, ClaimAgreement.UNCOMPARABLE, why)
 
 
-def _figure(dark: DarkPicture, said: Said, scores: Scores) -> Figure:
+def _figure(dark: DarkPicture, said: Said) -> Figure:
     n_rows = -(-(3 + len(said)) // 3)
     figure = Figure(figsize=(11.5, 3.05 * n_rows + 0.4), layout="constrained")
     panels = list(figure.subplots(n_rows, 3, squeeze=False).ravel())
@@ -361,20 +351,20 @@ def _figure(dark: DarkPicture, said: Said, scores: Scores) -> Figure:
         axes.set(xticks=[], yticks=[])
         axes.set_title(title, fontsize=9, loc="left")
     for axes, one in zip(panels[3:], said, strict=False):
-        _panel(axes, dark, one, scores.get(one.name))
+        _panel(axes, dark, one)
     for axes in panels[3 + len(said) :]:
         axes.set_axis_off()
     explain_dots(panels[3 * (n_rows - 1)], dark.truth is not None)
     return figure
 
 
-def _panel(axes: Any, dark: DarkPicture, one: MethodPrediction, score: PatchScore | None) -> None:
+def _panel(axes: Any, dark: DarkPicture, one: MethodPrediction) -> None:
     size = show_dark(axes, dark.left)
     if dark.truth is not None:
         draw_truth(axes, dark.truth, *size)
     if one.patches is not None:
         draw_dots(axes, one.patches, *size)
-        f1 = score.f1 if score else None
+        f1 = _f1(one, dark)
         title = one.title if f1 is None else f"{one.title}: F1 {f1:.2f}"
     else:
         title = f"{one.title}: not judged"
@@ -391,10 +381,9 @@ def _sweep(context: StudyContext, texture: Texture, scene: DarkScene) -> pd.Data
     for light in _LIGHTS:
         dark = scene.at(light)
         said = _predictions(context, texture, dark, slow=False)
-        scores = score_predictions(said, dark.truth)
         rows.append(
             {"light": light, "mean grey level": float(np.mean(dark.left))}
-            | {one.title: scores[one.name].f1 if one.name in scores else None for one in said}
+            | {one.title: _f1(one, dark) for one in said}
             | {_SAYS_CLEAR: ", ".join(_say_clear(said))}
         )
     return pd.DataFrame(rows)
@@ -433,7 +422,7 @@ def _sweep_plot(sweep: pd.DataFrame) -> Plot:
     return Plot("by-light", caption, png_of(figure))
 
 
-def _numbers(said: Said, scores: Scores, dark: DarkPicture, sweep: pd.DataFrame) -> dict[str, Any]:
+def _numbers(said: Said, dark: DarkPicture, sweep: pd.DataFrame) -> dict[str, Any]:
     numbers: dict[str, Any] = {
         "rendered": dark.rendered,
         "mean_grey": float(np.mean(dark.left)),
@@ -444,8 +433,9 @@ def _numbers(said: Said, scores: Scores, dark: DarkPicture, sweep: pd.DataFrame)
         numbers["obstacle_patches"] = int((dark.truth == 1).sum())
         if (dark.truth == 1).any():
             numbers["wrong_clear"] = ", ".join(_say_clear(said))
-    for name, score in scores.items():
-        numbers |= {f"{name}_{figure}": value for figure, value in score.figures().items()}
+    for one in said:
+        if score := one.score(dark.truth):
+            numbers |= {f"{one.name}_{figure}": value for figure, value in score.figures().items()}
     for name in _methods(sweep):
         enough = sweep.loc[sweep[name].astype(float) > 0.5, "light"]
         numbers[f"least_light_{name}"] = float(enough.min()) if len(enough) else None

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, fields
-from typing import Any
+from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 import pandas as pd
@@ -19,10 +18,15 @@ from tokt.inference.verdict import STATUS_WORDS, UNKNOWN, verdict_from_mask
 from tokt.models.bundle.bundle import read_bundle
 from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.methods.curves import COMPARED, OURS, SLIC_TITLES, THESIS
-from tokt.studies.thesis.methods.frame_methods import TOKT_MODEL, TOKT_STEREO
+from tokt.studies.thesis.methods.curves import (
+    COMPARED,
+    OURS,
+    SLIC_TITLES,
+    THESIS,
+    TOKT_MODEL,
+    TOKT_STEREO,
+)
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
-from tokt.studies.thesis.methods.texture_histograms import described
 from tokt.studies.thesis.patch_scores import (
     Flags,
     PatchScore,
@@ -44,9 +48,9 @@ from .frame_drawing import (
     show_frame,
     show_mask,
 )
+from .training_image_figures import described
 
 Image = NDArray[np.uint8]
-Scores = Mapping[str, PatchScore]
 _COUNTS = [one.name for one in fields(PatchScore)]
 
 
@@ -84,11 +88,19 @@ class MethodPrediction:
         status = UNKNOWN if self.mask is None else verdict_from_mask(self.mask, self.name).status
         return STATUS_WORDS[status]
 
+    def score(self, truth: Truth | None) -> PatchScore | None:
+        """By the truth of the picture; None without one, and where it could not be judged."""
+        if self.patches is None or truth is None:
+            return None
+        return score_patches(self.patches, truth)
+
 
 def said_by_patches(
-    name: str, title: str, kind: str, words: str, patches: Flags, frame: Image
+    name: str, title: str, kind: str, words: str, patches: Flags | str, frame: Image
 ) -> MethodPrediction:
-    """Predictions of a method that judges patches of the grid."""
+    """Predictions of a method that judges patches of the grid, or says why it cannot."""
+    if isinstance(patches, str):
+        return MethodPrediction(name, title, kind, words, fault=patches)
     mask = GRID.paint(patches, *GRID.resized(*frame.shape[:2]))
     return MethodPrediction(name, title, kind, words, patches, mask)
 
@@ -128,11 +140,11 @@ def by_bundle(context: StudyContext, frame: Image, words: str) -> list[MethodPre
     who = TOKT_MODEL, f"tokt model {bundle.label}", OURS, words
     if bundle.grid != GRID:
         fault = f"its patches are {bundle.grid}, these figures are of {GRID}"
-        return [MethodPrediction(*who, fault=fault)]
+        return [said_by_patches(*who, fault, frame)]
     try:
         values = bundle.values_of(bundle.features(frame))
     except ValueError as error:
-        return [MethodPrediction(*who, fault=str(error))]
+        return [said_by_patches(*who, str(error), frame)]
     return [said_by_patches(*who, bundle.model.obstacle_patches(values), frame)]
 
 
@@ -199,18 +211,7 @@ def may_have_learnt(said: Sequence[MethodPrediction]) -> str:
     return "; the model that was given may have." if given else "."
 
 
-def score_predictions(
-    said: Sequence[MethodPrediction], truth: Truth | None
-) -> dict[str, PatchScore]:
-    """The scores of the methods that judged the picture; none without a truth."""
-    return {
-        one.name: score_patches(one.patches, truth)
-        for one in said
-        if one.patches is not None and truth is not None
-    }
-
-
-def scored_predictions(said: Sequence[MethodPrediction], scores: Scores) -> pd.DataFrame:
+def scored_predictions(said: Sequence[MethodPrediction], truth: Truth | None) -> pd.DataFrame:
     """One row a method: what it says of the picture, and its scores where there are some."""
     frame = pd.DataFrame(
         {
@@ -218,7 +219,7 @@ def scored_predictions(said: Sequence[MethodPrediction], scores: Scores) -> pd.D
             "whose": one.kind,
             "status": one.status,
             "obstacle patches": None if one.patches is None else int(one.patches.sum()),
-            **_score_row(scores.get(one.name)),
+            **_score_row(one.score(truth)),
             "not judged": one.fault,
         }
         for one in said
@@ -228,8 +229,7 @@ def scored_predictions(said: Sequence[MethodPrediction], scores: Scores) -> pd.D
 
 def _score_row(score: PatchScore | None) -> dict[str, float | int | None]:
     """Columns of a table; empty where there is no score."""
-    counts = dict(zip(_COUNTS, astuple(score or PatchScore()), strict=True))
-    row = {**(score or PatchScore()).figures(), **counts}
+    row = {**(score or PatchScore()).figures(), **asdict(score or PatchScore())}
     return row if score else dict.fromkeys(row)
 
 
@@ -251,7 +251,7 @@ def prediction_dots(context: StudyContext) -> Exhibit:
         *by_bundle(context, frame, learnt.words if learnt else ""),
         stereo,
     ]
-    scores, truths = score_predictions(said, truth), context.truths
+    truths = context.truths
     by_method = context.curves.patches.items() if truths else ()
     pooled = {name: pooled_score(patches, truths) for name, patches in by_method}
     return Exhibit(
@@ -261,8 +261,8 @@ def prediction_dots(context: StudyContext) -> Exhibit:
             "the dots are the patches of which its mask has a tenth or more white, as for labels.",
             *learnt_words(said),
         ),
-        tuple(_claim(one, scores, number) for one in said),
-        _tables(said, scores, pooled, number, len(truths)),
+        tuple(_claim(one, truth, number) for one in said),
+        _tables(said, truth, pooled, number, len(truths)),
         (
             Plot(
                 "dots",
@@ -271,19 +271,32 @@ def prediction_dots(context: StudyContext) -> Exhibit:
                 png_of(_figure(frame, said, truth)),
             ),
         ),
-        _numbers(number, scores, pooled, len(truths)),
+        {"frame": number, "labelled_frames": len(truths)}
+        | {
+            f"{place}_{name}_{figure}": value
+            for place, name, score in (
+                *(("frame", one.name, one.score(truth)) for one in said),
+                *(("mission", name, one) for name, one in pooled.items()),
+            )
+            if score
+            for figure, value in score.figures().items()
+        },
     )
 
 
 def _tables(
-    said: Sequence[MethodPrediction], scores: Scores, pooled: Scores, number: int, n_labelled: int
+    said: Sequence[MethodPrediction],
+    truth: Truth | None,
+    pooled: Mapping[str, PatchScore],
+    number: int,
+    n_labelled: int,
 ) -> tuple[Table, ...]:
     frame = Table(
         "frame",
         f"Patches of frame {number} against its labels (unsure ones are not scored); counts "
         "of patches. Our texture model is held out; the others did not learn from this frame"
         + may_have_learnt(said),
-        scored_predictions(said, scores).drop(columns="status"),
+        scored_predictions(said, truth).drop(columns="status"),
         "This frame",
     )
     if not n_labelled:
@@ -301,13 +314,13 @@ def _tables(
     return frame, mission
 
 
-def _claim(one: MethodPrediction, scores: Scores, number: int) -> Claim:
+def _claim(one: MethodPrediction, truth: Truth | None, number: int) -> Claim:
+    score = one.score(truth)
     if one.patches is None:
         found = f"not judged: {one.fault}"
     else:
         found = f"{one.patches.sum()} of {GRID.n_patches} patches are other"
-        if one.name in scores:
-            score = scores[one.name]
+        if score:
             found += f"; precision {_words(score.precision)}, recall {_words(score.recall)}"
     return Claim(
         f"{one.title}: the dots that are other lie on the structure",
@@ -315,7 +328,7 @@ def _claim(one: MethodPrediction, scores: Scores, number: int) -> Claim:
         found,
         ClaimAgreement.UNCOMPARABLE,
         f"The figures' dots are not at hand; judged by the labels of frame {number}."
-        if scores
+        if truth is not None
         else "The figures' dots are not at hand, and the frame has no labels.",
     )
 
@@ -340,13 +353,3 @@ def _figure(frame: Image, said: Sequence[MethodPrediction], truth: Truth | None)
         show_mask(mask, one.mask)
     explain_dots(rows[-1][0], truth is not None, ncols=4)
     return figure
-
-
-def _numbers(number: int, scores: Scores, pooled: Scores, n_labelled: int) -> dict[str, Any]:
-    figures = {
-        f"{place}_{name}_{figure}": value
-        for place, found in (("frame", scores), ("mission", pooled))
-        for name, score in found.items()
-        for figure, value in score.figures().items()
-    }
-    return {"frame": number, "labelled_frames": n_labelled, **figures}

@@ -16,13 +16,6 @@ from tokt.features.extractors.extractor import HARALICK_NAMES
 from tokt.features.frames.grid import Grid
 from tokt.studies.baselines.thesis_models import TITLES
 from tokt.studies.baselines.thesis_texture import GRID, resized_gray
-from tokt.studies.thesis.methods.texture_histograms import (
-    EXTRACTORS,
-    LBP_KEYS,
-    Rows,
-    described,
-    hellinger,
-)
 
 from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import (
@@ -34,7 +27,15 @@ from .frame_drawing import (
     png_of,
     show_frame,
 )
-from .training_image_figures import draw_histogram, kind_legend
+from .training_image_figures import (
+    EXTRACTORS,
+    LBP_KEYS,
+    Rows,
+    described,
+    draw_histogram,
+    hellinger,
+    kind_legend,
+)
 
 _DRAWN_CELLS = {"structure": (5, 5), "ocean": (3, 3)}
 """Row and column of the two patches that the thesis's program draws, red and blue."""

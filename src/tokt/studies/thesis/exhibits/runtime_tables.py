@@ -44,10 +44,10 @@ from tokt.studies.baselines.thesis_texture import GRID, resized_gray
 from tokt.studies.speed.paired_timing import single_thread
 from tokt.studies.thesis.methods.curves import OURS, THESIS
 from tokt.studies.thesis.methods.mission_models import SLIC
-from tokt.studies.thesis.methods.texture_histograms import EXTRACTORS
 
 from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import new_figure, png_of
+from .training_image_figures import EXTRACTORS
 
 STAGES = (
     "decode",
@@ -503,16 +503,12 @@ def _profile(one: StageTimes) -> pd.DataFrame:
 
 
 def _claims(found: Found) -> list[Claim]:
-    claims = []
-    for key, what in (
-        ("slic_lbp_10_5", "SLIC + LBP takes so many times as long as LBP on patches"),
-        ("disparity", "disparity takes so many times as long as LBP"),
-        ("haralick", "Haralick takes so many times as long as LBP"),
-    ):
-        printed = f"{PRINTED[key]:g} (tables 5.1 to 5.4; that it is times LBP is our reading)"
-        claims.append(_claim(found, key, what, printed))
-    claims.append(_grid_claim(found))
-    return claims
+    return [
+        _claim(found, "slic_lbp_10_5", "SLIC + LBP takes so many times as long as LBP on patches"),
+        _claim(found, "disparity", "disparity takes so many times as long as LBP"),
+        _claim(found, "haralick", "Haralick takes so many times as long as LBP"),
+        _grid_claim(found),
+    ]
 
 
 def agreement_of(ratio: float, printed: float) -> ClaimAgreement:
@@ -523,7 +519,8 @@ def agreement_of(ratio: float, printed: float) -> ClaimAgreement:
     return ClaimAgreement.PARTLY if off <= TWICE else ClaimAgreement.NO
 
 
-def _claim(found: Found, key: str, what: str, printed: str) -> Claim:
+def _claim(found: Found, key: str, what: str) -> Claim:
+    printed = f"{PRINTED[key]:g} (tables 5.1 to 5.4; that it is times LBP is our reading)"
     if key not in found:
         why = (
             "the thesis's disparity is for pairs of "
@@ -532,15 +529,12 @@ def _claim(found: Found, key: str, what: str, printed: str) -> Claim:
         return Claim(what, printed, "not measured", ClaimAgreement.UNCOMPARABLE, why)
     ratio, low, high = _middle(_ratio(found, key))
     agreement = agreement_of(ratio, PRINTED[key])
-    why = f"judged by the median: {_judged_words(agreement)}; {_reason(found, key, agreement)}"
-    return Claim(what, printed, f"{ratio:.3g} ({low:.3g} to {high:.3g})", agreement, why)
-
-
-def _judged_words(agreement: ClaimAgreement) -> str:
-    return {
+    judged = {
         ClaimAgreement.YES: "within a quarter of the printed ratio",
         ClaimAgreement.PARTLY: "within twice the printed ratio, but not within a quarter",
     }.get(agreement, "more than twice off the printed ratio")
+    why = f"judged by the median: {judged}; {_reason(found, key, agreement)}"
+    return Claim(what, printed, f"{ratio:.3g} ({low:.3g} to {high:.3g})", agreement, why)
 
 
 def _reason(found: Found, key: str, agreement: ClaimAgreement) -> str:
@@ -560,14 +554,12 @@ def _reason(found: Found, key: str, agreement: ClaimAgreement) -> str:
 
 def _grid_claim(found: Found) -> Claim:
     ratio, low, high = _middle(_ratio(found, "slic_haralick", "haralick"))
-    faster = (
-        ClaimAgreement.YES if low > 1 else ClaimAgreement.PARTLY if ratio > 1 else ClaimAgreement.NO
-    )
+    slower = ClaimAgreement.PARTLY if ratio > 1 else ClaimAgreement.NO
     return Claim(
         "10x10 patches instead of superpixels make the Haralick method faster",
         f"much faster (a remark in the author's program; the number is {NOT_KNOWN})",
         f"{ratio:.3g} times ({low:.3g} to {high:.3g})",
-        faster,
+        ClaimAgreement.YES if low > 1 else slower,
         "agrees where even the 10th percentile of single runs is above 1",
     )
 

@@ -16,13 +16,12 @@ from tokt.studies.baselines.slic import SlicTexture, resized_bgr, superpixels
 from tokt.studies.baselines.thesis_models import TITLES, ThesisModel
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.methods.mission_models import SLIC
-from tokt.studies.thesis.patch_scores import PatchScore, patches_of_mask, score_patches
+from tokt.studies.thesis.patch_scores import Truth, patches_of_mask, pooled_score
 
 from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import SHOWN, draw_grid, new_figure, png_of, show_frame, show_mask
 from .runtime_tables import agreement_of
 
-Image = NDArray[np.uint8]
 Segments = NDArray[np.int64]
 
 TITLE = "SLIC superpixels against the grid"
@@ -45,22 +44,18 @@ def superpixel_figure(context: StudyContext) -> Exhibit:
     shown = context.structure_frame
     numbers = sorted({*context.spread(), shown})
     segments = {number: superpixels(resized_bgr(left)) for number, left in context.decoded(numbers)}
-    masks: dict[tuple[str, str], Image] = {}
-    rows = []
+    rows: list[dict[str, Any]] = []
     for name, slic in zip(SLIC, context.superpixel_methods.textures, strict=True):
         model = context.thesis[name]
-        for number, cut in segments.items():
-            by_slic, by_grid, row = _compared(context, number, slic, model)
-            rows.append({**row, "superpixels": len(np.unique(cut))})
-            if number == shown:
-                masks[name, "SLIC"], masks[name, "grid"] = by_slic, by_grid
+        rows += [_compared(context, number, slic, model, cut) for number, cut in segments.items()]
     frames = pd.DataFrame(rows)
-    summaries = {name: _summary(one) for name, one in frames.groupby("features", sort=False)}
+    by_features = frames.groupby("features", sort=False)
+    summaries = {name: _summary(one, context.labelled) for name, one in by_features}
     return Exhibit(
         words=_words(context, numbers),
         claims=(_time_claim(summaries), _mask_claim(summaries)),
         tables=(_summary_table(summaries), _frame_table(frames)),
-        plots=(_plot(context, frames[frames.frame == shown], masks, segments[shown]),),
+        plots=(_plot(context, frames[frames.frame == shown], segments[shown]),),
         numbers={
             f"{name}_{key}": value
             for name, summary in summaries.items()
@@ -70,18 +65,23 @@ def superpixel_figure(context: StudyContext) -> Exhibit:
 
 
 def _compared(
-    context: StudyContext, number: int, slic: SlicTexture, model: ThesisModel
-) -> tuple[Image, Image, dict[str, Any]]:
-    """Masks (0 or 255) of one frame by superpixels and by the grid, and a row of figures of them.
-
-    Seconds are from the decoded frame to the verdict. Without labels the scores are of no patch.
-    """
+    context: StudyContext, number: int, slic: SlicTexture, model: ThesisModel, cut: Segments
+) -> dict[str, Any]:
+    """One frame by superpixels and by the grid; seconds from the decoded frame to the verdict."""
     left = context.left(number)
     slic_mask, slic_s = _timed(lambda: slic.judge(left, None, 0.0).mask)
     by_grid, grid_s = _timed(lambda: model.judge(left).obstacle)
     grid_mask = GRID.paint(by_grid, *GRID.resized(*left.shape[:2]))
-    row = {"frame": number, "features": model.name, "slic_s": slic_s, "grid_s": grid_s}
-    row |= {
+    return {
+        "frame": number,
+        "features": model.name,
+        "superpixels": len(np.unique(cut)),
+        "slic_s": slic_s,
+        "grid_s": grid_s,
+        "slic_mask": slic_mask,
+        "grid_mask": grid_mask,
+        "slic_said": patches_of_mask(slic_mask, GRID),
+        "grid_said": by_grid,
         "slic_mean": float(slic_mask.mean()),
         "grid_mean": float(grid_mask.mean()),
         "same": float((slic_mask == grid_mask).mean()),
@@ -90,9 +90,6 @@ def _compared(
         # One white patch is far above the threshold of the mean.
         "same_status": bool(slic_mask.any() == grid_mask.any()),
     }
-    for name, said in (("slic", patches_of_mask(slic_mask, GRID)), ("grid", by_grid)):
-        row[f"{name}_score"] = score_patches(said, context.truth(number))
-    return slic_mask, grid_mask, row
 
 
 def _timed(judge: Callable[[], Any]) -> tuple[Any, float]:
@@ -102,10 +99,14 @@ def _timed(judge: Callable[[], Any]) -> tuple[Any, float]:
     return found, time.perf_counter() - began
 
 
-def _summary(frames: pd.DataFrame) -> dict[str, Any]:
+def _summary(frames: pd.DataFrame, labelled: Mapping[int, Truth]) -> dict[str, Any]:
     """Figures over all frames of one kind of features."""
     either = int(frames.either.sum())
     slic_s, grid_s = float(frames.slic_s.median()), float(frames.grid_s.median())
+    by_slic, by_grid = (
+        pooled_score(dict(zip(frames.frame, said, strict=True)), labelled)
+        for said in (frames.slic_said, frames.grid_said)
+    )
     return {
         "frames": len(frames),
         "segments_median": float(frames.superpixels.median()),
@@ -115,8 +116,8 @@ def _summary(frames: pd.DataFrame) -> dict[str, Any]:
         "pixels_same": float(frames.same.mean()),
         "overlap": int(frames.both.sum()) / either if either else None,
         "same_status": int(frames.same_status.sum()),
-        "slic_f1": sum(frames.slic_score, PatchScore()).f1,
-        "grid_f1": sum(frames.grid_score, PatchScore()).f1,
+        "slic_f1": by_slic.f1,
+        "grid_f1": by_grid.f1,
     }
 
 
@@ -199,12 +200,7 @@ def _frame_table(frames: pd.DataFrame) -> Table:
     return Table("slic_against_grid_frames", "The sample.", table, f"{TITLE}, frame by frame")
 
 
-def _plot(
-    context: StudyContext,
-    shown: pd.DataFrame,
-    masks: Mapping[tuple[str, str], Image],
-    segments: Segments,
-) -> Plot:
+def _plot(context: StudyContext, shown: pd.DataFrame, segments: Segments) -> Plot:
     number = context.structure_frame
     left = context.left(number)
     figure, axes = new_figure(10.5, 5.9, 2, 1 + len(shown))
@@ -216,10 +212,9 @@ def _plot(
     draw_grid(axes[1, 0], height, width)
     axes[1, 0].set_title(f"{GRID.n_patches} patches", fontsize=10)
     for column, one in zip(axes.T[1:], shown.itertuples(), strict=True):
-        for panel, what, took in zip(
-            column, ("SLIC", "grid"), (one.slic_s, one.grid_s), strict=True
-        ):
-            show_mask(panel, masks[one.features, what])
+        methods = ("SLIC", one.slic_mask, one.slic_s), ("grid", one.grid_mask, one.grid_s)
+        for panel, (what, mask, took) in zip(column, methods, strict=True):
+            show_mask(panel, mask)
             panel.set_title(f"{what}, {TITLES[one.features]}: {1000 * took:.0f} ms", fontsize=10)
     return Plot(
         "slic_against_grid",

@@ -104,27 +104,18 @@ class Offset:
     Parameters
     ----------
     frames : float
-    error : float
-        Standard error, by the jackknife over frames.
     half_width : float
-        Of the 95 % confidence interval (Student's t).
-    n_frames, n_points : int
+        Of the 95 % confidence interval (Student's t), by the jackknife over frames.
+    n_points : int
     by_frame : array of float, shape (n_frames, 3)
         Frame number, median rows a frame that its points move over the offset, and median rows by
         which they differ between the views, less what the calibration leaves.
     """
 
     frames: float
-    error: float
     half_width: float
-    n_frames: int
     n_points: int
     by_frame: Float
-
-    @property
-    def at_the_end(self) -> bool:
-        """Whether the offset is at the end of what is looked for, and may be larger."""
-        return abs(self.frames) > FARTHEST_FRAMES - 0.01
 
 
 class LateRight:
@@ -252,7 +243,7 @@ def offset_of(rows: Rows) -> Offset:
         for at in [rows.frame == number]
     ]
     half_width = float(student_t.ppf((1 + _CONFIDENCE) / 2, n - 1) * error)
-    return Offset(float(whole[0]), error, half_width, n, len(rows.frame), np.array(by_frame))
+    return Offset(float(whole[0]), half_width, len(rows.frame), np.array(by_frame))
 
 
 def _fitted(rows: Rows, start: Float | None) -> Float:
@@ -312,7 +303,7 @@ def synchrony_figure(context: StudyContext) -> Exhibit:
         numbers |= {
             f"{name}_offset_frames": one.frames,
             f"{name}_half_width_frames": one.half_width,
-            f"{name}_frames": one.n_frames,
+            f"{name}_frames": len(one.by_frame),
             f"{name}_points": one.n_points,
         }
     return Exhibit(
@@ -338,8 +329,9 @@ def _with_neighbours(context: StudyContext) -> list[int]:
 
 def _said(offset: Offset) -> str:
     """An offset with its 95 % interval, and more than it says where it is at the end."""
+    at_the_end = abs(offset.frames) > FARTHEST_FRAMES - 0.01
     words = f"{offset.frames:+.4f} +- {offset.half_width:.4f} frames"
-    return f"{words} (or more: the end of what is looked for)" if offset.at_the_end else words
+    return f"{words} (or more: the end of what is looked for)" if at_the_end else words
 
 
 def claim_of(found: dict[str, Offset]) -> Claim:
@@ -395,7 +387,7 @@ def _table(found: dict[str, Offset]) -> Table:
             "frames": words,
             "offset of the right camera, frames": round(one.frames, 5),
             "95 % interval, +-": round(one.half_width, 5),
-            "frames used": one.n_frames,
+            "frames used": len(one.by_frame),
             "points": one.n_points,
             "largest row motion, px a frame": round(float(np.abs(one.by_frame[:, 1]).max()), 2),
         }

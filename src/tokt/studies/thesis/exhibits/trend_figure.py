@@ -90,12 +90,11 @@ def trend_exhibit(context: StudyContext) -> Exhibit:
     }
     held = {name: rates[name, SECONDS_A_FRAME] for name in seen}
     scores = {name: score(one) for name, one in held.items()}
-    ours = [name for name in (TOKT_TEXTURE, DISPARITY) if name in scores]
     return Exhibit(
         words=_words(context, frames, texture),
         claims=(
             _distance_claim(scores, titles),
-            _sign_claim(scores, titles, ours),
+            _sign_claim(scores, titles),
             _contact_claim(held, titles),
         ),
         tables=(_score_table(rates, titles), _confusion_table(held, titles), _frame_table(held)),
@@ -111,11 +110,9 @@ def means_of_patches(curves: Curves, name: str, frames: Sequence[int]) -> pd.Dat
     """
     patches = curves.patches[name]
     mean = curves.mean[name].where(curves.status[name] != UNKNOWN).reindex(frames)
-    whole = [
-        bool(np.isfinite(mean[number])) and number in patches and _whole(patches[number])
-        for number in frames
-    ]
-    return pd.DataFrame({"mean": mean, "whole": whole}, pd.Index(frames, name="frame"))
+    whole = [number in patches and _whole(patches[number]) for number in frames]
+    index = pd.Index(frames, name="frame")
+    return pd.DataFrame({"mean": mean, "whole": np.isfinite(mean) & np.array(whole)}, index)
 
 
 def _whole(patches: NDArray[np.bool_]) -> bool:
@@ -237,11 +234,9 @@ def _asked(held: pd.DataFrame) -> pd.DataFrame:
 
 def confusion(held: pd.DataFrame) -> pd.DataFrame:
     """Counts of the frames that are asked about: rows by depth, columns as said."""
-    counts = pd.DataFrame(0, index=list(TRENDS), columns=[*TRENDS, NOT_SAID])
     asked = _asked(held)
-    for true, said in zip(asked.by_depth, asked.trend, strict=True):
-        counts.loc[true, said or NOT_SAID] += 1
-    return counts
+    counts = pd.crosstab(asked.by_depth, asked.trend.fillna(NOT_SAID))
+    return counts.reindex(index=TRENDS, columns=[*TRENDS, NOT_SAID], fill_value=0)
 
 
 def score(held: pd.DataFrame) -> dict[str, float | int | None]:
@@ -347,7 +342,7 @@ def _distance_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
     )
 
 
-def _sign_claim(scores: Scores, titles: Mapping[str, str], ours: Sequence[str]) -> Claim:
+def _sign_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
     parts, signed = [], 0
     for name, one in scores.items():
         both, share = one["same_sign"] + one["opposite_sign"], one["sign_agreement"]
@@ -356,7 +351,8 @@ def _sign_claim(scores: Scores, titles: Mapping[str, str], ours: Sequence[str]) 
             f"frames, {one['missed_approach']} of an approach called steady or shrinking"
         )
         signed += both
-    worst = min(scores[name]["sign_agreement"] or 0.0 for name in ours)
+    ours = [one for name, one in scores.items() if name in (TOKT_TEXTURE, DISPARITY)]
+    worst = min(one["sign_agreement"] or 0.0 for one in ours)
     if not signed:
         agreement, why = ClaimAgreement.UNCOMPARABLE, "no frame has a sign in both"
     elif worst >= _AGREES:
@@ -445,18 +441,15 @@ def _score_table(
 
 
 def _confusion_table(held: Held, titles: Mapping[str, str]) -> Table:
-    parts = []
-    for name, one in held.items():
-        counts = confusion(one)
-        counts.insert(0, "by depth", list(TRENDS))
-        counts.insert(0, "mean of", titles[name])
-        parts.append(counts)
+    counts = pd.concat(
+        {titles[name]: confusion(one) for name, one in held.items()}, names=["mean of", "by depth"]
+    )
     caption = (
         f"Frames by what the depth does (rows) and what was said (columns), {SECONDS_A_FRAME} s "
         "from frame to frame."
     )
     title = "Trend: what the depth does, and what was said"
-    return Table("trend_confusion", caption, pd.concat(parts, ignore_index=True), title)
+    return Table("trend_confusion", caption, counts.reset_index(), title)
 
 
 def _frame_table(held: Held) -> Table:

@@ -1,49 +1,221 @@
-"""Mean value and status of every frame by every method: what figures 5.3 to 5.5 are drawn from."""
+"""Mean value and status of every frame by every method: what figures 5.3 to 5.5 are drawn from.
+
+Methods run over a mission on many processes: frame by frame, or each in the frames' order. Ours
+judge a run of frames as ``tokt run`` does, through a policy; the compared ones answer for
+themselves.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from tokt.features.common.errors import ToktError
-from tokt.features.frames.image_file import pixel_sha256
-from tokt.features.frames.mission import LEFT, RIGHT
-from tokt.inference.verdict import UNKNOWN
+from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.extractors.extractor import build_extractor
+from tokt.features.frames.image_file import decode_image, pixel_sha256
+from tokt.features.frames.mission import LEFT, RIGHT, open_mission
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.frame import Frame
+from tokt.inference.policy.policy import SinglePolicy
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.sources.files import MissionSource
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.texture.detector import TextureDetector
+from tokt.inference.verdict import (
+    OBSTACLE,
+    STATUS_MEAN_THRESHOLD,
+    UNKNOWN,
+    Detector,
+    Verdict,
+    unknown_verdict,
+)
 from tokt.models.bundle.bundle import frame_id, read_bundle
 from tokt.studies.baselines.baseline import Baseline
+from tokt.studies.baselines.mean_disparity import Thirds
+from tokt.studies.baselines.size_change import SizeChange
 from tokt.studies.baselines.slic import SlicTexture
-from tokt.studies.baselines.thesis_models import TITLES
-from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE
+from tokt.studies.baselines.thesis_models import TITLES, ThesisModel
+from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
+from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.inputs import StudyInputs
+from tokt.training.datasets.augmentations import augment
 from tokt.training.fitting.presets import (
     DEFAULT_EXTRACTOR,
     TrainingSettings,
     extractor_for,
     settings_named,
 )
+from tokt.training.parallel import mapped
 
-from .frame_methods import (
-    MEAN_DISPARITY,
-    SIZE_CHANGE,
-    THESIS_DISPARITY,
-    TOKT_MODEL,
-    TOKT_STEREO,
-    FrameResult,
-    FrameTask,
-    JudgeNext,
-    bundle_judge,
-    judge_frames,
-    judge_sequences,
-    size_change_judge,
-    stereo_judge,
-    thirds_judge,
-)
 from .mission_models import PRESET, SLIC, TOKT_TEXTURE, SuperpixelMethods, held_out_texture
+
+THESIS_DISPARITY = "disparity"
+TOKT_STEREO, TOKT_MODEL = "tokt_stereo", "tokt_model"
+MEAN_DISPARITY, SIZE_CHANGE = Thirds.name, SizeChange.name
+
+JudgeNext = Callable[[Frame], Verdict]
+
+
+@dataclass(frozen=True)
+class FrameTask:
+    """One frame, still encoded, and the methods that judge it by itself.
+
+    Parameters
+    ----------
+    number : int
+    left, right : bytes, bytes or None
+    thesis : sequence of ThesisModel
+    superpixel_methods : sequence of Baseline
+    spec : dict or None
+        Of tokt's extractor, whose features are computed beside the methods.
+    changes : sequence of str
+        Augmentations of which the features are wanted, too.
+    """
+
+    number: int
+    left: bytes
+    right: bytes | None
+    thesis: Sequence[ThesisModel] = ()
+    superpixel_methods: Sequence[Baseline] = ()
+    spec: dict[str, Any] | None = None
+    changes: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class FrameResult:
+    """The methods' results for one frame.
+
+    Parameters
+    ----------
+    number : int
+    size : (height, width)
+        Of the frame, in pixels.
+    fault : str
+        Why the frame could not be judged at all; empty where it was.
+    mean : dict of str to float
+        By method: of the 0/255 mask, 0..255.
+    status : dict of str to int
+    patches : dict of str to array of bool, shape (n_patches,)
+        Of the thesis's texture methods: the patches that are not ocean.
+    features : list of array of float64, shape (n_patches, dim)
+        Of our own extractor: of the frame as it is, then as each change makes it.
+    """
+
+    number: int
+    size: tuple[int, int] = (0, 0)
+    fault: str = ""
+    mean: dict[str, float] = field(default_factory=dict)
+    status: dict[str, int] = field(default_factory=dict)
+    patches: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
+    features: list[NDArray[np.float64]] = field(default_factory=list)
+
+
+def judge_frames(tasks: Iterable[FrameTask], jobs: int) -> Iterator[FrameResult]:
+    """Judge frames, in their order; the results do not depend on `jobs`, which is `mapped`'s."""
+    return mapped(_judge, tasks, jobs)
+
+
+def _judge(task: FrameTask) -> FrameResult:
+    cv2.setNumThreads(1)
+    try:
+        left = decode_image(task.left, f"frame {task.number}")
+    except FrameError as error:
+        return FrameResult(task.number, fault=str(error))
+    found = FrameResult(task.number, (left.shape[0], left.shape[1]))
+    for model in task.thesis:
+        judged = model.judge(left)
+        found.mean[model.name] = float(judged.verdict.mean or 0.0)
+        found.status[model.name] = judged.verdict.status
+        found.patches[model.name] = judged.obstacle
+    _judge_pair(task, left, found)
+    for method in task.superpixel_methods:
+        verdict = method.judge(left, None, float(task.number)).verdict
+        found.mean[method.name] = float("nan") if verdict.mean is None else verdict.mean
+        found.status[method.name] = verdict.status
+    if task.spec is not None:
+        extractor = build_extractor(task.spec)
+        pictures = (left, *(augment(left, name) for name in task.changes))
+        found.features.extend(extractor.describe(picture, GRID) for picture in pictures)
+    return found
+
+
+def _judge_pair(task: FrameTask, left: NDArray[np.uint8], found: FrameResult) -> None:
+    """The thesis's disparity, on frames of the size that its numbers are for."""
+    if task.right is None or left.shape[1::-1] != THESIS_FRAME_SIZE:
+        return
+    try:
+        right = decode_image(task.right, f"right frame {task.number}")
+    except FrameError:
+        return
+    if right.shape[1::-1] == THESIS_FRAME_SIZE:
+        mean = judge_pair(left, right).mean
+        found.mean[THESIS_DISPARITY] = mean
+        found.status[THESIS_DISPARITY] = OBSTACLE if mean > STATUS_MEAN_THRESHOLD else 0
+
+
+def judge_sequences(
+    makers: Mapping[str, Callable[[], JudgeNext]], mission: Path, jobs: int
+) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Judge the frames of a mission in their order by each of some methods.
+
+    Parameters
+    ----------
+    makers : mapping of str to callable
+        By method: makes a function of the next frame. It goes to another process.
+    mission : Path
+    jobs : int
+        As for `mapped`; the results do not depend on it.
+
+    Returns
+    -------
+    iterator of (str, DataFrame)
+        The method; by frame its ``status``, the ``mean`` of its 0/255 mask, 0..255, and
+        ``distance_m``, of what is nearest; nan where not known.
+    """
+    return mapped(partial(_judge_sequence, mission), makers.items(), jobs)
+
+
+def _judge_sequence(
+    folder: Path, method: tuple[str, Callable[[], JudgeNext]]
+) -> tuple[str, pd.DataFrame]:
+    cv2.setNumThreads(1)
+    mission, (name, make) = open_mission(folder), method
+    judge, rows = make(), {}
+    for frame in MissionSource(mission, SYSTEM_CLOCK, stereo=RIGHT in mission.cameras):
+        verdict = judge(frame)
+        rows[frame.number] = verdict.status, verdict.mean, verdict.distance_m
+    found = pd.DataFrame.from_dict(rows, orient="index", columns=["status", "mean", "distance_m"])
+    return name, found.astype({"mean": float, "distance_m": float})
+
+
+def _by_policy(make: Callable[..., Detector], *given: Any) -> JudgeNext:
+    """A detector of ours as ``tokt run`` asks it."""
+    policy = SinglePolicy(make(*given))
+    return lambda frame: policy.judge(frame).verdict
+
+
+def _model_of(file: Path) -> TextureDetector:
+    return TextureDetector(read_bundle(file))
+
+
+def _by_baseline(make: type[Thirds] | type[SizeChange], *given: Any) -> JudgeNext:
+    method = make(*given)
+
+    def judge(frame: Frame) -> Verdict:
+        if frame.left is None or (make is Thirds and frame.right is None):
+            return unknown_verdict(Fault(Reason.MISSING, "a picture of it cannot be read"))
+        return method.judge(frame.left, frame.right, float(frame.number)).verdict
+
+    return judge
+
 
 THESIS, COMPARED, OURS = "the thesis's", "compared with", "tokt's"
 SLIC_TITLES = {f"slic_{name}": f"SLIC + {TITLES[name]}" for name in SLIC}
@@ -71,7 +243,7 @@ class Method:
     sampled: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass
 class Curves:
     """Curves by frame.
 
@@ -87,7 +259,7 @@ class Curves:
         Of the texture methods on the grid, by frame: the patches that are not ocean.
     distance_m : Series
         Near end of the matched depths, metres; nan where nothing is measured.
-    left_out : tuple of str
+    left_out : list of str
         Which methods could not be run, and why.
     unreadable : tuple of int
         Frames that could not be read.
@@ -98,8 +270,21 @@ class Curves:
     methods: dict[str, Method]
     patches: dict[str, dict[int, NDArray[np.bool_]]] = field(default_factory=dict)
     distance_m: pd.Series = field(default_factory=lambda: pd.Series(dtype=float))
-    left_out: tuple[str, ...] = ()
+    left_out: list[str] = field(default_factory=list)
     unreadable: tuple[int, ...] = ()
+
+    def add(
+        self,
+        name: str,
+        method: Method,
+        mean: pd.Series | dict[int, float],
+        status: pd.Series | dict[int, int],
+    ) -> None:
+        """Add a method's means and statuses by frame; others than the curves' are left out."""
+        self.mean[name] = pd.Series(mean, dtype=float).reindex(self.mean.index)
+        said = pd.Series(status, dtype="Int64").reindex(self.status.index)
+        self.status[name] = said.fillna(UNKNOWN).astype(int)
+        self.methods[name] = method
 
     def named(self, kind: str) -> list[str]:
         """The methods of a kind."""
@@ -127,20 +312,15 @@ def measure_curves(inputs: StudyInputs, superpixel_methods: SuperpixelMethods) -
     tasks = _frame_tasks(inputs, {n: superpixel_methods.of(n) for n in sample}, settings)
     found = judge_frames(tasks, inputs.request.jobs)
     judged = list(inputs.progress(found, len(numbers), "curves, frame by frame"))
-    gathered = _Gathered(inputs, [one for one in judged if not one.fault])
-    gathered.add_thesis()
-    gathered.add_slow(superpixel_methods, sample)
-    gathered.add_texture(settings)
-    distance_m = gathered.add_runs()
-    return Curves(
-        gathered.mean,
-        gathered.status,
-        gathered.methods,
-        gathered.patches,
-        distance_m.reindex(gathered.mean.index),
-        tuple(gathered.left_out),
-        tuple(one.number for one in judged if one.fault),
-    )
+    readable = [one for one in judged if not one.fault]
+    index = pd.Index([one.number for one in readable], name="frame")
+    curves = Curves(pd.DataFrame(index=index), pd.DataFrame(index=index), {})
+    curves.unreadable = tuple(one.number for one in judged if one.fault)
+    _add_thesis(curves, inputs, readable)
+    _add_slow(curves, superpixel_methods, sample, readable)
+    _add_texture(curves, inputs, settings, readable)
+    _add_runs(curves, inputs)
+    return curves
 
 
 def _frame_tasks(
@@ -161,116 +341,99 @@ def _frame_tasks(
         )
 
 
-class _Gathered:
-    """Curves while they are put together of the frames that could be read."""
+def _add_judged(curves: Curves, name: str, method: Method, readable: Sequence[FrameResult]) -> None:
+    """A method that judged the frames one by one."""
+    by_it = [one for one in readable if name in one.mean]
+    means = {one.number: one.mean[name] for one in by_it}
+    curves.add(name, method, means, {one.number: one.status[name] for one in by_it})
 
-    def __init__(self, inputs: StudyInputs, readable: Sequence[FrameResult]) -> None:
-        index = pd.Index([one.number for one in readable], name="frame")
-        self._inputs, self._readable = inputs, readable
-        self.mean, self.status = pd.DataFrame(index=index), pd.DataFrame(index=index)
-        self.methods: dict[str, Method] = {}
-        self.patches: dict[str, dict[int, NDArray[np.bool_]]] = {}
-        self.left_out: list[str] = []
 
-    def _add(
-        self,
-        name: str,
-        method: Method,
-        mean: pd.Series | dict[int, float],
-        status: pd.Series | dict[int, int],
-    ) -> None:
-        """A method's means and statuses by frame; of frames that are not there it knows none."""
-        self.mean[name] = pd.Series(mean, dtype=float).reindex(self.mean.index)
-        said = pd.Series(status, dtype="Int64").reindex(self.status.index)
-        self.status[name] = said.fillna(UNKNOWN).astype(int)
-        self.methods[name] = method
-
-    def _add_judged(self, name: str, method: Method) -> None:
-        """A method that judged the frames one by one."""
-        by_it = [one for one in self._readable if name in one.mean]
-        means = {one.number: one.mean[name] for one in by_it}
-        self._add(name, method, means, {one.number: one.status[name] for one in by_it})
-
-    def add_thesis(self) -> None:
-        """The thesis's texture models, and its disparity."""
-        for name, model in self._inputs.thesis.items():
-            words = f"{model.title} as the thesis has it, {self._inputs.two_images}"
-            self._add_judged(name, Method(model.title, THESIS, words))
-            self.patches[name] = {one.number: one.patches[name] for one in self._readable}
-        if any(THESIS_DISPARITY in one.mean for one in self._readable):
-            words = (
-                "the thesis's disparity pipeline (not rectified, stretched to 0..255, cropped by "
-                "200 px at either side); it learns nothing"
-            )
-            self._add_judged(THESIS_DISPARITY, Method("disparity", THESIS, words))
-        elif not self._inputs.pairs:
-            self.left_out.append("the thesis's disparity: the mission has no right frames")
-        else:
-            size = "x".join(map(str, THESIS_FRAME_SIZE))
-            self.left_out.append(f"the thesis's disparity: its numbers are for frames of {size}")
-
-    def add_slow(self, methods: SuperpixelMethods, sample: Sequence[int]) -> None:
-        """The methods on superpixels."""
-        for one in methods.of(sample[0]):
-            kind = THESIS if isinstance(one, SlicTexture) else COMPARED
-            words = (
-                f"{one.title} ({one.source}), {methods.words(one)}; on a sample of {len(sample)} "
-                "frames, as it is slow"
-            )
-            title = SLIC_TITLES.get(one.name, one.title)
-            self._add_judged(one.name, Method(title, kind, words, sampled=True))
-
-    def add_texture(self, settings: TrainingSettings | None) -> None:
-        """Our texture model, held out; without settings there is nothing to learn from."""
-        try:
-            if settings is None:
-                raise ToktError("there are no labels to learn from")
-            found = held_out_texture(self._inputs, self._readable, settings)
-        except ToktError as error:
-            self.left_out.append(f"tokt's texture model: {error}")
-            return
-        method = Method("tokt texture, held out", OURS, found.words)
-        self._add(TOKT_TEXTURE, method, found.mean, found.status)
-        self.patches[TOKT_TEXTURE] = found.patches
-
-    def add_runs(self) -> pd.Series:
-        """The methods that look at frames in their order; the distances that stereo measures."""
-        inputs, calibration = self._inputs, self._inputs.calibration
-        # The one that takes longest first, so that the others run beside it.
+def _add_thesis(curves: Curves, inputs: StudyInputs, readable: Sequence[FrameResult]) -> None:
+    """The thesis's texture models, and its disparity."""
+    for name, model in inputs.thesis.items():
+        words = f"{model.title} as the thesis has it, {inputs.two_images}"
+        _add_judged(curves, name, Method(model.title, THESIS, words), readable)
+        curves.patches[name] = {one.number: one.patches[name] for one in readable}
+    if any(THESIS_DISPARITY in one.mean for one in readable):
         words = (
-            "growing keypoints (Mori and Scherer 2013): frames against earlier ones; learns nothing"
+            "the thesis's disparity pipeline (not rectified, stretched to 0..255, cropped by "
+            "200 px at either side); it learns nothing"
         )
-        methods = {SIZE_CHANGE: Method("growing keypoints", COMPARED, words)}
-        makers: dict[str, Callable[[], JudgeNext]] = {SIZE_CHANGE: size_change_judge}
-        if calibration is None:
-            self.left_out.append(f"tokt's stereo, and thirds: {inputs.calibration_words}")
-        else:
-            methods |= _stereo_methods(inputs.calibration_words)
-            makers[MEAN_DISPARITY] = partial(thirds_judge, calibration)
-            makers[TOKT_STEREO] = partial(stereo_judge, calibration)
-        if inputs.request.model is not None:
-            methods[TOKT_MODEL] = _model_method(inputs)
-            makers[TOKT_MODEL] = partial(bundle_judge, inputs.request.model)
-        runs = judge_sequences(makers, inputs.mission.path, inputs.request.jobs)
-        distance_m = pd.Series(dtype=float)
-        for name, found in inputs.progress(runs, len(makers), "curves, in order of frames"):
-            self._add(name, methods[name], found["mean"], found.status)
-            if name == TOKT_STEREO:
-                distance_m = found.distance_m
-        return distance_m
+        _add_judged(curves, THESIS_DISPARITY, Method("disparity", THESIS, words), readable)
+    elif not inputs.pairs:
+        curves.left_out.append("the thesis's disparity: the mission has no right frames")
+    else:
+        size = "x".join(map(str, THESIS_FRAME_SIZE))
+        curves.left_out.append(f"the thesis's disparity: its numbers are for frames of {size}")
 
 
-def _stereo_methods(cameras: str) -> dict[str, Method]:
-    """By column; `cameras` says where the calibration is from."""
-    thirds = (
-        "left, centre and right mean disparity (Kostavelis and others 2009) on tokt's rectified "
-        f"disparity, with {cameras}; learns nothing"
-    )
-    ours = f"tokt's rectified disparity as tokt run has it, with {cameras}; learns no frames' looks"
-    return {
-        MEAN_DISPARITY: Method("thirds of disparity", COMPARED, thirds),
-        TOKT_STEREO: Method("tokt stereo", OURS, ours),
-    }
+def _add_slow(
+    curves: Curves,
+    methods: SuperpixelMethods,
+    sample: Sequence[int],
+    readable: Sequence[FrameResult],
+) -> None:
+    """The methods on superpixels."""
+    for one in methods.of(sample[0]):
+        kind = THESIS if isinstance(one, SlicTexture) else COMPARED
+        words = (
+            f"{one.title} ({one.source}), {methods.words(one)}; on a sample of {len(sample)} "
+            "frames, as it is slow"
+        )
+        title = SLIC_TITLES.get(one.name, one.title)
+        _add_judged(curves, one.name, Method(title, kind, words, sampled=True), readable)
+
+
+def _add_texture(
+    curves: Curves,
+    inputs: StudyInputs,
+    settings: TrainingSettings | None,
+    readable: Sequence[FrameResult],
+) -> None:
+    """Our texture model, held out; without settings there is nothing to learn from."""
+    try:
+        if settings is None:
+            raise ToktError("there are no labels to learn from")
+        features = {one.number: one.features for one in readable}
+        sizes = {one.number: one.size for one in readable}
+        found = held_out_texture(inputs, features, sizes, settings)
+    except ToktError as error:
+        curves.left_out.append(f"tokt's texture model: {error}")
+        return
+    method = Method("tokt texture, held out", OURS, found.words)
+    curves.add(TOKT_TEXTURE, method, found.mean, found.status)
+    curves.patches[TOKT_TEXTURE] = found.patches
+
+
+def _add_runs(curves: Curves, inputs: StudyInputs) -> None:
+    """The methods that look at frames in their order, and the distances that stereo measures."""
+    calibration, cameras = inputs.calibration, inputs.calibration_words
+    # The one that takes longest first, so that the others run beside it.
+    words = "growing keypoints (Mori and Scherer 2013): frames against earlier ones; learns nothing"
+    methods = {SIZE_CHANGE: Method("growing keypoints", COMPARED, words)}
+    makers: dict[str, Callable[[], JudgeNext]] = {SIZE_CHANGE: partial(_by_baseline, SizeChange)}
+    if calibration is None:
+        curves.left_out.append(f"tokt's stereo, and thirds: {cameras}")
+    else:
+        words = (
+            "left, centre and right mean disparity (Kostavelis and others 2009) on tokt's "
+            f"rectified disparity, with {cameras}; learns nothing"
+        )
+        methods[MEAN_DISPARITY] = Method("thirds of disparity", COMPARED, words)
+        makers[MEAN_DISPARITY] = partial(_by_baseline, Thirds, calibration)
+        ours = "tokt's rectified disparity as tokt run has it"
+        words = f"{ours}, with {cameras}; learns no frames' looks"
+        methods[TOKT_STEREO] = Method("tokt stereo", OURS, words)
+        makers[TOKT_STEREO] = partial(_by_policy, DisparityDetector, calibration, GRID)
+    if inputs.request.model is not None:
+        methods[TOKT_MODEL] = _model_method(inputs)
+        makers[TOKT_MODEL] = partial(_by_policy, _model_of, inputs.request.model)
+    runs = judge_sequences(makers, inputs.mission.path, inputs.request.jobs)
+    for name, found in inputs.progress(runs, len(makers), "curves, in order of frames"):
+        curves.add(name, methods[name], found["mean"], found.status)
+        if name == TOKT_STEREO:
+            curves.distance_m = found.distance_m
+    curves.distance_m = curves.distance_m.reindex(curves.mean.index)
 
 
 def _model_method(inputs: StudyInputs) -> Method:

@@ -60,8 +60,6 @@ from tokt.training.fitting.presets import (
 )
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
-from .frame_methods import FrameResult
-
 TOKT_TEXTURE = "tokt_texture"
 PRESET = "best"
 SLIC = ("lbp_10_5", "haralick")
@@ -77,9 +75,8 @@ _PENALTY = 1.0
 
 Tables = Mapping[int, Sequence[NDArray[np.float64]]]
 JudgeFrame = Callable[[NDArray[np.uint8]], Flags | str]
-Learnt = tuple[dict[int, NDArray[np.float64]], MofNRule]
-"""Of a model of one fold's training part: the obstacle scores of the frames that it judges, and the
-frame rule, chosen inside the training part."""
+Learnt = tuple[list[MofNRule], dict[int, tuple[int, NDArray[np.float64]]]]
+"""By fold its frame rule, chosen inside the training part; by frame its fold and its scores."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +100,10 @@ class HeldOutTexture:
 
 
 def held_out_texture(
-    inputs: StudyInputs, judged: Sequence[FrameResult], settings: TrainingSettings
+    inputs: StudyInputs,
+    features: Tables,
+    sizes: Mapping[int, tuple[int, int]],
+    settings: TrainingSettings,
 ) -> HeldOutTexture:
     """Judge each frame by a model of the other blocks.
 
@@ -111,8 +111,10 @@ def held_out_texture(
     ----------
     inputs : StudyInputs
         With labels.
-    judged : sequence of FrameResult
-        With features.
+    features : mapping of int to sequence of array of float64, shape (n_patches, dim)
+        By frame that could be read: of the frame as it is, then as each change makes it.
+    sizes : mapping of int to (height, width)
+        Of these frames, in pixels.
     settings : TrainingSettings
 
     Raises
@@ -120,12 +122,10 @@ def held_out_texture(
     ToktError
         If the labels are too few, or all of one class, for blocks to be held out.
     """
-    features = {one.number: one.features for one in judged if one.features}
     with tempfile.TemporaryDirectory(prefix="tokt-reproduce-") as name:
-        dataset, split = _dataset(inputs, Path(name), [one.number for one in judged])
+        dataset, split = _dataset(inputs, Path(name), list(sizes))
         check_blocks(dataset, split.folds, split.embargo_frames)
         learnt = _learn(inputs, dataset, split, features, settings)
-    sizes = {one.number: one.size for one in judged}
     return _judged(learnt, sizes, _words(dataset, split, settings))
 
 
@@ -168,39 +168,31 @@ def _learn(
     split: Split,
     features: Tables,
     settings: TrainingSettings,
-) -> list[Learnt]:
-    """For each fold a model of its training part, and what it says of the frames it judges."""
+) -> Learnt:
+    """Judge frames by models of the folds' training parts."""
     table, *augmented = _tables(dataset, features, 1 + len(settings.changes))
     check_features(dataset, table)
     patches, targets = dataset.patches, dataset.targets()
     folds = blocked_folds(patches, targets, split.folds, split.embargo_frames)
     judges = _judges(dataset, folds, list(features), split.embargo_frames)
     inner = Split(inner_folds(split.folds), split.embargo_frames)
-    learnt = []
+    rules: list[MofNRule] = []
+    said: dict[int, tuple[int, NDArray[np.float64]]] = {}
     for index, fold in enumerate(inputs.progress(folds, len(folds), "our texture, held out")):
         rows = fold.train
         parts = [one[rows] for one in augmented]
-        chosen = choose_hyperparameters(
-            patches.iloc[rows],
-            table[rows],
-            targets[rows],
-            settings,
-            inner,
-            parts,
-            inputs.request.jobs,
-        )
+        part = patches.iloc[rows], table[rows], targets[rows]
+        chosen = choose_hyperparameters(*part, settings, inner, parts, inputs.request.jobs)
         pipeline = fit_rows(table, targets, rows, chosen.choice, settings, augmented)
         model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
         scores, tested = np.full(len(targets), np.nan), np.zeros(len(targets), bool)
         scores[rows], tested[rows] = model.obstacle_score(chosen.values), True
         rule, _ = choose_frame_rule(dataset, scores, tested, DEFAULT_TARGET)
-        said = {
-            number: model.obstacle_score(decision_values(pipeline, features[number][0]))
-            for number, judge in judges.items()
-            if judge == index
-        }
-        learnt.append((said, rule))
-    return learnt
+        rules.append(rule)
+        for number in (number for number, judge in judges.items() if judge == index):
+            values = decision_values(pipeline, features[number][0])
+            said[number] = index, model.obstacle_score(values)
+    return rules, said
 
 
 def _judges(
@@ -221,19 +213,13 @@ def _judges(
     return judges
 
 
-def _judged(
-    learnt: Sequence[Learnt], sizes: Mapping[int, tuple[int, int]], words: str
-) -> HeldOutTexture:
+def _judged(learnt: Learnt, sizes: Mapping[int, tuple[int, int]], words: str) -> HeldOutTexture:
     """The frames in their order by each fold's rule; a frame's verdict is that of its own fold."""
-    scores = {
-        number: (index, one)
-        for index, (said, _) in enumerate(learnt)
-        for number, one in said.items()
-    }
+    rules, scores = learnt
     numbers = sorted(sizes)
     missed = missed_before(numbers, frame_step(numbers))
     found = HeldOutTexture({}, {}, {}, words)
-    for index, (_, rule) in enumerate(learnt):
+    for index, rule in enumerate(rules):
         run = MofNRun(rule)
         for number, gap in zip(numbers, missed, strict=True):
             run.begin(gap)
