@@ -13,7 +13,7 @@ from tokt.features.frames.mission import format_frames
 from tokt.inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN
 from tokt.studies.thesis.methods.curves import COMPARED, OURS, THESIS, Curves
 from tokt.studies.thesis.patch_scores import pooled_score
-from tokt.training.evaluation.metrics import first_of_three
+from tokt.training.evaluation.evaluate import first_detection
 
 from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import new_figure, png_of
@@ -83,7 +83,7 @@ def score_methods(context: StudyContext) -> dict[str, MethodScore]:
         ocean, false = _counted(status, context.ocean_frames) if labelled else (None, None)
         obstacle, detected = _counted(status, with_obstacle) if labelled else (None, None)
         patches = pooled_score(curves.patches.get(name, {}), context.truths)
-        first = first_of_three(status.index.tolist(), status.tolist())
+        first = first_detection(status.index.tolist(), [0] * len(status), status.tolist())
         found[name] = {
             "first_detection": None if method.sampled else first,
             "ocean_frames": ocean,
