@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
 from tokt.inference.policy.temporal_cues import GROWING, SHRINKING, STEADY
+from tokt.inference.verdict import UNKNOWN
 from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.thesis_models import thesis_model
 from tokt.studies.baselines.thesis_stereo import margin_of, thesis_cloud
@@ -33,6 +36,7 @@ from tokt.studies.thesis.exhibits.synchrony_figure import Rows, offset_of
 from tokt.studies.thesis.exhibits.trend_figure import (
     contact_ratios,
     depth_trend,
+    means_of_patches,
     means_of_stereo,
     score,
     trend_against_depth,
@@ -286,6 +290,19 @@ def test_a_thing_wholly_in_view_has_the_depth_s_trend_and_time() -> None:
     assert found["rank_correlation"] == pytest.approx(-1, abs=1e-3)
     assert len(contact_ratios(held)) > 10
     assert contact_ratios(held).median() == pytest.approx(1, abs=0.05)
+
+
+def test_means_of_patches_are_of_judged_frames_and_whole_inside_the_picture() -> None:
+    inside, cut = np.zeros((2, 10, 10), bool)
+    inside[4:6, 4:6] = cut[4:6, :2] = True
+    patches = {1: inside.ravel(), 2: cut.ravel(), 3: inside.ravel()}
+    mean, status = pd.Series({1: 4.0, 2: 4.0, 3: 4.0}), pd.Series({1: 1, 2: 1, 3: UNKNOWN})
+    curves: Any = SimpleNamespace(
+        patches={"lbp": patches}, mean={"lbp": mean}, status={"lbp": status}
+    )
+    seen = means_of_patches(curves, "lbp", [1, 2, 3, 4])
+    assert seen["mean"].tolist() == pytest.approx([4, 4, np.nan, np.nan], nan_ok=True)
+    assert seen["whole"].tolist() == [True, False, False, False]
 
 
 def test_a_turned_sign_and_shuffled_depths_are_found_out() -> None:
