@@ -67,9 +67,7 @@ def _draw_memory(axes: Any, found: Soak) -> None:
 
 def _draw_tail(axes: Any, found: Soak) -> None:
     for run, name in ((found.whole, "everything around it"), (found.bare, "the bare loop")):
-        times = np.sort(run.age_s[run.age_s > 0]) * 1000
-        share = 1 - np.arange(len(times)) / len(times)
-        axes.plot(times, share, lw=1.2, label=name)
+        axes.ecdf(run.age_s[run.age_s > 0] * 1000, complementary=True, lw=1.2, label=name)
     median = found.latency["age"]["median_ms"]
     words = f"{MAX_TAIL:g} x the median"
     axes.axvline(MAX_TAIL * median, color="0.3", lw=0.9, ls=":", label=words)
