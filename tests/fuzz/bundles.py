@@ -181,15 +181,7 @@ def _taken_apart(files: Files) -> tuple[dict[str, bytes], dict[str, Any]]:
 
 
 def _put_together(members: Mapping[str, bytes], manifest: bytes | dict[str, Any]) -> Files:
-    """A bundle whose hashes fit, whatever else does not.
-
-    Parameters
-    ----------
-    members : mapping
-        The other members.
-    manifest : bytes or dict
-        Text that is JSON or not; what of it is an object gets the hashes.
-    """
+    """A bundle whose hashes fit, whatever else does not; text that is no object gets none."""
     text = json.dumps(manifest).encode() if isinstance(manifest, dict) else manifest
     return {FILE: zip_bytes({"manifest.json": _with_hashes(text, members), **members})}
 

@@ -72,18 +72,14 @@ def fault_of(code: int, out: str, err: str) -> str:
     return "" if code in (0, 1) else f"exit code {code}"
 
 
-def _tree(box: Path) -> dict[Path, tuple[int, int]]:
+def _tree(box: Path) -> set[tuple[Path, int, int]]:
     """Every file with its size and time, but for what the command is there to write.
 
     The store it may lock and mend.
     """
-    stats = {path: path.stat() for path in box.rglob("*") if path.is_file()}
-    own = (box / "cwd" / "made", box / "cwd" / "store")
-    return {
-        path: (stat.st_size, stat.st_mtime_ns)
-        for path, stat in stats.items()
-        if not any(path.is_relative_to(folder) for folder in own)
-    }
+    own = {box / "cwd" / "made", box / "cwd" / "store"}
+    kept = [path for path in box.rglob("*") if path.is_file() and not own & {*path.parents}]
+    return {(path, path.stat().st_size, path.stat().st_mtime_ns) for path in kept}
 
 
 def _call(box: Path, files: Files, arguments: tuple[str, ...], port: int) -> str:
@@ -108,7 +104,7 @@ def _call(box: Path, files: Files, arguments: tuple[str, ...], port: int) -> str
     places = {"HOME": str(box / "home"), "TMPDIR": str(box / "tmp")}
     ran = run_python("-P", "-c", _PROGRAM, *given, folder=cwd, **places)
     fault = fault_of(ran.returncode, ran.stdout, ran.stderr)
-    if beside := _tree(box).items() ^ before.items():
+    if beside := _tree(box) ^ before:
         fault = fault or f"files outside: {sorted(beside)}"
     if fault:
         ended = f"{fault}: tokt {' '.join(given)} in {cwd}"

@@ -71,10 +71,6 @@ def _refusing(text: str) -> Callable[[Path], object]:
     return read
 
 
-def _outside(folder: Path) -> object:
-    return (folder.parent / "beside").write_bytes(b"")
-
-
 def _outside_and_gone(folder: Path) -> object:
     (folder.parents[1] / "gone").write_bytes(b"")
     return (folder.parents[1] / "gone").unlink()
@@ -96,7 +92,7 @@ def _kind(read: Callable[[Path], object]) -> Kind:
         (lambda folder: {}["missing"], "KeyError: 'missing'"),
         (_refusing("x" * (MAX_LINE + 1)), "a message of 1001 characters"),
         (_refusing("one\ntwo"), "control characters"),
-        (_outside, "outside: .*/beside"),
+        (lambda folder: (folder.parent / "beside").write_bytes(b""), "outside: .*/beside"),
         (_outside_and_gone, "outside: open .*/gone"),
         (_beside_unseen, "outside: subprocess.Popen"),
         (_beside_unseen, "outside: /.*/beside"),

@@ -16,10 +16,6 @@ from rich.table import Table
 
 from tokt.features.common import atomic
 
-LEFT: dict[str, Any] = {"no_wrap": True}
-RIGHT: dict[str, Any] = {"no_wrap": True, "justify": "right"}
-FOLD: dict[str, Any] = {"overflow": "fold"}
-"""Kinds of columns."""
 _PLAIN_WIDTH = 170
 WORST = 100
 
@@ -78,11 +74,14 @@ class Found:
         return out / f"{self.name}.png"
 
 
-def table(columns: Mapping[str, dict[str, Any]], rows: Iterable[Sequence[str]]) -> Table:
-    """A table of rows under these headings."""
+def table(headings: Sequence[str], rows: Iterable[Sequence[str]], *folded: str) -> Table:
+    """A table of names and figures, and of texts, which are `folded` where they are long."""
     made = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for heading, kind in columns.items():
-        made.add_column(heading, **kind)
+    for place, heading in enumerate(headings):
+        if heading in folded:
+            made.add_column(heading, overflow="fold")
+        else:
+            made.add_column(heading, no_wrap=True, justify="right" if place else "left")
     for row in rows:
         made.add_row(*row)
     return made

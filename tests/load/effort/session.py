@@ -31,6 +31,10 @@ _SUGGESTED = """async () => {
   const { mission } = await import("/static/core/mission.js");
   return !mission.model || mission.model.done === mission.model.total;
 }"""
+_SAVED = """async () => {
+  const { state, pending } = await import("/static/saving/saver.js");
+  return state() === "saved" && pending() === 0;
+}"""
 _SHEET = """(first) => {
   const thumbs = [...document.querySelectorAll(".thumb")];
   const waits = thumbs.some((thumb) => thumb.classList.contains("loading"));
@@ -98,7 +102,7 @@ class LabelSession:
             shown = self._shown(left[0])
             left = left[len(shown) :]
             self._label(shown, bool(left))
-        self._tab.wait_until_saved()
+        self._tab.until(_SAVED)
         return self.actions
 
     def _shown(self, first: int) -> list[int]:

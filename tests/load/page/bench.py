@@ -14,7 +14,7 @@ from rich.table import Table
 from tests.load.effort.effort import WAYS, LabellingEffort, measure_effort
 from tests.load.effort.session import Workflow
 from tests.load.program import label_server
-from tests.load.report import FOLD, LEFT, RIGHT, Found, Timing, machine_words, table, yes_or_no
+from tests.load.report import Found, Timing, machine_words, table, yes_or_no
 from tokt.cli.output import progress, say
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
@@ -168,10 +168,6 @@ def label_report(found: Mapping[str, Any]) -> list[Table | str]:
     ]
 
 
-def _columns(*headings: str) -> dict[str, dict[str, Any]]:
-    return {headings[0]: LEFT} | dict.fromkeys(headings[1:], RIGHT) | {"": FOLD}
-
-
 def _table_of_times(times: Sequence[Mapping[str, Any]]) -> Table:
     rows = [
         (
@@ -184,11 +180,11 @@ def _table_of_times(times: Sequence[Mapping[str, Any]]) -> Table:
         )
         for time in times
     ]
-    return table(_columns("ms", "p50", "p95", "worst", "asked", "kept", "n"), rows)
+    return table(("ms", "p50", "p95", "worst", "asked", "kept", "n", ""), rows, "")
 
 
 def _table_of_efforts(efforts: Sequence[Mapping[str, Any]]) -> Table:
-    headings = ("actions", "without", "with", "ratio", "asked", "kept", "labels equal")
+    headings = ("actions", "without", "with", "ratio", "asked", "kept", "labels equal", "")
     rows = [
         (
             effort["name"],
@@ -201,4 +197,4 @@ def _table_of_efforts(efforts: Sequence[Mapping[str, Any]]) -> Table:
         )
         for effort in efforts
     ]
-    return table(_columns(*headings), rows)
+    return table(headings, rows, "")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from tests.load.effort.effort import LabellingEffort
@@ -31,7 +32,10 @@ def label_chart_png(
     figure = Figure(figsize=(_WIDTH, 0.6 + sum(heights)), layout="constrained")
     axes = figure.subplots(len(parts), 1, squeeze=False, height_ratios=heights)[:, 0]
     for (draw, of), panel in zip(parts, axes, strict=True):
-        draw(panel, of)
+        draw(panel, of, np.arange(len(of)))
+        panel.invert_yaxis()
+        panel.grid(axis="x", alpha=0.3)
+        panel.spines[["top", "right"]].set_visible(False)
     computer = about["machine"]
     figure.suptitle(
         f"tokt label on mission {about['mission']}\n{about['browser']}; {computer['cpu']}, "
@@ -41,48 +45,33 @@ def label_chart_png(
     return figure_png(figure, _DPI)
 
 
-def _draw_times(axes: Any, times: Sequence[Timing]) -> None:
+def _draw_times(axes: Any, times: Sequence[Timing], rows: Any) -> None:
     """A bar from the median to the judged percentile, and a mark for what is asked."""
-    ends = []
-    for place, time in enumerate(times):
-        judged = time.at(time.percentile)
-        ends.append(max(judged, time.asked_ms or 0))
-        color = _MISSED if time.holds is False else _KEPT
-        axes.barh(place, judged, color=color, height=0.6)
-        axes.plot(time.at(50), place, "|", color="white", ms=12)
-        if time.asked_ms is not None:
-            axes.plot(time.asked_ms, place, "D", color=_ASKED, ms=6)
-        _write(axes, f"{judged:.3g} ms", ends[-1], place)
+    judged = [time.at(time.percentile) for time in times]
+    asked = np.array([time.asked_ms for time in times], float)  # nan where nothing is
+    axes.barh(rows, judged, 0.6, color=[_MISSED if t.holds is False else _KEPT for t in times])
+    axes.plot([time.at(50) for time in times], rows, "|", color="white", ms=12)
+    axes.plot(asked, rows, "D", color=_ASKED, ms=6)
+    ends = axes.barh(rows, np.fmax(judged, asked), alpha=0)
+    axes.bar_label(ends, [f"{time_ms:.3g} ms" for time_ms in judged], padding=8)
     axes.set_xscale("log")
-    axes.set_xlim(1, max(ends) * _ROOM)
+    axes.set_xlim(1, max(*judged, np.nanmax(asked, initial=0)) * _ROOM)
     axes.set_xlabel("ms (bar: the percentile that is judged; white: median; diamond: asked)")
-    _dress(axes, [time.name for time in times], "waiting")
+    axes.set_yticks(rows, [time.name for time in times])
+    axes.set_title("waiting", loc="left", fontsize=10)
 
 
-def _draw_efforts(axes: Any, efforts: Sequence[LabellingEffort]) -> None:
+def _draw_efforts(axes: Any, efforts: Sequence[LabellingEffort], rows: Any) -> None:
     """Two bars a way: actions without suggestions and with."""
-    ends = []
-    for place, effort in enumerate(efforts):
-        without, with_model = sum(effort.without), sum(effort.with_model)
-        ends.append(max(without, with_model))
-        color = _MISSED if effort.holds is False or effort.wrong else _KEPT
-        axes.barh(place - 0.2, without, color=_WITHOUT, height=0.36)
-        axes.barh(place + 0.2, with_model, color=color, height=0.36)
-        text = f"{effort.ratio:.1f}x fewer" + (", LABELS DIFFER" if effort.wrong else "")
-        _write(axes, text, ends[-1], place)
-    axes.set_xlim(0, 1.25 * max(ends))
+    without = [sum(each.without) for each in efforts]
+    with_model = [sum(each.with_model) for each in efforts]
+    colors = [_MISSED if each.holds is False or each.wrong else _KEPT for each in efforts]
+    axes.barh(rows - 0.2, without, 0.36, color=_WITHOUT)
+    axes.barh(rows + 0.2, with_model, 0.36, color=colors)
+    ends = axes.barh(rows, np.fmax(without, with_model), alpha=0)
+    words = [f"{e.ratio:.1f}x fewer" + (", LABELS DIFFER" if e.wrong else "") for e in efforts]
+    axes.bar_label(ends, words, padding=8)
+    axes.set_xlim(0, 1.25 * max(*without, *with_model))
     axes.set_xlabel("keys, clicks and drags (grey: without suggestions; colour: with)")
-    _dress(axes, [effort.way.words for effort in efforts], "labelling effort")
-
-
-def _write(axes: Any, text: str, end: float, place: int) -> None:
-    """A figure at the end of a bar."""
-    axes.annotate(text, (end, place), (8, 0), textcoords="offset points", va="center")
-
-
-def _dress(axes: Any, names: Sequence[str], title: str) -> None:
-    axes.set_title(title, loc="left", fontsize=10)
-    axes.set_yticks(range(len(names)), names)
-    axes.set_ylim(len(names) - 0.4, -0.6)
-    axes.grid(axis="x", alpha=0.3)
-    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_yticks(rows, [each.way.words for each in efforts])
+    axes.set_title("labelling effort", loc="left", fontsize=10)

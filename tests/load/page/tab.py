@@ -49,10 +49,6 @@ _IS_DRAWN = """([name, frame]) =>
 _MORE = "([name, known]) => performance.getEntriesByName(name).length > known"
 _COUNT = "name => performance.getEntriesByName(name).length"
 _START = "name => performance.getEntriesByName(name)[0].startTime"
-_SAVED = """async () => {
-  const { state, pending } = await import("/static/saving/saver.js");
-  return state() === "saved" && pending() === 0;
-}"""
 
 
 Box = Sequence[float]
@@ -96,10 +92,6 @@ class Tab:
         self.page.goto(f"{self.url}/{address}")
         self.wait_for(FIRST, 0)
         return float(self.page.evaluate(_START, FIRST))
-
-    def go(self, address: str) -> None:
-        """Follow a link inside the page."""
-        self.page.evaluate("address => { location.hash = address }", address)
 
     def count(self, name: str) -> int:
         """How many performance entries of that name there are."""
@@ -146,21 +138,12 @@ class Tab:
             time.sleep(_LOOK_EVERY_S)
         return found
 
-    def wait_until_saved(self) -> None:
-        """Wait until the page says that everything is saved."""
-        self.until(_SAVED)
-
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 _ARGUMENTS = (
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-background-timer-throttling",
-    "--disable-renderer-backgrounding",
-    "--disable-backgrounding-occluded-windows",
+    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-background-timer-throttling"),
+    *("--disable-renderer-backgrounding", "--disable-backgrounding-occluded-windows"),
 )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from tests.load.report import LEFT, RIGHT, Found, machine_words, table
+from tests.load.report import Found, machine_words, table
 from tokt.cli.output import progress, say
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
@@ -141,8 +141,7 @@ def _check_room(folder: Path, extent: ScaleBenchSize) -> None:
 
 def scale_report(found: Mapping[str, Any]) -> list[Table | str]:
     """What was found, to be printed."""
-    columns = {"step": LEFT}
-    columns |= {f"{size['patches']:,} patches": RIGHT for size in found["steps"][0]["sizes"]}
+    sizes = [f"{size['patches']:,} patches" for size in found["steps"][0]["sizes"]]
     rows = [
         (
             step["name"].replace("_", " "),
@@ -152,7 +151,7 @@ def scale_report(found: Mapping[str, Any]) -> list[Table | str]:
         for step in found["steps"]
     ]
     return [
-        table(columns | {"time grows as": RIGHT}, rows),
+        table(("step", *sizes, "time grows as"), rows),
         f"frames {found['extent']['width']} pixels wide, rendered and repeated with other "
         f"noise; features {found['extractor']}; cpu s and MB (the most in use at one moment) "
         "of all processes together; ~ worked out from a fit, not measured",

@@ -6,9 +6,8 @@ import threading
 import time
 import urllib.request
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,57 +30,49 @@ _ENDS = 10
 checked in another process has pipes for a moment."""
 
 
-class Exchanges:
-    """Exchange a store's active model, now and then for a damaged one, each time it is asked for.
+SWITCHED, REFUSED = "model", "model_refused"
+"""What a runtime's log says where it went over to another model, and where it refused one."""
 
-    ::
 
-        1 ──deploy──> 2 ──rollback──> 1 ──deploy──> 2 ──deploy──> 3 (damaged) ──rollback──> 2 ──> 1
-
-    The store is made here, with the first of three bundles active. `switches` are steps at which a
-    runtime is to go over to another model, `refusals` those at which it is to refuse one.
-    """
-
-    def __init__(self, store: Path, bundles: Sequence[Bundle]) -> None:
-        self.switches = self.refusals = 0
-        self._store = Store(store)
-        self._bundles = bundles
-        self._steps = 0
-        self._store.deploy(bundles[0], "the first")
-
-    def step(self) -> None:
-        """Make another model the active one."""
-        place = self._steps % 6
-        self._steps += 1
-        if place in (0, 2):
-            self._store.deploy(self._bundles[1], "the other")
-            self.switches += 1
-        elif place == 3:
-            self._store.deploy(self._bundles[2], "its disk is bad")
-            # Cut short; a runtime starts a process to look at it, which takes longer.
-            bad = self._bundles[2]
-            self._store.bundle_file(bad.sha256).write_bytes(bad.data[:-_CUT])
-            self.refusals += 1
-        else:
-            self._store.rollback("back")
-            self.switches += place != 4  # what was refused never ran
+def exchanges(store: Store, models: Sequence[Bundle]) -> Iterator[str | None]:
+    """Exchange the active model, the first of three, for ever; what each is to lead to."""
+    _, other, bad = models
+    while True:
+        store.deploy(other, "the other")
+        yield SWITCHED
+        store.rollback("back")
+        yield SWITCHED
+        store.deploy(other, "the other")
+        yield SWITCHED
+        store.deploy(bad, "its disk is bad")
+        # Cut short; a runtime starts a process to look at it, which takes longer.
+        store.bundle_file(bad.sha256).write_bytes(bad.data[:-_CUT])
+        yield REFUSED
+        store.rollback("back")
+        yield None  # what was refused never ran
+        store.rollback("back")
+        yield SWITCHED
 
 
 class Attendant:
     """Looks at a run as often as asked and exchanges its model, in a thread, while a block lasts.
 
-    Its metrics are on 127.0.0.1 at `port`. What each look saw is one of `samples`: ``at_s``
+    Its metrics are on 127.0.0.1 at `port`. `asked` counts what `exchanges` were to lead to. What
+    each look saw is one of `samples`: ``at_s``
     (`time.monotonic`), ``frames`` judged so far and ``models`` taken over or refused so far (by its
     own metrics), ``resident`` bytes in memory, how many ``threads`` and ``files`` it has open, and
     how long its metrics took (``scrape_s``). `metrics` are those of the last look, each the sum
     over its labels; `settled` says that every model was taken over or refused that was to be.
     """
 
-    def __init__(self, pid: int, port: int, exchanges: Exchanges, extent: SoakSize) -> None:
+    def __init__(
+        self, pid: int, port: int, exchanges: Iterator[str | None], extent: SoakSize
+    ) -> None:
         self.samples: list[dict[str, Any]] = []
         self.metrics: Counter[str] = Counter()
         self.settled = True
-        self.exchanges = exchanges
+        self.asked: Counter[str | None] = Counter()
+        self._exchanges = exchanges
         self._process = psutil.Process(pid)
         self._url = f"http://127.0.0.1:{port}/metrics"
         self._extent = extent
@@ -120,10 +111,10 @@ class Attendant:
             if not self.samples:
                 continue
             newest = self.samples[-1]
-            settled = newest["models"] == self.exchanges.switches + self.exchanges.refusals
+            settled = newest["models"] == self.asked[SWITCHED] + self.asked[REFUSED]
             if now >= exchange_at and settled and newest["frames"] < self._extent.last_exchange:
                 exchange_at, settled = now + self._extent.exchange_every_s, False
-                self.exchanges.step()
+                self.asked[next(self._exchanges)] += 1
             self.settled = settled
             if now >= say_at:
                 say_at += _SAY_S

@@ -9,13 +9,14 @@ from matplotlib.figure import Figure
 
 from tokt.training.evaluation.pictures import figure_png
 
+from .attend import REFUSED, SWITCHED
 from .run import Run
 from .verdict import MAX_TAIL, Soak, growth_words
 
 _DPI = 130
 _BLOCKS = 200
 _LINES = {50.0: "median", 99.0: "p99", 99.9: "p99.9", 100.0: "longest"}
-_MARKS = {"model": ("#55a868", "another model"), "model_refused": ("#c44e52", "a model refused")}
+_MARKS = {SWITCHED: ("#55a868", "another model"), REFUSED: ("#c44e52", "a model refused")}
 
 
 def chart_png(found: Soak) -> bytes:
@@ -28,7 +29,7 @@ def chart_png(found: Soak) -> bytes:
     extent = found.whole.extent
     figure.suptitle(
         f"tokt: {extent.frames} frames in {found.whole.seconds / 60:.1f} minutes, "
-        f"{found.whole.attendant.exchanges.switches} hot reloads; {found.about['machine']['cpu']}"
+        f"{found.whole.attendant.asked[SWITCHED]} hot reloads; {found.about['machine']['cpu']}"
     )
     return figure_png(figure, _DPI)
 
@@ -66,9 +67,7 @@ def _draw_memory(axes: Any, found: Soak) -> None:
 
 def _draw_tail(axes: Any, found: Soak) -> None:
     for run, name in ((found.whole, "everything around it"), (found.bare, "the bare loop")):
-        times = np.sort(run.age_s[run.age_s > 0]) * 1000
-        share = 1 - np.arange(len(times)) / len(times)
-        axes.plot(times, share, lw=1.2, label=name)
+        axes.ecdf(run.age_s[run.age_s > 0] * 1000, complementary=True, lw=1.2, label=name)
     median = found.latency["age"]["median_ms"]
     words = f"{MAX_TAIL:g} x the median"
     axes.axvline(MAX_TAIL * median, color="0.3", lw=0.9, ls=":", label=words)

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from tests.load.program import ended, program
 from tokt.inference.recording.run_log import events_path
 from tokt.models.bundle.bundle import Bundle
+from tokt.models.store.store import Store
 
-from .attend import Attendant, Exchanges
+from .attend import Attendant, exchanges
 from .feed import Feeder
 from .plan import FrameKind, SoakSize, plan
 
@@ -46,16 +47,18 @@ class Run:
 def whole_run(folder: Path, extent: SoakSize, models: Sequence[Bundle]) -> Run:
     """Run to the end with everything around it. Raises ToktError if it fails."""
     (folder / "log").mkdir(parents=True)
-    exchanges = Exchanges(folder / "store", models)
+    store = Store(folder / "store")
+    store.deploy(models[0], "the first")
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     log = folder / "log" / "run.jsonl"
-    options = ["--store", folder / "store", "--metrics", port, "--log", log]
+    options = ["--store", store.path, "--metrics", port, "--log", log]
     options += ["--log-max-mb", extent.log_mb, "--log-keep", extent.log_keep]
     options += ["--record", folder / "record", "--record-mb", extent.record_mb]
     options += ["--record-before", _AROUND_S, "--record-after", _AROUND_S]
 
-    run = _run(folder, extent, options, lambda pid: Attendant(pid, port, exchanges, extent))
+    steps = exchanges(store, models)
+    run = _run(folder, extent, options, lambda pid: Attendant(pid, port, steps, extent))
     lines = map(json.loads, events_path(log).read_text("utf-8").splitlines())
     happened = [(line["event"], line["seq"] - 1) for line in lines]
     return replace(run, happened=happened)

@@ -17,7 +17,7 @@ import tempfile
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from tests.load.report import FOLD, LEFT, Found, machine_words, table, yes_or_no
+from tests.load.report import Found, machine_words, table, yes_or_no
 from tokt.cli.output import say
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
@@ -30,7 +30,6 @@ from .synthetic_frames import bundles
 from .verdict import Soak
 
 _MODELS = 3
-_COLUMNS = {"": LEFT, "asked": FOLD, "found": FOLD, "holds": LEFT}
 
 
 def run_soak(extent: SoakSize) -> Found:
@@ -51,8 +50,9 @@ def run_soak(extent: SoakSize) -> Found:
         restart = live.restarts(extent.kills) if extent.kills else None
     about = {"extent": asdict(extent), "machine": machine()}
     found = Soak(whole, bare, pauses, restart, about)
+    rows = [(*check[:3], yes_or_no(check.holds)) for check in found.checks]
     report = [
-        table(_COLUMNS, [(*check[:3], yes_or_no(check.holds)) for check in found.checks]),
+        table(("", "asked", "found", "holds"), rows, "asked", "found"),
         f"{extent.frames} frames of 180x135 pixels in {whole.seconds:.0f} s; latency: from "
         "a frame's arrival until its report is sent",
         machine_words(about),

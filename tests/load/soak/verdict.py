@@ -16,6 +16,7 @@ from tests.load.report import WORST, Timing
 from tokt.inference.config import Limits
 from tokt.inference.runtime import TICK_S
 
+from .attend import REFUSED, SWITCHED
 from .run import Run
 
 MAX_TAIL = 3.0
@@ -171,18 +172,20 @@ class Soak:
         ]
 
     def _resources(self) -> list[Check]:
-        asked = self.whole.attendant.exchanges
-        happened = Counter(name for name, _ in self.whole.happened)
-        switches, refusals = happened["model"], happened["model_refused"]
+        asked, happened = (
+            self.whole.attendant.asked,
+            Counter(name for name, _ in self.whole.happened),
+        )
+        to_be, were = ((each[SWITCHED], each[REFUSED]) for each in (asked, happened))
         ends, lost = self.whole.attendant.ends(), self.whole.summary["log_failures"]
         words = ", ".join(f"{name} {first} to {last}" for name, (first, last) in ends.items())
         same = all(last <= first for first, last in ends.values())
         checks = [
             Check(
                 "hot reloads",
-                f"{asked.switches} models taken over, {asked.refusals} damaged ones refused",
-                f"{switches} and {refusals}",
-                (switches, refusals) == (asked.switches, asked.refusals),
+                f"{to_be[0]} models taken over, {to_be[1]} damaged ones refused",
+                f"{were[0]} and {were[1]}",
+                were == to_be,
             ),
             Check("threads and files", "no more at the end", words, same),
             Check("log", "every line written", f"{lost} lost", not lost),
