@@ -36,11 +36,9 @@ from tokt.features.kernels.quantization import Quantization as Quantization
 from .frame_pictures import gray_picture as gray_picture
 from .named_extractors import NAMED as NAMED
 from .named_extractors import extractor_named as extractor_named
-from .spec import Spec as Spec
 from .spec import build_extractor as build_extractor
 from .textures import HARALICK_NAMES as HARALICK_NAMES
 from .textures import PLAIN_IMAGE as PLAIN_IMAGE
-from .textures import SPEC_VERSION as SPEC_VERSION
 from .textures import Context as Context
 from .textures import Extractor as Extractor
 from .textures import Haralick as Haralick

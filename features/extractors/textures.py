@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -77,10 +78,14 @@ class OnePicture(Extractor):
         self.names = names if image is None else tuple(f"{image.label}.{name}" for name in names)
         self.dim = len(names)
 
-    @property
-    def image_spec(self) -> dict[str, Any]:
-        """The spec's ``image``."""
-        return dict(PLAIN_IMAGE) if self.image is None else self.image.to_json()
+    def _spec(
+        self, name: str, options: dict[str, Any] | None = None, later: dict[str, Any] | None = None
+    ) -> dict[str, Any]:
+        """A spec of version 1; of version 2 with `later` options, which version 1 does not know."""
+        image = dict(PLAIN_IMAGE) if self.image is None else self.image.to_json()
+        version = SPEC_VERSION if later is None else 2
+        spec = {"name": name, "version": version, **(options or {}), "image": image}
+        return spec | (later or {})
 
 
 BILINEAR, NEAREST = "bilinear", "nearest"
@@ -121,23 +126,16 @@ class Lbp(OnePicture):
     @property
     def spec(self) -> dict[str, Any]:
         """The spec this was built from; version 1 knows no sampling."""
-        spec = {
-            "name": "lbp",
-            "version": SPEC_VERSION,
-            "points": self.points,
-            "radius": self.radius,
-            "border": self.border,
-            "image": self.image_spec,
-        }
-        return spec if self.sampling is None else {**spec, "version": 2, "sampling": self.sampling}
+        options = {"points": self.points, "radius": self.radius, "border": self.border}
+        later = None if self.sampling is None else {"sampling": self.sampling}
+        return self._spec("lbp", options, later)
 
     def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
         """Fraction of a patch's pixels with each pattern; rows sum to 1."""
         picture, grid = pictures.picture(self.image), pictures.grid
         kernel = KERNELS.lbp_nearest_counts if self.sampling == NEAREST else KERNELS.lbp_counts
         counts = kernel(picture, grid, self.points, self.radius, self.border, pictures.threads)
-        patch_height, patch_width = grid.patch_size(*picture.shape)
-        return counts / float(patch_height * patch_width)
+        return counts / float(prod(grid.patch_size(*picture.shape)))
 
 
 HARALICK_NAMES = (
@@ -178,13 +176,8 @@ class Haralick(OnePicture):
     @property
     def spec(self) -> dict[str, Any]:
         """The spec this was built from; version 1 knows no scale."""
-        spec = {
-            "name": "haralick",
-            "version": SPEC_VERSION,
-            "ignore_zeros": self.ignore_zeros,
-            "image": self.image_spec,
-        }
-        return spec if self.scale is None else {**spec, "version": 2, "scale": self.scale}
+        later = None if self.scale is None else {"scale": self.scale}
+        return self._spec("haralick", {"ignore_zeros": self.ignore_zeros}, later)
 
     def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
         """The 13 features of each patch's grey-level co-occurrence matrices (GLCM)."""
@@ -235,20 +228,15 @@ class Lines(OnePicture):
     @property
     def spec(self) -> dict[str, Any]:
         """The spec this was built from."""
-        return {
-            "name": "lines",
-            "version": SPEC_VERSION,
-            "samples": list(self.samples),
-            "image": self.image_spec,
-        }
+        return self._spec("lines", {"samples": list(self.samples)})
 
     def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
         """One row a patch."""
         picture, grid = pictures.picture(self.image), pictures.grid
         middle = (256 if self.image is None else self.image.levels) // 2
         sums = KERNELS.line_sums(picture, grid, middle, self.samples, pictures.threads)
-        patch_height, patch_width = grid.patch_size(*picture.shape)
-        pixels, n = float(patch_height * patch_width), np.array(self.samples, np.float64)
+        pixels = float(prod(grid.patch_size(*picture.shape)))
+        n = np.array(self.samples, np.float64)
         ridge = sums[:, :, 0] / (8 * n * pixels)
         energy = sums[:, :, 1:] / (n * n * pixels)[:, None]
         strongest = np.log(energy.max(axis=2) + _NO_LINE**2)
@@ -270,7 +258,7 @@ class Moments(OnePicture):
     @property
     def spec(self) -> dict[str, Any]:
         """The spec this was built from."""
-        return {"name": "moments", "version": SPEC_VERSION, "image": self.image_spec}
+        return self._spec("moments")
 
     def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
         """One row a patch, in levels."""
@@ -316,15 +304,14 @@ class Structure(OnePicture):
     @property
     def spec(self) -> dict[str, Any]:
         """The spec this was built from."""
-        return {"name": "structure", "version": SPEC_VERSION, "image": self.image_spec}
+        return self._spec("structure")
 
     def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
         """One row a patch."""
         picture, grid = pictures.picture(self.image), pictures.grid
         sums = KERNELS.structure_sums(picture, grid, pictures.threads)
-        patch_height, patch_width = grid.patch_size(*picture.shape)
         # Neighbours are two pixels apart: a difference is twice the slope.
-        across, down, both = (sums / (4.0 * patch_height * patch_width)).T
+        across, down, both = (sums / (4.0 * prod(grid.patch_size(*picture.shape)))).T
         trace = across + down
         apart = np.sqrt((across - down) ** 2 + 4 * both**2)
         strong, weak = (trace + apart) / 2, np.maximum(trace - apart, 0) / 2

@@ -34,6 +34,19 @@ from .quantization import (
     gray16_step,
 )
 
+_INTERFACE = 5
+if getattr(_native, "INTERFACE", None) != _INTERFACE:
+    raise ImportError("the extension was built from other sources; install tokt again")
+
+DETAIL = f"{_native.INSTRUCTIONS[-1]} instructions"
+
+_LOG2_TABLE = 1 << 16  # counts; larger ones are rare, and their logarithm is taken when needed
+_MAX_POINTS_IN_TABLE = 12  # 4 kB of pattern codes; a larger table pushes out what it indexes
+_INVERSE_DIFFERENCE = 1.0 / (1.0 + np.arange(256.0) ** 2)
+_MAX_REDUCTION = 64.0  # beyond it so many values are near ties that OpenCV is as fast
+# OpenCV's sums are known to be formed this way on x86; elsewhere its own resize is called.
+_OWN_RESIZE = platform.machine().lower() in ("x86_64", "amd64")
+
 
 class _Scratch(threading.local):
     """One thread's memory for intermediate results."""
@@ -47,26 +60,12 @@ class _Scratch(threading.local):
         return _native.GlcmScratch()
 
 
-_INTERFACE = 5
-if getattr(_native, "INTERFACE", None) != _INTERFACE:
-    raise ImportError("the extension was built from other sources; install tokt again")
-
 SCRATCH = _Scratch()
 
 
 def _do_rows(use: str, kernel: Any, rows: int, threads: int, *arguments: Any) -> None:
     """Have a kernel do all rows, in equal parts, one a thread with scratch memory of its own."""
     over_rows(lambda first, last: kernel(*arguments, first, last, SCRATCH.of[use]), rows, threads)
-
-
-DETAIL = f"{_native.INSTRUCTIONS[-1]} instructions"
-
-_LOG2_TABLE = 1 << 16  # counts; larger ones are rare, and their logarithm is taken when needed
-_MAX_POINTS_IN_TABLE = 12  # 4 kB of pattern codes; a larger table pushes out what it indexes
-_INVERSE_DIFFERENCE = 1.0 / (1.0 + np.arange(256.0) ** 2)
-_MAX_REDUCTION = 64.0  # beyond it so many values are near ties that OpenCV is as fast
-# OpenCV's sums are known to be formed this way on x86; elsewhere its own resize is called.
-_OWN_RESIZE = platform.machine().lower() in ("x86_64", "amd64")
 
 
 @lru_cache(maxsize=16)
@@ -257,7 +256,7 @@ def quantize(
 ) -> NDArray[np.uint8]:
     """`Kernels.quantize`, to the last bit."""
     kernel = _quantizer(quantization)
-    total = _native.gray16_total(gray16) if quantization.by == FRAME else 0
+    total = int(cv2.sumElems(gray16)[0]) if quantization.by == FRAME else 0
     scale = quantization.scale(total, gray16.size)
     picture = np.empty(gray16.shape, np.uint8)
     _do_rows("quantize", kernel.rows, len(gray16), threads, gray16, scale, picture)

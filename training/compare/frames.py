@@ -114,10 +114,6 @@ def statuses(
     return found
 
 
-def _first(frames: NDArray[np.int64], chosen: NDArray[np.bool_]) -> int | None:
-    return int(frames[chosen][0]) if chosen.any() else None
-
-
 def frame_figures(series: FrameSeries, status: NDArray[np.int64]) -> dict[str, Any]:
     """Statuses against what the labels say a frame holds.
 
@@ -133,7 +129,7 @@ def frame_figures(series: FrameSeries, status: NDArray[np.int64]) -> dict[str, A
     first = []
     for rows in series.sequences():
         numbers = series.table.frame.to_numpy()[rows]
-        labelled = _first(numbers, obstacle[rows])
+        labelled = next(iter(numbers[obstacle[rows]].tolist()), None)
         gaps = series.gaps[rows].tolist()
         found = first_detection(numbers.tolist(), gaps, status[rows].tolist())
         row = series.table.iloc[rows.start]

@@ -281,9 +281,12 @@ def permutation_test(
     if not len(differing):
         return PermutationTest(1.0, 1, True, 0, 1.0)
     exact = len(differing) <= EXACT_BLOCKS
-    swaps = _all_swaps(len(differing)) if exact else _drawn_swaps(len(differing), seed)
+    if exact:
+        swaps = (np.arange(2 ** len(differing))[:, None] >> np.arange(len(differing))) & 1
+    else:
+        swaps = np.random.default_rng(seed).integers(0, 2, (_DRAWN, len(differing)))
     shape = (len(swaps), *first.shape[1:])
-    moved = (swaps @ change[differing]).reshape(shape)
+    moved = (swaps.astype(np.float64) @ change[differing]).reshape(shape)
     differences = figure(first.sum(axis=0) + moved) - figure(second.sum(axis=0) - moved)
     seen = figure(first.sum(axis=0)[None]) - figure(second.sum(axis=0)[None])
     as_large = int((np.abs(differences) >= abs(float(seen[0])) - _ROUNDING).sum())
@@ -294,16 +297,6 @@ def permutation_test(
     # The arrangement seen is one of those that could have been drawn.
     p = (as_large + 1) / (len(swaps) + 1)
     return PermutationTest(p, len(swaps), False, len(differing), 1 / (len(swaps) + 1))
-
-
-def _all_swaps(blocks: int) -> NDArray[np.float64]:
-    codes = np.arange(2**blocks)[:, None]
-    return np.asarray((codes >> np.arange(blocks)) & 1, np.float64)
-
-
-def _drawn_swaps(blocks: int, seed: int) -> NDArray[np.float64]:
-    rng = np.random.default_rng(seed)
-    return np.asarray(rng.integers(0, 2, (_DRAWN, blocks)), np.float64)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

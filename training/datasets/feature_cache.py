@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -52,23 +51,16 @@ def feature_key(dataset: DatasetVersion, spec: dict[str, Any], augmentation: str
     return json_sha256(parts)[:24]
 
 
-@dataclass(frozen=True)
-class _DescribeTask:
-    """One frame to describe."""
-
-    path: Path
-    digest: str
-    cells: NDArray[np.int64]
-    spec: dict[str, Any]
-    grid: Grid
-    augmentation: str
+_DescribeTask = tuple[Path, str, NDArray[np.int64], dict[str, Any], Grid, str]
+"""One frame to describe: file, digest, cells, spec, grid, augmentation."""
 
 
 def _describe(task: _DescribeTask) -> NDArray[np.float64]:
-    frame = read_stored_frame(task.path, task.digest)
-    if task.augmentation:
-        frame = augmentations.augment(frame, task.augmentation)
-    return build_extractor(task.spec).describe(frame, task.grid)[task.cells]
+    path, digest, cells, spec, grid, augmentation = task
+    frame = read_stored_frame(path, digest)
+    if augmentation:
+        frame = augmentations.augment(frame, augmentation)
+    return build_extractor(spec).describe(frame, grid)[cells]
 
 
 def _cached(path: Path, shape: tuple[int, int]) -> NDArray[np.float64] | None:
@@ -120,7 +112,8 @@ def cached_features(
     shape = (len(dataset.patches), build_extractor(spec).dim)
     table = _cached(path, shape)
     if table is None:
-        _compute(_tasks(dataset, spec, augmentation), path, shape, progress, jobs, dask)
+        what = f"features, {augmentation}" if augmentation else "features"
+        _compute(_tasks(dataset, spec, augmentation), path, shape, what, progress, jobs, dask)
         table = _cached(path, shape)
     if table is None:
         raise ToktError(f"feature cache {path} cannot be read back; is the disk full?")
@@ -141,7 +134,7 @@ def _tasks(
     groups = patches.groupby(keys, sort=False).indices
     cells = (patches.row * grid.cols + patches.col).to_numpy()
     return [
-        (rows, _DescribeTask(*stored[key], cells[rows], spec, grid, augmentation))
+        (rows, (*stored[key], cells[rows], spec, grid, augmentation))
         for key, rows in groups.items()
     ]
 
@@ -150,12 +143,11 @@ def _compute(
     tasks: list[tuple[NDArray[np.int64], _DescribeTask]],
     path: Path,
     shape: tuple[int, int],
+    what: str,
     progress: Callable[..., Any],
     jobs: int,
     dask: str | None,
 ) -> None:
-    augmentation = tasks[0][1].augmentation
-    what = f"features, {augmentation}" if augmentation else "features"
     atomic.remove_partials(path.parent, atomic.ABANDONED_S)
     with atomic.scratch_folder(path) as folder:
         table = np.lib.format.open_memmap(folder / path.name, "w+", np.float64, shape)

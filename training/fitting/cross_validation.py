@@ -144,7 +144,7 @@ def choose_hyperparameters(
     """
     folds = blocked_folds(patches, targets, split.folds, split.embargo_frames)
     tasks = [
-        _Fit(features, targets, fold, choice, settings, augmented)
+        (features, targets, fold, choice, settings, augmented)
         for choice in settings.choices
         for fold in folds
     ]
@@ -162,23 +162,17 @@ def choose_hyperparameters(
     return best
 
 
-@dataclass(frozen=True)
-class _Fit:
-    """One fold of one candidate."""
-
-    features: NDArray[np.float64]
-    targets: NDArray[np.int64]
-    fold: Fold
-    choice: Hyperparameters
-    settings: TrainingSettings
-    augmented: Tables
+_Fit = tuple[
+    NDArray[np.float64], NDArray[np.int64], Fold, Hyperparameters, TrainingSettings, Tables
+]
+"""One fold of one candidate: features, targets, fold, choice, settings, augmented."""
 
 
 def _tested(task: _Fit) -> NDArray[np.float64]:
     """Decision values of the fold's test rows."""
-    rows = task.fold.train
-    model = fit_rows(task.features, task.targets, rows, task.choice, task.settings, task.augmented)
-    return decision_values(model, task.features[task.fold.test])
+    features, targets, fold, choice, settings, augmented = task
+    model = fit_rows(features, targets, fold.train, choice, settings, augmented)
+    return decision_values(model, features[fold.test])
 
 
 def _outputs(classes: int) -> int:

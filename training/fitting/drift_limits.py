@@ -25,8 +25,8 @@ from tokt.models.distribution import (
     quantile_edges,
 )
 from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.evaluation.frame_scores import KEYS
 
-_KEYS = ["mission", "camera", "frame"]
 _MIN_FILLED = 0.5
 """Part of the frames of the fullest window: a window at a gap in the labels may have fewer."""
 
@@ -53,7 +53,7 @@ def training_distribution(
     if dataset.block_frames is None:
         return None
     length = min(dataset.block_frames, MAX_WINDOW_FRAMES)
-    grouped = dataset.patches.groupby(_KEYS)
+    grouped = dataset.patches.groupby(KEYS)
     of_patch = grouped.ngroup().to_numpy(np.int64)
     sizes = grouped.size()
     windows = _windows(sizes.index.to_frame(index=False), sizes.to_numpy(), length, embargo_frames)
@@ -73,7 +73,7 @@ def training_distribution(
         typical[feature] = max(float(distances.mean()), MIN_TYPICAL)
         largest[feature] = distances.max()
     factor = max(1.0, float((largest / typical).max()))
-    return Distribution(edges, counts, typical, factor, length, len(windows), stretches)
+    return Distribution(edges, counts, typical, factor, length, len(windows.first), stretches)
 
 
 @dataclass(frozen=True)
@@ -97,9 +97,6 @@ class _Windows:
     first: NDArray[np.int64]
     last: NDArray[np.int64]
     near: NDArray[np.int64]
-
-    def __len__(self) -> int:
-        return len(self.first)
 
 
 def _windows(

@@ -39,7 +39,7 @@ from threadpoolctl import ThreadpoolController
 
 from tokt.features.common.errors import ToktError
 from tokt.labels.formats.audit_csv import Audit, AuditedPatch
-from tokt.models.registry.registry import RegisteredVersion, Registry
+from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import OBSTACLE, DatasetVersion, open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
@@ -137,12 +137,14 @@ def _of_model(registry: Registry, reference: str, datasets: Path) -> AuditInput:
             f"dataset {made_by['dataset']} instead"
         )
     dataset = open_dataset(made_by["dataset"], datasets)
+    with registry.reported():
+        known = registry.client.get_run(version.run_id).data.params
     return AuditInput(
         f"model {version.label} ({dataset.label})",
         f"{version.name}-{version.version}",
         dataset,
         recipe["extractor"],
-        _split_of(registry, version),
+        Split(int(known["split_folds"]), int(known["split_embargo_frames"])),
         _settings_of(made_by),
         _first_values(registry.held_out(version.label), dataset),
     )
@@ -156,12 +158,6 @@ def _settings_of(made_by: dict[str, Any]) -> TrainingSettings:
         class_weights=(None if weight == "none" else weight,),
         changes=() if changes == "none" else tuple(changes.split(", ")),
     )
-
-
-def _split_of(registry: Registry, version: RegisteredVersion) -> Split:
-    with registry.reported():
-        known = registry.client.get_run(version.run_id).data.params
-    return Split(int(known["split_folds"]), int(known["split_embargo_frames"]))
 
 
 def _first_values(table: pd.DataFrame, dataset: DatasetVersion) -> NDArray[np.float64] | None:

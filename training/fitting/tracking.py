@@ -30,6 +30,7 @@ from tokt.models.operating_point import OperatingPoint
 from tokt.models.registry.registry import RECIPE_VERSION, RegisteredVersion, Registry
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.evaluation import plots
+from tokt.training.evaluation.frame_scores import KEYS
 
 from .classifier import decision_values
 from .train import Trained, parameters
@@ -62,9 +63,8 @@ def code_version() -> str:
 def _golden_rows(dataset: DatasetVersion) -> list[int]:
     """Two frames of the dataset: the one with most obstacle patches, and the clearest one."""
     flags = np.asarray(dataset.obstacle_flags(), bool)[dataset.targets()]
-    keys = ["mission", "camera", "frame"]
-    counts = dataset.patches.assign(obstacle=flags).groupby(keys).obstacle.agg(["sum", "size"])
-    listed = counts.loc[pd.MultiIndex.from_frame(dataset.frames[keys])].reset_index(drop=True)
+    counts = dataset.patches.assign(obstacle=flags).groupby(KEYS).obstacle.agg(["sum", "size"])
+    listed = counts.loc[pd.MultiIndex.from_frame(dataset.frames[KEYS])].reset_index(drop=True)
     most = int(listed["sum"].idxmax())
     clearest = int((listed["size"] - listed["sum"]).idxmax())
     return sorted({most, clearest})

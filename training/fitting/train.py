@@ -23,6 +23,7 @@ from tokt.models.operating_point import MofNRule
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import blocked_folds
+from tokt.training.evaluation.frame_scores import KEYS
 
 from .choose_operating_point import (
     DEFAULT_TARGET,
@@ -284,10 +285,10 @@ def _candidates(settings: TrainingSettings) -> str:
 
 def _first_clear_frame(dataset: DatasetVersion) -> NDArray[np.uint8]:
     clear = ~np.asarray(dataset.obstacle_flags(), bool)[dataset.targets()]
-    table = dataset.patches.assign(clear=clear).groupby(["mission", "camera", "frame"]).clear
+    table = dataset.patches.assign(clear=clear).groupby(KEYS).clear
     sizes, sums = table.size(), table.sum()
     full = set(sums[(sums == sizes) & (sizes == dataset.grid.n_patches)].index)
-    keys = dataset.frames[["mission", "camera", "frame"]].itertuples(index=False, name=None)
+    keys = dataset.frames[KEYS].itertuples(index=False, name=None)
     for index, key in enumerate(keys):
         if key in full:
             return dataset.read_frame(index)
@@ -355,8 +356,7 @@ def _test_on_all(
     dataset = request.dataset
     split = request.split
     folds = blocked_folds(dataset.patches, dataset.targets(), split.folds, split.embargo_frames)
-    keys = ["mission", "camera", "frame"]
-    digests = dataset.patches[keys].merge(dataset.frames, on=keys, how="left").digest
+    digests = dataset.patches[KEYS].merge(dataset.frames, on=KEYS, how="left").digest
     number = np.full(len(dataset.patches), -1)
     for index, fold in enumerate(folds):
         number[fold.test] = index

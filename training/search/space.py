@@ -126,7 +126,11 @@ def _space_from(content: dict[str, Any], folder: Path) -> Space:
     if not isinstance(extractors, dict) or not extractors:
         raise ToktError("[extractors] holds at least one NAME = extractor")
     built = {name: _named(name, value, folder) for name, value in extractors.items()}
-    trials = sorted((_trial(*item) for item in built.items()), key=lambda trial: trial.cost)
+    found = (
+        Trial(name, extractor.spec, extractor.dim, len(_pictures(extractor.spec)))
+        for name, extractor in built.items()
+    )
+    trials = sorted(found, key=lambda trial: trial.cost)
     named: dict[str, str] = {}
     for trial in trials:
         if trial.id in named:
@@ -169,11 +173,6 @@ def _changes(value: Any) -> tuple[str, ...]:
     for name in value:
         parse_augmentation(name)
     return tuple(dict.fromkeys(value))
-
-
-def _trial(name: str, extractor: Extractor) -> Trial:
-    spec = extractor.spec
-    return Trial(name, spec, extractor.dim, len(_pictures(spec)))
 
 
 def _named(name: str, value: Any, folder: Path) -> Extractor:

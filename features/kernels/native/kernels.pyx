@@ -112,7 +112,6 @@ cdef extern from "quantization.h" nogil:
         double offset
         double top
 
-    void gray16_sum(const Gray16Picture *picture, int64_t *total)
     size_t quantize_scratch(const QuantizeSettings *settings, int width)
     void quantize_rows(const Gray16Picture *picture, const QuantizeSettings *settings,
                        double scale, int first, int last, double *scratch, uint8_t *out)
@@ -366,22 +365,6 @@ def resized_gray16(const uint8_t[:, :, ::1] frame, Gray16Tables rows, Gray16Tabl
                     &out[0, 0])
 
 
-cdef Gray16Picture gray16_picture(const uint16_t[:, ::1] gray16) noexcept nogil:
-    cdef Gray16Picture picture
-    picture.pixels = &gray16[0, 0]
-    picture.height, picture.width = gray16.shape[0], gray16.shape[1]
-    return picture
-
-
-def gray16_total(const uint16_t[:, ::1] gray16):
-    """Sum of a 16-bit gray picture."""
-    cdef Gray16Picture picture = gray16_picture(gray16)
-    cdef int64_t total
-    with nogil:
-        gray16_sum(&picture, &total)
-    return total
-
-
 cdef class Quantizer:
     """Quantization of a 16-bit gray picture; see ``quantization.h``."""
 
@@ -396,7 +379,9 @@ cdef class Quantizer:
     def rows(self, const uint16_t[:, ::1] gray16, double scale, uint8_t[:, ::1] out, int first,
              int last, Scratch scratch):
         """Write rows first..last of the picture in levels."""
-        cdef Gray16Picture picture = gray16_picture(gray16)
+        cdef Gray16Picture picture
+        picture.pixels = &gray16[0, 0]
+        picture.height, picture.width = gray16.shape[0], gray16.shape[1]
         cdef size_t needed = quantize_scratch(&self.settings, picture.width)
         cdef double *memory = <double *>scratch.of(needed * sizeof(double))
         with nogil:

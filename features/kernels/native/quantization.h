@@ -35,7 +35,6 @@ typedef struct {
 
 enum {
     QUANTIZE_VALUES = 256,
-    QUANTIZE_SUMMED = 4096, /* pixels whose sum fits 32 bits */
     QUANTIZE_NARROW = 11 /* side of a box up to which columns are added one by one */
 };
 
@@ -112,22 +111,6 @@ TOKT_BODY void quantize_box(const Gray16Picture *picture, QuantizeBox *box, int 
     for (int x = 0; x < width; x++)
         mean[x] = (double)(before[x + side] - before[x]) * share[x] * rows;
 }
-
-/* Sum of the whole picture. */
-TOKT_BODY void gray16_sum_body(const Gray16Picture *picture, int64_t *total) {
-    *total = 0;
-    for (int y = 0; y < picture->height; y++) {
-        const uint16_t *TOKT_RESTRICT row = picture->pixels + (ptrdiff_t)y * picture->width;
-        for (int x = 0; x < picture->width;) {
-            int stop = quantize_min(picture->width, x + QUANTIZE_SUMMED);
-            uint32_t sum = 0;
-            for (; x < stop; x++) sum += row[x];
-            *total += sum;
-        }
-    }
-}
-
-TOKT_VARIANTS(gray16_sum, (const Gray16Picture *picture, int64_t *total), (picture, total))
 
 /* Rows first..last of the picture in levels; `scale` is how many levels a step becomes. */
 TOKT_BODY void quantize_rows_body(const Gray16Picture *picture, const QuantizeSettings *settings,

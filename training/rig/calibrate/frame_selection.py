@@ -85,10 +85,10 @@ def match_mission(
         If there is no frame in which matches are found.
     """
     present = stereo_frames(mission, frames)
-    shares = [texture(mission, frame) for frame in progress(present, len(present), "survey")]
-    worth = [f for f, share in zip(present, shares, strict=True) if share >= _MIN_SHARE]
+    shares = {frame: texture(mission, frame) for frame in progress(present, len(present), "survey")}
+    worth = [frame for frame, share in shares.items() if share >= _MIN_SHARE]
     if len(worth) > most:
-        worth = evenly_spaced(worth, most) if spread else _densest(worth, shares, present, most)
+        worth = evenly_spaced(worth, most) if spread else _densest(worth, shares, most)
     size = frame_size(mission)
     found = [match_frame(mission, frame, size) for frame in progress(worth, len(worth), "match")]
     matched = [one for one in found if one is not None]
@@ -119,9 +119,8 @@ def evenly_spaced(items: Sequence[T], count: int) -> list[T]:
     return [items[place] for place in places]
 
 
-def _densest(worth: list[int], shares: list[float], present: list[int], most: int) -> list[int]:
+def _densest(worth: list[int], shares: dict[int, float], most: int) -> list[int]:
     """The `most` frames in a row with the most texture: tracks need neighbours."""
-    by_frame = dict(zip(present, shares, strict=True))
-    sums = np.convolve([by_frame[frame] for frame in worth], np.ones(most), "valid")
+    sums = np.convolve([shares[frame] for frame in worth], np.ones(most), "valid")
     first = int(sums.argmax())
     return worth[first : first + most]
