@@ -48,7 +48,6 @@ def _fractions(offsets: NDArray[np.float64], size: int) -> NDArray[np.float64]:
     return np.ascontiguousarray(positions - np.floor(positions))
 
 
-@lru_cache(maxsize=16)
 def lbp_points(points: int, radius: float, height: int, width: int) -> LbpPoints:
     """The sampling points of (P, R) over a view of `height` x `width` pixels."""
     angles = 2 * np.pi * np.arange(points, dtype=np.float64) / points

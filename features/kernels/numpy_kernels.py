@@ -7,7 +7,10 @@ LBP counts, Haralick features equal to rounding. What is taken and given stands 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import threading
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -18,7 +21,6 @@ from tokt.features.frames.grid import Grid
 from .block_matching import block_disparity as block_disparity
 from .checks import over_rows
 from .lbp_points import lbp_points, nearest_points
-from .numpy_pictures import histograms
 from .numpy_pictures import level_counts as level_counts
 from .numpy_pictures import quantize as quantize
 from .numpy_pictures import resized_gray as resized_gray
@@ -31,6 +33,7 @@ DETAIL = f"numpy {np.__version__}"
 
 _DIRECTIONS = ((0, 1), (1, 1), (1, 0), (1, -1))
 _GREYS = 256
+_KEPT_VALUES = 200_000  # pixels; about 100 bytes each stay allocated
 _CACHED_VALUES = 30_000  # float64 values that a few arrays of fit a core's cache
 
 
@@ -39,8 +42,8 @@ def lbp_counts(
 ) -> Counts:
     """`Kernels.lbp_counts`, to the last integer."""
     if border == "frame":
-        codes = grid.cells(_lbp_codes(gray[None], points, radius)[0])
-        return histograms(codes.reshape(grid.n_patches, -1), points + 2)
+        codes = _sampler(points, radius, len(gray), 1, gray.shape[1]).codes(gray[:, None, :])
+        return _histograms(grid.cells(codes[:, 0]).reshape(grid.n_patches, -1), points + 2)
     patches = grid.cells(gray)
     counts = np.empty((grid.n_patches, points + 2), np.int64)
     at_once = max(1, _CACHED_VALUES // patches[0].size)
@@ -48,49 +51,162 @@ def lbp_counts(
     def work(first: int, last: int) -> None:
         end = last * grid.cols
         for begin in range(first * grid.cols, end, at_once):
-            codes = _lbp_codes(patches[begin : min(begin + at_once, end)], points, radius)
+            some = patches[begin : min(begin + at_once, end)].swapaxes(0, 1)
+            codes = _sampler(points, radius, *some.shape).codes(some).swapaxes(0, 1)
             flat = codes.reshape(len(codes), -1)
-            counts[begin : begin + len(codes)] = histograms(flat, points + 2)
+            counts[begin : begin + len(codes)] = _histograms(flat, points + 2)
 
     over_rows(work, grid.rows, threads)
     return counts
 
 
-def _lbp_codes(views: NDArray[np.uint8], points: int, radius: float) -> NDArray[np.uint8]:
-    """The pattern of each pixel of n views (n, height, width), each with zeros around it."""
-    height, width = views.shape[1:]
-    made = lbp_points(points, radius, height, width)
-    around = (made.reach, made.reach)
-    padded = np.pad(views.astype(np.float64), ((0, 0), around, around))
-    is_set = np.empty((points, *views.shape), bool)
-    for offset, left in enumerate((made.reach + made.column_floor).tolist()):
-        near, far = (padded[:, :, at : at + width] for at in (left, left + 1))
-        across = _between(near, far, made.column_fraction[offset])
-        for point in made.point[made.first[offset] : made.first[offset + 1]].tolist():
-            top = made.reach + int(made.row_floor[point])
-            upper, lower = (across[:, at : at + height] for at in (top, top + 1))
-            value = _between(upper, lower, made.row_fraction[point][:, None])
-            np.greater_equal(value, views, out=is_set[point])
-    return _bins(iter(is_set), points)
+def _histograms(codes: NDArray[np.uint8], bins: int) -> Counts:
+    """One histogram a row of codes."""
+    flat = codes + (bins * np.arange(len(codes)))[:, None]
+    return np.bincount(flat.ravel(), minlength=len(codes) * bins).reshape(-1, bins)
 
 
-def _between(near: Floats, far: Floats, fraction: Floats) -> Floats:
-    """What lies a fraction of a pixel beyond `near`; at whole pixels that itself."""
-    return (1 - fraction) * near + fraction * far if fraction.any() else near
+_WHOLE_PIXEL: list[tuple[int, int, float]] = []
 
 
-def _bins(patterns: Iterator[NDArray[np.bool_]], points: int) -> NDArray[np.uint8]:
-    """The bin of each pixel, by which of its points are set, one after the other.
+def _runs(fractions: Floats) -> list[tuple[int, int, float]]:
+    """Where equal fractions follow each other: first, last + 1 and the fraction.
 
-    That of a uniform pattern is its number of ones, of any other points + 1.
+    A position's fraction changes in its last bits where the position passes a power of two, so
+    there are few runs, and one weight goes with a whole block of pixels. Fractions of whole
+    pixels are all zero.
     """
-    before = next(patterns)
-    ones, changes = before.astype(np.uint8), np.zeros(before.shape, np.uint8)
-    for now in patterns:
-        ones += now
-        changes += before != now
-        before = now
-    return np.where(changes > 2, np.uint8(points + 1), ones)
+    if not fractions.any():
+        return _WHOLE_PIXEL
+    ends = np.flatnonzero(np.append(fractions[1:] != fractions[:-1], True)) + 1
+    starts = np.concatenate([[0], ends[:-1]])
+    return list(zip(starts.tolist(), ends.tolist(), fractions[starts].tolist(), strict=True))
+
+
+class _Sampler:
+    """Local binary patterns of n views of one size, each with zeros around it.
+
+    The views' rows lie side by side, so that a row's weight goes with many pixels. Its arrays
+    are used again for the next views.
+
+    Parameters
+    ----------
+    points, radius : int, float
+        P sampling points on a circle of R pixels.
+    height, n, width : int
+    """
+
+    def __init__(self, points: int, radius: float, height: int, n: int, width: int) -> None:
+        self.points = lbp_points(points, radius, height, width)
+        self.column_runs = [_runs(fraction) for fraction in self.points.column_fraction]
+        self.row_runs = [_runs(fraction) for fraction in self.points.row_fraction]
+        reach = self.points.reach
+        self.padded = np.zeros((height, n, width + 2 * reach), np.uint8)
+        self.inside = self.padded[:, :, reach : reach + width]
+        self.centre, self.between, self.value, self.part, *spare = np.empty((6, height, n, width))
+        self.spare: list[Floats] = spare
+        self.moved: dict[int, Floats] = {}
+        self.is_set = np.empty((points, height, n, width), bool)
+        self.ones, self.changes, self.change = np.empty((3, height, n, width), np.uint8)
+
+    def codes(self, views: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Each pixel's pattern, a uniform one by its number of ones, any other P + 1.
+
+        Takes and returns uint8, shape (height, n, width); what it returned last is overwritten.
+        """
+        self.inside[:] = views
+        self.centre[:] = views
+        self.spare += self.moved.values()
+        self.moved.clear()
+        points = self.points
+        for offset in range(len(points.column_floor)):
+            across = self._interpolate(offset)
+            for point in points.point[points.first[offset] : points.first[offset + 1]].tolist():
+                self._compare(across, point)
+        patterns = self.is_set.view(np.uint8)
+        self.ones[:] = patterns[0]
+        self.changes[:] = 0
+        for before, now in pairwise(patterns):
+            self.ones += now
+            self.changes += np.bitwise_xor(before, now, out=self.change)
+        np.copyto(self.ones, len(points.point) + 1, where=self.changes > 2)
+        return self.ones
+
+    def _moved(self, shift: int) -> Floats:
+        """The views moved sideways by whole pixels, zeros following; two are kept."""
+        if shift not in self.moved:
+            # Offsets come in order: the lowest shift is not needed again.
+            kept = self.spare.pop() if self.spare else self.moved.pop(min(self.moved))
+            begin = self.points.reach + shift
+            kept[:] = self.padded[:, :, begin : begin + kept.shape[2]]
+            self.moved[shift] = kept
+        return self.moved[shift]
+
+    def _interpolate(self, offset: int) -> Floats:
+        """Every row interpolated at one column offset."""
+        floor = int(self.points.column_floor[offset])
+        near = self._moved(floor)
+        runs = self.column_runs[offset]
+        if runs == _WHOLE_PIXEL:
+            return near
+        far = self._moved(floor + 1)
+        np.multiply(near, 1 - runs[-1][2], out=self.between)
+        np.multiply(far, runs[-1][2], out=self.part)
+        for first, last, right in runs[:-1]:
+            columns = np.s_[:, :, first:last]
+            np.multiply(near[columns], 1 - right, out=self.between[columns])
+            np.multiply(far[columns], right, out=self.part[columns])
+        return np.add(self.between, self.part, out=self.between)
+
+    def _compare(self, across: Floats, point: int) -> None:
+        """Set `is_set` where one sampling point's value is not below the centre."""
+        floor, runs = int(self.points.row_floor[point]), self.row_runs[point]
+        out = self.is_set[point]
+        if runs == _WHOLE_PIXEL:
+            first, last = _overlap(len(out), floor)
+            np.equal(self.centre[:first], 0, out=out[:first])
+            np.equal(self.centre[last:], 0, out=out[last:])
+            rows = across[first + floor : last + floor]
+            np.greater_equal(rows, self.centre[first:last], out=out[first:last])
+            return
+        value = self.value
+        _weigh(across, floor, [(first, last, 1 - below) for first, last, below in runs], value)
+        _weigh(across, floor + 1, runs, self.part)
+        np.add(value, self.part, out=value)
+        np.greater_equal(value, self.centre, out=out)
+
+
+def _overlap(height: int, down: int) -> tuple[int, int]:
+    """Rows of a view that still lie in it `down` rows lower: first, last + 1."""
+    first = min(max(0, -down), height)
+    return first, max(first, min(height, height - down))
+
+
+def _weigh(across: Floats, down: int, runs: list[tuple[int, int, float]], out: Floats) -> None:
+    """Write the rows that lie `down` rows lower times their weight, zero beyond the view."""
+    first, last = _overlap(len(out), down)
+    out[:first] = 0
+    out[last:] = 0
+    for begin, end, weight in runs:
+        begin, end = max(begin, first), min(end, last)
+        if begin < end:
+            np.multiply(across[begin + down : end + down], weight, out=out[begin:end])
+
+
+class _SamplerCache(threading.local):
+    """One thread's arrays: asked for anew with every frame they would cost page faults."""
+
+    def __init__(self) -> None:
+        self.get = lru_cache(maxsize=4)(_Sampler)
+
+
+_samplers = _SamplerCache()
+
+
+def _sampler(points: int, radius: float, height: int, n: int, width: int) -> _Sampler:
+    """One with arrays that are there already, unless they are too large to be kept."""
+    make = _samplers.get if height * n * width <= _KEPT_VALUES else _Sampler
+    return make(points, radius, height, n, width)
 
 
 def haralick_features(
@@ -257,17 +373,27 @@ def lbp_nearest_counts(
     gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> Counts:
     """`Kernels.lbp_nearest_counts`."""
+    size = grid.patch_size(*gray.shape)
     views = gray[None] if border == "frame" else grid.cells(gray)
     reach = int(np.ceil(radius))
     padded = np.pad(views, ((0, 0), (reach, reach), (reach, reach)))
     height, width = views.shape[1:]
-    patterns = (
-        padded[:, top : top + height, left : left + width] >= views
-        for top, left in (reach + nearest_points(points, radius)).tolist()
+    ones, changes = np.zeros((2, *views.shape), np.uint8)
+    before: NDArray[np.bool_] | None = None
+    for down, right in nearest_points(points, radius).tolist():
+        top, left = reach + down, reach + right
+        now = padded[:, top : top + height, left : left + width] >= views
+        ones += now
+        if before is not None:
+            changes += before != now
+        before = now
+    np.copyto(ones, points + 1, where=changes > 2)
+    codes = grid.cells(ones[0]) if border == "frame" else ones
+    flat = codes.reshape(grid.n_patches, size[0] * size[1]).astype(np.int64)
+    flat += (points + 2) * np.arange(grid.n_patches)[:, None]
+    return np.bincount(flat.ravel(), minlength=grid.n_patches * (points + 2)).reshape(
+        -1, points + 2
     )
-    codes = _bins(patterns, points)
-    codes = grid.cells(codes[0]) if border == "frame" else codes
-    return histograms(codes.reshape(grid.n_patches, -1), points + 2)
 
 
 def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> Counts:
