@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from tokt.labels.record import LabelRecord
     from tokt.labels.taxonomy import Taxonomy
     from tokt.models.bundle.bundle import Bundle
-    from tokt.training.compare.predictions import ComparedModels
 
 
 def compare(
@@ -57,20 +56,28 @@ def compare(
 ) -> None:
     """Compare models: which is better, by how much, and is the difference real?"""
     from tokt.features.common import atomic
+    from tokt.features.frames.mission import open_mission, parse_frames
+    from tokt.labels.taxonomy import load_taxonomy
+    from tokt.models.registry.load import load_model
     from tokt.models.registry.registry import Registry
     from tokt.training.compare.comparison import compare_models
-    from tokt.training.compare.held_out_predictions import read_held_out
+    from tokt.training.compare.held_out_predictions import check_different, read_held_out
+    from tokt.training.compare.mission_predictions import predict_mission
     from tokt.training.compare.report import has_registry, log_comparison, report_html
 
     if mission is None and (labels or frames or taxonomy):
         raise ToktError("--labels, --frames and --taxonomy go with --mission")
     if output is not None and output.is_dir():
         raise ToktError(f"{output} is a folder; -o names the report's file")
-    compared = (
-        read_held_out(models, workspace)
-        if mission is None
-        else _on_mission(models, mission, labels or [], frames, taxonomy, workspace)
-    )
+    if mission is None:
+        compared = read_held_out(models, workspace)
+    else:
+        classes, opened = load_taxonomy(workspace, taxonomy), open_mission(mission)
+        wanted = parse_frames(frames) if frames else None
+        bundles = [load_model(model, workspace) for model in models]
+        check_different([bundle.label for bundle in bundles], [bundle.sha256 for bundle in bundles])
+        mine = _labels_on(opened, labels or [], workspace, classes, bundles[0].grid)
+        compared = predict_mission(bundles, opened, mine, classes, progress, wanted)
     result = compare_models(compared, workspace, progress, learning_curve)
     html = report_html(compared, result)
     if output is not None:
@@ -82,29 +89,6 @@ def compare(
         say(f"MLflow run: {log_comparison(result, html, Registry(workspace))}")
     else:
         say(f"not logged: no registry in workspace {workspace}")
-
-
-def _on_mission(
-    models: list[str],
-    mission: Path,
-    labels: list[Path],
-    frames: str | None,
-    taxonomy: Path | None,
-    workspace: Path,
-) -> ComparedModels:
-    from tokt.features.frames.mission import open_mission, parse_frames
-    from tokt.labels.taxonomy import load_taxonomy
-    from tokt.models.registry.load import load_model
-    from tokt.training.compare.held_out_predictions import check_different
-    from tokt.training.compare.mission_predictions import predict_mission
-
-    classes = load_taxonomy(workspace, taxonomy)
-    opened = open_mission(mission)
-    wanted = parse_frames(frames) if frames else None
-    bundles = [load_model(model, workspace) for model in models]
-    check_different([bundle.label for bundle in bundles], [bundle.sha256 for bundle in bundles])
-    mine = _labels_on(opened, labels, workspace, classes, bundles[0].grid)
-    return predict_mission(bundles, opened, mine, classes, progress, wanted)
 
 
 def _labels_on(

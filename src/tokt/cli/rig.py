@@ -96,8 +96,24 @@ def calibrate(
         return
     if square is not None:
         raise ToktError("--square goes with --board")
-    options = _start(mission, baseline, focal, start, free)
-    _from_mission(mission, output, options, frames, fit, report, json)
+    from tokt.features.frames.mission import open_mission, parse_frames
+    from tokt.inference.stereo.calibration_writer import write_calibration
+    from tokt.training.rig.calibrate.self_calibration import PARTS, self_calibrate
+
+    known = _start(mission, baseline, focal, start, free)
+    if fit not in PARTS:
+        raise ToktError(f"--fit is one of {', '.join(PARTS)}, not {fit!r}")
+    say(f"start: {known.words}")
+    wanted = parse_frames(frames) if frames else None
+    opened = open_mission(mission)
+    found = self_calibrate(opened, known, progress, wanted, fit)
+    write_calibration(output, found.calibration, found.notes())
+    if report is not None:
+        from tokt.training.rig.calibrate.report import write_report
+
+        write_report(report, found, opened)
+    value = {"calibration": str(output), **found.to_json()}
+    answer(json, value, lambda: _print_self(found, output, report))
 
 
 def _check_name(output: Path) -> None:
@@ -134,34 +150,6 @@ def _start(
         return plain_start(opened, length, focal, freed)
     given = describe_calibration_file(start)
     return start_from(given.calibration, not given.refusals, opened, length, freed)
-
-
-def _from_mission(
-    mission: Path,
-    output: Path,
-    start: StartingRig,
-    frames: str | None,
-    part: str,
-    report: Path | None,
-    json: bool,
-) -> None:
-    from tokt.features.frames.mission import open_mission, parse_frames
-    from tokt.inference.stereo.calibration_writer import write_calibration
-    from tokt.training.rig.calibrate.self_calibration import PARTS, self_calibrate
-
-    if part not in PARTS:
-        raise ToktError(f"--fit is one of {', '.join(PARTS)}, not {part!r}")
-    say(f"start: {start.words}")
-    wanted = parse_frames(frames) if frames else None
-    opened = open_mission(mission)
-    found = self_calibrate(opened, start, progress, wanted, part)
-    write_calibration(output, found.calibration, found.notes())
-    if report is not None:
-        from tokt.training.rig.calibrate.report import write_report
-
-        write_report(report, found, opened)
-    value = {"calibration": str(output), **found.to_json()}
-    answer(json, value, lambda: _print_self(found, output, report))
 
 
 def _print_self(found: SelfCalibration, output: Path, report: Path | None) -> None:

@@ -125,7 +125,7 @@ def test_a_tower_is_seen_and_lit_as_missions_have_it(scene, tower, z, heading, s
 
 def test_the_same_bytes_whatever_was_asked_before(scene, tower):
     school = School(np.random.default_rng(8), (0.0, 0.3, -3.0), 2.0, count=8)
-    dust = (DustCloud.draw(np.random.default_rng(9), (0.0, 0.3, -2.0), density=0.3),)
+    dust = (DustCloud.draw(np.random.default_rng(9), (0.0, 0.3, -2.0), (0.0, 0.0, 0.0)),)
     world = World(scene.water, (tower,), school, dust, seed=3, current=(0.1, 0.0, 0.0))
     first, second = StereoRenderer(world, scene.rig, 5), StereoRenderer(world, scene.rig, 5)
     asked = [(t, place(0.1, 0.3, -5.0 + t), 0.03 * t, AHEAD) for t in (0.0, 0.25, 2.0)]

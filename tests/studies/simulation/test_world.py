@@ -114,7 +114,7 @@ def test_a_school_passes_its_point_on_time_and_holds_together():
 
 
 def test_dust_drifts_spreads_and_thins():
-    cloud = DustCloud.draw(np.random.default_rng(5), (0.0, 0.0, 2.0), drift=(0.1, 0.0, 0.0))
+    cloud = DustCloud.draw(np.random.default_rng(5), (0.0, 0.0, 2.0), (0.1, 0.0, 0.0))
     start, later = cloud.at(0.0), cloud.at(30.0)
     assert np.allclose(later.centre - start.centre, [3.0, 0.0, 0.0])
     assert (later.size > start.size).all()

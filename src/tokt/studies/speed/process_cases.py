@@ -204,7 +204,12 @@ def measure_latency(
             policy = TimedPolicy(SinglePolicy(TextureDetector(models.bundle)), judging_s)
             with closing(UdpSender("127.0.0.1", receiver.port, 2)) as sender:
                 Runtime(source, policy, [sender], SYSTEM_CLOCK, limits=_PATIENT).run()
-            _baseline(texture, models, pictures, receiver.port, arrived[BASELINE][first:])
+            with socket.socket(type=socket.SOCK_DGRAM) as plain:
+                for place, picture in paced(pictures):
+                    arrived[BASELINE][first + place] = time.monotonic()
+                    judged = judge(picture.frame, texture.describe_patch, models.classifier)
+                    datagram = encode_v1(judged.verdict) or b""
+                    plain.sendto(datagram, ("127.0.0.1", receiver.port))
         heard = [(at, decode(data)) for at, data in receiver.heard()]
     counted = slice(_WARM_UP * len(pictures), None)
     times, said = {}, {}
@@ -223,20 +228,6 @@ def measure_latency(
         **_percentiles("not_the_detector", own),
     }
     return result(NAME, times, said[OURS] == said[BASELINE], extras)
-
-
-def _baseline(
-    texture: ThesisFeatureSet,
-    models: ModelPair,
-    pictures: Sequence[Picture],
-    port: int,
-    arrived: NDArray[np.float64],
-) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        for place, picture in paced(pictures):
-            arrived[place] = time.monotonic()
-            judged = judge(picture.frame, texture.describe_patch, models.classifier)
-            sender.sendto(encode_v1(judged.verdict) or b"", ("127.0.0.1", port))
 
 
 def _percentiles(name: str, seconds: NDArray[np.float64]) -> dict[str, Any]:

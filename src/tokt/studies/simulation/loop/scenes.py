@@ -140,9 +140,8 @@ def _snow(rng: Rng, scene: LoopScene) -> LoopScene:
 
 def _dust(rng: Rng, scene: LoopScene) -> LoopScene:
     at = (_offset(rng), scene.start.position[1], float(rng.uniform(-5.0, -1.0)))
-    return _with(
-        scene, dust=(DustCloud.draw(rng, at, drift=(float(rng.normal(0, 0.03)), 0.0, 0.0)),)
-    )
+    drift = (float(rng.normal(0, 0.03)), 0.0, 0.0)
+    return _with(scene, dust=(DustCloud.draw(rng, at, drift),))
 
 
 KINDS = {

@@ -48,6 +48,8 @@ _QUALITY = 75
 
 _WIDE_IN, _WIDEST_MAP_IN = 13.0, 1.3
 _GAP_M = 0.8
+_COLUMNS = 17
+"""Small maps side by side."""
 _EVERY = 10
 """Steps from one point of a small track to the next: half a second."""
 _SHEET = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float64)
@@ -141,7 +143,7 @@ def animation(track: Track, chart: Chart) -> bytes:
     return bytes(data)
 
 
-def overview(tracks: Sequence[Track], charts: Sequence[Chart], columns: int = 17) -> bytes:
+def overview(tracks: Sequence[Track], charts: Sequence[Chart]) -> bytes:
     """All runs of a scene and a method, one small map each, by seed; red where it collided.
 
     Parameters
@@ -149,8 +151,6 @@ def overview(tracks: Sequence[Track], charts: Sequence[Chart], columns: int = 17
     tracks : sequence of Track
     charts : sequence of Chart
         One each.
-    columns : int
-        Maps side by side.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def overview(tracks: Sequence[Track], charts: Sequence[Chart], columns: int = 17
         raise ValueError(f"{len(tracks)} tracks and {len(charts)} charts")
     low, high = _extent(tracks, charts)
     wide, tall = high - low + _GAP_M
-    columns = min(columns, len(tracks))
+    columns = min(_COLUMNS, len(tracks))
     rows = math.ceil(len(tracks) / columns)
     across = min(_WIDE_IN, columns * _WIDEST_MAP_IN)
     height = across * rows * tall / (columns * wide)

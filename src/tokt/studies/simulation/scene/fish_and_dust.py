@@ -21,6 +21,9 @@ TEXTURE_M = _TEXTURE_SIZE * TEXEL_M
 _WANDER_M = 0.15
 _BEAT_RAD_S = 12.0
 _MIN_M, _MAX_M = 0.2, 0.5
+_SPREAD_M = (1.0, 0.4, 0.8)
+"""Of a school, along world axes."""
+_PUFFS = 20
 
 
 class School:
@@ -35,8 +38,6 @@ class School:
     velocity : (3,) tuple
         m/s.
     count : int
-    spread_m : (3,) tuple
-        Along world axes.
 
     Attributes
     ----------
@@ -56,11 +57,10 @@ class School:
         at_s: float,
         velocity: Triple = (0.5, 0.0, 0.0),
         count: int = 30,
-        spread_m: Triple = (1.0, 0.4, 0.8),
     ) -> None:
         self.through, self.at_s = np.array(through, np.float64), at_s
         self.velocity = np.array(velocity, np.float64)
-        self.places = rng.normal(0.0, 1.0, (count, 3)) * spread_m
+        self.places = rng.normal(0.0, 1.0, (count, 3)) * _SPREAD_M
         self.length_m = rng.uniform(_MIN_M, _MAX_M, count)
         self.rate = rng.uniform(0.4, 1.2, (count, 3))
         self.phase = rng.uniform(0.0, 2 * np.pi, (count, 3))
@@ -166,23 +166,12 @@ class DustCloud:
     settles_s: float
 
     @classmethod
-    def draw(
-        cls,
-        rng: np.random.Generator,
-        at: Triple,
-        *,
-        radius_m: float = 1.0,
-        density: float = 1.0,
-        drift: Triple = (0.0, 0.0, 0.0),
-        spreading: float = 0.004,
-        settles_s: float = 90.0,
-        count: int = 20,
-    ) -> DustCloud:
-        """A cloud about a place at 0 s; `density` (1/m) is about that of its middle."""
-        size = radius_m * rng.uniform(0.15, 0.5, count)
-        centre = np.array(at) + radius_m * rng.normal(0.0, [0.6, 0.4, 0.6], (count, 3))
-        puffs = Puffs(centre, size, density * rng.uniform(0.2, 0.8, count))
-        return cls(puffs, np.array(drift, np.float64), spreading, settles_s)
+    def draw(cls, rng: np.random.Generator, at: Triple, drift: Triple) -> DustCloud:
+        """A cloud of about a metre, and 1/m in its middle, about a place at 0 s."""
+        size = rng.uniform(0.15, 0.5, _PUFFS)
+        centre = np.array(at) + rng.normal(0.0, [0.6, 0.4, 0.6], (_PUFFS, 3))
+        puffs = Puffs(centre, size, rng.uniform(0.2, 0.8, _PUFFS))
+        return cls(puffs, np.array(drift, np.float64), spreading=0.004, settles_s=90.0)
 
     def at(self, t_s: float) -> Puffs:
         """The cloud at a time from 0 s on."""
