@@ -169,12 +169,7 @@ def _fault(side: str, picture: Picture | None) -> Fault:
 
 
 def _header(line: bytes, where: str) -> dict[str, Any]:
-    """A frame's header, held against what it has to be.
-
-    Raises
-    ------
-    ToktError
-    """
+    """A frame's header, held against what it has to be. Raises ToktError."""
     refused = ToktError(f"{where} sends no frames: {line[:60].decode('ascii', 'replace')!r}")
     try:
         header = json.loads(line)
