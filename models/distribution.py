@@ -112,14 +112,6 @@ class Distribution:
         """The distance of each feature above which it is out of range, shape (dim,)."""
         return self.typical * self.factor
 
-    def bin_counts(self, features: F64) -> I64:
-        """How many patches fall into each bin, shape (dim, BINS), of features (n_patches, dim)."""
-        return bin_counts(features, self.edges)
-
-    def distances(self, counts: I64) -> F64:
-        """Each feature's distance from training, shape (dim,), of a window's summed bin counts."""
-        return ks_distances(counts, self.counts)
-
     def summary(self) -> dict[str, Any]:
         """The figures behind the limits, as plain JSON; `drift_words` says them."""
         return {

@@ -350,7 +350,9 @@ class MavlinkSender(DatagramSocket):
         if now >= self._heartbeat_due:
             self._heartbeat_due = now + HEARTBEAT_S
             self._send_heartbeat(report)
-        taken = max(now - _age_s(report), 0.0)
+        age_ms = report.age_ms or 0.0  # since the frame arrived, where that is known
+        known = math.isfinite(age_ms) and age_ms > 0
+        taken = max(now - age_ms / 1000, 0.0) if known else max(now, 0.0)
         self._stamp_us = max(self._stamp_us, int(1e6 * taken))
         ranges = ranges_of(report.verdict, self.options.lens, self.options.assumed_m)
         if ranges is None:
@@ -409,9 +411,3 @@ class MavlinkSender(DatagramSocket):
             vertical_fov=math.radians(height_deg),
             signal_quality=_QUALITY_UNKNOWN,
         )
-
-
-def _age_s(report: Report) -> float:
-    """Seconds since the frame arrived, where that is known."""
-    age_ms = report.age_ms
-    return age_ms / 1000 if age_ms is not None and math.isfinite(age_ms) and age_ms > 0 else 0.0

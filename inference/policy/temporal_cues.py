@@ -276,16 +276,10 @@ class TrendEstimator:
 def _line(times: list[float], means: list[float]) -> tuple[float, float, int]:
     """The line through points by least squares.
 
-    Returns
-    -------
-    per_s : float
-        Slope over the mean of the points.
-    error_per_s : float
-        Its standard error. Where a residual is like the one before it, the points are worth fewer
-        (first-order autocorrelation, its estimate corrected for few points: Marriott and Pope
-        1954), and each has at least the error of a patch's rounding.
-    freedom : int
-        Degrees of freedom.
+    Its slope over the mean of the points, that figure's standard error, and its degrees of freedom.
+    Where a residual is like the one before it, the points are worth fewer (first-order
+    autocorrelation, its estimate corrected for few points: Marriott and Pope 1954), and each has at
+    least the error of a patch's rounding.
     """
     n = len(times)
     middle_s, level = sum(times) / n, sum(means) / n

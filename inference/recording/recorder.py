@@ -168,8 +168,11 @@ class RecordingWriter:
                 item = self._queue.popleft()
             if isinstance(item, tuple):
                 self._record(*item)
-            else:
-                self._note(item)
+                continue
+            try:
+                self._folder.tell(item)
+            except (ValueError, TypeError) as error:
+                self.fault = f"event {item.get('event')} is no JSON: {error}"
 
     def _record(self, held: HeldFrame, clip: int) -> None:
         try:
@@ -182,12 +185,6 @@ class RecordingWriter:
             self.fault = fault
             self.dropped += bool(fault)
             self.held_bytes -= held.memory_bytes
-
-    def _note(self, line: Mapping[str, Any]) -> None:
-        try:
-            self._folder.tell(line)
-        except (ValueError, TypeError) as error:
-            self.fault = f"event {line.get('event')} is no JSON: {error}"
 
     def _write(self, held: HeldFrame, clip: int) -> str:
         """Why the frame is not on disk, or an empty string."""

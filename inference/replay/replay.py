@@ -97,15 +97,15 @@ class Replay:
                 history.begin_model(_window(assembly))
             exchanged = logged.exchanged
             frame, why_not = self._shown(logged)
-            known = history.take_in(logged, shown=frame is not None)
+            history.take_in(logged, shown=frame is not None)
             if frame is None:
                 yield Compared(logged, None, None, why_not)
                 continue
-            if known.broken:  # the detectors are told of the gap
+            if history.broken:  # the detectors are told of the gap
                 frame = replace(frame, missed=MANY_MISSED)
             stopwatch.seconds = logged.texture_s or 0.0
             judgement = assembly.policy.judge(frame)
-            yield self._compared(logged, judgement, known, assembly)
+            yield self._compared(logged, judgement, history, assembly)
 
     def _assembly(self, stopwatch: FixedStopwatch) -> Assembly:
         start = self.run.start
@@ -144,7 +144,7 @@ class Replay:
         return Frame(logged.number, logged.t, *views, logged.missed, timed=logged.timed), ""
 
     def _compared(
-        self, logged: LoggedFrame, judgement: Judgement, known: _Known, assembly: Assembly
+        self, logged: LoggedFrame, judgement: Judgement, known: _History, assembly: Assembly
     ) -> Compared:
         fields = self._fields(logged, judgement)
         # Whoever judges has another name and other words for it; that is no other verdict.
@@ -195,37 +195,21 @@ class Compared:
     why_not: str = ""
 
 
-@dataclass(frozen=True)
-class _Known:
-    """What is known of what came before a frame.
+class _History:
+    """What is known of what came before a frame, which is counted in places.
 
-    Parameters
+    Attributes
     ----------
-    since_start : bool
-        Every frame of the run.
-    for_texture : bool
-        As many as the model's frame rule looks at.
-    for_trend : bool
-        As many as a trend looks at.
+    since_start, for_texture, for_trend : bool
+        Whether every frame of the run is known; as many as the model's frame rule looks at; as
+        many as a trend looks at.
     broken : bool
         Whether it is the first one after frames that are not known.
     """
 
-    since_start: bool
-    for_texture: bool
-    for_trend: bool
-    broken: bool
-
-
-class _History:
-    """Counts the places before a frame of which it is known what was there, or that nothing was."""
-
     def __init__(self, window: int) -> None:
-        self._window = window
-        self._places = math.inf
-        self._since_start = True
-        self._since_s = -math.inf
-        self._broken = False
+        self.begin_model(window)
+        self.since_start = self._shown = True
 
     def begin_model(self, window: int) -> None:
         """Another model, which knows of no frame before."""
@@ -233,18 +217,15 @@ class _History:
         self._places = math.inf
         self._since_s = -math.inf
 
-    def take_in(self, logged: LoggedFrame, shown: bool) -> _Known:
-        """What is known before this frame; whether it is shown is for those after it."""
-        broken = self._broken or not logged.follows
-        if broken:
-            self._since_start = False
-            self._places = 0
-            self._since_s = logged.t
+    def take_in(self, logged: LoggedFrame, shown: bool) -> None:
+        """Tell of what is before this frame; whether it is shown is for those after it."""
+        self.broken = not (self._shown and logged.follows)
+        if self.broken:
+            self.since_start, self._places, self._since_s = False, 0, logged.t
         places = self._places + logged.missed
-        self._places = places + 1
-        self._broken = not shown
-        for_trend = logged.t - self._since_s >= HORIZON_S
-        return _Known(self._since_start, places >= self._window - 1, for_trend, broken)
+        self._places, self._shown = places + 1, shown
+        self.for_texture = places >= self._window - 1
+        self.for_trend = logged.t - self._since_s >= HORIZON_S
 
 
 def _window(assembly: Assembly) -> int:

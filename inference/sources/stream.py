@@ -169,12 +169,7 @@ def _fault(side: str, picture: Picture | None) -> Fault:
 
 
 def _header(line: bytes, where: str) -> dict[str, Any]:
-    """A frame's header, held against what it has to be.
-
-    Raises
-    ------
-    ToktError
-    """
+    """A frame's header, held against what it has to be. Raises ToktError."""
     refused = ToktError(f"{where} sends no frames: {line[:60].decode('ascii', 'replace')!r}")
     try:
         header = json.loads(line)
@@ -184,12 +179,10 @@ def _header(line: bytes, where: str) -> dict[str, Any]:
         raise refused
     number, t, missed = header.get("frame"), header.get("t"), header.get("missed", 0)
     sides = {side: header.get(side) for side in ("left", "right")}
-    sound = type(number) is int and abs(number) <= MAX_NUMBER
-    sound = sound and type(missed) is int and 0 <= missed <= MANY_MISSED
-    sound = sound and all(shape is None or _is_shape(shape) for shape in sides.values())
-    if isinstance(t, bool) or not isinstance(t, int | float) or not abs(t) <= MAX_TIME_S:
-        raise refused
-    if not sound:
+    fits = type(number) is int and abs(number) <= MAX_NUMBER
+    fits = fits and type(missed) is int and 0 <= missed <= MANY_MISSED
+    fits = fits and all(shape is None or _is_shape(shape) for shape in sides.values())
+    if isinstance(t, bool) or not isinstance(t, int | float) or not (fits and abs(t) <= MAX_TIME_S):
         raise refused
     return {"frame": number, "t": float(t), "missed": missed, **sides}
 

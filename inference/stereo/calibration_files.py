@@ -203,7 +203,11 @@ def checked_numbers(
     if size is None:
         size = width, height
         remarks = [*remarks, f"it does not say its frames' size: taken for {width}x{height}"]
-    parts: dict[str, Any] = {**arrays, "frame_size": _frame_size(path, size)}
+    sides = _finite(path, "the frame size", size).ravel()
+    if sides.size != 2 or (sides != sides.round()).any() or (abs(sides) > 1e6).any():
+        words = "the frame size is not a width and a height in pixels"
+        raise ToktError(f"calibration {path}: {words}")
+    parts: dict[str, Any] = {**arrays, "frame_size": (int(sides[0]), int(sides[1]))}
     return CalibrationNumbers(**parts, path=path, form=form, remarks=remarks, notes=notes or {})
 
 
@@ -217,13 +221,6 @@ def _finite(path: Path, name: str, value: ArrayLike) -> Float:
     if (np.abs(array) > _MAX_NUMBER).any():
         raise ToktError(f"calibration {path}: {name} holds a number beyond {_MAX_NUMBER:g}")
     return array
-
-
-def _frame_size(path: Path, value: ArrayLike) -> tuple[int, int]:
-    size = _finite(path, "the frame size", value).ravel()
-    if size.size != 2 or (size != size.round()).any() or (abs(size) > 1e6).any():
-        raise ToktError(f"calibration {path}: the frame size is not a width and a height in pixels")
-    return int(size[0]), int(size[1])
 
 
 def millimetres(shift: ArrayLike, unit: str | None, remarks: list[str]) -> Float:

@@ -137,15 +137,7 @@ class DisparityDetector:
         return self._matcher.match(*views)
 
     def _judged(self, found: Matches, unfit: Fault, doubt: PairFault | None) -> Detection:
-        """What the matches of a pair come to.
-
-        Parameters
-        ----------
-        unfit : Fault
-            Why one of its pictures is unfit, or empty.
-        doubt : PairFault or None
-            Why the two do not fit together.
-        """
+        """What matches come to: `unfit` says why a picture is, `doubt` why the two do not fit."""
         mask = self.rectifier.to_left(found.valid.astype(np.uint8) * 255, *self._mask_size)
         obstacle = cv2.mean(mask)[0] > STATUS_MEAN_THRESHOLD
         if doubt is not None and not (doubt.matches_stand and obstacle):

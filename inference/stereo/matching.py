@@ -218,7 +218,12 @@ class DenseMatcher:
         disparity = self._disparity(left_even, right_even, wanted)
         seen = self._seen_twice(disparity, left_even, right_even, right_sigma)
         matched = np.s_[:: self.step, :: self.step]
-        valid = self._without_specks(disparity[matched], seen[matched])
+        # Only connected regions of enough pixels of like disparity.
+        unmatched = self.settings.unmatched
+        kept = np.where(seen[matched] != 0, disparity[matched], unmatched).astype(np.int16)
+        largest_speck = math.ceil(self._least_blob / self.step**2) - 1
+        cv2.filterSpeckles(kept, unmatched, largest_speck, LIKE_PX * PER_PIXEL)
+        valid = np.asarray(kept != unmatched, np.uint8)
         sparse = disparity[matched].astype(np.float32) / np.float32(PER_PIXEL)
         return Matches(
             self._spread(sparse), self._spread(valid).view(bool), textured.view(bool), self.searched
@@ -254,13 +259,6 @@ class DenseMatcher:
         seen = np.zeros(disparity.shape, np.uint8)
         seen.ravel()[here[same]] = 1
         return seen
-
-    def _without_specks(self, disparity: I16, seen: U8) -> U8:
-        """Of what was seen twice, only connected regions of enough pixels of like disparity."""
-        kept = np.where(seen != 0, disparity, self.settings.unmatched).astype(np.int16)
-        largest_speck = math.ceil(self._least_blob / self.step**2) - 1
-        cv2.filterSpeckles(kept, self.settings.unmatched, largest_speck, LIKE_PX * PER_PIXEL)
-        return np.asarray(kept != self.settings.unmatched, np.uint8)
 
 
 def semi_global_disparity(left: U8, right: U8, settings: BlockMatching, wanted: U8) -> I16:

@@ -381,17 +381,11 @@ def _hits(left: NormalizedView, right: NormalizedView, looked: Slice) -> F32:
         if np.count_nonzero(hit) < MIN_CELLS:
             break
         hit &= best <= _cost(left, right, shift)
-    return found * _large_patches(hit)
-
-
-def _large_patches(cells: Bools) -> Bools:
-    """Only the connected regions of at least `MIN_CELLS`."""
-    _, labels, statistics, _ = cv2.connectedComponentsWithStats(
-        cells.astype(np.uint8), connectivity=8
-    )
+    # Only the connected regions that are large enough.
+    _, labels, statistics, _ = cv2.connectedComponentsWithStats(hit.view(np.uint8), connectivity=8)
     large = statistics[:, cv2.CC_STAT_AREA] >= MIN_CELLS
     large[0] = False  # the background
-    return np.asarray(large[labels], bool)
+    return np.asarray(found * large[labels], np.float32)
 
 
 _NEAREST_M = 0.1

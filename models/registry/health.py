@@ -35,7 +35,11 @@ def registry_finding(workspace: Path) -> Finding:
     if uri.startswith(_SQLITE):
         return _file_finding(Path(uri.removeprefix(_SQLITE).partition("?")[0]))
     if uri.startswith(("http://", "https://")):
-        return _server_finding(uri, workspace)
+        os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", _REQUEST_TIMEOUT_S)
+        try:
+            return _counted(workspace, _shown(uri), own=False)
+        except ToktError as error:
+            return Finding(NAME, FAULT, _shown(str(error)))
     return Finding(NAME, NOTE, f"{_shown(uri)} ({_VARIABLE}): not examined, it might be changed")
 
 
@@ -58,14 +62,6 @@ def _file_finding(file: Path) -> Finding:
             return _counted(folder, str(file), own=True)
         except ToktError as error:
             return Finding(NAME, FAULT, str(error).replace(str(copy), str(file)))
-
-
-def _server_finding(uri: str, workspace: Path) -> Finding:
-    os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", _REQUEST_TIMEOUT_S)
-    try:
-        return _counted(workspace, _shown(uri), own=False)
-    except ToktError as error:
-        return Finding(NAME, FAULT, _shown(str(error)))
 
 
 def _counted(workspace: Path, where: str, own: bool) -> Finding:

@@ -28,7 +28,13 @@ from tokt.inference.verdict import unknown_verdict
 from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
 from tokt.models.bundle.signature import MEMBER as SIGNATURE
 from tokt.models.bundle.signature import Signature
-from tokt.models.distribution import Distribution, bin_counts, drift_words, quantile_edges
+from tokt.models.distribution import (
+    Distribution,
+    bin_counts,
+    drift_words,
+    ks_distances,
+    quantile_edges,
+)
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule, OperatingPoint
 
@@ -74,7 +80,8 @@ def check_usable(bundle: Bundle) -> None:
     if known is not None:
         assert drift_words(json.loads(json.dumps(known.summary(), allow_nan=False)))
         features = np.zeros((bundle.grid.n_patches, bundle.model.dim))
-        assert np.isfinite(known.distances(known.bin_counts(features))).all()
+        counts = bin_counts(features, known.edges)
+        assert np.isfinite(ks_distances(counts, known.counts)).all()
 
 
 # --- sound bundles to start from ---

@@ -78,9 +78,8 @@ def pixels_of(buffer: Any, format_name: Callable[[int], str]) -> Pixels:
     """
     image, offset = _image(buffer)
     height, width = int(image.height), int(image.width)
-    pixel_format = format_name(
-        read_property(image, "pixel_format", read_property(image, "data_format", 0))
-    )
+    number = read_property(image, "pixel_format", read_property(image, "data_format", 0))
+    pixel_format = format_name(number)
     if pixel_format not in PIXEL_FORMATS:
         known = ", ".join(PIXEL_FORMATS)
         sent = f"the camera sends {pixel_format} pixels"
@@ -98,9 +97,8 @@ def pixels_of(buffer: Any, format_name: Callable[[int], str]) -> Pixels:
         raise _incomplete(f"{max(filled - offset, 0)} of {size} bytes came")
     raw = np.frombuffer(buffer.raw_buffer, np.uint8, size - padding, offset)
     if padding:
-        rows = np.lib.stride_tricks.as_strided(
-            raw, (height, row), (row + padding, 1), writeable=False
-        )
+        shape, strides = (height, row), (row + padding, 1)
+        rows = np.lib.stride_tricks.as_strided(raw, shape, strides, writeable=False)
         raw = np.ascontiguousarray(rows).reshape(-1)
     return Pixels(height, width, pixel_format, raw)
 
@@ -156,7 +154,6 @@ def read_property(module: Any, name: str, otherwise: Any) -> Any:
 _BUFFERS = 4
 _WAIT_S = 0.2
 _WAIT_MS = 100  # of one call within; a process that shall stop notices it no sooner
-_NEWEST_ONLY = "NewestOnly"
 
 
 class CameraGoneError(Exception):
@@ -216,9 +213,8 @@ class GenicamCamera:
         self._formats = dict_by_ints
         self._incomplete = False
         self._last_id = 0
-        self._ticks_per_s = read_property(acquirer.device, "timestamp_frequency", 0) or (
-            features.ticks_per_s()
-        )
+        frequency = read_property(acquirer.device, "timestamp_frequency", 0)
+        self._ticks_per_s = frequency or features.ticks_per_s()
         self.period_s = features.period_s()
         self.shared_clock = features.clock_is_shared()
 
@@ -325,9 +321,8 @@ def opened_camera(
         acquirer = producers.harvester.create(info, config=ParameterSet(values))
         features = GenicamFeatures(acquirer.remote_device.node_map, name)
         features.set_up(options, share, listed.link)
-        GenicamFeatures(acquirer.data_streams[0].node_map, name).give(
-            "StreamBufferHandlingMode", _NEWEST_ONLY
-        )
+        stream = GenicamFeatures(acquirer.data_streams[0].node_map, name)
+        stream.give("StreamBufferHandlingMode", "NewestOnly")
         acquirer.start()
         camera = GenicamCamera(acquirer, features)
     except (FeatureError, ProducerError) as error:

@@ -118,7 +118,8 @@ class GenicamDriver:
         try:
             answer = opened.get(timeout=self.open_s)
         except queue.Empty:
-            answer = _refused(f"camera {self.name} does not answer in {self.open_s:g} s")
+            words = f"camera {self.name} does not answer in {self.open_s:g} s"
+            answer = {"kind": "refused", "words": words}
         if answer["kind"] != "ready":
             self.stop()
             raise ToktError(answer["words"])
@@ -171,7 +172,7 @@ class GenicamDriver:
         """The camera is gone, for the first reason that is known."""
         if not self._stopping.is_set() and not self._lost:
             self._lost = words
-        opened.put(_refused(words))
+        opened.put({"kind": "refused", "words": words})
 
     def _take(self, message: Message, deliver: Deliver) -> None:
         """Deliver a frame."""
@@ -196,10 +197,6 @@ class GenicamDriver:
             except ValueError as error:
                 fault = Fault(Reason.UNREADABLE, str(error))
         return Capture(self.camera, header["frame_id"], taken_s, arrived, t, picture, fault)
-
-
-def _refused(words: str) -> dict[str, Any]:
-    return {"kind": "refused", "words": words}
 
 
 def open_drivers(ids: Sequence[str], options: SourceConfig, clock: Clock) -> list[CameraDriver]:
