@@ -4,8 +4,6 @@
 mission with its model, labels a few frames, and takes pictures of it in headless Chromium.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Make docs/demo.jpg from a finished rendered demo: ``python docs/make_picture.py demo-out``."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

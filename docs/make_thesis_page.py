@@ -3,8 +3,6 @@
 OUT is the folder of ``tokt reproduce MISSION -o OUT``, whose results.json has every figure of it.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Time as the runtime sees it, so that a test can replace it."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Protocol, TypeVar

@@ -4,8 +4,6 @@ A source delivers frames in order, and a frame that cannot be read as a frame wi
 instead of a picture: it never raises for one, and never leaves one out.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ for among single pixels of the frame as well: in the picture, which averages ove
 pixels of a black frame are many dim ones, and noise takes a saturated frame below saturation.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

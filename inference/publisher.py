@@ -4,8 +4,6 @@ Two threads publish: the loop its verdicts, and the heartbeat that there has bee
 such as while a detector hangs. One lock keeps their reports in order.
 """
 
-from __future__ import annotations
-
 import threading
 from collections import deque
 from collections.abc import Sequence

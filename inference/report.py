@@ -1,7 +1,5 @@
 """One frame's report, the table of its fields for datagrams, logs and metrics, and other events."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections import deque

@@ -3,8 +3,6 @@
 docs/failsafe.md has the states it can be in, and what each fault comes to.
 """
 
-from __future__ import annotations
-
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence

@@ -13,8 +13,6 @@ contours' boxes, and contours of zero area have no weight instead of dividing by
     height                             y = -(cy - height // 2)  away from the obstacle
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass

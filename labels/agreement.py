@@ -1,7 +1,5 @@
 """Agreement of two annotators on the patches that both labelled."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass

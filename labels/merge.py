@@ -1,7 +1,5 @@
 """Merging several annotators' labels into one label a patch, as a dataset needs it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 

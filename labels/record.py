@@ -1,7 +1,5 @@
 """The label record: one thing said about one patch."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache

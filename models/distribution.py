@@ -22,8 +22,6 @@ Reference: A. Kolmogorov (1933), Sulla determinazione empirica di una legge di d
 Giornale dell'Istituto Italiano degli Attuari 4.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

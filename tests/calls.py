@@ -1,7 +1,5 @@
 """Calls of the command line, calls that must be refused, and Python programs run in processes."""
 
-from __future__ import annotations
-
 import io
 import os
 import socket

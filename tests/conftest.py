@@ -1,7 +1,5 @@
 """What several packages' tests share: a small mission with true labels, and the command line."""
 
-from __future__ import annotations
-
 import csv
 import os
 import shutil

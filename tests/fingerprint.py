@@ -5,8 +5,6 @@ Nothing of tokt is imported, so that modules can move. To see what differs, keep
 (``--keep DIR``) here and in a worktree of the version before, and compare the two folders.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import io

@@ -4,8 +4,6 @@
 these are. A test that belongs to another tier than its folder is marked with that tier's name.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 

@@ -1,7 +1,5 @@
 """Network addresses as users write them, and looking their host up."""
 
-from __future__ import annotations
-
 import re
 import socket
 from typing import Any

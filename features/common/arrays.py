@@ -1,7 +1,5 @@
 """Short names of numpy arrays' types, by what they hold; pictures and masks are `U8`."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

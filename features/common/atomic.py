@@ -1,7 +1,5 @@
 """Files and folders that appear whole or not at all, whenever the process is killed."""
 
-from __future__ import annotations
-
 import math
 import os
 import shutil

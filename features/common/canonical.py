@@ -1,7 +1,5 @@
 """Canonical JSON and its SHA-256: equal values have equal text and equal hashes."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from typing import Any

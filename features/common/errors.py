@@ -1,7 +1,5 @@
 """ToktError, the one error that a user's own input can cause."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field

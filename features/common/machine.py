@@ -1,7 +1,5 @@
 """Facts of the machine: processor, system, and versions of the libraries that compute."""
 
-from __future__ import annotations
-
 import os
 import platform
 from importlib.metadata import PackageNotFoundError, version

@@ -4,8 +4,6 @@ Opening a database, even to read, may write beside it: a write-ahead log is crea
 folded in. Copying its files writes nothing.
 """
 
-from __future__ import annotations
-
 import shutil
 import sqlite3
 from contextlib import closing

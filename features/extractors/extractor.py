@@ -29,8 +29,6 @@ whole grey levels. The second keeps 1/256 grey level until the end: see
 `tokt.features.kernels.quantization`.
 """
 
-from __future__ import annotations
-
 from tokt.features.kernels.quantization import Quantization as Quantization
 
 from .frame_pictures import gray_picture as gray_picture

@@ -1,7 +1,5 @@
 """The pictures that extractors look at, each prepared once a frame."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 
 import numpy as np

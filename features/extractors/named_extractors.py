@@ -1,7 +1,5 @@
 """The named extractors, joins of them by ``+``, and extractors from spec files."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Extractors built from JSON specs, whole or not at all, and specs summed up in one line."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -3,8 +3,6 @@
 Those of one picture come first, then what is made of several: a join, a patch with its neighbours.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from math import prod

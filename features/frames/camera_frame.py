@@ -6,8 +6,6 @@ GenICam names the first two pixels of the first row, while OpenCV's two-letter n
 OpenCV's ``BayerBG``, or ``BayerRGGB`` by its four-letter names, which are used here.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

@@ -4,8 +4,6 @@ OpenCV decodes a truncated JPEG without complaint: the missing part comes out fl
 a texture model takes for open water. So the end of the image is looked for before decoding.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from pathlib import Path

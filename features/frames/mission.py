@@ -1,7 +1,5 @@
 """A mission's frames on disk: a stereo folder, a flat folder, or a video file."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from pathlib import Path

@@ -7,8 +7,6 @@ the right view can show it; OpenCV by itself leaves out every column that the la
 would take outside.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -4,8 +4,6 @@ The arithmetic is in ``features/kernels/native``. Tables that depend only on siz
 kept; scratch memory belongs to a thread. What is taken and given stands with `dispatch.Kernels`.
 """
 
-from __future__ import annotations
-
 import platform
 import threading
 from collections import defaultdict

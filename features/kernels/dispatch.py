@@ -6,8 +6,6 @@ otherwise numpy; the environment variable ``TOKT_KERNELS`` (``compiled``, ``nump
 forces one.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass

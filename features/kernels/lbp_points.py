@@ -1,7 +1,5 @@
 """Sampling points of local binary patterns (LBP), rounded as scikit-image rounds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

@@ -5,8 +5,6 @@ LBP counts, Haralick features equal to rounding. What is taken and given stands 
 `dispatch.Kernels`.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Sequence
 from functools import lru_cache

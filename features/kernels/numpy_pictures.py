@@ -1,7 +1,5 @@
 """Gray pictures and their quantization in numpy and OpenCV, exact up to the last steps."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import cv2

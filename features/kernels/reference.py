@@ -4,8 +4,6 @@ These are the definition that the fast kernels are held against; ``TOKT_KERNELS=
 them. They know no threads. What is taken and given stands with `dispatch.Kernels`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from importlib.metadata import version
 

@@ -11,8 +11,6 @@ All checks run in a process of their own: a bundle that hangs or crashes the one
 costs that process, and the loop's frames do not wait for it.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

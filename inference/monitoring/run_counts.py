@@ -4,8 +4,6 @@ No lock: one thread writes, and whoever reads takes whole values (a number, a co
 values read one after the other may be one frame apart.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections import Counter
 

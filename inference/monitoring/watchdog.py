@@ -3,8 +3,6 @@
 What systemd does with docs/tokt.service, for a PC without systemd.
 """
 
-from __future__ import annotations
-
 import os
 import secrets
 import socket

@@ -4,8 +4,6 @@ Two things are told besides the datagrams themselves: how many of a sender's are
 in v2's `seq`, and that nothing has come for so long that a receiver has to take it for unknown.
 """
 
-from __future__ import annotations
-
 import json
 import socket
 from collections.abc import Callable, Iterator

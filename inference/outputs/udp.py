@@ -4,8 +4,6 @@ Both formats are fixed in docs/udp.md. Unknown is never sent as clear: v1 has no
 sends nothing, so that LabVIEW's receive time-out acts; v2 sends status -1.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import re

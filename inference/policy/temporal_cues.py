@@ -6,8 +6,6 @@
                                 └──> errors of the anchor   (where one was asked for)
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass, replace

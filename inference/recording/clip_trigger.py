@@ -12,8 +12,6 @@ on deck is one clip. After `MAX_S` at full rate, one frame a second is kept: an 
 a wall for hours.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from tokt.features.common.errors import ToktError

@@ -10,8 +10,6 @@ Each step of a rotation is a rename, the oldest first: a process that is killed 
 leaves a number that no file has, and every line where it was.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math

@@ -11,8 +11,6 @@ removed, its oldest clips first, as nobody has labelled those yet; what earlier 
 is never touched, and once it fills the folder nothing more is recorded, which is said.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import threading

@@ -15,8 +15,6 @@ before their line, and removed after it. Pictures without a line are those of a 
 off in between.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

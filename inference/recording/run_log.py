@@ -1,7 +1,5 @@
 """The log of a run: a line for every frame and heartbeat, and the events in a file beside it."""
 
-from __future__ import annotations
-
 import math
 import uuid
 from datetime import UTC, datetime

@@ -1,7 +1,5 @@
 """A run as its log or its recording tells it: its beginning, and its frames one by one."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ follow each other show almost the same, so that a hundred frames of one thing ar
 one piece of evidence: stretches and episodes are counted beside frames.
 """
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """Folders of frames and video files as a source."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path

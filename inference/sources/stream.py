@@ -10,8 +10,6 @@ for each verdict goes through the same run each time. For that reason a stream i
 has no heartbeat, and a frame of it is never too old.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import select

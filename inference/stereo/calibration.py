@@ -1,7 +1,5 @@
 """A stereo calibration, checked before it is used."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -5,8 +5,6 @@ calibration toolbox prints or exports, and a table as a thesis prints it. Whethe
 described can be is not judged here.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import re

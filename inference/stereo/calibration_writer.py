@@ -1,7 +1,5 @@
 """Write a stereo calibration as a file that `load_calibration` and OpenCV alone can read."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -7,8 +7,6 @@ A frame with texture in it of which hardly any is matched is unknown, not clear:
 wrong calibration, or something nearer than the nearest distance.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass, replace

@@ -13,8 +13,6 @@ What has no texture has no match. A match is kept where it is unique, where matc
 left finds it too, where both views have enough contrast, and in patches that are large enough.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

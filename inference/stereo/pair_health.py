@@ -22,8 +22,6 @@ What cannot be found:
 - What is textured in less than `TEXTURED_FRACTION` of the view, with a wrong right frame.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ Everything that depends on the calibration alone is worked out once: the maps of
 where each pixel of the left frame lies in the left view.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

@@ -12,8 +12,6 @@ An audit proposes; it changes no label. `tokt.training.fitting.label_audit` make
 labelling page shows it.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json

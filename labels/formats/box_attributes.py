@@ -5,8 +5,6 @@ the text ``3`` into the number ``3.0``, and that what people changed there can b
 they left.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import replace

@@ -5,8 +5,6 @@ References
 https://cocodataset.org/#format-data
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The table of label formats: how a file of each is recognised, read and written."""
 
-from __future__ import annotations
-
 import csv
 from collections import Counter
 from collections.abc import Callable, Iterable

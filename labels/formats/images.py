@@ -1,7 +1,5 @@
 """A mission's frames as label files name them: by image file, and in pixels."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple

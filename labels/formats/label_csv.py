@@ -1,7 +1,5 @@
 """Label files: CSV with one row a patch, in and out."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re

@@ -10,8 +10,6 @@ References
 https://labelstud.io/guide/task_format, https://labelstud.io/tags/rectanglelabels
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ patch's label as it was. Any other box gives its class to each patch that it cov
 more; where several do, the one that covers most decides, and of equal ones the last.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace

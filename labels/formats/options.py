@@ -1,7 +1,5 @@
 """Options and results that the readers and writers of all formats share."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field

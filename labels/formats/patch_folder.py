@@ -6,8 +6,6 @@ names cannot say, so a folder comes back as labels; a patch that somebody moved 
 another class comes back as that class.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections import Counter

@@ -1,7 +1,5 @@
 """Text and numbers out of files that anybody may have written, or an error in plain words."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator

@@ -12,8 +12,6 @@ References
 https://viame.readthedocs.io/en/latest/sections/detection_file_conversions.html
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json

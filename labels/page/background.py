@@ -1,7 +1,5 @@
 """A background thread that works in small steps and gives way to requests."""
 
-from __future__ import annotations
-
 import os
 import sys
 import threading

@@ -1,7 +1,5 @@
 """Reading a mission's frames from several threads at once."""
 
-from __future__ import annotations
-
 import threading
 from collections import OrderedDict
 from contextlib import suppress

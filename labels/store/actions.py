@@ -1,7 +1,5 @@
 """Actions of the labelling page: written with their events, undone, redone and found again."""
 
-from __future__ import annotations
-
 import json
 import sqlite3
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """Health of a workspace's label store, for `tokt doctor`: damage, format, number of events."""
 
-from __future__ import annotations
-
 import sqlite3
 import tempfile
 from contextlib import closing

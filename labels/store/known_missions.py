@@ -10,8 +10,6 @@ each with its file's size in bytes and the CRC-32 of 4 KiB in the file's middle:
 pictures are all of one size. A video is kept as its frame 1.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

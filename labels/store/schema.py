@@ -1,7 +1,5 @@
 """The tables of a label store's file, and the upgrade of files of older formats."""
 
-from __future__ import annotations
-
 import sqlite3
 
 FORMAT = 2

@@ -29,8 +29,6 @@ To change the format: raise FORMAT_VERSION, keep the reader of the old one, and 
 of the old one in a test that it still loads.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

@@ -1,7 +1,5 @@
 """The model card: what a bundle is, for the person who has to trust it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

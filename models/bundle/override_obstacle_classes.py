@@ -1,7 +1,5 @@
 """Overriding, when a model is shipped, which of its classes are obstacles."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

@@ -12,8 +12,6 @@ To change the format: raise FORMAT_VERSION and SIGNED_PREFIX together, keep the 
 one, and prove with a file of the old one in a test that it is still accepted.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import dataclass

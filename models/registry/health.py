@@ -4,8 +4,6 @@ MLflow is imported only when there is a registry to look at, and opens a copy: i
 database that it only reads.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import tempfile

@@ -1,7 +1,5 @@
 """Loading a model by any name a command takes; a bundle file needs no registry."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tokt.models.bundle.bundle import SUFFIX, Bundle, read_bundle

@@ -8,8 +8,6 @@ is distrusted: then it takes nothing, until a person says that unsigned bundles 
 The file is never taken at its word in part: while it is damaged the store takes no bundle at all.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields

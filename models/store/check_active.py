@@ -10,8 +10,6 @@ would crash this one. After a code 0 the runtime loads the very same SHA-256 wit
 ``Store.runnable(sha256, golden=False)``.
 """
 
-from __future__ import annotations
-
 import faulthandler
 import json
 import sys

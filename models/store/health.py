@@ -1,7 +1,5 @@
 """The contents of a deploy store and its health, for `tokt store` and `tokt doctor`."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path

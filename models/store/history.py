@@ -5,8 +5,6 @@ written in format 1, so that a store without keys is read by yesterday's tokt as
 that relies on signatures is refused by it.
 """
 
-from __future__ import annotations
-
 import getpass
 import re
 from collections.abc import Sequence

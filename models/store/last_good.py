@@ -13,8 +13,6 @@ model that a person rolled back from is never taken, not even from the copy; nor
 the history, where it is damaged, does not say that nobody did.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Iterator
 

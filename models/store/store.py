@@ -24,8 +24,6 @@ and goes on with the lines that can be read.
 Reading writes nothing: the runtime needs no more than to read the folder.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

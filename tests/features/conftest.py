@@ -1,7 +1,5 @@
 """Pictures drawn for the tests, and the real mission."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Kinds of changed bundles: from the file's bytes inwards, each with the outer hashes right."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

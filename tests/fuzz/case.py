@@ -1,7 +1,5 @@
 """A case: a changed input, the box it is read in, and every kind of defect that is looked for."""
 
-from __future__ import annotations
-
 import faulthandler
 import os
 import resource

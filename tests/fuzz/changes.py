@@ -1,7 +1,5 @@
 """Changes to bytes that know nothing of what they mean, to JSON values, and to whole files."""
 
-from __future__ import annotations
-
 import copy
 import json
 import math

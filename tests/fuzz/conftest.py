@@ -1,7 +1,5 @@
 """How many cases there are of each kind, the box they are read in, and the table of a long run."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 import time

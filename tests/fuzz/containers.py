@@ -1,7 +1,5 @@
 """Zip, npz and PNG files as no honest program writes them: sums that fit, content that does not."""
 
-from __future__ import annotations
-
 import io
 import struct
 import warnings

@@ -1,7 +1,5 @@
 """Kinds of changed label files, of every format, and of what stands beside them."""
 
-from __future__ import annotations
-
 import atexit
 import json
 import tempfile

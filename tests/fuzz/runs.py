@@ -1,7 +1,5 @@
 """Kinds of changed datagrams, logs, recordings and pictures."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from functools import cache

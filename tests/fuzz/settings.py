@@ -1,7 +1,5 @@
 """Kinds of changed settings: calibrations in each form, odometry, search spaces, specs."""
 
-from __future__ import annotations
-
 import io
 import json
 import re

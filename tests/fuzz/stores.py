@@ -1,7 +1,5 @@
 """Kinds of changed deploy stores: any of their files, for a store of each sort."""
 
-from __future__ import annotations
-
 import json
 import re
 import tempfile

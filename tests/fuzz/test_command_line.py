@@ -4,8 +4,6 @@ Each is a process of its own, as a person would start it: exit code 2 with exact
 begins with ``tokt: error:``, or success; never a traceback, and nothing written beside.
 """
 
-from __future__ import annotations
-
 import shutil
 import socket
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Changed inputs of every kind, what failed once, and whether each defect is seen."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A dive with a fault in it: a live loop, real sockets, and the truth about every frame."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

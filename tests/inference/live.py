@@ -1,7 +1,5 @@
 """A source whose frames a test hands out, the loop it is for, and sockets to hear it with."""
 
-from __future__ import annotations
-
 import queue
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """Bundles that differ in a known way, and runs of them that are logged."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The description of a run: the command line, configuration files and the log's start from it."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Callable

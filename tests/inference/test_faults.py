@@ -4,8 +4,6 @@ Every test puts one fault into a dive between a healthy stretch before it and on
 came to is a row of docs/faults.md, and the test fails where the two differ.
 """
 
-from __future__ import annotations
-
 import re
 import socket
 import threading

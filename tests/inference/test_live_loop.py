@@ -1,7 +1,5 @@
 """The live loop: threads, a socket, and detectors that do what they should not."""
 
-from __future__ import annotations
-
 import threading
 from typing import Any
 

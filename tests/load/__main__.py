@@ -1,7 +1,5 @@
 """Long measurements for developers: the labelling page, the scale of training, the soak."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated

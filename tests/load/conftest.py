@@ -1,7 +1,5 @@
 """The developers' measurements as commands in this process."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """The program `tokt` in a process of its own, ended with the block."""
 
-from __future__ import annotations
-
 import re
 import signal
 import subprocess

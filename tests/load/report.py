@@ -1,7 +1,5 @@
 """Times that were measured, and how all measurements print and write what they found."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence

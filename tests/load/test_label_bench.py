@@ -1,7 +1,5 @@
 """`make page-times`: everything is measured, and what cannot be is told. No speed is tested."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

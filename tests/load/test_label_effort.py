@@ -1,7 +1,5 @@
 """A person's actions on the page in Chromium: they give the labels asked for, and are few."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The bench of scale: what it renders, what it watches, and what it says of it."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """`make soak`: a short one through the real programs, and what its figures are made of."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Small valid bundles: random textures, the real extractor, random weights."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Bundle files taken apart and put together again, with hashes that fit or do not."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

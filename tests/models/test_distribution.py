@@ -1,7 +1,5 @@
 """The training distribution: its distance held against a plain one, and how a bundle carries it."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from collections.abc import Callable

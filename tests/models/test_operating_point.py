@@ -1,7 +1,5 @@
 """The rule that training chooses and the runtime applies: its words, bounds and states."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """A fresh environment with nothing of tokt but its wheel, and commands that run in it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The whole comparison of some models, as one JSON object: figures, times, the explorer's data."""
 
-from __future__ import annotations
-
 import time
 from base64 import b64encode
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Errors of each model: along the dive, and the worst patches."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

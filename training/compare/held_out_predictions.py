@@ -1,7 +1,5 @@
 """Predictions of registered models on patches that their cross-validation held out."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

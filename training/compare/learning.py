@@ -3,8 +3,6 @@
 Nothing is chosen anew: each fold keeps the settings that its own training part chose.
 """
 
-from __future__ import annotations
-
 import ast
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """Predictions of models on a labelled mission that none of them learnt from."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Predictions of the compared models, on the same patches and frames."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """The comparison as one HTML file that needs no other, and as a run of MLflow."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

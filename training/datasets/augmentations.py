@@ -6,8 +6,6 @@ exposure or a camera's gain change it), ``jpeg_60`` (stored as a JPEG of quality
 ``noise_1`` (each value up or down by at most 1, evenly).
 """
 
-from __future__ import annotations
-
 import math
 import re
 

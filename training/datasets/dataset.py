@@ -15,8 +15,6 @@ how a frame's file is compressed. `unsure` patches are counted, never stored.
 To change the format: raise FORMAT_VERSION, keep reading the old one, prove it with a test.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Sequence

@@ -1,7 +1,5 @@
 """A cache of the features of a dataset's patches, computed once for an extractor."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from importlib.metadata import version

@@ -1,7 +1,5 @@
 """Missions with their labels, and folders of ready-cut patches, as plans for a dataset."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from functools import partial

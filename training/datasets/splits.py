@@ -4,8 +4,6 @@ Neighbour frames of a dive are near copies, so a random split would test a model
 was trained on. There is no random split here to choose.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass

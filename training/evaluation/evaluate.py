@@ -1,7 +1,5 @@
 """Score a model on a mission and its labels: patches, frames, and when it first warns."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Figures of merit for patches and frames, from decision values and true labels."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

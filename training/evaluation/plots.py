@@ -1,7 +1,5 @@
 """The figures that runs and reports show."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

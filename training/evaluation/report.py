@@ -1,7 +1,5 @@
 """Reports: one HTML file each that needs no other, and no network, all of one look."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The operating point: the frame rule that keeps false statuses on open ocean rare enough."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace

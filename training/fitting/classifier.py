@@ -1,7 +1,5 @@
 """The classifier of a model: an optional scaler and a LinearSVC, as scikit-learn has them."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -3,8 +3,6 @@
 Before it, what cannot be learnt from or tested is refused; after it come the figures.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

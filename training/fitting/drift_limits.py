@@ -7,8 +7,6 @@ frame, as the runtime's go along with the frames. Patches marked unsure are not 
 runtime sees them, the windows here do not.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -18,8 +18,6 @@ seen 1 to 4 times, whose law is known: the best estimate for 1 in 10,000 has a t
 in 10,000 in the median, and the bound with 95 % confidence keeps the rate in 76 to 93 of 100.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

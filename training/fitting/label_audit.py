@@ -25,8 +25,6 @@ margin, both passes (this)     0.66 | 0.89   0.76 | 0.93   0.58 | 0.98
 doubtful labels of its own, which also rank high and count as misses here.)
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The presets and settings of training, as plain values that are logged with every run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from tokt.features.common.errors import ToktError

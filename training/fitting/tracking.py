@@ -1,7 +1,5 @@
 """Log a trained model to MLflow and register it, so that it can be traced and exported."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

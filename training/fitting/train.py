@@ -1,7 +1,5 @@
 """Train one model version: cross-validate, fit on everything, log it all, register it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path

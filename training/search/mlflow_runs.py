@@ -4,8 +4,6 @@ What is logged already is asked of the registry itself, by tags, and not remembe
 a search that was killed between logging and remembering makes no run twice.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Search a dataset for its best extractor, and train and register the winner."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import time

@@ -16,8 +16,6 @@ A TOML file::
 Each extractor is one trial; its C and class weight are chosen inside each training part.
 """
 
-from __future__ import annotations
-
 import sys
 import tomllib
 from dataclasses import asdict, dataclass, field

@@ -15,8 +15,6 @@ not at all.
 To change the format: raise STATE_FORMAT, keep reading the old one, prove it with a test.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """One trial: the nested, blocked cross-validation of an extractor, kept when it is finished."""
 
-from __future__ import annotations
-
 import copy
 import time
 from collections.abc import Iterable, Iterator

@@ -5,8 +5,6 @@ delivers captures; `live_source.CameraSource` watches it, starts it again when i
 and pairs the captures of two.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol

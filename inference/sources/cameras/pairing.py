@@ -22,8 +22,6 @@ too little is known nothing is paired.
 Everything here is free of clocks and threads: the caller says what time it is.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ a loopback address (DNS rebinding) read what comes back. So the Host header must
 ours, and a request that changes something must come from our own page.
 """
 
-from __future__ import annotations
-
 import hashlib
 import hmac
 import ipaddress

@@ -1,7 +1,5 @@
 """The web application: all routes, the page's own files, and a watch over the store."""
 
-from __future__ import annotations
-
 import asyncio
 import mimetypes
 import time

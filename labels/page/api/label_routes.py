@@ -1,7 +1,5 @@
 """Labels of frames, the actions that change them, the events that tell other pages."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import AsyncIterator, Callable
 from typing import Annotated, Any

@@ -1,7 +1,5 @@
 """The mission: its classes, the state of every frame, and which frame to label next."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query

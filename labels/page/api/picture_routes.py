@@ -1,7 +1,5 @@
 """Pictures of frames and of patches."""
 
-from __future__ import annotations
-
 import re
 from typing import Annotated
 

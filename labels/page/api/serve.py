@@ -1,7 +1,5 @@
 """Serving the page: the listening socket, its host names and URL, and the server until it ends."""
 
-from __future__ import annotations
-
 import errno
 import ipaddress
 import os

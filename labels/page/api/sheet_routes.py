@@ -1,7 +1,5 @@
 """Sheets of patches: those of one label, odd ones first; agreement and conflicts; label audits."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any
 

@@ -1,7 +1,5 @@
 """The workspace's label audits, as far as they speak of one mission and grid."""
 
-from __future__ import annotations
-
 import threading
 from pathlib import Path
 from typing import NamedTuple

@@ -6,8 +6,6 @@ amplified is added to the frame itself, so that all fine detail and colour of th
 no more noise than the frame has.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

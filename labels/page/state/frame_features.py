@@ -1,7 +1,5 @@
 """Texture features of the frames that have labels, computed beside the page and kept in memory."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass

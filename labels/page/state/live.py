@@ -1,7 +1,5 @@
 """Server-sent events: every open page hears of every change."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections.abc import AsyncIterator, Callable

@@ -1,7 +1,5 @@
 """Frames and patches as the page shows them."""
 
-from __future__ import annotations
-
 import threading
 from collections import OrderedDict
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The session of one running server: opened; the mission, its labels, what follows from them."""
 
-from __future__ import annotations
-
 import hashlib
 import shutil
 import threading

@@ -5,8 +5,6 @@ before it in the queue (greedy farthest-point traversal weighted by uncertainty)
 of a dive are near copies: labelling one tells the model almost all about the others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass
 

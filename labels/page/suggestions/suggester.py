@@ -1,7 +1,5 @@
 """The suggester: a model's suggestions for a mission's frames, computed beside the page."""
 
-from __future__ import annotations
-
 import hashlib
 import threading
 import time

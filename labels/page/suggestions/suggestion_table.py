@@ -1,7 +1,5 @@
 """The table of a model's suggestions, kept in a file between runs of the server."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

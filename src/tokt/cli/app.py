@@ -1,7 +1,5 @@
 """The `tokt` program: its commands, and how it ends when something is wrong."""
 
-from __future__ import annotations
-
 import sys
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`tokt doctor`: versions, extras, kernels in use, camera driver, store and registry health."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import sys

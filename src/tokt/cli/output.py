@@ -1,7 +1,5 @@
 """A command and its terminal: JSON, lines, progress, figures, and its end at Ctrl-C."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """`tokt run`, the runtime at sea, and `tokt listen`, a look at what it sends."""
 
-from __future__ import annotations
-
 import os
 import sys
 from inspect import Parameter, signature

@@ -1,7 +1,5 @@
 """Pictures for the kernels' tests: random sizes and contents, the extremes among them."""
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

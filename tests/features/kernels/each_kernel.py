@@ -1,7 +1,5 @@
 """The kernels that a property is tried on: each there is, and the reference they are held to."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any

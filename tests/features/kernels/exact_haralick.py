@@ -1,7 +1,5 @@
 """Haralick's features as mahotas defines them, without rounding: whole numbers and 50 digits."""
 
-from __future__ import annotations
-
 from decimal import Decimal, localcontext
 from functools import lru_cache
 

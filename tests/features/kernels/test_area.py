@@ -1,7 +1,5 @@
 """Resized gray pictures against OpenCV's, bit for bit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Block matching: every kernel gives the integers of OpenCV's StereoBM."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

@@ -1,7 +1,5 @@
 """Which kernels a process uses: TOKT_KERNELS, and a package without the compiled ones."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

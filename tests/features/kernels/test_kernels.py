@@ -1,7 +1,5 @@
 """The fast kernels against scikit-image, mahotas, exact arithmetic and each other."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """16-bit gray pictures, their levels and how often they occur: all kernels give the same bits."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import cv2

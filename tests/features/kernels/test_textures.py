@@ -1,7 +1,5 @@
 """Edges, lines and patterns at whole pixels: all kernels give the same whole numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

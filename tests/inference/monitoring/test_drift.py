@@ -1,7 +1,5 @@
 """The drift monitor: it tells when features leave training, once, and when they are back."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any

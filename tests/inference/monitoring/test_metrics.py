@@ -1,7 +1,5 @@
 """Metrics over real HTTP, read by Prometheus's own parser."""
 
-from __future__ import annotations
-
 import socket
 import sys
 import time

@@ -1,7 +1,5 @@
 """A store's new active model beside the running one; with real stores and real bundles."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable

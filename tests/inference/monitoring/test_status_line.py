@@ -1,7 +1,5 @@
 """The status line on a real terminal, and events where there is none."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

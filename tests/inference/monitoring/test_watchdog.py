@@ -1,7 +1,5 @@
 """The watchdog with real child processes, and the words it goes by with real sockets."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

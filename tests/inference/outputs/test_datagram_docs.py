@@ -5,8 +5,6 @@ ours has something: white space, literal characters, `%d` and `%f`. docs/labview
 two differ.
 """
 
-from __future__ import annotations
-
 import ctypes
 import json
 import math

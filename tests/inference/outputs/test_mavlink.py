@@ -1,7 +1,5 @@
 """What is sent is decoded by pymavlink from a real socket, and read as an autopilot reads it."""
 
-from __future__ import annotations
-
 import math
 import os
 import socket

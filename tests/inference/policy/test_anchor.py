@@ -1,7 +1,5 @@
 """Holding an object in the centre: the errors, their signs, and the page's controller."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable

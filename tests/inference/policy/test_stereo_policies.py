@@ -1,7 +1,5 @@
 """Policies on the sea trial's own frames: each loss of a part, and what is said then."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A policy's verdicts followed over time: whose trend it is, and when there is none."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -4,8 +4,6 @@ Curves are made as a grid of patches makes them: an area that follows from a dis
 some patches, whole patches, frames without anything, times that are not even.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 The rows of docs/faults.md that this comes to are held against it as in test_faults.py.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

@@ -1,7 +1,5 @@
 """`tokt run` and `tokt listen` as processes of their own."""
 
-from __future__ import annotations
-
 import json
 import signal
 import socket

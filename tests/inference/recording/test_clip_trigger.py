@@ -1,7 +1,5 @@
 """Which frames are kept."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.calls import refuses

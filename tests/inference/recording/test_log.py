@@ -1,7 +1,5 @@
 """Logs of JSON lines: rotation, crashes, full disks, and reading them back."""
 
-from __future__ import annotations
-
 import json
 import random
 import signal

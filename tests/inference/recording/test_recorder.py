@@ -1,7 +1,5 @@
 """Recording frames around detections: what is kept, where, and what can go wrong."""
 
-from __future__ import annotations
-
 import json
 import random
 import signal

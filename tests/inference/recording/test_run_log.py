@@ -1,7 +1,5 @@
 """What a run writes down: frames, heartbeats, events."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

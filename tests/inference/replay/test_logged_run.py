@@ -1,7 +1,5 @@
 """Logs as anybody may have changed them: read, or refused with one line; and yesterday's start."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`tokt replay`: the same bundle gives the same verdicts, and what is not the same is told."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import threading

@@ -1,7 +1,5 @@
 """A challenger in a process of its own: what it says is compared, what it does harms nobody."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """A rig whose frames are rectified already, of two equal cameras; frames of the sea trial."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Every text form of a calibration file, written here as its tool writes it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The row offset of a pair of views, and the correction that follows it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Whether a stereo pair can be believed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

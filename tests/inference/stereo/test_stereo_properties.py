@@ -1,7 +1,5 @@
 """Whatever pair comes in: a verdict, never an exception; and geometry held against cv2's own."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial

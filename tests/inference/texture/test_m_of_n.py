@@ -1,7 +1,5 @@
 """The frame rule at run time: detector, policies, loop, datagrams and log."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

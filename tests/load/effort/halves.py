@@ -1,7 +1,5 @@
 """A labelled mission in two halves: a model of one, and what it must reproduce of the other."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The page alone knows what a key does and what a suggestion follows: before each 
 what its frames hold, as a person would look.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations

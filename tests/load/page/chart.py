@@ -1,7 +1,5 @@
 """The labelling page's bench as one chart: times against what is asked, and actions."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

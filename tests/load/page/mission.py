@@ -1,7 +1,5 @@
 """A long mission out of few pictures: links to them, and labels for every patch."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from itertools import cycle, islice
 from pathlib import Path

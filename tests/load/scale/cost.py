@@ -1,7 +1,5 @@
 """Costs of the steps of a program: time, and memory of it and of what it starts."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import time

@@ -1,7 +1,5 @@
 """As many frames as one likes out of few rendered ones: each time with other noise."""
 
-from __future__ import annotations
-
 import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial

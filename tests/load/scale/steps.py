@@ -4,8 +4,6 @@ Run as ``python -m tests.load.scale.steps FOLDER MISSION STEP...``; what it prin
 `cost.watched`.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import time

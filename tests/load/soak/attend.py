@@ -1,7 +1,5 @@
 """Looks at a soaked run from outside, and another model for it now and then."""
 
-from __future__ import annotations
-
 import threading
 import time
 import urllib.request

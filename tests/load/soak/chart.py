@@ -1,7 +1,5 @@
 """A soak as a picture: latency over the frames, memory over the frames, and the latency's tail."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ The next frame is sent once the datagram of the one before is here, so that noth
 and a frame's way takes as long as the runtime does.
 """
 
-from __future__ import annotations
-
 import socket
 import time
 from collections import Counter

@@ -1,7 +1,5 @@
 """The runtime in real time: what is heard while no frame comes, and after it was killed."""
 
-from __future__ import annotations
-
 import json
 import socket
 import subprocess

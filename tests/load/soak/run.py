@@ -1,7 +1,5 @@
 """One soaked run: `tokt run --source stream:...`, with what is around it and done to it."""
 
-from __future__ import annotations
-
 import json
 import socket
 import time

@@ -10,8 +10,6 @@
     memory                 <── HTTP ─ metrics
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from dataclasses import asdict, replace

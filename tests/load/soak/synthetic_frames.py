@@ -4,8 +4,6 @@ The pictures are of 180x135 pixels and the grid is as wide, so that a frame is j
 a millisecond and days at sea go into minutes; every step that a large frame needs is taken.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

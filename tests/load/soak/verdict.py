@@ -1,7 +1,5 @@
 """The checks of a soak: what is asked, what was found, and whether it holds."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass

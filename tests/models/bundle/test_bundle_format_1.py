@@ -3,8 +3,6 @@
 Nothing here may be changed together with models/bundle/bundle.py: it stands for files on ships.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

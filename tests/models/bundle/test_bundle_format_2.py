@@ -3,8 +3,6 @@
 Nothing here may be changed together with models/bundle/bundle.py: it stands for files on ships.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from typing import Any
 
 from tokt.models.bundle.card import model_card

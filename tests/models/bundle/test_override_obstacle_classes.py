@@ -1,7 +1,5 @@
 """Obstacle flags set when a model is shipped: new bytes, a void operating point, and told so."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The registry in a file, and the way to a bundle."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

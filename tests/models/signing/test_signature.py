@@ -1,7 +1,5 @@
 """Keys, signatures, and every way to get an unsigned model past a store that asks for one."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """keygen, export --sign, deploy, rollback and store as a person types them."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

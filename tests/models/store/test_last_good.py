@@ -1,7 +1,5 @@
 """What a runtime starts with when the active model cannot be used, and what it never takes."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

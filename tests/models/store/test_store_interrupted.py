@@ -5,8 +5,6 @@ files below the store that change anything (Python raises an event before it ope
 or makes one) and ends the process, as SIGKILL would, when the chosen one is about to happen.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

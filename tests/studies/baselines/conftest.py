@@ -1,7 +1,5 @@
 """What the baselines' tests share: a rendered mission, and how well a mask fits the truth."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Left, centre and right of the disparity map."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

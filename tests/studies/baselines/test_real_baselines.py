@@ -1,7 +1,5 @@
 """The baselines on the real mission: water is water, and the tower is seen where they say."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Keypoints that grow."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

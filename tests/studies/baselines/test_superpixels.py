@@ -1,7 +1,5 @@
 """SLIC superpixels as the thesis's program cut them, and what it made of each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

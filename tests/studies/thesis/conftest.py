@@ -1,7 +1,5 @@
 """What the tests of tokt reproduce share: one small rendered mission, and coarse figures."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import BinaryIO

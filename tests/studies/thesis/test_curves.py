@@ -1,7 +1,5 @@
 """Curves by frame: each method's own, ours held out, and what they are scored with."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterable
 from dataclasses import replace

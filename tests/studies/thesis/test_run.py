@@ -1,7 +1,5 @@
 """tokt reproduce as a whole: its files, its report, and how it ends when something is wrong."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

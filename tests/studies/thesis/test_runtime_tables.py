@@ -1,7 +1,5 @@
 """Tables 5.1 to 5.4: what is timed is the method itself, and each row is its own method's."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Figures 3.8 to 3.10, 5.1, 6.1 and the trend: on a rendered dive, and with each method broken."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path

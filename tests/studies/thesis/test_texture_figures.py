@@ -1,7 +1,5 @@
 """The texture figures of tokt reproduce on a small rendered mission, and what they are made of."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

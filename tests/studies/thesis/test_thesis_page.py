@@ -1,7 +1,5 @@
 """The page from the thesis to this code: its figures come from results, and from nowhere else."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

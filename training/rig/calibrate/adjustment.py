@@ -1,7 +1,5 @@
 """Bundle adjustment of a rig, the vehicle's path and the points it saw."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Calibrate a stereo rig from pictures of a checkerboard."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Selection of the frames that have anything to match: most of a dive is open water."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 

@@ -1,7 +1,5 @@
 """MATLAB's binary files with a stereo calibration: Bouguet's toolbox, Computer Vision Toolbox."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor

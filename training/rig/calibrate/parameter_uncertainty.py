@@ -1,7 +1,5 @@
 """Uncertainty of a rig's parameters: which of them the frames determine."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any

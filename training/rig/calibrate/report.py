@@ -1,7 +1,5 @@
 """The report of a self-calibration: one HTML file that needs no other."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

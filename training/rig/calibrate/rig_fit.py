@@ -1,7 +1,5 @@
 """Fit a rig to matched frames: epipolar geometry, a path, bundle adjustment."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

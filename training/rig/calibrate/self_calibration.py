@@ -1,7 +1,5 @@
 """Calibrate a stereo rig from a mission's own frames."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Vertical error of a calibration: matched points must lie in the same row of both views."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Filtered, coloured point clouds from the matches of one pair, and PLY files of them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

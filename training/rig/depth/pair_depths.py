@@ -1,7 +1,5 @@
 """Depths of stereo pairs in their order, by the runtime's own detector, and their summary."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise

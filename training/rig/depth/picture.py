@@ -9,8 +9,6 @@
     +----------------------+----------------------+---+
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import matplotlib as mpl

@@ -1,7 +1,5 @@
 """Depth of a whole mission: every pair judged, then the table, the plot, pictures and a cloud."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Callable, Iterable, Sequence

@@ -3,8 +3,6 @@
 For a camera's own process only (see `process`).
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress

@@ -10,8 +10,6 @@ overwrites what nobody took. What waited in the pipe is as old as it is: `Captur
 the camera's process had it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import queue

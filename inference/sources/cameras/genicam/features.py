@@ -4,8 +4,6 @@ Names are of the Standard Features Naming Convention (SFNC 2), and the older one
 still have. What was asked for and a camera does not have is refused; a default is left out.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable
 from typing import Any

@@ -4,8 +4,6 @@ The runtime writes one line, its order. The process answers in messages: one lin
 those with ``"bytes"`` followed by so many bytes. When the runtime closes its end it shall stop.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import dataclass

@@ -8,8 +8,6 @@ producer that lost its camera may keep its memory; here that goes with the proce
 What it is told and what it answers: `messages`.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Cameras of Allied Vision and their streams, through pymba and the Vimba SDK."""
 
-from __future__ import annotations
-
 import ctypes
 import math
 from collections.abc import Callable, Sequence

@@ -4,8 +4,6 @@ Names differ from camera to camera: GigE cameras of Allied Vision say ``Exposure
 USB ones say ``ExposureTime`` (GigE and USB Features References of Allied Vision).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The Vimba API as a whole: pymba, which loads it, its start, the cameras that it finds."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import threading

@@ -1,7 +1,5 @@
 """The interface of every method that tokt is compared with, and its result for one frame."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

@@ -16,8 +16,6 @@ I. Kostavelis, L. Nalpantidis and A. Gasteratos, *Real-time algorithm for obstac
 a stereoscopic camera*, 3rd Panhellenic Scientific Student Conference on Informatics, 2009.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

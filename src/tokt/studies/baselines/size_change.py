@@ -20,8 +20,6 @@ camera for micro unmanned aerial vehicles*, IEEE International Conference on Rob
 Automation, 2013.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass, replace
 from typing import Any

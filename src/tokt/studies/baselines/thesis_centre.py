@@ -25,8 +25,6 @@ L. S. Brusletto, *Computer Vision Based Obstacle Avoidance for a Remotely Operat
 NTNU 2016, figures 3.22 to 3.24, and its program AURlabCVsimulator.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

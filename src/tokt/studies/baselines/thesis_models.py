@@ -1,7 +1,5 @@
 """The thesis's models, trained as it trains: on one image of ocean, one of anything else."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import dataclass
 

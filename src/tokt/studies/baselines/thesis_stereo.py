@@ -17,8 +17,6 @@ L. S. Brusletto, *Computer Vision Based Obstacle Avoidance for a Remotely Operat
 NTNU 2016: cameras in tables 3.3 and 3.4, the pipeline in its program AURlabCVsimulator.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -14,8 +14,6 @@ L. S. Brusletto, *Computer Vision Based Obstacle Avoidance for a Remotely Operat
 NTNU 2016.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The whole chain in one run: labels, dataset, training, registry, bundle, store, runtime, UDP."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

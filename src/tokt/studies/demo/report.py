@@ -1,7 +1,5 @@
 """The findings of a demo, and its report: one HTML file that needs no other."""
 
-from __future__ import annotations
-
 import platform
 import time
 from collections.abc import Callable, Iterator

@@ -6,8 +6,6 @@ loop's own as well (`write_drift`); both draw water, lamp, snow, noise and tower
 distributions.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable
 from pathlib import Path

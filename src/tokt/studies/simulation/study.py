@@ -1,7 +1,5 @@
 """A whole study: the model, all runs, what they came to, and the folder that tells it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass

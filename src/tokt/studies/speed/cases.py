@@ -1,7 +1,5 @@
 """The pictures and cases that are timed in this process: kernels on patches, whole frames."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -11,8 +11,6 @@ References
 Haralick, Shanmugam, Dinstein (1973), IEEE TSMC 3(6): f1 to f13.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Timing of two ways of doing the same, in turns on one thread, and medians of the times."""
 
-from __future__ import annotations
-
 import gc
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence

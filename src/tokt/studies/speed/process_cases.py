@@ -1,7 +1,5 @@
 """The cases of whole processes: a table of features, a frame's way to a receiver, a start."""
 
-from __future__ import annotations
-
 import gc
 import json
 import socket

@@ -1,7 +1,5 @@
 """The bench's results as a table and as a bar chart."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping, Sequence
 from typing import Any

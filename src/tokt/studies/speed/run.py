@@ -1,7 +1,5 @@
 """The whole bench: what it is measured on, all cases in one run, and what is written."""
 
-from __future__ import annotations
-
 import json
 import os
 import tempfile

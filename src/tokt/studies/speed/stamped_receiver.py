@@ -5,8 +5,6 @@ output; when standard input ends, the rest is a JSON list of ``[seconds, datagra
 are of `time.monotonic`, which all processes of a machine read alike (on Linux, macOS and Windows).
 """
 
-from __future__ import annotations
-
 import json
 import socket
 import subprocess

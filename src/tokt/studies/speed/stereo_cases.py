@@ -1,7 +1,5 @@
 """Stereo pairs and the cases timed on them: the thesis's disparity pipeline against tokt's two."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Inputs of a study: frames, labels, the thesis's models, cameras; each read once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -5,8 +5,6 @@ The text is `TEMPLATE`, beside this file; its figures are placeholders that are 
 made from and of itself, so that a figure typed into it afterwards is found (`page_faults`).
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from importlib import resources

@@ -1,7 +1,5 @@
 """Obstacle patches said against obstacle patches that are there."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

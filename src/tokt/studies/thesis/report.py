@@ -3,8 +3,6 @@
 To change the format of results.json: raise `FORMAT`, and say in docs what changed.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Sequence

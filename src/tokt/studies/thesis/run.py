@@ -1,7 +1,5 @@
 """The whole of ``tokt reproduce``: every exhibit from one mission, its files, and the report."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable, Sequence

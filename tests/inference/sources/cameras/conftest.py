@@ -1,7 +1,5 @@
 """The real pymba on a simulated Vimba library, which is compiled from `vimba_simulator`."""
 
-from __future__ import annotations
-
 import platform
 import shutil
 import subprocess

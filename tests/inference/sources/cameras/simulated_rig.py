@@ -1,7 +1,5 @@
 """The simulated rig as tests see it: its controls, its pictures, and what comes from it."""
 
-from __future__ import annotations
-
 import ctypes
 import time
 from collections.abc import Callable

@@ -1,8 +1,6 @@
 """A buffer's picture. Buffers here are stand-ins with a buffer's attributes: viky, the simulated
 camera, has neither padding nor parts nor time stamps, and never sends half a frame."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """harvesters and its simulated camera (viky.cti of the genicam package), in this process."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,8 +1,6 @@
 """Cameras in processes of their own: real ones with the simulated camera of the genicam package,
 and small programs in their place for what no real one does on request."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Setting a camera: the real GenApi, with feature descriptions as cameras have them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

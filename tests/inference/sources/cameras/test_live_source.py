@@ -1,7 +1,5 @@
 """Frames of two simulated cameras: true pairs, every fault with its reason, and never a hang."""
 
-from __future__ import annotations
-
 import functools
 import threading
 import time

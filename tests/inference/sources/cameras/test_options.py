@@ -1,7 +1,5 @@
 """Camera options and the names of cameras: what cannot be meant is refused in one line."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

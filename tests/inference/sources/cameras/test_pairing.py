@@ -1,7 +1,5 @@
 """Pairing: only captures of one moment, each capture once, whatever the clocks and delays."""
 
-from __future__ import annotations
-
 import math
 import random
 from collections import Counter

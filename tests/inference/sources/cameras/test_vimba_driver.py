@@ -1,7 +1,5 @@
 """One camera through the real pymba: what is set, what is delivered, and every way it can fail."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Without the Vimba SDK, or without pymba: one line that says what to install and set."""
 
-from __future__ import annotations
-
 import platform
 import subprocess
 import sys

@@ -5,8 +5,6 @@ is integrated, so that a steady current leaves no offset. As a ship's dynamic po
 (Fossen 2011, chapter 12), without an observer: the navigation is taken as it is.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from enum import StrEnum

@@ -12,8 +12,6 @@ takes more than `tokt.inference.policy.policy.MAX_TEXTURE_S`. What a verdict's w
 put in as `LATENCY_S`.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager

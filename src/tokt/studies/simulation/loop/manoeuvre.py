@@ -5,8 +5,6 @@ ahead, `beside` to the side that the planner passes on. All that follows is reme
 the body itself moves and turns on.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -22,8 +22,6 @@ body-fixed frame; back to the goal when it is reached. Added here, and why:
 Time comes from the caller: seconds of any clock that does not step back.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Any, Literal

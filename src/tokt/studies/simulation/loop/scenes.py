@@ -11,8 +11,6 @@
         +--------> x (east)
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The record of one flight: the vehicle's path, the planner's modes, the verdicts heard."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -10,8 +10,6 @@ World axes are the synthetic mission's: x east, y down, z north. Heading 0 looks
 turns to the east (clockwise seen from above). So (z, x, y) are Fossen's north, east, down.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

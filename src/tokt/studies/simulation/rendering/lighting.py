@@ -7,8 +7,6 @@ and the design of optimal underwater imaging systems". Light scattered forward o
 it. Marine snow, the sensor's noise and 8 bits come on top. Grey levels are those of the mission.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

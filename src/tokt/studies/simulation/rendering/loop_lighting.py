@@ -3,8 +3,6 @@
 All that never changes for one camera in one water is worked out once (`ViewMaps`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

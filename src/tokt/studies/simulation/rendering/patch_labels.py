@@ -1,7 +1,5 @@
 """The label of each patch of a synthetic frame, from the geometry and the contrast; its file."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Iterable, Sequence

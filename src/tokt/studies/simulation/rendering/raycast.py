@@ -6,8 +6,6 @@ double precision (`View`); the closed loop, which renders some hundred thousand 
 (`Hits`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 

@@ -4,8 +4,6 @@ In the closed loop noise and the water's clouds are drawn once, and read at plac
 decides.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

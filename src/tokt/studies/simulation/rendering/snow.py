@@ -5,8 +5,6 @@ stay in their water (`Snow`): a vehicle passes them. They fill a cube that repea
 directions, as densely as a mission has them; sizes, focus and brightness are as there.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -4,8 +4,6 @@ A frame is made as those of a simulated mission are (`lighting`, `snow`, `sensor
 the same JPEG: to a model trained on such missions it looks like theirs.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

@@ -4,8 +4,6 @@ Modelled on the mission of 20 April 2016: the tower comes into view 40 % into th
 three quarters into it, and sinks in the picture as the vehicle backs away and rises.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -1,7 +1,5 @@
 """Outcomes of flights: collisions, clearance, detours, false avoidance; tables over many."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass

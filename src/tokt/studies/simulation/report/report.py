@@ -1,7 +1,5 @@
 """The page about many runs: a table of scenes and methods, and maps. One file, no network."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -4,8 +4,6 @@ World axes are metres: x to the right (east), y down, z ahead (north); a tower's
 where it stands at the origin.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

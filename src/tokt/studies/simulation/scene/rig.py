@@ -1,7 +1,5 @@
 """Cameras without distortion, the stereo rig of a synthetic mission, and its calibration file."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

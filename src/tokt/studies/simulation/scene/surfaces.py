@@ -1,7 +1,5 @@
 """The solids of a world, their materials and textures, in arrays: ready for a camera's rays."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

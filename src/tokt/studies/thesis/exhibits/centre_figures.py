@@ -1,7 +1,5 @@
 """Figures 3.22 to 3.24: contours, centre and box of a mask, the thesis's beside the corrected."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Figures 5.3 to 5.5: the mean value of every method along the mission."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 

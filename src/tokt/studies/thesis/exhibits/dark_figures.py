@@ -1,7 +1,5 @@
 """Figures 5.6 to 5.8: bad lighting, what a person marks in it, and what every method says."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

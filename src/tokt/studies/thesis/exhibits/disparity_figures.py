@@ -5,8 +5,6 @@ measures distance by two pictures has nothing to say then. What says the same as
 looked at one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

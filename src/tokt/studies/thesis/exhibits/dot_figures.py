@@ -1,7 +1,5 @@
 """Figures 3.17 and 3.20: what each method predicts for the patches of one picture, as dots."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 

@@ -1,7 +1,5 @@
 """Exhibits of the report, claims, tables and plots, and the context that they are made of."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Frames, masks and what was said of their patches, drawn for people."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

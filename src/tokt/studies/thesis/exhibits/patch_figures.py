@@ -1,7 +1,5 @@
 """Figures 3.16 and 3.19: what one patch on the structure and one of ocean look like as features."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

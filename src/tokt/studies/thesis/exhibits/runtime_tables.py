@@ -4,8 +4,6 @@ What is counted is the thread's own processor time: on an idle machine the time 
 a busy one not what others take.
 """
 
-from __future__ import annotations
-
 import gc
 import time
 from collections.abc import Callable, Iterable, Sequence

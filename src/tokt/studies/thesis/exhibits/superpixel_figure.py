@@ -1,7 +1,5 @@
 """Figure 5.1: SLIC superpixels against the grid."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

@@ -15,8 +15,6 @@ A uniform pattern of P points on a circle is one run of k brighter points::
 The bin after the P + 1 uniform ones counts all patterns of several runs. Noise makes these.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum

@@ -8,8 +8,6 @@ r"""The trend and the time to contact from expansion, against stereo depth on th
            ---------   by Theil and Sen                         changes by -s / 2
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -5,8 +5,6 @@ judge a run of frames as ``tokt run`` does, through a policy; the compared ones 
 themselves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial

@@ -9,8 +9,6 @@ A picture of somewhere else may be judged by a model that learnt from every labe
 (`train_on_all_labels`), and what is only timed by one that learnt from all it may (`tokt_model`).
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
