@@ -5,6 +5,7 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.checks import check_frame
 from tokt.features.kernels.dispatch import KERNELS
@@ -13,14 +14,14 @@ from tokt.features.kernels.quantization import STEPS_PER_LEVEL, Quantization
 _MAX_PICTURE = 100_000_000  # pixels; a thinner strip than any camera's would become more
 
 
-def _picture_size(frame: NDArray[np.uint8], grid: Grid) -> tuple[int, int]:
+def _picture_size(frame: U8, grid: Grid) -> tuple[int, int]:
     height, width = grid.resized(*frame.shape[:2])
     if not 1 <= height * width <= _MAX_PICTURE:
         raise ValueError(f"a frame of {frame.shape} becomes {width}x{height} pixels in grid {grid}")
     return height, width
 
 
-def gray_picture(frame: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.uint8]:
+def gray_picture(frame: U8, grid: Grid, threads: int = 1) -> U8:
     """The frame as the plain extractors see it: resized to the grid's width, then gray.
 
     Parameters
@@ -41,7 +42,7 @@ def gray_picture(frame: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDAr
     return KERNELS.resized_gray(frame, *_picture_size(frame, grid), threads)
 
 
-def gray16_picture(frame: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.uint16]:
+def gray16_picture(frame: U8, grid: Grid, threads: int = 1) -> NDArray[np.uint16]:
     """The frame resized and gray in 1/256 grey level; arguments and errors as in `gray_picture`."""
     frame = check_frame(frame, threads)
     return KERNELS.resized_gray16(frame, *_picture_size(frame, grid), threads)
@@ -58,21 +59,21 @@ class FramePictures:
         How many threads share the work; what comes out does not depend on it.
     """
 
-    def __init__(self, frame: NDArray[np.uint8], grid: Grid, threads: int = 1) -> None:
+    def __init__(self, frame: U8, grid: Grid, threads: int = 1) -> None:
         self.grid = grid
         self.threads = threads
         self._frame = frame
         self._gray16: NDArray[np.uint16] | None = None
-        self._made: dict[Quantization | None, NDArray[np.uint8]] = {}
+        self._made: dict[Quantization | None, U8] = {}
 
-    def picture(self, image: Quantization | None) -> NDArray[np.uint8]:
+    def picture(self, image: Quantization | None) -> U8:
         """The picture a spec's ``image`` describes, uint8; None is the plain one."""
         made = self._made.get(image)
         if made is None:
             made = self._made[image] = self._prepared(image)
         return made
 
-    def gray(self, images: Collection[Quantization | None]) -> NDArray[np.uint8]:
+    def gray(self, images: Collection[Quantization | None]) -> U8:
         """A gray picture for frame checks, made from what extractors of `images` need anyway.
 
         The plain one, or where no image is plain the 16-bit one rounded to whole grey levels: at
@@ -94,7 +95,7 @@ class FramePictures:
             self._gray16 = gray16_picture(self._frame, self.grid, self.threads)
         return self._gray16
 
-    def _prepared(self, image: Quantization | None) -> NDArray[np.uint8]:
+    def _prepared(self, image: Quantization | None) -> U8:
         if image is None:
             return gray_picture(self._frame, self.grid, self.threads)
         return KERNELS.quantize(self._gray16_picture(), image, self.threads)

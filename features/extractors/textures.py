@@ -9,8 +9,8 @@ from math import prod
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, I64, U8
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.features.kernels.quantization import Quantization
@@ -43,7 +43,7 @@ class Extractor(ABC):
     def spec(self) -> dict[str, Any]:
         """The JSON spec that describes this extractor whole."""
 
-    def describe(self, frame: NDArray[np.uint8], grid: Grid) -> NDArray[np.float64]:
+    def describe(self, frame: U8, grid: Grid) -> F64:
         """Features of every patch: float64, shape (grid.n_patches, dim), row by row.
 
         Parameters
@@ -55,7 +55,7 @@ class Extractor(ABC):
         return self.describe_pictures(FramePictures(frame, grid))
 
     @abstractmethod
-    def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
+    def describe_pictures(self, pictures: FramePictures) -> F64:
         """`describe`, of a frame whose prepared pictures are shared with others."""
 
 
@@ -128,7 +128,7 @@ class Lbp(OnePicture):
         later = None if self.sampling is None else {"sampling": self.sampling}
         return self._spec("lbp", options, later)
 
-    def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
+    def describe_pictures(self, pictures: FramePictures) -> F64:
         """Fraction of a patch's pixels with each pattern; rows sum to 1."""
         picture, grid = pictures.picture(self.image), pictures.grid
         kernel = KERNELS.lbp_nearest_counts if self.sampling == NEAREST else KERNELS.lbp_counts
@@ -177,7 +177,7 @@ class Haralick(OnePicture):
         later = None if self.scale is None else {"scale": self.scale}
         return self._spec("haralick", {"ignore_zeros": self.ignore_zeros}, later)
 
-    def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
+    def describe_pictures(self, pictures: FramePictures) -> F64:
         """The 13 features of each patch's grey-level co-occurrence matrices (GLCM)."""
         picture = pictures.picture(self.image)
         features = KERNELS.haralick_features(
@@ -186,7 +186,7 @@ class Haralick(OnePicture):
         return on_log_scale(features) if self.scale == LOG else features
 
 
-def on_log_scale(features: NDArray[np.float64]) -> NDArray[np.float64]:
+def on_log_scale(features: F64) -> F64:
     """Features of shape (n, 13) with those that grow with contrast as logarithms.
 
     A linear model then sees what is faint and what is close on one scale; the correlation, which
@@ -228,7 +228,7 @@ class Lines(OnePicture):
         """The spec this was built from."""
         return self._spec("lines", {"samples": list(self.samples)})
 
-    def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
+    def describe_pictures(self, pictures: FramePictures) -> F64:
         """One row a patch."""
         picture, grid = pictures.picture(self.image), pictures.grid
         middle = (256 if self.image is None else self.image.levels) // 2
@@ -258,13 +258,13 @@ class Moments(OnePicture):
         """The spec this was built from."""
         return self._spec("moments")
 
-    def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
+    def describe_pictures(self, pictures: FramePictures) -> F64:
         """One row a patch, in levels."""
         picture = pictures.picture(self.image)
         return moments_of(KERNELS.level_counts(picture, pictures.grid, pictures.threads))
 
 
-def moments_of(counts: NDArray[np.int64]) -> NDArray[np.float64]:
+def moments_of(counts: I64) -> F64:
     """The features of histograms of 256 levels, shape (n, 256), as (n, 9).
 
     A percentile p is the lowest level that p % of the pixels do not exceed. All sums are of whole
@@ -304,7 +304,7 @@ class Structure(OnePicture):
         """The spec this was built from."""
         return self._spec("structure")
 
-    def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
+    def describe_pictures(self, pictures: FramePictures) -> F64:
         """One row a patch."""
         picture, grid = pictures.picture(self.image), pictures.grid
         sums = KERNELS.structure_sums(picture, grid, pictures.threads)
@@ -333,17 +333,15 @@ class Join(Extractor):
         parts = [part.spec for part in self.parts]
         return {"name": "join", "version": SPEC_VERSION, "parts": parts}
 
-    def describe_pictures(self, pictures: FramePictures) -> NDArray[np.float64]:
+    def describe_pictures(self, pictures: FramePictures) -> F64:
         """The parts' features, in order."""
         return np.hstack([part.describe_pictures(pictures) for part in self.parts])
 
 
-Floats = NDArray[np.float64]
-
 _AROUND = [(down, right) for down in range(3) for right in range(3) if (down, right) != (1, 1)]
 
 
-def _around_each(features: Floats, grid: Grid, beyond: float) -> list[Floats]:
+def _around_each(features: F64, grid: Grid, beyond: float) -> list[F64]:
     """The features of each patch's eight neighbours, `beyond` where there is none."""
     rows, cols = grid.rows, grid.cols
     padded = np.full((rows + 2, cols + 2, features.shape[1]), beyond)
@@ -351,7 +349,7 @@ def _around_each(features: Floats, grid: Grid, beyond: float) -> list[Floats]:
     return [padded[down : down + rows, right : right + cols] for down, right in _AROUND]
 
 
-def _mean_around(features: Floats, grid: Grid) -> Floats:
+def _mean_around(features: F64, grid: Grid) -> F64:
     # One after the other, so that the order of adding is the same everywhere.
     sums, *others = (part.copy() for part in _around_each(features, grid, 0.0))
     for other in others:
@@ -360,19 +358,19 @@ def _mean_around(features: Floats, grid: Grid) -> Floats:
     return np.asarray(sums / np.sum(_around_each(ones, grid, 0.0), axis=0))
 
 
-def _max_around(features: Floats, grid: Grid) -> Floats:
+def _max_around(features: F64, grid: Grid) -> F64:
     return np.asarray(np.max(_around_each(features, grid, -np.inf), axis=0))
 
 
-def _min_around(features: Floats, grid: Grid) -> Floats:
+def _min_around(features: F64, grid: Grid) -> F64:
     return np.asarray(np.min(_around_each(features, grid, np.inf), axis=0))
 
 
-def _range_around(features: Floats, grid: Grid) -> Floats:
+def _range_around(features: F64, grid: Grid) -> F64:
     return _max_around(features, grid) - _min_around(features, grid)
 
 
-STATISTICS: dict[str, Callable[[Floats, Grid], Floats]] = {
+STATISTICS: dict[str, Callable[[F64, Grid], F64]] = {
     "mean": _mean_around,
     "max": _max_around,
     "min": _min_around,
@@ -380,7 +378,7 @@ STATISTICS: dict[str, Callable[[Floats, Grid], Floats]] = {
 }
 
 
-def around(features: Floats, grid: Grid, statistic: str) -> Floats:
+def around(features: F64, grid: Grid, statistic: str) -> F64:
     """A statistic of each patch's neighbours, up to eight, inside the grid.
 
     Parameters
@@ -429,7 +427,7 @@ class Context(Extractor):
             "statistic": self.statistic,
         }
 
-    def describe_pictures(self, pictures: FramePictures) -> Floats:
+    def describe_pictures(self, pictures: FramePictures) -> F64:
         """The part's features, then the neighbours'."""
         own = self.part.describe_pictures(pictures)
         return np.hstack([own, around(own, pictures.grid, self.statistic)])

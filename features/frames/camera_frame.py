@@ -8,7 +8,8 @@ OpenCV's ``BayerBG``, or ``BayerRGGB`` by its four-letter names, which are used 
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+
+from tokt.features.common.arrays import U8
 
 _BAYER = {
     "BayerRG8": cv2.COLOR_BayerRGGB2BGR,
@@ -29,12 +30,12 @@ _MIN_MOSAIC_PX = 3
 
 
 def frame_from_camera(
-    data: bytes | bytearray | memoryview | NDArray[np.uint8],
+    data: bytes | bytearray | memoryview | U8,
     height: int,
     width: int,
     pixel_format: str,
-    out: NDArray[np.uint8] | None = None,
-) -> NDArray[np.uint8]:
+    out: U8 | None = None,
+) -> U8:
     """Copy a camera's pixel data into a frame, with its mosaic interpolated (bilinear).
 
     Parameters
@@ -83,11 +84,8 @@ def frame_from_camera(
 
 
 def _pixels(
-    data: bytes | bytearray | memoryview | NDArray[np.uint8],
-    height: int,
-    width: int,
-    pixel_format: str,
-) -> NDArray[np.uint8]:
+    data: bytes | bytearray | memoryview | U8, height: int, width: int, pixel_format: str
+) -> U8:
     """The data as an array of pixels, still the caller's memory."""
     raw = data if isinstance(data, np.ndarray) else np.frombuffer(data, np.uint8)
     if raw.dtype != np.uint8:
@@ -100,7 +98,7 @@ def _pixels(
     return np.ascontiguousarray(raw).reshape(shape)
 
 
-def _check_out(out: NDArray[np.uint8], raw: NDArray[np.uint8], shape: tuple[int, ...]) -> None:
+def _check_out(out: U8, raw: U8, shape: tuple[int, ...]) -> None:
     # Into anything else OpenCV would not write: it would return another array.
     if out.dtype != np.uint8 or out.shape != shape or not out.flags.c_contiguous:
         raise ValueError(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import I64, U8
 from tokt.features.common.errors import ToktError
 
 _TEXT = re.compile(r"(\d{1,9})x(\d{1,9})(?:@(\d{1,9}|native))?")
@@ -105,7 +106,7 @@ class Grid:
             )
         return size
 
-    def boxes(self, height: int, width: int) -> NDArray[np.int64]:
+    def boxes(self, height: int, width: int) -> I64:
         """Patches of a *resized* frame as ``(y0, y1, x0, x1)`` rows, row by row.
 
         Returns
@@ -134,7 +135,7 @@ class Grid:
         """Whether (row, col) is a cell of this grid."""
         return 0 <= row < self.rows and 0 <= col < self.cols
 
-    def paint(self, values: NDArray[Any], height: int, width: int) -> NDArray[np.uint8]:
+    def paint(self, values: NDArray[Any], height: int, width: int) -> U8:
         """Mask of a resized frame, 255 where a patch's value is true.
 
         Parameters

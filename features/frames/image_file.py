@@ -10,8 +10,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, os_errors_as
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".pgm", ".ppm"})
@@ -62,7 +62,7 @@ def _png_pixels(data: bytes) -> int:
     return int.from_bytes(data[16:20], "big") * int.from_bytes(data[20:24], "big")
 
 
-def decode_image(data: bytes, name: str) -> NDArray[np.uint8]:
+def decode_image(data: bytes, name: str) -> U8:
     """Decode an image as the camera gave it.
 
     Parameters
@@ -99,7 +99,7 @@ def decode_image(data: bytes, name: str) -> NDArray[np.uint8]:
     return np.asarray(image, np.uint8)
 
 
-def read_image(path: Path) -> NDArray[np.uint8]:
+def read_image(path: Path) -> U8:
     """Read and decode one file; see `decode_image`.
 
     Raises
@@ -112,7 +112,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     return decode_image(data, str(path))
 
 
-def pixel_sha256(image: NDArray[np.uint8]) -> str:
+def pixel_sha256(image: U8) -> str:
     """SHA-256 (hex) of an image's shape and pixels, however its file was compressed."""
     digest = hashlib.sha256(repr(image.shape).encode("ascii"))
     digest.update(np.ascontiguousarray(image).data)

@@ -7,8 +7,8 @@ from typing import Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError, os_errors_as
 
 from .image_file import SUFFIXES, decode_image
@@ -37,7 +37,7 @@ class Mission(Protocol):
     def frames(self, camera: str = LEFT) -> list[int]:
         """Frame numbers of one camera, in numeric order."""
 
-    def read(self, frame: int, camera: str = LEFT) -> NDArray[np.uint8]:
+    def read(self, frame: int, camera: str = LEFT) -> U8:
         """One frame as the camera gave it: uint8, gray or BGR. Raises FrameError."""
 
     def encoded(self, frame: int, camera: str = LEFT) -> tuple[bytes, str]:
@@ -108,7 +108,7 @@ class FolderMission:
         """Frame numbers of one camera, in numeric order."""
         return list(self._files.get(camera, {}))
 
-    def read(self, frame: int, camera: str = LEFT) -> NDArray[np.uint8]:
+    def read(self, frame: int, camera: str = LEFT) -> U8:
         """One frame: uint8, gray (height, width) or BGR (height, width, 3)."""
         return decode_image(self.encoded(frame, camera)[0], str(self.file(frame, camera)))
 
@@ -138,7 +138,7 @@ class VideoMission:
         """Frame numbers 1..n; other cameras than ``"left"`` have none."""
         return list(range(1, self._count + 1)) if camera == LEFT else []
 
-    def read(self, frame: int, camera: str = LEFT) -> NDArray[np.uint8]:
+    def read(self, frame: int, camera: str = LEFT) -> U8:
         """One frame, BGR. Fast in order; a step back reads the file from its start again.
 
         Seeking by frame number is not exact for many codecs, so it is not used: the same

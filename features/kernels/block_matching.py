@@ -12,7 +12,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+
+from tokt.features.common.arrays import I16, U8
 
 PER_PIXEL = 16
 """Disparities are whole numbers of 1/16 pixel."""
@@ -77,9 +78,7 @@ class BlockMatching:
         return self.min_disparity + self.n_disparities
 
 
-def check_views(
-    left: Any, right: Any, wanted: Any
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8]]:
+def check_views(left: Any, right: Any, wanted: Any) -> tuple[U8, U8, U8]:
     """The arguments of ``block_disparity``, in C order.
 
     Raises
@@ -95,18 +94,13 @@ def check_views(
     return (np.ascontiguousarray(left), np.ascontiguousarray(right), np.ascontiguousarray(wanted))
 
 
-def padded(view: NDArray[np.uint8], settings: BlockMatching, value: int) -> NDArray[np.uint8]:
+def padded(view: U8, settings: BlockMatching, value: int) -> U8:
     """The view with `BlockMatching.margin` more columns of that value on its left."""
     wide = cv2.copyMakeBorder(view, 0, 0, settings.margin, 0, cv2.BORDER_CONSTANT, value=value)
     return np.asarray(wide, np.uint8)
 
 
-def block_disparity(
-    left: NDArray[np.uint8],
-    right: NDArray[np.uint8],
-    settings: BlockMatching,
-    wanted: NDArray[np.uint8],
-) -> NDArray[np.int16]:
+def block_disparity(left: U8, right: U8, settings: BlockMatching, wanted: U8) -> I16:
     """`Kernels.block_disparity` by OpenCV itself: without a compiler, and what ours is held to."""
     matcher = cv2.StereoBM.create(settings.n_disparities, settings.block)
     matcher.setMinDisparity(settings.min_disparity)

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
+
 if TYPE_CHECKING:
     from concurrent.futures import ThreadPoolExecutor
 
@@ -30,7 +32,7 @@ def _check_array(array: Any, threads: int, dtype: type = np.uint8) -> None:
         raise ValueError(f"threads is a whole number from 1, not {threads!r}")
 
 
-def check_gray(gray: Any, threads: int = 1) -> NDArray[np.uint8]:
+def check_gray(gray: Any, threads: int = 1) -> U8:
     """A gray picture in C order, copied only if it is not in C order yet.
 
     Raises
@@ -46,7 +48,7 @@ def check_gray(gray: Any, threads: int = 1) -> NDArray[np.uint8]:
     return np.ascontiguousarray(gray)
 
 
-def check_frame(frame: Any, threads: int = 1) -> NDArray[np.uint8]:
+def check_frame(frame: Any, threads: int = 1) -> U8:
     """A gray or BGR frame in C order, copied only if it is not in C order yet.
 
     Raises

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, I16, I64, U8
 from tokt.features.frames.grid import Grid
 
 from . import _native, numpy_pictures
@@ -82,8 +83,8 @@ def _lbp_tables(points: int, radius: float, height: int, width: int) -> Any:
 
 
 def lbp_counts(
-    gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
-) -> NDArray[np.int64]:
+    gray: U8, grid: Grid, points: int, radius: float, border: str, threads: int = 1
+) -> I64:
     """`Kernels.lbp_counts`, to the last integer."""
     size, whole = grid.patch_size(*gray.shape), border == "frame"
     count = _lbp_tables(points, radius, *(gray.shape if whole else size)).count_rows
@@ -93,15 +94,13 @@ def lbp_counts(
 
 
 @lru_cache(maxsize=4)
-def _log2_table(size: int) -> NDArray[np.float64]:
+def _log2_table(size: int) -> F64:
     table = np.zeros(size)
     table[1:] = np.log2(np.arange(1, size))
     return table
 
 
-def haralick_features(
-    gray: NDArray[np.uint8], grid: Grid, ignore_zeros: bool, threads: int = 1
-) -> NDArray[np.float64]:
+def haralick_features(gray: U8, grid: Grid, ignore_zeros: bool, threads: int = 1) -> F64:
     """`Kernels.haralick_features`, up to rounding."""
     size = grid.patch_size(*gray.shape)
     log2_of = _log2_table(min(2 * size[0] * size[1] + 1, _LOG2_TABLE))
@@ -158,9 +157,7 @@ def _near_tie(shape: tuple[int, ...], height: int, width: int) -> float:
     return float(2 * (terms + 2) * 255 * 2.0**-24)
 
 
-def resized_gray(
-    frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
-) -> NDArray[np.uint8]:
+def resized_gray(frame: U8, height: int, width: int, threads: int = 1) -> U8:
     """`Kernels.resized_gray` in one pass over the frame, to the last bit."""
     if not _is_own_area(frame.shape, height, width):
         return numpy_pictures.resized_gray(frame, height, width)
@@ -174,8 +171,8 @@ def resized_gray(
 
 
 def lbp_nearest_counts(
-    gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
-) -> NDArray[np.int64]:
+    gray: U8, grid: Grid, points: int, radius: float, border: str, threads: int = 1
+) -> I64:
     """`Kernels.lbp_nearest_counts`."""
     size = grid.patch_size(*gray.shape)
     moves = nearest_points(points, radius)
@@ -186,7 +183,7 @@ def lbp_nearest_counts(
     return counts
 
 
-def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
+def structure_sums(gray: U8, grid: Grid, threads: int = 1) -> I64:
     """`Kernels.structure_sums`."""
     size = grid.patch_size(*gray.shape)
     sums = np.empty((grid.n_patches, 3), np.int64)
@@ -195,9 +192,7 @@ def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDA
     return sums
 
 
-def line_sums(
-    gray: NDArray[np.uint8], grid: Grid, middle: int, samples: Sequence[int], threads: int = 1
-) -> NDArray[np.int64]:
+def line_sums(gray: U8, grid: Grid, middle: int, samples: Sequence[int], threads: int = 1) -> I64:
     """`Kernels.line_sums`."""
     size = grid.patch_size(*gray.shape)
     numbers = np.array(samples, np.int32)
@@ -221,9 +216,7 @@ def _gray16_tables(source: int, target: int) -> Any:
     )
 
 
-def resized_gray16(
-    frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
-) -> NDArray[np.uint16]:
+def resized_gray16(frame: U8, height: int, width: int, threads: int = 1) -> NDArray[np.uint16]:
     """`Kernels.resized_gray16` in one pass over the frame, to the last bit."""
     if 255 * frame.shape[0] * frame.shape[1] > _MAX_SUM:
         return numpy_pictures.resized_gray16(frame, height, width)
@@ -249,9 +242,7 @@ def _quantizer(quantization: Quantization) -> Any:
     )
 
 
-def quantize(
-    gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1
-) -> NDArray[np.uint8]:
+def quantize(gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1) -> U8:
     """`Kernels.quantize`, to the last bit."""
     kernel = _quantizer(quantization)
     total = int(cv2.sumElems(gray16)[0]) if quantization.by == FRAME else 0
@@ -261,7 +252,7 @@ def quantize(
     return picture
 
 
-def level_counts(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
+def level_counts(gray: U8, grid: Grid, threads: int = 1) -> I64:
     """`Kernels.level_counts`."""
     patch_height, patch_width = grid.patch_size(*gray.shape)
     counts = np.empty((grid.n_patches, 256), np.int64)
@@ -273,12 +264,7 @@ def level_counts(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArr
     return counts
 
 
-def block_disparity(
-    left: NDArray[np.uint8],
-    right: NDArray[np.uint8],
-    settings: BlockMatching,
-    wanted: NDArray[np.uint8],
-) -> NDArray[np.int16]:
+def block_disparity(left: U8, right: U8, settings: BlockMatching, wanted: U8) -> I16:
     """`Kernels.block_disparity`: fewer and closer wanted pixels cost less."""
     disparity = np.full(left.shape, settings.unmatched, np.int16)
     if min(left.shape) <= settings.block:
@@ -308,7 +294,7 @@ def block_disparity(
     return wide[:, margin:]
 
 
-def _gradients(view: NDArray[np.uint8], cap: int) -> NDArray[np.uint8]:
+def _gradients(view: U8, cap: int) -> U8:
     """OpenCV's XSOBEL filter: gradients across, clipped at `cap`, which itself means none."""
     gradient = cv2.Sobel(view, cv2.CV_16S, 1, 0)
     # To bytes: what is below -cap becomes 0.

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, I16, I64, U8
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 
@@ -65,14 +66,8 @@ class Kernels:
         return str(self.module.DETAIL)
 
     def lbp_counts(
-        self,
-        gray: NDArray[np.uint8],
-        grid: Grid,
-        points: int,
-        radius: float,
-        border: str,
-        threads: int = 1,
-    ) -> NDArray[np.int64]:
+        self, gray: U8, grid: Grid, points: int, radius: float, border: str, threads: int = 1
+    ) -> I64:
         """Histograms of uniform rotation-invariant local binary patterns, one a patch.
 
         Parameters
@@ -99,23 +94,15 @@ class Kernels:
         return np.asarray(self.module.lbp_counts(gray, grid, points, radius, border, threads))
 
     def lbp_nearest_counts(
-        self,
-        gray: NDArray[np.uint8],
-        grid: Grid,
-        points: int,
-        radius: float,
-        border: str,
-        threads: int = 1,
-    ) -> NDArray[np.int64]:
+        self, gray: U8, grid: Grid, points: int, radius: float, border: str, threads: int = 1
+    ) -> I64:
         """`lbp_counts` with each point moved to the nearest whole pixel, half ones to even."""
         gray = check_gray(gray, threads)
         check_lbp(points, radius, border)
         counts = self.module.lbp_nearest_counts(gray, grid, points, radius, border, threads)
         return np.asarray(counts)
 
-    def haralick_features(
-        self, gray: NDArray[np.uint8], grid: Grid, ignore_zeros: bool, threads: int = 1
-    ) -> NDArray[np.float64]:
+    def haralick_features(self, gray: U8, grid: Grid, ignore_zeros: bool, threads: int = 1) -> F64:
         """Haralick's first 13 texture features, mean over the 4 directions, one row a patch.
 
         Parameters
@@ -139,9 +126,7 @@ class Kernels:
         gray = check_gray(gray, threads)
         return np.asarray(self.module.haralick_features(gray, grid, ignore_zeros, threads))
 
-    def resized_gray(
-        self, frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
-    ) -> NDArray[np.uint8]:
+    def resized_gray(self, frame: U8, height: int, width: int, threads: int = 1) -> U8:
         """A frame resized by area, then gray, each step rounded to whole grey levels.
 
         Returns
@@ -159,7 +144,7 @@ class Kernels:
         return np.asarray(self.module.resized_gray(frame, height, width, threads))
 
     def resized_gray16(
-        self, frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
+        self, frame: U8, height: int, width: int, threads: int = 1
     ) -> NDArray[np.uint16]:
         """A frame resized by area and gray, in 1/256 grey level, rounded once.
 
@@ -181,7 +166,7 @@ class Kernels:
 
     def quantize(
         self, gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1
-    ) -> NDArray[np.uint8]:
+    ) -> U8:
         """A 16-bit gray picture quantized, as `Quantization` says.
 
         Returns
@@ -192,15 +177,11 @@ class Kernels:
         gray16 = check_gray16(gray16, threads)
         return np.asarray(self.module.quantize(gray16, quantization, threads))
 
-    def level_counts(
-        self, gray: NDArray[np.uint8], grid: Grid, threads: int = 1
-    ) -> NDArray[np.int64]:
+    def level_counts(self, gray: U8, grid: Grid, threads: int = 1) -> I64:
         """Histograms of 256 levels, one a patch, int64, shape (n_patches, 256)."""
         return np.asarray(self.module.level_counts(check_gray(gray, threads), grid, threads))
 
-    def structure_sums(
-        self, gray: NDArray[np.uint8], grid: Grid, threads: int = 1
-    ) -> NDArray[np.int64]:
+    def structure_sums(self, gray: U8, grid: Grid, threads: int = 1) -> I64:
         """Sums of the structure tensor over each patch: changes across, down, and both together.
 
         With gx the pixel to the right less the one to the left and gy the one below less the one
@@ -214,13 +195,8 @@ class Kernels:
         return np.asarray(self.module.structure_sums(check_gray(gray, threads), grid, threads))
 
     def line_sums(
-        self,
-        gray: NDArray[np.uint8],
-        grid: Grid,
-        middle: int,
-        samples: Sequence[int],
-        threads: int = 1,
-    ) -> NDArray[np.int64]:
+        self, gray: U8, grid: Grid, middle: int, samples: Sequence[int], threads: int = 1
+    ) -> I64:
         """How much longer bright or dark lines through a patch's pixels are in one direction.
 
         S is the sum of n samples, two pixels or a knight's or king's move apart, on a line through
@@ -245,13 +221,7 @@ class Kernels:
         check_samples(samples, middle)
         return np.asarray(self.module.line_sums(gray, grid, middle, samples, threads))
 
-    def block_disparity(
-        self,
-        left: NDArray[np.uint8],
-        right: NDArray[np.uint8],
-        settings: BlockMatching,
-        wanted: NDArray[np.uint8],
-    ) -> NDArray[np.int16]:
+    def block_disparity(self, left: U8, right: U8, settings: BlockMatching, wanted: U8) -> I16:
         """Disparity of the wanted pixels of the left view, the integers of OpenCV's StereoBM.
 
         Parameters

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, I64, U8
 from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
 from tokt.features.frames.grid import Grid
 
@@ -88,7 +89,7 @@ def _load_default_on_fault() -> str:
     return ""
 
 
-def _frame() -> NDArray[np.uint8]:
+def _frame() -> U8:
     """Four textures, one of them dark with many zeros; BGR, twice as large as their picture."""
     rng = np.random.default_rng(0)
     frame = rng.normal(70, 25, (2 * _HEIGHT + 1, 2 * 72 + 1, 3))
@@ -129,7 +130,7 @@ def compared(active: Kernels, other: Kernels) -> Finding:
 
 
 def _integers(
-    kernels: Kernels, frame: NDArray[np.uint8], gray: NDArray[np.uint8], gray16: NDArray[np.uint16]
+    kernels: Kernels, frame: U8, gray: U8, gray16: NDArray[np.uint16]
 ) -> list[NDArray[np.integer]]:
     """16-bit gray, what it is quantized to, whole sums over patches, and disparities."""
     return [
@@ -144,15 +145,15 @@ def _integers(
     ]
 
 
-def _lbp_counts(kernels: Kernels, gray: NDArray[np.uint8]) -> NDArray[np.int64]:
+def _lbp_counts(kernels: Kernels, gray: U8) -> I64:
     return np.hstack([kernels.lbp_counts(gray, _GRID, *options) for options in _LBP])
 
 
-def _haralick_features(kernels: Kernels, gray: NDArray[np.uint8]) -> NDArray[np.float64]:
+def _haralick_features(kernels: Kernels, gray: U8) -> F64:
     return np.vstack([kernels.haralick_features(gray, _GRID, zeros) for zeros in (False, True)])
 
 
-def _relative_difference(one: NDArray[np.float64], two: NDArray[np.float64]) -> float:
+def _relative_difference(one: F64, two: F64) -> float:
     """Largest difference relative to the larger value; infinite where one is not a number."""
     size = np.maximum(np.abs(one), np.abs(two))
     difference = np.divide(np.abs(one - two), size, out=np.zeros_like(size), where=size != 0)

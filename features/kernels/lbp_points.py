@@ -6,6 +6,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, U8
+
 _DECIMALS = 5
 
 
@@ -36,12 +38,12 @@ class LbpPoints:
     first: NDArray[np.int32]
     point: NDArray[np.int32]
     row_floor: NDArray[np.int32]
-    row_fraction: NDArray[np.float64]
+    row_fraction: F64
     column_floor: NDArray[np.int32]
-    column_fraction: NDArray[np.float64]
+    column_fraction: F64
 
 
-def _fractions(offsets: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+def _fractions(offsets: F64, size: int) -> F64:
     positions = np.arange(size, dtype=np.float64) + offsets[:, None]
     return np.ascontiguousarray(positions - np.floor(positions))
 
@@ -79,7 +81,7 @@ def nearest_points(points: int, radius: float) -> NDArray[np.int32]:
     return np.round(np.round(offsets, _DECIMALS)).astype(np.int32)
 
 
-def pattern_codes(points: int) -> NDArray[np.uint8]:
+def pattern_codes(points: int) -> U8:
     """The bin of each pattern of set points, uint8, shape (2 ** points,).
 
     A uniform pattern (at most two changes between neighbours on the open chain of points, as

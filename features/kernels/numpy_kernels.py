@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.frames.grid import Grid
 
 from .block_matching import block_disparity as block_disparity
@@ -24,8 +25,7 @@ from .numpy_pictures import quantize as quantize
 from .numpy_pictures import resized_gray as resized_gray
 from .numpy_pictures import resized_gray16 as resized_gray16
 
-Floats = NDArray[np.float64]
-Counts = NDArray[np.int64]
+Counts = I64
 
 DETAIL = f"numpy {np.__version__}"
 
@@ -36,7 +36,7 @@ _CACHED_VALUES = 30_000  # float64 values that a few arrays of fit a core's cach
 
 
 def lbp_counts(
-    gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
+    gray: U8, grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> Counts:
     """`Kernels.lbp_counts`, to the last integer."""
     if border == "frame":
@@ -58,7 +58,7 @@ def lbp_counts(
     return counts
 
 
-def _histograms(codes: NDArray[np.uint8], bins: int) -> Counts:
+def _histograms(codes: U8, bins: int) -> Counts:
     """One histogram a row of codes."""
     flat = codes + (bins * np.arange(len(codes)))[:, None]
     return np.bincount(flat.ravel(), minlength=len(codes) * bins).reshape(-1, bins)
@@ -67,7 +67,7 @@ def _histograms(codes: NDArray[np.uint8], bins: int) -> Counts:
 _WHOLE_PIXEL: list[tuple[int, int, float]] = []
 
 
-def _runs(fractions: Floats) -> list[tuple[int, int, float]]:
+def _runs(fractions: F64) -> list[tuple[int, int, float]]:
     """Where equal fractions follow each other: first, last + 1 and the fraction.
 
     A position's fraction changes in its last bits where the position passes a power of two, so
@@ -102,12 +102,12 @@ class _Sampler:
         self.padded = np.zeros((height, n, width + 2 * reach), np.uint8)
         self.inside = self.padded[:, :, reach : reach + width]
         self.centre, self.between, self.value, self.part, *spare = np.empty((6, height, n, width))
-        self.spare: list[Floats] = spare
-        self.moved: dict[int, Floats] = {}
+        self.spare: list[F64] = spare
+        self.moved: dict[int, F64] = {}
         self.is_set = np.empty((points, height, n, width), bool)
         self.ones, self.changes, self.change = np.empty((3, height, n, width), np.uint8)
 
-    def codes(self, views: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def codes(self, views: U8) -> U8:
         """Each pixel's pattern, a uniform one by its number of ones, any other P + 1.
 
         Takes and returns uint8, shape (height, n, width); what it returned last is overwritten.
@@ -130,7 +130,7 @@ class _Sampler:
         np.copyto(self.ones, len(points.point) + 1, where=self.changes > 2)
         return self.ones
 
-    def _moved(self, shift: int) -> Floats:
+    def _moved(self, shift: int) -> F64:
         """The views moved sideways by whole pixels, zeros following; two are kept."""
         if shift not in self.moved:
             # Offsets come in order: the lowest shift is not needed again.
@@ -140,7 +140,7 @@ class _Sampler:
             self.moved[shift] = kept
         return self.moved[shift]
 
-    def _interpolate(self, offset: int) -> Floats:
+    def _interpolate(self, offset: int) -> F64:
         """Every row interpolated at one column offset."""
         floor = int(self.points.column_floor[offset])
         near = self._moved(floor)
@@ -156,7 +156,7 @@ class _Sampler:
             np.multiply(far[columns], right, out=self.part[columns])
         return np.add(self.between, self.part, out=self.between)
 
-    def _compare(self, across: Floats, point: int) -> None:
+    def _compare(self, across: F64, point: int) -> None:
         """Set `is_set` where one sampling point's value is not below the centre."""
         floor, runs = int(self.points.row_floor[point]), self.row_runs[point]
         out = self.is_set[point]
@@ -180,7 +180,7 @@ def _overlap(height: int, down: int) -> tuple[int, int]:
     return first, max(first, min(height, height - down))
 
 
-def _weigh(across: Floats, down: int, runs: list[tuple[int, int, float]], out: Floats) -> None:
+def _weigh(across: F64, down: int, runs: list[tuple[int, int, float]], out: F64) -> None:
     """Write the rows that lie `down` rows lower times their weight, zero beyond the view."""
     first, last = _overlap(len(out), down)
     out[:first] = 0
@@ -207,9 +207,7 @@ def _sampler(points: int, radius: float, height: int, n: int, width: int) -> _Sa
     return make(points, radius, height, n, width)
 
 
-def haralick_features(
-    gray: NDArray[np.uint8], grid: Grid, ignore_zeros: bool, threads: int = 1
-) -> Floats:
+def haralick_features(gray: U8, grid: Grid, ignore_zeros: bool, threads: int = 1) -> F64:
     """`Kernels.haralick_features`, up to rounding."""
     patches = grid.cells(gray).reshape(grid.rows, grid.cols, *grid.patch_size(*gray.shape))
     features = np.empty((grid.rows, grid.cols, 13))
@@ -222,7 +220,7 @@ def haralick_features(
     return features.reshape(-1, 13)
 
 
-def _describe(patches: NDArray[np.uint8], ignore_zeros: bool) -> Floats:
+def _describe(patches: U8, ignore_zeros: bool) -> F64:
     """Features of n patches, shape (n, 13), from one list of the cells of all their matrices."""
     keys = _pair_keys(patches)
     keys.sort()
@@ -235,7 +233,7 @@ def _describe(patches: NDArray[np.uint8], ignore_zeros: bool) -> Floats:
     return np.asarray(matrices.features(brightest).reshape(len(patches), 4, 13).mean(axis=1))
 
 
-def _pair_keys(patches: NDArray[np.uint8]) -> NDArray[np.integer]:
+def _pair_keys(patches: U8) -> NDArray[np.integer]:
     """Each pair of neighbours as matrix number * 65536 + darker level * 256 + brighter level."""
     height, width = patches.shape[1:]
     parts = []
@@ -263,7 +261,7 @@ def _without_zeros(cells: Counts, counts: Counts, n_matrices: int) -> tuple[Coun
     return cells[kept], counts[kept]
 
 
-def _surprise(n: Counts, total: Counts) -> Floats:
+def _surprise(n: Counts, total: Counts) -> F64:
     """``n * log2(total / n)`` without loss where n is nearly the total."""
     part = n / total
     most = 2 * n > total
@@ -295,7 +293,7 @@ class _Matrices:
     def _sum(self, where: Counts, what: NDArray[np.number], size: int = 0) -> Counts:
         return np.bincount(where, what, size or self.n).astype(np.int64)
 
-    def _entropy(self, histogram: Counts) -> Floats:
+    def _entropy(self, histogram: Counts) -> F64:
         """Entropy in bits of each row of counts."""
         row, column = np.nonzero(histogram)
         surprise = _surprise(histogram[row, column], self.total[row])
@@ -304,13 +302,13 @@ class _Matrices:
     def _histogram(self, value: Counts, pairs: Counts, size: int) -> Counts:
         return self._sum(self.matrix * size + value, pairs, self.n * size).reshape(self.n, size)
 
-    def _own_entropy(self) -> Floats:
+    def _own_entropy(self) -> F64:
         diagonal = self.darker == self.brighter
         n = np.where(diagonal, 2 * self.pairs, self.pairs)
         surprise = _surprise(n, self.total[self.matrix])
         return np.bincount(self.matrix, np.where(diagonal, 1, 2) * surprise, self.n) / self.total
 
-    def features(self, brightest: Counts) -> Floats:
+    def features(self, brightest: Counts) -> F64:
         """The 13 features of each matrix, shape (n, 13)."""
         total = self.total
         level = self._histogram(self.darker, self.pairs, _GREYS)
@@ -331,7 +329,7 @@ class _Matrices:
         out[:, 12] = np.sqrt(-np.expm1(-2 * np.maximum(shared, 0)))
         return out
 
-    def _moments(self, level: Counts, difference: Counts, sums: Counts, out: Floats) -> None:
+    def _moments(self, level: Counts, difference: Counts, sums: Counts, out: F64) -> None:
         """Features 2 to 7, from whole numbers around one next to the mean."""
         total, greys = self.total, np.arange(_GREYS)
         first = level @ greys
@@ -351,7 +349,7 @@ class _Matrices:
         out[:, 6] = sum_spread / total - 4 * shift**2
 
 
-def _difference_variance(difference: Counts, total: Counts, brightest: Counts) -> Floats:
+def _difference_variance(difference: Counts, total: Counts, brightest: Counts) -> F64:
     """Variance of P(|i-j|) over all differences that the patch's brightest level allows."""
     values = (brightest + 1)[:, None]
     possible = np.arange(_GREYS) < values
@@ -368,7 +366,7 @@ def _patch_sums(values: NDArray[np.integer], grid: Grid) -> Counts:
 
 
 def lbp_nearest_counts(
-    gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
+    gray: U8, grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> Counts:
     """`Kernels.lbp_nearest_counts`."""
     size = grid.patch_size(*gray.shape)
@@ -377,7 +375,7 @@ def lbp_nearest_counts(
     padded = np.pad(views, ((0, 0), (reach, reach), (reach, reach)))
     height, width = views.shape[1:]
     ones, changes = np.zeros((2, *views.shape), np.uint8)
-    before: NDArray[np.bool_] | None = None
+    before: Bools | None = None
     for down, right in nearest_points(points, radius).tolist():
         top, left = reach + down, reach + right
         now = padded[:, top : top + height, left : left + width] >= views
@@ -394,7 +392,7 @@ def lbp_nearest_counts(
     )
 
 
-def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> Counts:
+def structure_sums(gray: U8, grid: Grid, threads: int = 1) -> Counts:
     """`Kernels.structure_sums`."""
     grid.patch_size(*gray.shape)
     # This border rule mirrors a neighbour into the other's place: their difference is 0.
@@ -408,7 +406,7 @@ def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> Cou
 
 
 def line_sums(
-    gray: NDArray[np.uint8], grid: Grid, middle: int, samples: Sequence[int], threads: int = 1
+    gray: U8, grid: Grid, middle: int, samples: Sequence[int], threads: int = 1
 ) -> Counts:
     """`Kernels.line_sums`."""
     height, width = gray.shape

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, I64, U8
 from tokt.features.frames.grid import Grid
 
 from .quantization import (
@@ -19,11 +20,9 @@ from .quantization import (
     gray16_step,
 )
 
-Floats = NDArray[np.float64]
-
 
 @lru_cache(maxsize=16)
-def overlaps(source: int, target: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def overlaps(source: int, target: int) -> tuple[I64, I64]:
     """Which of `source` pixels a pixel of `target` lies over, and how much of each it covers.
 
     With each source pixel `target` units long and each target pixel `source` units, both lengths
@@ -44,7 +43,7 @@ def overlaps(source: int, target: int) -> tuple[NDArray[np.int64], NDArray[np.in
     return first, np.maximum(covered, 0)
 
 
-def _shrunk(rows: Floats, target: int) -> Floats:
+def _shrunk(rows: F64, target: int) -> F64:
     """Sums of the rows that each of `target` rows lies over, times the overlap."""
     first, weight = overlaps(len(rows), target)
     sums = np.zeros((target, rows.shape[1]))
@@ -53,9 +52,7 @@ def _shrunk(rows: Floats, target: int) -> Floats:
     return sums
 
 
-def resized_gray16(
-    frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
-) -> NDArray[np.uint16]:
+def resized_gray16(frame: U8, height: int, width: int, threads: int = 1) -> NDArray[np.uint16]:
     """`Kernels.resized_gray16`."""
     # Up to 2**22, so single precision is exact.
     if frame.ndim == 3:
@@ -67,13 +64,13 @@ def resized_gray16(
 
 
 @lru_cache(maxsize=32)
-def shares(length: int, side: int) -> Floats:
+def shares(length: int, side: int) -> F64:
     """One by the number of a box's rows (or columns) that lie in the picture, for each centre."""
     at = np.arange(length)
     return 1.0 / (np.minimum(at + side // 2, length - 1) - np.maximum(at - side // 2, 0) + 1)
 
 
-def _box_mean(gray16: NDArray[np.uint16], side: int) -> Floats:
+def _box_mean(gray16: NDArray[np.uint16], side: int) -> F64:
     """Mean of the pixels of a box that lie in the picture."""
     whole = gray16.astype(np.float64)
     if side == 1:
@@ -87,9 +84,7 @@ def _box_mean(gray16: NDArray[np.uint16], side: int) -> Floats:
     return np.asarray(sums * shares(width, side) * shares(height, side)[:, None])
 
 
-def quantize(
-    gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1
-) -> NDArray[np.uint8]:
+def quantize(gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1) -> U8:
     """`Kernels.quantize`."""
     value = _box_mean(gray16, quantization.smooth)
     if quantization.window:
@@ -103,20 +98,18 @@ def quantize(
     return np.floor(value).clip(0, quantization.levels - 1).astype(np.uint8)
 
 
-def level_counts(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
+def level_counts(gray: U8, grid: Grid, threads: int = 1) -> I64:
     """`Kernels.level_counts`."""
     return histograms(grid.cells(gray).reshape(grid.n_patches, -1), 256)
 
 
-def histograms(codes: NDArray[np.uint8], bins: int) -> NDArray[np.int64]:
+def histograms(codes: U8, bins: int) -> I64:
     """One histogram a row of codes."""
     flat = codes + (bins * np.arange(len(codes)))[:, None]
     return np.bincount(flat.ravel(), minlength=len(codes) * bins).reshape(-1, bins)
 
 
-def resized_gray(
-    frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
-) -> NDArray[np.uint8]:
+def resized_gray(frame: U8, height: int, width: int, threads: int = 1) -> U8:
     """`Kernels.resized_gray`; OpenCV has threads of its own."""
     if (height, width) != frame.shape[:2]:
         frame = np.asarray(cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from skimage.feature import local_binary_pattern
 
+from tokt.features.common.arrays import F64, I64, U8
 from tokt.features.frames.grid import Grid
 
 from .block_matching import block_disparity as block_disparity
@@ -23,8 +24,8 @@ DETAIL = ", ".join(f"{name} {version(name)}" for name in ("scikit-image", "mahot
 
 
 def lbp_counts(
-    gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
-) -> NDArray[np.int64]:
+    gray: U8, grid: Grid, points: int, radius: float, border: str, threads: int = 1
+) -> I64:
     """`Kernels.lbp_counts`."""
     if border == "frame":
         codes = grid.cells(local_binary_pattern(gray, points, radius, method="uniform"))
@@ -39,32 +40,28 @@ def lbp_counts(
     return np.bincount((flat + offset).ravel(), minlength=grid.n_patches * bins).reshape(-1, bins)
 
 
-def haralick_features(
-    gray: NDArray[np.uint8], grid: Grid, ignore_zeros: bool, threads: int = 1
-) -> NDArray[np.float64]:
+def haralick_features(gray: U8, grid: Grid, ignore_zeros: bool, threads: int = 1) -> F64:
     """`Kernels.haralick_features`."""
     return np.stack([_haralick(patch, ignore_zeros) for patch in grid.cells(gray)])
 
 
-def _haralick(patch: NDArray[np.uint8], ignore_zeros: bool) -> NDArray[np.float64]:
+def _haralick(patch: U8, ignore_zeros: bool) -> F64:
     try:
         directions = mahotas.features.haralick(patch, ignore_zeros=ignore_zeros)
     except ValueError:  # without the zeros there is no pair in one of the directions
         directions = mahotas.features.haralick(patch)
-    mean: NDArray[np.float64] = directions.mean(axis=0)
+    mean: F64 = directions.mean(axis=0)
     return mean
 
 
-def _covered(source: int, target: int) -> NDArray[np.float64]:
+def _covered(source: int, target: int) -> F64:
     """Matrix (target, source) of what each of `target` pixels covers of each of `source`."""
     begin = np.arange(target)[:, None] * source, np.arange(source) * target
     end = np.minimum(begin[0] + source, begin[1] + target)
     return np.asarray((end - np.maximum(*begin)).clip(0), np.float64)
 
 
-def resized_gray16(
-    frame: NDArray[np.uint8], height: int, width: int, threads: int = 1
-) -> NDArray[np.uint16]:
+def resized_gray16(frame: U8, height: int, width: int, threads: int = 1) -> NDArray[np.uint16]:
     """`Kernels.resized_gray16`: two matrix products of whole numbers below 2**53, so exact."""
     rows, columns = _covered(frame.shape[0], height), _covered(frame.shape[1], width)
     if frame.ndim == 2:
@@ -75,22 +72,20 @@ def resized_gray16(
     return np.asarray(np.floor(rows @ gray @ columns.T * step + 0.5), np.uint16)
 
 
-def _around(length: int, side: int) -> NDArray[np.float64]:
+def _around(length: int, side: int) -> F64:
     """Matrix that adds up the `side` values around each of `length`."""
     at = np.arange(length)
     return np.asarray(np.abs(at[:, None] - at) <= side // 2, np.float64)
 
 
-def _mean_around(gray16: NDArray[np.uint16], side: int) -> NDArray[np.float64]:
+def _mean_around(gray16: NDArray[np.uint16], side: int) -> F64:
     down, across = _around(len(gray16), side), _around(gray16.shape[1], side)
     return np.asarray(
         down @ gray16 @ across * (1 / across.sum(axis=0)) * (1 / down.sum(axis=1))[:, None]
     )
 
 
-def quantize(
-    gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1
-) -> NDArray[np.uint8]:
+def quantize(gray16: NDArray[np.uint16], quantization: Quantization, threads: int = 1) -> U8:
     """`Kernels.quantize`; the means' sums are matrix products, exact in double precision."""
     x, middle = _mean_around(gray16, quantization.smooth), 0.0
     if quantization.window:
@@ -107,14 +102,14 @@ def quantize(
     ).astype(np.uint8)
 
 
-def level_counts(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
+def level_counts(gray: U8, grid: Grid, threads: int = 1) -> I64:
     """`Kernels.level_counts`."""
     return np.stack([np.bincount(patch.ravel(), minlength=256) for patch in grid.cells(gray)])
 
 
 def lbp_nearest_counts(
-    gray: NDArray[np.uint8], grid: Grid, points: int, radius: float, border: str, threads: int = 1
-) -> NDArray[np.int64]:
+    gray: U8, grid: Grid, points: int, radius: float, border: str, threads: int = 1
+) -> I64:
     """`Kernels.lbp_nearest_counts`, pattern by pattern."""
     views = [gray] if border == "frame" else list(grid.cells(gray))
     angles = 2 * np.pi * np.arange(points) / points
@@ -132,7 +127,7 @@ def lbp_nearest_counts(
     return np.stack([np.bincount(cell.ravel(), minlength=points + 2) for cell in cells])
 
 
-def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDArray[np.int64]:
+def structure_sums(gray: U8, grid: Grid, threads: int = 1) -> I64:
     """`Kernels.structure_sums`."""
     slopes = []
     for axis in (1, 0):
@@ -142,9 +137,7 @@ def structure_sums(gray: NDArray[np.uint8], grid: Grid, threads: int = 1) -> NDA
     return np.stack([(slopes[one] * slopes[two]).sum(axis=1) for one, two in pairs], axis=1)
 
 
-def line_sums(
-    gray: NDArray[np.uint8], grid: Grid, middle: int, samples: Sequence[int], threads: int = 1
-) -> NDArray[np.int64]:
+def line_sums(gray: U8, grid: Grid, middle: int, samples: Sequence[int], threads: int = 1) -> I64:
     """`Kernels.line_sums`, sample by sample."""
     height, width = gray.shape
     out = []

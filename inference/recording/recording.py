@@ -114,7 +114,6 @@ RECORDING_FORMAT = 1
 """To change the format: raise this, keep reading the older ones, and prove it with a test."""
 
 FILE_NAME = "recording.jsonl"
-Picture = U8
 SIDES = {"left": ("Left", "L"), "right": ("Right", "R")}
 
 
@@ -186,7 +185,7 @@ class RecordingFolder:
         self._events.append(json_line(line))
 
     def encode(
-        self, number: int, clip: int, pictures: Mapping[str, Picture], line: Mapping[str, Any]
+        self, number: int, clip: int, pictures: Mapping[str, U8], line: Mapping[str, Any]
     ) -> EncodedFrame:
         """A frame as files, in memory.
 

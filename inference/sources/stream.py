@@ -38,8 +38,6 @@ CONNECT_S = 10.0
 _STOP_CHECK_S = 0.05
 _READ = 1 << 20
 
-Picture = U8
-
 
 def is_stream_source(text: str) -> bool:
     """Whether this names a stream, and not a folder or a file."""
@@ -47,7 +45,7 @@ def is_stream_source(text: str) -> bool:
 
 
 def encode_frame(
-    number: int, t: float, left: Picture | None, right: Picture | None, missed: int = 0
+    number: int, t: float, left: U8 | None, right: U8 | None, missed: int = 0
 ) -> bytes:
     """One frame as it stands in a stream: what the other program sends.
 
@@ -134,7 +132,7 @@ class StreamSource:
         del self._buffer[: end + 1]
         return line
 
-    def _picture(self, shape: tuple[int, ...] | None) -> Picture | None:
+    def _picture(self, shape: tuple[int, ...] | None) -> U8 | None:
         if shape is None:
             return None
         size = math.prod(shape)
@@ -160,7 +158,7 @@ class StreamSource:
         return False
 
 
-def _fault(side: str, picture: Picture | None) -> Fault:
+def _fault(side: str, picture: U8 | None) -> Fault:
     if picture is not None:
         return NO_FAULT
     return Fault(Reason.MISSING, f"the stream has no {side} picture")

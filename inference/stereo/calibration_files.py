@@ -20,8 +20,6 @@ from numpy.typing import ArrayLike
 from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError, os_errors_as
 
-Float = F64
-
 OPENCV_FORM = "OpenCV FileStorage"
 BOUGUET_FORM = "Bouguet toolbox text"
 PRINTED_FORM = "printed table (JSON)"
@@ -114,8 +112,8 @@ class CalibrationNumbers(StereoCalibration):
 
     path: Path
     form: str
-    R1: Float | None = None
-    R2: Float | None = None
+    R1: F64 | None = None
+    R2: F64 | None = None
     remarks: Sequence[str] = ()
     notes: Mapping[str, str] = field(default_factory=dict)
 
@@ -209,7 +207,7 @@ def checked_numbers(
     return CalibrationNumbers(**parts, path=path, form=form, remarks=remarks, notes=notes or {})
 
 
-def _finite(path: Path, name: str, value: ArrayLike) -> Float:
+def _finite(path: Path, name: str, value: ArrayLike) -> F64:
     try:
         array = np.asarray(value, np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -221,7 +219,7 @@ def _finite(path: Path, name: str, value: ArrayLike) -> Float:
     return array
 
 
-def millimetres(shift: ArrayLike, unit: str | None, remarks: list[str]) -> Float:
+def millimetres(shift: ArrayLike, unit: str | None, remarks: list[str]) -> F64:
     """A translation in millimetres; what is assumed of its unit is added to `remarks`."""
     factor = _MM_PER.get((unit or "").strip().lower())
     if factor is None:
@@ -261,12 +259,12 @@ def _opencv_numbers(path: Path, storage: cv2.FileStorage) -> CalibrationNumbers:
     )
 
 
-def _first_array(storage: cv2.FileStorage, names: Sequence[str]) -> Float | None:
+def _first_array(storage: cv2.FileStorage, names: Sequence[str]) -> F64 | None:
     arrays = (_node_array(storage.getNode(name)) for name in names)
     return next((array for array in arrays if array is not None), None)
 
 
-def _node_array(node: cv2.FileNode) -> Float | None:
+def _node_array(node: cv2.FileNode) -> F64 | None:
     """A matrix, or a (nested) list of numbers; None for anything else.
 
     A matrix is put together here: OpenCV's own reader ends the process where one is damaged.
@@ -295,7 +293,7 @@ def _listed(node: cv2.FileNode, depth: int = 2) -> list[float]:
     return [number for item in items for number in _listed(item, depth - 1)]
 
 
-def _opencv_shift(path: Path, storage: cv2.FileStorage, remarks: list[str]) -> Float | None:
+def _opencv_shift(path: Path, storage: cv2.FileStorage, remarks: list[str]) -> F64 | None:
     for name, unit in _OPENCV_SHIFTS.items():
         shift = _node_array(storage.getNode(name))
         if shift is not None:
@@ -337,7 +335,7 @@ def _read_bouguet(path: Path, text: str) -> CalibrationNumbers:
     return bouguet_numbers(path, BOUGUET_FORM, numbers)
 
 
-def _bouguet_list(path: Path, name: str, words: str) -> Float:
+def _bouguet_list(path: Path, name: str, words: str) -> F64:
     try:
         return np.array([float(word) for word in re.split(r"[\s,;]+", words) if word], np.float64)
     except ValueError:
@@ -392,14 +390,14 @@ def bouguet_numbers(path: Path, form: str, values: Mapping[str, ArrayLike]) -> C
     return checked_numbers(path, form, parts, size, remarks)
 
 
-def _sized(path: Path, got: Mapping[str, Float], name: str, size: int) -> Float:
+def _sized(path: Path, got: Mapping[str, F64], name: str, size: int) -> F64:
     array = got.get(name, np.zeros(1))
     if array.size != size:
         raise ToktError(f"calibration {path}: {name} must hold {size} number{'s' * (size > 1)}")
     return array
 
 
-def _bouguet_rotation(got: Mapping[str, Float], remarks: list[str]) -> Float:
+def _bouguet_rotation(got: Mapping[str, F64], remarks: list[str]) -> F64:
     if "om" not in got or got["om"].size != 3:
         return got.get("R", got.get("om", np.zeros(0)))
     R = np.asarray(cv2.Rodrigues(got["om"])[0], np.float64)
@@ -463,7 +461,7 @@ def _one(path: Path, name: str, value: Any) -> float:
 
 def _printed_distortion(
     path: Path, side: str, camera: Mapping[str, Any], remarks: list[str]
-) -> Float:
+) -> F64:
     """OpenCV's k1 k2 p1 p2 k3 from k = k1 k2 k3 k4 ... and p = p1 p2 ...; says what is left out."""
     k = _finite(path, f"k of {side}", camera["k"]).ravel()
     p = _finite(path, f"p of {side}", camera.get("p", [])).ravel()

@@ -6,8 +6,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 
@@ -91,7 +91,7 @@ def patches_in_box(grid: Grid, size: Size, box: Box) -> list[tuple[int, int, flo
     ]
 
 
-def _overlap(n: int, length: float, start: float, end: float) -> NDArray[np.float64]:
+def _overlap(n: int, length: float, start: float, end: float) -> F64:
     """Share of each of `n` stretches of `length` that lies between `start` and `end`."""
     begins = np.arange(n) * length
     common = np.minimum(begins + length, end) - np.maximum(begins, start)

@@ -5,9 +5,7 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 from urllib.parse import unquote
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tokt.features.common.arrays import U8
 from tokt.features.frames.mission import FolderMission, Mission
 
 from .boxes import Size
@@ -77,7 +75,7 @@ class MissionImages:
         """The opposite of `at`."""
         return self._positions[key]
 
-    def pixels(self, key: FrameKey) -> NDArray[np.uint8]:
+    def pixels(self, key: FrameKey) -> U8:
         """The frame as the camera gave it; raises FrameError."""
         return self.mission.read(key.frame, key.camera)
 

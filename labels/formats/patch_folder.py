@@ -16,8 +16,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import I64, U8
 from tokt.features.common.atomic import publish_folder, scratch_folder
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.grid import Grid
@@ -137,7 +137,7 @@ def _write_frame(
         patches[name] = to_attributes(record)
 
 
-def _resized(frame: NDArray[np.uint8], grid: Grid) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+def _resized(frame: U8, grid: Grid) -> tuple[U8, I64]:
     """The frame at the grid's width, in colour where it has some, and the patches' boxes."""
     height, width = grid.resized(*frame.shape[:2])
     boxes = grid.boxes(height, width)

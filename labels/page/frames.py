@@ -6,9 +6,8 @@ from contextlib import suppress
 from weakref import WeakKeyDictionary
 
 import cv2
-import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError
 from tokt.features.frames.mission import LEFT, Mission, VideoMission
 
@@ -17,7 +16,7 @@ LOOK_BACK = 24
 """Frames before the wanted one that a step back keeps: going on so reads the file once in 25."""
 
 
-def read_frame(mission: Mission, camera: str, frame: int) -> NDArray[np.uint8]:
+def read_frame(mission: Mission, camera: str, frame: int) -> U8:
     """`Mission.read` for any number of threads, fast also in steps back. Raises FrameError."""
     if isinstance(mission, VideoMission) and camera == LEFT:
         return _kept(mission).read(mission, frame)
@@ -62,14 +61,14 @@ class _KeptFrames:
 
     def __init__(self, max_bytes: int) -> None:
         self._max_bytes = max_bytes
-        self._frames: OrderedDict[int, NDArray[np.uint8]] = OrderedDict()
+        self._frames: OrderedDict[int, U8] = OrderedDict()
         self._bytes = 0
         self._frames_lock = threading.Lock()
         self._last = 0  # that was asked of the file
         self._look_back = 0
         self._file_lock = threading.Lock()
 
-    def read(self, video: VideoMission, frame: int) -> NDArray[np.uint8]:
+    def read(self, video: VideoMission, frame: int) -> U8:
         """`VideoMission.read`."""
         image = self._get(frame)
         if image is None:
@@ -79,7 +78,7 @@ class _KeptFrames:
                     image = self._read_on(video, frame)
         return image.copy()
 
-    def _read_on(self, video: VideoMission, frame: int) -> NDArray[np.uint8]:
+    def _read_on(self, video: VideoMission, frame: int) -> U8:
         if frame <= self._last:
             for before in range(max(1, frame - self._look_back), frame):
                 if self._get(before) is None:
@@ -92,13 +91,13 @@ class _KeptFrames:
         self._look_back = min(LOOK_BACK, self._max_bytes // image.nbytes // 2)
         return image
 
-    def _get(self, frame: int) -> NDArray[np.uint8] | None:
+    def _get(self, frame: int) -> U8 | None:
         with self._frames_lock:
             if frame in self._frames:
                 self._frames.move_to_end(frame)
             return self._frames.get(frame)
 
-    def _put(self, frame: int, image: NDArray[np.uint8]) -> None:
+    def _put(self, frame: int, image: U8) -> None:
         with self._frames_lock:
             self._frames[frame] = image
             self._bytes += image.nbytes

@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, t
 
+from tokt.features.common.arrays import F64, I64, Bools
+
 RESAMPLES = 2000
 CONFIDENCE = 0.95
 MAX_BLOCKS = 1000
 _MAX_THRESHOLDS = 4096
-_Counts = NDArray[np.float64]
+_Counts = F64
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class Difference:
     verdict: str
 
 
-def block_numbers(groups: NDArray[np.object_]) -> tuple[list[str], NDArray[np.int64]]:
+def block_numbers(groups: NDArray[np.object_]) -> tuple[list[str], I64]:
     """Names of the blocks in order, and the number of each patch's block.
 
     Beyond `MAX_BLOCKS` neighbours are joined: a thousand blocks say all there is to say about
@@ -60,28 +62,20 @@ def block_numbers(groups: NDArray[np.object_]) -> tuple[list[str], NDArray[np.in
     return [str(name) for name in names], np.asarray(block, np.int64)
 
 
-def obstacle_counts(
-    truth: NDArray[np.bool_], said: NDArray[np.bool_], block: NDArray[np.int64], blocks: int
-) -> _Counts:
+def obstacle_counts(truth: Bools, said: Bools, block: I64, blocks: int) -> _Counts:
     """True positives, false positives and false negatives of each block, shape (blocks, 3)."""
     kinds = (said & truth, said & ~truth, ~said & truth)
     return np.stack([np.bincount(block, kind, blocks) for kind in kinds], axis=1)
 
 
-def f1(counts: _Counts) -> NDArray[np.float64]:
+def f1(counts: _Counts) -> F64:
     """F1 from true positives, false positives, false negatives in the last axis; NaN of none."""
     hit, false, missed = np.moveaxis(counts, -1, 0)
     total = 2 * hit + false + missed
     return np.where(total > 0, 2 * hit / np.maximum(total, 1), np.nan)
 
 
-def class_counts(
-    targets: NDArray[np.int64],
-    predicted: NDArray[np.int64],
-    n_classes: int,
-    block: NDArray[np.int64],
-    blocks: int,
-) -> _Counts:
+def class_counts(targets: I64, predicted: I64, n_classes: int, block: I64, blocks: int) -> _Counts:
     """True positives, false positives, false negatives: shape (blocks, n_classes, 3)."""
     parts = [
         obstacle_counts(targets == index, predicted == index, block, blocks)
@@ -90,16 +84,14 @@ def class_counts(
     return np.stack(parts, axis=1)
 
 
-def macro_f1(counts: _Counts) -> NDArray[np.float64]:
+def macro_f1(counts: _Counts) -> F64:
     """Mean F1 of the classes that are there, from `class_counts`."""
     present = counts[..., 0] + counts[..., 2] > 0
     per_class = np.where(present, np.nan_to_num(f1(counts)), 0.0)
     return np.asarray(per_class.sum(axis=-1) / np.maximum(present.sum(axis=-1), 1))
 
 
-def ranked_counts(
-    truth: NDArray[np.bool_], score: NDArray[np.float64], block: NDArray[np.int64], blocks: int
-) -> _Counts:
+def ranked_counts(truth: Bools, score: F64, block: I64, blocks: int) -> _Counts:
     """Obstacle and clear patches between thresholds, best first, shape (blocks, thresholds, 2).
 
     The thresholds are the scores of the obstacle patches, at which alone precision counts for
@@ -120,7 +112,7 @@ def ranked_counts(
     return np.stack(kinds, axis=2)[:, :-1].astype(np.float64)
 
 
-def average_precision(counts: _Counts) -> NDArray[np.float64]:
+def average_precision(counts: _Counts) -> F64:
     """Average precision from `ranked_counts` summed over blocks, shape (..., thresholds, 2)."""
     hit, false = counts[..., 0], counts[..., 1]
     hits = hit.cumsum(axis=-1)
@@ -129,24 +121,24 @@ def average_precision(counts: _Counts) -> NDArray[np.float64]:
     return np.where(total > 0, (hit * precision).sum(axis=-1) / np.maximum(total, 1), np.nan)
 
 
-def drawn_blocks(blocks: int, seed: int = 0, resamples: int = RESAMPLES) -> NDArray[np.float64]:
+def drawn_blocks(blocks: int, seed: int = 0, resamples: int = RESAMPLES) -> F64:
     """Counts of each block in each resample, shape (resamples, blocks)."""
     rng = np.random.default_rng(seed)
     return np.asarray(rng.multinomial(blocks, np.full(blocks, 1 / blocks), resamples), np.float64)
 
 
-def summed(draws: NDArray[np.float64], counts: _Counts) -> _Counts:
+def summed(draws: F64, counts: _Counts) -> _Counts:
     """Counts of each resample, from counts of each block in the first axis."""
     return np.tensordot(draws, counts, axes=1)
 
 
-def spread_of_ap(draws: NDArray[np.float64], counts: _Counts) -> NDArray[np.float64]:
+def spread_of_ap(draws: F64, counts: _Counts) -> F64:
     """Average precision of each resample; a few at a time, as the counts are many."""
     parts = [average_precision(summed(part, counts)) for part in np.array_split(draws, 20)]
     return np.concatenate(parts)
 
 
-def interval(spread: NDArray[np.float64], blocks: int) -> tuple[float, float] | None:
+def interval(spread: F64, blocks: int) -> tuple[float, float] | None:
     """Bounds at `CONFIDENCE` from a figure's resampled values; None where there are too few.
 
     Percentiles, further out the fewer blocks there are, as few blocks vary too little.
@@ -166,11 +158,7 @@ def interval(spread: NDArray[np.float64], blocks: int) -> tuple[float, float] | 
 
 
 def compare_f1(
-    truth: NDArray[np.bool_],
-    said_first: NDArray[np.bool_],
-    said_second: NDArray[np.bool_],
-    groups: NDArray[np.object_],
-    seed: int = 0,
+    truth: Bools, said_first: Bools, said_second: Bools, groups: NDArray[np.object_], seed: int = 0
 ) -> Difference:
     """Compare two models' obstacle F1 on the same patches.
 
@@ -236,14 +224,8 @@ class ComparisonMetric:
         return "macro-F1" if self.classes else "F1"
 
     def counts(
-        self,
-        targets: NDArray[np.int64],
-        predicted: NDArray[np.int64],
-        truth: NDArray[np.bool_],
-        said: NDArray[np.bool_],
-        block: NDArray[np.int64],
-        blocks: int,
-    ) -> NDArray[np.float64]:
+        self, targets: I64, predicted: I64, truth: Bools, said: Bools, block: I64, blocks: int
+    ) -> F64:
         """Counts of each block.
 
         Parameters
@@ -259,6 +241,6 @@ class ComparisonMetric:
             return class_counts(targets, predicted, self.classes, block, blocks)
         return obstacle_counts(truth, said, block, blocks)
 
-    def figure(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
+    def figure(self, counts: F64) -> F64:
         """The figure, from summed counts."""
         return macro_f1(counts) if self.classes else f1(counts)

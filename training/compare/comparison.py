@@ -9,9 +9,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from tokt import __version__
+from tokt.features.common.arrays import F64, U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
 from tokt.features.frames.image_file import decode_image
@@ -164,7 +164,7 @@ def compare_models(
     }
 
 
-def _pictures(compared: ComparedModels) -> tuple[list[NDArray[np.uint8]], str]:
+def _pictures(compared: ComparedModels) -> tuple[list[U8], str]:
     """Some frames for all models alike."""
     if compared.mode == MISSION and compared.read_frame is not None:
         table = compared.series.table
@@ -223,9 +223,7 @@ def _summary(values: list[float]) -> dict[str, float]:
     }
 
 
-def _thresholds(
-    score: NDArray[np.float64], truth: NDArray[np.bool_], rule: MofNRule
-) -> NDArray[np.float64]:
+def _thresholds(score: F64, truth: Bools, rule: MofNRule) -> F64:
     """The slider's steps, with 0 and the rule's margins among them.
 
     Close together around 0 and wide apart further out (evenly in asinh): some features give

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import Bools
 from tokt.features.frames.mission import format_frames
 
 from .predictions import ComparedModels, ModelPredictions
@@ -17,7 +17,7 @@ _APART = 5  # frames
 _PICTURES = 24  # of all kinds but wrong classes, and of all models together
 
 
-def _wrong(compared: ComparedModels, predictions: ModelPredictions, kind: str) -> NDArray[np.bool_]:
+def _wrong(compared: ComparedModels, predictions: ModelPredictions, kind: str) -> Bools:
     """Obstacles not seen, obstacles where none is, or another class on the right side."""
     said = predictions.score > 0
     if kind == MISS:

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, I64, Bools
 from tokt.models.operating_point import (
     OBSTACLE,
     UNKNOWN,
@@ -41,8 +41,8 @@ class FrameSeries:
     """
 
     table: pd.DataFrame
-    starts: NDArray[np.int64]
-    gaps: NDArray[np.int64]
+    starts: I64
+    gaps: I64
 
     @classmethod
     def of(cls, table: pd.DataFrame, step: int | None = None) -> FrameSeries:
@@ -64,7 +64,7 @@ class FrameSeries:
             missing += missed_before(numbers, step or frame_step(numbers))
         return cls(table, starts, np.asarray(missing, np.int64))
 
-    def kind(self, name: str) -> NDArray[np.bool_]:
+    def kind(self, name: str) -> Bools:
         """Which frames are of a kind."""
         return np.asarray(self.table.kind == name)
 
@@ -73,7 +73,7 @@ class FrameSeries:
         return [slice(a, b) for a, b in pairwise([*self.starts.tolist(), len(self.table)])]
 
 
-def kind_of_frame(labels_clear: NDArray[np.bool_], whole: bool) -> str:
+def kind_of_frame(labels_clear: Bools, whole: bool) -> str:
     """The kind of a frame by its labels; ocean only where every patch is labelled clear."""
     if not labels_clear.all():
         return OBSTACLE_FRAME
@@ -81,12 +81,8 @@ def kind_of_frame(labels_clear: NDArray[np.bool_], whole: bool) -> str:
 
 
 def statuses(
-    series: FrameSeries,
-    scores: NDArray[np.float64],
-    judged: NDArray[np.bool_],
-    rules: Sequence[MofNRule],
-    white: int = 1,
-) -> NDArray[np.int64]:
+    series: FrameSeries, scores: F64, judged: Bools, rules: Sequence[MofNRule], white: int = 1
+) -> I64:
     """The status of each frame, as the runtime would give it frame after frame.
 
     Parameters
@@ -114,7 +110,7 @@ def statuses(
     return found
 
 
-def frame_figures(series: FrameSeries, status: NDArray[np.int64]) -> dict[str, Any]:
+def frame_figures(series: FrameSeries, status: I64) -> dict[str, Any]:
     """Statuses against what the labels say a frame holds.
 
     Returns

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import I64, U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.inference.texture.detector import min_mask_patches
@@ -69,7 +69,7 @@ def _sorted(table: pd.DataFrame, label: str) -> pd.DataFrame:
     return table.sort_values(_PLACE, ignore_index=True)
 
 
-def _frames(table: pd.DataFrame, truth: NDArray[np.bool_], grid: Grid) -> pd.DataFrame:
+def _frames(table: pd.DataFrame, truth: Bools, grid: Grid) -> pd.DataFrame:
     """One row a frame, with its kind and its fold."""
     groups = table.assign(clear=~truth).groupby(KEYS)
     frames = groups.agg(n=("clear", "size"), clear=("clear", "all"), fold=("fold", "first"))
@@ -81,7 +81,7 @@ def _frames(table: pd.DataFrame, truth: NDArray[np.bool_], grid: Grid) -> pd.Dat
 
 
 def _predictions(
-    bundle: Bundle, recipe: Mapping[str, Any], table: pd.DataFrame, frame: NDArray[np.int64]
+    bundle: Bundle, recipe: Mapping[str, Any], table: pd.DataFrame, frame: I64
 ) -> ModelPredictions:
     """A model on the patches of a table; `frame` is each one's row in the series."""
     columns = [name for name in table if str(name).startswith("value_")]
@@ -215,7 +215,7 @@ def _reader(dataset: DatasetVersion) -> Any:
         key: row for row, key in enumerate(dataset.frames[KEYS].itertuples(index=False, name=None))
     }
 
-    def read(mission: str, camera: str, frame: int) -> NDArray[np.uint8]:
+    def read(mission: str, camera: str, frame: int) -> U8:
         return dataset.read_frame(index[mission, camera, frame])
 
     return read

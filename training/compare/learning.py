@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, I64
 from tokt.features.frames.mission import format_frames
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import DatasetVersion
@@ -29,8 +29,8 @@ FRACTIONS = (0.25, 0.5, 0.75, 1.0)
 REPEATS = 3
 _MAX_VALUES = 600_000  # rows times features of one fit: about 0.1 s
 _MAX_STRETCHES = 16
-_Counts = NDArray[np.float64]
-_Fit = tuple[tuple[Any, ...], int, NDArray[np.int64]]
+_Counts = F64
+_Fit = tuple[tuple[Any, ...], int, I64]
 """What a fit belongs to, its fold, and the blocks that it learns from."""
 _SMALL = 0.01  # a gain that is not worth a day of labelling
 
@@ -40,25 +40,25 @@ class _Setting:
     """All that a fit needs."""
 
     dataset: DatasetVersion
-    features: NDArray[np.float64]
-    augmented: list[NDArray[np.float64]]
-    targets: NDArray[np.int64]
+    features: F64
+    augmented: list[F64]
+    targets: I64
     folds: list[Fold]
     choices: list[Hyperparameters]
     settings: TrainingSettings
     measure: ComparisonMetric
-    block: NDArray[np.int64]
+    block: I64
     names: list[str]
     every: int
 
-    def counts(self, predicted: NDArray[np.int64], rows: NDArray[np.int64]) -> _Counts:
+    def counts(self, predicted: I64, rows: I64) -> _Counts:
         """What predictions of some rows add to each block's counts."""
         flags = np.asarray(self.dataset.obstacle_flags(), bool)
         targets = self.targets[rows]
         sides = flags[targets], flags[predicted]
         return self.measure.counts(targets, predicted, *sides, self.block[rows], len(self.names))
 
-    def predict(self, index: int, blocks: NDArray[np.int64]) -> NDArray[np.int64]:
+    def predict(self, index: int, blocks: I64) -> I64:
         """Predictions of a fold's test rows by a model of some of its training blocks."""
         fold = self.folds[index]
         train = fold.train[np.isin(self.block[fold.train], blocks)]
@@ -141,7 +141,7 @@ def _set_up(
     )
 
 
-def _order(setting: _Setting, fold: Fold, rng: np.random.Generator) -> NDArray[np.int64]:
+def _order(setting: _Setting, fold: Fold, rng: np.random.Generator) -> I64:
     """A fold's training blocks as they are added: first enough of them to have every class."""
     block, targets = setting.block[fold.train], setting.targets[fold.train]
     order = rng.permutation(np.unique(block))
@@ -164,7 +164,7 @@ def _curve_fits(setting: _Setting) -> Iterator[_Fit]:
                 yield (fraction, repeat), index, order[:kept]
 
 
-def _stretches(setting: _Setting) -> list[NDArray[np.int64]]:
+def _stretches(setting: _Setting) -> list[I64]:
     """Blocks one by one, or neighbours together where there are many."""
     if setting.dataset.block_frames is None:
         return []
@@ -172,7 +172,7 @@ def _stretches(setting: _Setting) -> list[NDArray[np.int64]]:
     return list(np.array_split(np.arange(len(setting.names)), count))
 
 
-def _fits_without(setting: _Setting, stretches: list[NDArray[np.int64]]) -> Iterator[_Fit]:
+def _fits_without(setting: _Setting, stretches: list[I64]) -> Iterator[_Fit]:
     """By number of the stretch that is left out."""
     for number, left_out in enumerate(stretches):
         for index, fold in enumerate(setting.folds):
@@ -184,9 +184,7 @@ def _fits_without(setting: _Setting, stretches: list[NDArray[np.int64]]) -> Iter
                 yield (number,), index, rest
 
 
-def _wrong_by_label(
-    setting: _Setting, found: dict[tuple[float, int], NDArray[np.int64]]
-) -> list[dict[str, Any]]:
+def _wrong_by_label(setting: _Setting, found: dict[tuple[float, int], I64]) -> list[dict[str, Any]]:
     """For each label the share of its patches that is judged wrong, by fraction."""
     labels = setting.dataset.patches.label.to_numpy()
     rows = []
@@ -234,8 +232,8 @@ def learning_curve(
     setting = _set_up(predictions, dataset, workspace, progress)
     stretches = _stretches(setting)
     fits = [*_curve_fits(setting), *_fits_without(setting, stretches)]
-    curve: dict[Any, NDArray[np.int64]] = defaultdict(lambda: np.zeros_like(setting.targets))
-    without: dict[int, dict[int, NDArray[np.int64]]] = defaultdict(dict)
+    curve: dict[Any, I64] = defaultdict(lambda: np.zeros_like(setting.targets))
+    without: dict[int, dict[int, I64]] = defaultdict(dict)
     for key, fold, blocks in progress(fits, len(fits), "learning curve"):
         predicted = setting.predict(fold, blocks)
         if len(key) == 2:
@@ -281,10 +279,7 @@ def _points(setting: _Setting, counts: dict[tuple[float, int], _Counts]) -> list
 
 
 def _gain(
-    setting: _Setting,
-    counts: dict[tuple[float, int], _Counts],
-    draws: NDArray[np.float64],
-    part: float,
+    setting: _Setting, counts: dict[tuple[float, int], _Counts], draws: F64, part: float
 ) -> dict[str, Any]:
     """What the blocks beyond a part of them brought, with its interval over test blocks."""
     figure = setting.measure.figure
@@ -304,10 +299,10 @@ def _bounds(found: tuple[float, float] | None) -> dict[str, float | None]:
 
 def _helped(
     setting: _Setting,
-    stretches: list[NDArray[np.int64]],
-    whole: NDArray[np.int64],
-    without: dict[int, dict[int, NDArray[np.int64]]],
-    draws: NDArray[np.float64],
+    stretches: list[I64],
+    whole: I64,
+    without: dict[int, dict[int, I64]],
+    draws: F64,
 ) -> list[dict[str, Any]]:
     """How much worse the other blocks are judged when a stretch is not learnt from."""
     figure = setting.measure.figure

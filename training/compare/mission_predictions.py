@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import pixel_sha256
 from tokt.features.frames.mission import LEFT, Mission, format_frames
@@ -65,13 +65,13 @@ def check_unseen(
 
 
 def _score(
-    bundles: Sequence[Bundle], images: Iterable[NDArray[np.uint8]]
-) -> tuple[list[list[NDArray[np.float64]]], list[list[bool]], int]:
+    bundles: Sequence[Bundle], images: Iterable[U8]
+) -> tuple[list[list[F64]], list[list[bool]], int]:
     """Each model's decision values of whole frames, and whether the runtime would judge these.
 
     And the patches that it takes to bring a mask's mean over the thesis's limit.
     """
-    values: list[list[NDArray[np.float64]]] = [[] for _ in bundles]
+    values: list[list[F64]] = [[] for _ in bundles]
     judged: list[list[bool]] = [[] for _ in bundles]
     for image in images:
         for bundle, its_values, its_judged in zip(bundles, values, judged, strict=True):
@@ -107,9 +107,9 @@ def _frames(
 def _predictions(
     bundle: Bundle,
     patches: pd.DataFrame,
-    truth: NDArray[np.bool_],
-    places: NDArray[np.int64],
-    of_frames: Sequence[NDArray[np.float64]],
+    truth: Bools,
+    places: I64,
+    of_frames: Sequence[F64],
     judged: Sequence[bool],
     white: int,
 ) -> ModelPredictions:

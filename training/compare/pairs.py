@@ -8,8 +8,9 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
+
+from tokt.features.common.arrays import F64
 
 from .bootstrap import (
     CONFIDENCE,
@@ -29,7 +30,6 @@ _UNDEFINED = (
     "Cannot tell which model is better: no patch here is labelled as an obstacle, or a model knows "
     "one side alone, so there is no F1. False statuses are all that can be compared."
 )
-_Array = NDArray[np.float64]
 EXACT_BLOCKS = 12
 _DRAWN = 9999
 _ROUNDING = 1e-12
@@ -41,14 +41,14 @@ class _Resampled:
 
     name: str
     title: str
-    figure: Callable[[_Array], _Array]
-    counts: dict[str, _Array]
-    spread: dict[str, _Array]
+    figure: Callable[[F64], F64]
+    counts: dict[str, F64]
+    spread: dict[str, F64]
 
     def value(self, label: str) -> float:
         return float(self.figure(self.counts[label].sum(axis=0)[None])[0])
 
-    def change(self, first: str, second: str) -> _Array:
+    def change(self, first: str, second: str) -> F64:
         return self.spread[first] - self.spread[second]
 
 
@@ -60,7 +60,7 @@ def main_measure(compared: ComparedModels) -> ComparisonMetric:
     return ComparisonMetric(len(names)) if several else ComparisonMetric()
 
 
-def _resampled(compared: ComparedModels, measure: ComparisonMetric, draws: _Array) -> _Resampled:
+def _resampled(compared: ComparedModels, measure: ComparisonMetric, draws: F64) -> _Resampled:
     names, block = compared.blocks
     counts = {
         item.label: measure.counts(
@@ -72,7 +72,7 @@ def _resampled(compared: ComparedModels, measure: ComparisonMetric, draws: _Arra
     return _Resampled(measure.name, measure.title, measure.figure, counts, spread)
 
 
-def _ap_measure(compared: ComparedModels, draws: _Array) -> _Resampled | None:
+def _ap_measure(compared: ComparedModels, draws: F64) -> _Resampled | None:
     if not compared.truth.any() or not compared.two_sided:
         return None
     names, block = compared.blocks
@@ -84,12 +84,12 @@ def _ap_measure(compared: ComparedModels, draws: _Array) -> _Resampled | None:
     return _Resampled("average_precision", "AP", average_precision, counts, spread)
 
 
-def _bounds(spread: _Array, blocks: int) -> dict[str, float] | None:
+def _bounds(spread: F64, blocks: int) -> dict[str, float] | None:
     found = interval(spread, blocks)
     return None if found is None else {"low": found[0], "high": found[1]}
 
 
-def _detectable(spread: _Array, questions: int) -> float | None:
+def _detectable(spread: F64, questions: int) -> float | None:
     """The difference that would be called one in 4 of 5 repeats, from its standard error."""
     found = spread[np.isfinite(spread)]
     if len(found) < 2 or not found.std():
@@ -252,10 +252,7 @@ class PermutationTest:
 
 
 def permutation_test(
-    first: NDArray[np.float64],
-    second: NDArray[np.float64],
-    figure: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    seed: int = 0,
+    first: F64, second: F64, figure: Callable[[F64], F64], seed: int = 0
 ) -> PermutationTest:
     """Paired permutation test of a figure that follows from counts summed over blocks.
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule
@@ -52,14 +52,14 @@ class ModelPredictions:
     """
 
     bundle: Bundle
-    targets: NDArray[np.int64]
-    predicted: NDArray[np.int64]
+    targets: I64
+    predicted: I64
     classes: tuple[str, ...]
-    error_margin: NDArray[np.float64]
-    score: NDArray[np.float64]
-    on_grid: NDArray[np.float64]
+    error_margin: F64
+    score: F64
+    on_grid: F64
     white: int
-    judged: NDArray[np.bool_]
+    judged: Bools
     fold_rules: list[MofNRule] | None
     split: str
     recipe: Mapping[str, Any] | None = None
@@ -75,9 +75,7 @@ class ModelPredictions:
         return self.bundle.operating_point.rule
 
 
-def error_margins(
-    model: LinearModel, values: NDArray[np.float64], targets: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def error_margins(model: LinearModel, values: F64, targets: I64) -> F64:
     """By how much the predicted class's value exceeds the labelled one's; 0 where it is right."""
     excess = values - model.thresholds
     predicted = model.predicted(values)
@@ -118,10 +116,10 @@ class ComparedModels:
     mode: str
     what: str
     patches: pd.DataFrame
-    truth: NDArray[np.bool_]
+    truth: Bools
     models: list[ModelPredictions]
     series: FrameSeries
-    read_frame: Callable[[str, str, int], NDArray[np.uint8]] | None
+    read_frame: Callable[[str, str, int], U8] | None
     dataset: DatasetVersion | None
     notes: list[str]
 
@@ -131,7 +129,7 @@ class ComparedModels:
         return "blocks of frames" if self.has_frames else "single patches"
 
     @cached_property
-    def blocks(self) -> tuple[list[str], NDArray[np.int64]]:
+    def blocks(self) -> tuple[list[str], I64]:
         """Names of the blocks, and the block number of each patch."""
         return block_numbers(self.patches.group.to_numpy())
 
@@ -145,9 +143,7 @@ class ComparedModels:
         """Whether every model tells obstacles from what is none."""
         return all(bool(np.isfinite(item.score).all()) for item in self.models)
 
-    def status(
-        self, predictions: ModelPredictions, rule: MofNRule | None = None
-    ) -> NDArray[np.int64]:
+    def status(self, predictions: ModelPredictions, rule: MofNRule | None = None) -> I64:
         """The status of each frame: by the rules in force, or by one for all."""
         rules = predictions.fold_rules if rule is None else [rule]
         return statuses(

@@ -10,8 +10,8 @@ import mlflow
 import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.frames.grid import Grid
 from tokt.labels.page.state.enhance import enhanced
 from tokt.models.registry.registry import Registry, local_uri, tracking_uri
@@ -151,7 +151,7 @@ def _learning_curve(curve: dict[str, Any]) -> Figure:
     return figure
 
 
-def _surroundings(image: NDArray[np.uint8], grid: Grid, row: int, col: int) -> NDArray[np.uint8]:
+def _surroundings(image: U8, grid: Grid, row: int, col: int) -> U8:
     """A patch with what is around it, outlined."""
     height, width = image.shape[:2]
     resized = grid.resized(height, width)
@@ -179,7 +179,7 @@ def _pictures(compared: ComparedModels, errors: Sequence[dict[str, Any]]) -> lis
     if compared.read_frame is None:
         return [None] * len(errors)
     grid = compared.models[0].bundle.grid
-    found: dict[tuple[str, str, int], NDArray[np.uint8]] = {}
+    found: dict[tuple[str, str, int], U8] = {}
     uris: list[str | None] = []
     for error in errors:
         key = error["mission"], error["camera"], error["frame"]

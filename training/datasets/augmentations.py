@@ -11,8 +11,8 @@ import re
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import pixel_sha256
 
@@ -23,7 +23,7 @@ STRESS = (
 """What ``--stress`` tests on."""
 
 
-def augment(frame: NDArray[np.uint8], name: str) -> NDArray[np.uint8]:
+def augment(frame: U8, name: str) -> U8:
     """Augment a frame.
 
     Parameters

@@ -25,11 +25,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from tokt.features.common import atomic
+from tokt.features.common.arrays import I64, U8
 from tokt.features.common.canonical import canonical_json
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
@@ -151,7 +151,7 @@ class DatasetVersion:
         if _content_hash(self.info, self.patches, self.frames) != self.hash:
             raise ToktError(f"dataset {self.label} has been changed on disk; build it again")
 
-    def read_frame(self, index: int) -> NDArray[np.uint8]:
+    def read_frame(self, index: int) -> U8:
         """The frame in row `index` of `frames`, checked against its pixel hash.
 
         Raises
@@ -172,7 +172,7 @@ class DatasetVersion:
             names.sort(key=self.taxonomy.is_obstacle)
         return tuple(names)
 
-    def targets(self) -> NDArray[np.int64]:
+    def targets(self) -> I64:
         """Index into `classes` for each patch."""
         labels = self.patches.label
         if self.task == "binary":
@@ -205,7 +205,7 @@ def thin_classes(dataset: DatasetVersion, wanted: int) -> list[str]:
     return lines
 
 
-def read_stored_frame(path: Path, digest: str) -> NDArray[np.uint8]:
+def read_stored_frame(path: Path, digest: str) -> U8:
     """A dataset's frame file, checked against its pixel hash.
 
     Raises

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tokt import features as features_package
 from tokt.features.common import atomic
+from tokt.features.common.arrays import F64, I64
 from tokt.features.common.canonical import json_sha256
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import build_extractor
@@ -49,11 +49,11 @@ def feature_key(dataset: DatasetVersion, spec: dict[str, Any], augmentation: str
     return json_sha256(parts)[:24]
 
 
-_DescribeTask = tuple[Path, str, NDArray[np.int64], dict[str, Any], Grid, str]
+_DescribeTask = tuple[Path, str, I64, dict[str, Any], Grid, str]
 """One frame to describe: file, digest, cells, spec, grid, augmentation."""
 
 
-def _describe(task: _DescribeTask) -> NDArray[np.float64]:
+def _describe(task: _DescribeTask) -> F64:
     path, digest, cells, spec, grid, augmentation = task
     frame = read_stored_frame(path, digest)
     if augmentation:
@@ -61,11 +61,11 @@ def _describe(task: _DescribeTask) -> NDArray[np.float64]:
     return build_extractor(spec).describe(frame, grid)[cells]
 
 
-def _cached(path: Path, shape: tuple[int, int]) -> NDArray[np.float64] | None:
+def _cached(path: Path, shape: tuple[int, int]) -> F64 | None:
     """An earlier result, if it is there and whole."""
     check = path.with_suffix(".sha256")
     try:
-        table: NDArray[np.float64] = np.load(path, mmap_mode="r", allow_pickle=False)
+        table: F64 = np.load(path, mmap_mode="r", allow_pickle=False)
         if check.read_text("ascii") != hashlib.sha256(table.data).hexdigest():
             return None
     except (OSError, ValueError, EOFError):
@@ -81,7 +81,7 @@ def cached_features(
     jobs: int = -1,
     dask: str | None = None,
     augmentation: str = "",
-) -> NDArray[np.float64]:
+) -> F64:
     """Features of every patch of a dataset, in the order of ``dataset.patches``.
 
     Parameters
@@ -120,7 +120,7 @@ def cached_features(
 
 def _tasks(
     dataset: DatasetVersion, spec: dict[str, Any], augmentation: str
-) -> list[tuple[NDArray[np.int64], _DescribeTask]]:
+) -> list[tuple[I64, _DescribeTask]]:
     """The dataset's frames, each with the rows of its patches."""
     patches, frames, grid = dataset.patches, dataset.frames, dataset.grid
     keys = ["mission", "camera", "frame"]
@@ -138,7 +138,7 @@ def _tasks(
 
 
 def _compute(
-    tasks: list[tuple[NDArray[np.int64], _DescribeTask]],
+    tasks: list[tuple[I64, _DescribeTask]],
     path: Path,
     shape: tuple[int, int],
     what: str,

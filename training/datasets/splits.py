@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold
 
+from tokt.features.common.arrays import I64, Bools
 from tokt.features.common.errors import ToktError
 
 BLOCK_FRAMES = 20
@@ -30,8 +31,8 @@ class Fold:
         Rows of the table that was split; a row within the embargo of a test frame is in neither.
     """
 
-    train: NDArray[np.int64]
-    test: NDArray[np.int64]
+    train: I64
+    test: I64
 
 
 def block_of(mission: str, frame: int, frames: int = BLOCK_FRAMES) -> str:
@@ -40,10 +41,7 @@ def block_of(mission: str, frame: int, frames: int = BLOCK_FRAMES) -> str:
 
 
 def blocked_folds(
-    patches: pd.DataFrame,
-    targets: NDArray[np.int64],
-    n_folds: int = FOLDS,
-    embargo_frames: int = EMBARGO_FRAMES,
+    patches: pd.DataFrame, targets: I64, n_folds: int = FOLDS, embargo_frames: int = EMBARGO_FRAMES
 ) -> list[Fold]:
     """Split patches into folds of whole groups, each with about its share of every class.
 
@@ -79,7 +77,7 @@ def blocked_folds(
     return folds
 
 
-def _check_groups(patches: pd.DataFrame, targets: NDArray[np.int64], n_folds: int) -> None:
+def _check_groups(patches: pd.DataFrame, targets: I64, n_folds: int) -> None:
     groups = patches.group.to_numpy()
     n_groups = len(np.unique(groups))
     if n_groups < n_folds:
@@ -98,14 +96,14 @@ def _check_groups(patches: pd.DataFrame, targets: NDArray[np.int64], n_folds: in
         raise ToktError(f"no class has as many patches as there are folds ({n_folds})")
 
 
-def _labels(patches: pd.DataFrame, rows: NDArray[np.bool_]) -> str:
+def _labels(patches: pd.DataFrame, rows: Bools) -> str:
     """The labels of a class, for people."""
     return ", ".join(sorted(patches.label[rows].unique())) if "label" in patches else "one class"
 
 
 def _whole_groups(
-    groups: NDArray[np.object_], targets: NDArray[np.int64], n_folds: int
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    groups: NDArray[np.object_], targets: I64, n_folds: int
+) -> Iterator[tuple[I64, I64]]:
     """Training and test rows of each fold. Neither splitter shuffles."""
     splitter: StratifiedGroupKFold | StratifiedKFold = StratifiedGroupKFold(n_folds)
     if len(np.unique(groups)) == len(groups):
@@ -118,9 +116,7 @@ def _whole_groups(
         yield from splitter.split(groups, targets, groups)
 
 
-def every_nth_block(
-    patches: pd.DataFrame, targets: NDArray[np.int64], n: int, embargo_frames: int
-) -> Fold:
+def every_nth_block(patches: pd.DataFrame, targets: I64, n: int, embargo_frames: int) -> Fold:
     """Hold back every n-th group in time order: the same rule for every mission.
 
     Starts at the first offset that leaves every class in both parts.
@@ -151,12 +147,8 @@ def every_nth_block(
 
 
 def _near(
-    mission: NDArray[np.object_],
-    frame: NDArray[np.int64],
-    train: NDArray[np.int64],
-    test: NDArray[np.int64],
-    embargo_frames: int,
-) -> NDArray[np.bool_]:
+    mission: NDArray[np.object_], frame: I64, train: I64, test: I64, embargo_frames: int
+) -> Bools:
     """Which training rows lie within the embargo of a test frame."""
     near = np.zeros(len(train), bool)
     for name in np.unique(mission[test]):

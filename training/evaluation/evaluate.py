@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import pixel_sha256
 from tokt.features.frames.mission import LEFT, Mission
@@ -45,7 +45,7 @@ class ScoredMission:
 
     frames: list[int]
     missed: list[int]
-    values: NDArray[np.float64]
+    values: F64
     verdicts: list[Verdict]
     seen_in_training: list[int]
 
@@ -92,7 +92,7 @@ def score_mission(
     return ScoredMission(numbers, missed, np.stack(values), verdicts, seen)
 
 
-def _unjudged_values(bundle: Bundle, image: NDArray[np.uint8], number: int) -> NDArray[np.float64]:
+def _unjudged_values(bundle: Bundle, image: U8, number: int) -> F64:
     """What the model says of the patches of a frame that the runtime calls unknown."""
     try:
         return bundle.decision_values(image)
@@ -153,8 +153,8 @@ def _frame_figures(
 
 
 def classes_and_targets(
-    model: LinearModel, labels: Sequence[str], truth: NDArray[np.bool_]
-) -> tuple[tuple[str, ...], NDArray[np.int64]]:
+    model: LinearModel, labels: Sequence[str], truth: Bools
+) -> tuple[tuple[str, ...], I64]:
     """A model's classes, with what else was labelled, and each label's index among them.
 
     Of a model that tells obstacles from clear water a label counts as its side, in `truth`.

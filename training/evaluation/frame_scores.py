@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, I64, Bools
 from tokt.inference.texture.detector import min_mask_patches
 from tokt.models.operating_point import MAX_WINDOW, MofNRule, frame_step, missed_before
 from tokt.training.datasets.dataset import DatasetVersion
@@ -41,11 +41,11 @@ class FrameTable:
     """
 
     keys: pd.DataFrame
-    of_patch: NDArray[np.int64]
-    obstacles: NDArray[np.int64]
-    ocean: NDArray[np.bool_]
-    min_mask_patches: NDArray[np.int64]
-    place: NDArray[np.int64]
+    of_patch: I64
+    obstacles: I64
+    ocean: Bools
+    min_mask_patches: I64
+    place: I64
 
     def __len__(self) -> int:
         return len(self.keys)
@@ -78,7 +78,7 @@ def frame_table(dataset: DatasetVersion) -> FrameTable:
     )
 
 
-def _min_mask_patches(dataset: DatasetVersion, found: pd.DataFrame) -> NDArray[np.int64]:
+def _min_mask_patches(dataset: DatasetVersion, found: pd.DataFrame) -> I64:
     sizes = dataset.frames.drop_duplicates(KEYS).set_index(KEYS)
     sizes = sizes.loc[pd.MultiIndex.from_frame(found[KEYS]), ["height", "width"]]
     least = {}
@@ -89,7 +89,7 @@ def _min_mask_patches(dataset: DatasetVersion, found: pd.DataFrame) -> NDArray[n
     return np.array([least[pair] for pair in pairs], np.int64)
 
 
-def _places(found: pd.DataFrame) -> NDArray[np.int64]:
+def _places(found: pd.DataFrame) -> I64:
     places, last = np.zeros(len(found), np.int64), -MAX_WINDOW
     for rows in found.groupby(["mission", "camera"]).indices.values():
         numbers = found.frame.to_numpy()[rows].tolist()
@@ -114,16 +114,12 @@ class FrameScores:
     """
 
     frames: FrameTable
-    scores: NDArray[np.float64]
-    tested: NDArray[np.bool_]
+    scores: F64
+    tested: Bools
 
     @classmethod
     def of(
-        cls,
-        frames: FrameTable,
-        dataset: DatasetVersion,
-        score: NDArray[np.float64],
-        tested: NDArray[np.bool_],
+        cls, frames: FrameTable, dataset: DatasetVersion, score: F64, tested: Bools
     ) -> FrameScores:
         """Lay out one score a patch; see `choose_frame_rule`."""
         scores = np.full((len(frames), dataset.grid.n_patches), -np.inf)
@@ -133,12 +129,12 @@ class FrameScores:
         judged[frames.of_patch[tested]] = True
         return cls(frames, scores, judged)
 
-    def of_some(self, chosen: NDArray[np.bool_]) -> FrameScores:
+    def of_some(self, chosen: Bools) -> FrameScores:
         """The same, as if only these frames had been tested."""
         tested = self.tested & chosen
         return FrameScores(self.frames, np.where(tested[:, None], self.scores, -np.inf), tested)
 
-    def statistic(self, least_patches: int, hits: int, window: int) -> NDArray[np.float64]:
+    def statistic(self, least_patches: int, hits: int, window: int) -> F64:
         """The value a margin must stay below for an obstacle status, shape (n_frames,).
 
         The `least_patches`-th largest, over the patches, of the `hits`-th largest of a patch's
@@ -154,9 +150,7 @@ class FrameScores:
         return found
 
 
-def windowed(
-    values: NDArray[np.float64], place: NDArray[np.int64], hits: int, window: int
-) -> NDArray[np.float64]:
+def windowed(values: F64, place: I64, hits: int, window: int) -> F64:
     """The `hits`-th largest of the values in each frame and the `window` - 1 places before it.
 
     Parameters
@@ -182,10 +176,7 @@ def windowed(
 
 
 def frame_figures(
-    dataset: DatasetVersion,
-    score: NDArray[np.float64],
-    fold: NDArray[np.int64],
-    rules: Sequence[MofNRule],
+    dataset: DatasetVersion, score: F64, fold: I64, rules: Sequence[MofNRule]
 ) -> dict[str, Any]:
     """False statuses and detections, each frame judged by its fold's rule.
 
@@ -232,9 +223,7 @@ def frame_figures(
     }
 
 
-def _statuses(
-    scores: FrameScores, of_frame: NDArray[np.int64], rules: Sequence[MofNRule]
-) -> NDArray[np.bool_]:
+def _statuses(scores: FrameScores, of_frame: I64, rules: Sequence[MofNRule]) -> Bools:
     """Whether each frame's status is obstacle by its fold's rule."""
     said = np.zeros(len(scores.frames), bool)
     for index, rule in enumerate(rules):
@@ -246,7 +235,7 @@ def _statuses(
     return said
 
 
-def _first(frames: FrameTable, chosen: NDArray[np.bool_]) -> dict[str, int | None]:
+def _first(frames: FrameTable, chosen: Bools) -> dict[str, int | None]:
     """The first chosen frame of each mission, of whichever camera."""
     marked = frames.keys[KEYS].assign(number=frames.keys.frame.where(chosen))
     first = marked.groupby("mission").number.min()

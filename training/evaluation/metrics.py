@@ -3,19 +3,20 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.metrics import (
     average_precision_score,
     confusion_matrix,
     precision_recall_fscore_support,
 )
 
+from tokt.features.common.arrays import F64, I64, Bools
+
 
 def _ratio(value: float) -> float | None:
     return None if np.isnan(value) else float(value)
 
 
-def obstacle_metrics(truth: NDArray[np.bool_], score: NDArray[np.float64]) -> dict[str, Any]:
+def obstacle_metrics(truth: Bools, score: F64) -> dict[str, Any]:
     """Precision, recall, F1 and average precision of "this patch is an obstacle".
 
     Parameters
@@ -49,9 +50,7 @@ def obstacle_metrics(truth: NDArray[np.bool_], score: NDArray[np.float64]) -> di
     }
 
 
-def class_metrics(
-    truth: NDArray[np.int64], predicted: NDArray[np.int64], classes: tuple[str, ...]
-) -> dict[str, Any]:
+def class_metrics(truth: I64, predicted: I64, classes: tuple[str, ...]) -> dict[str, Any]:
     """Per-class precision, recall and F1, macro-F1 over the classes present, and confusion.
 
     Returns

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, U8, Bools
 from tokt.features.extractors.extractor import gray_picture
 from tokt.features.frames.grid import Grid
 from tokt.inference.verdict import OBSTACLE, Verdict
@@ -42,17 +42,17 @@ class AnnotatedFrame:
         The runtime's, in a run over the frames before.
     """
 
-    image: NDArray[np.uint8]
-    predicted: NDArray[np.bool_]
-    labelled: NDArray[np.bool_]
-    unsure: NDArray[np.bool_]
+    image: U8
+    predicted: Bools
+    labelled: Bools
+    unsure: Bools
     verdict: Verdict
 
 
 def beside_labels(
     bundle: Bundle,
-    image: NDArray[np.uint8],
-    values: NDArray[np.float64],
+    image: U8,
+    values: F64,
     verdict: Verdict,
     records: Iterable[LabelRecord],
     taxonomy: Taxonomy,
@@ -79,12 +79,12 @@ def beside_labels(
     return AnnotatedFrame(image, bundle.model.obstacle_patches(values), labelled, unsure, verdict)
 
 
-def raise_contrast_gray(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def raise_contrast_gray(gray: U8) -> U8:
     """A nearly black frame made visible by local contrast; for eyes only, never for features."""
     return np.asarray(cv2.createCLAHE(6.0, (6, 6)).apply(gray), np.uint8)
 
 
-def draw(judged: AnnotatedFrame, grid: Grid) -> NDArray[np.uint8]:
+def draw(judged: AnnotatedFrame, grid: Grid) -> U8:
     """The frame, contrast-enhanced, beside its mask.
 
     Left: thin green outlines are patches labelled as an obstacle, thin gray ones `unsure`, filled
@@ -111,7 +111,7 @@ def draw(judged: AnnotatedFrame, grid: Grid) -> NDArray[np.uint8]:
     return np.hstack([view, gap, right]).astype(np.uint8)
 
 
-def _draw_verdict(view: NDArray[np.uint8], verdict: Verdict, width: int, height: int) -> None:
+def _draw_verdict(view: U8, verdict: Verdict, width: int, height: int) -> None:
     middle = (width // 2 * _SCALE, height // 2 * _SCALE)
     cv2.drawMarker(view, middle, (120, 120, 120), cv2.MARKER_CROSS, 16, 1)
     if verdict.box is None or verdict.x is None or verdict.y is None:
@@ -124,7 +124,7 @@ def _draw_verdict(view: NDArray[np.uint8], verdict: Verdict, width: int, height:
     cv2.arrowedLine(view, middle, steer, _LABEL_BGR, 2, tipLength=0.15)
 
 
-def jpeg_uri(image: NDArray[np.uint8], quality: int = 85) -> str:
+def jpeg_uri(image: U8, quality: int = 85) -> str:
     """A picture as a data URI, for a page that needs no other file."""
     data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
     return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
@@ -145,7 +145,7 @@ def png_uri(png: bytes) -> str:
 CONTRAST_METHOD = "lightness (CIELAB) by local contrast, CLAHE with clip limit 6 on 6x6 tiles"
 
 
-def raise_contrast(frame: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
+def raise_contrast(frame: U8, width: int, height: int) -> U8:
     """A frame resized, with its contrast raised as `CONTRAST_METHOD` says.
 
     Parameters

@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from sklearn.metrics import average_precision_score, precision_recall_curve
 
+from tokt.features.common.arrays import F64, Bools
 from tokt.training.evaluation.pictures import figure_png, png_uri
 
-Curve = tuple[NDArray[np.bool_], NDArray[np.float64]]
+Curve = tuple[Bools, F64]
 
 
 def precision_recall(curves: Mapping[str, Curve]) -> Figure:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.models.operating_point import MofNRule
@@ -81,10 +82,10 @@ class _Candidate:
 
     rule: MofNRule
     tails: tuple[ExceedanceModel | None, ...]
-    false_status: NDArray[np.bool_]
+    false_status: Bools
     blocks: NDArray[np.object_]
-    found: NDArray[np.bool_]
-    found_at_zero: NDArray[np.bool_]
+    found: Bools
+    found_at_zero: Bools
     shown: bool
 
     @property
@@ -115,10 +116,7 @@ class _Candidate:
 
 
 def choose_frame_rule(
-    dataset: DatasetVersion,
-    score: NDArray[np.float64],
-    tested: NDArray[np.bool_],
-    target: FalseStatusTarget,
+    dataset: DatasetVersion, score: F64, tested: Bools, target: FalseStatusTarget
 ) -> tuple[MofNRule, dict[str, Any]]:
     """Choose margin, patches and frames of an alarm for a rate of false statuses.
 
@@ -182,7 +180,7 @@ def _shapes_on(grid: Grid, target: FalseStatusTarget) -> list[MofNRule]:
 
 
 def _candidate(
-    shape: MofNRule, scores: FrameScores, ocean: NDArray[np.bool_], target: FalseStatusTarget
+    shape: MofNRule, scores: FrameScores, ocean: Bools, target: FalseStatusTarget
 ) -> _Candidate:
     frames = scores.frames
     blocks = frames.keys.group.to_numpy()[ocean]
@@ -217,15 +215,13 @@ def _candidate(
     )
 
 
-def _margin(
-    statistic: NDArray[np.float64], tail: ExceedanceModel | None, rate: float, confidence: float
-) -> float:
+def _margin(statistic: F64, tail: ExceedanceModel | None, rate: float, confidence: float) -> float:
     allowed = np.sort(statistic)[::-1][math.floor(rate * len(statistic))]
     margin = max(0.0, float(allowed), tail.margin(confidence) if tail else 0.0)
     return math.ceil(margin * _MARGIN_STEPS) / _MARGIN_STEPS
 
 
-def _any_above(statistics: list[NDArray[np.float64]], margins: list[float]) -> NDArray[np.bool_]:
+def _any_above(statistics: list[F64], margins: list[float]) -> Bools:
     """Where a statistic is above its margin."""
     pairs = zip(statistics, margins, strict=True)
     return np.asarray(np.any([one > margin for one, margin in pairs], axis=0), bool)

@@ -3,23 +3,23 @@
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import LinearSVC
 
+from tokt.features.common.arrays import F64, I64
 from tokt.models.linear import LinearModel
 
 from .presets import Hyperparameters, TrainingSettings
 
 
 def fit_classifier(
-    features: NDArray[np.float64],
-    targets: NDArray[np.int64],
+    features: F64,
+    targets: I64,
     choice: Hyperparameters,
     settings: TrainingSettings,
-    weights: NDArray[np.float64] | None = None,
+    weights: F64 | None = None,
 ) -> Pipeline:
     """Fit scaler and LinearSVC; deterministic for the same input.
 
@@ -58,7 +58,7 @@ def converged(pipeline: Pipeline) -> bool:
     return bool(np.max(svc.n_iter_) < svc.max_iter)
 
 
-def decision_values(pipeline: Pipeline, features: NDArray[np.float64]) -> NDArray[np.float64]:
+def decision_values(pipeline: Pipeline, features: F64) -> F64:
     """The pipeline's decision function as (n, n_outputs)."""
     values = np.asarray(pipeline.decision_function(np.asarray(features)), np.float64)
     return values.reshape(len(features), -1)

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 
+from tokt.features.common.arrays import F64, I64
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import format_frames
 from tokt.models.linear import LinearModel
@@ -26,7 +26,7 @@ from .choose_operating_point import DEFAULT_TARGET, FalseStatusTarget, choose_fr
 from .classifier import decision_values, fit_classifier, linear_model
 from .presets import Hyperparameters, TrainingSettings
 
-Tables = Sequence[NDArray[np.float64]]
+Tables = Sequence[F64]
 
 
 @dataclass(frozen=True)
@@ -60,11 +60,11 @@ class HeldOutPredictions:
         By augmentation: decision values of the patches on frames so augmented.
     """
 
-    values: NDArray[np.float64]
-    fold: NDArray[np.int64]
+    values: F64
+    fold: I64
     choices: tuple[Hyperparameters, ...]
     rules: tuple[MofNRule, ...]
-    stressed: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    stressed: Mapping[str, F64] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -79,13 +79,13 @@ class BestCandidate:
     """
 
     choice: Hyperparameters
-    values: NDArray[np.float64]
+    values: F64
 
 
 def fit_rows(
-    features: NDArray[np.float64],
-    targets: NDArray[np.int64],
-    rows: NDArray[np.int64],
+    features: F64,
+    targets: I64,
+    rows: I64,
     choice: Hyperparameters,
     settings: TrainingSettings,
     augmented: Tables = (),
@@ -111,8 +111,8 @@ def fit_rows(
 
 def choose_hyperparameters(
     patches: pd.DataFrame,
-    features: NDArray[np.float64],
-    targets: NDArray[np.int64],
+    features: F64,
+    targets: I64,
     settings: TrainingSettings,
     split: Split,
     augmented: Tables = (),
@@ -160,13 +160,11 @@ def choose_hyperparameters(
     return best
 
 
-_Fit = tuple[
-    NDArray[np.float64], NDArray[np.int64], Fold, Hyperparameters, TrainingSettings, Tables
-]
+_Fit = tuple[F64, I64, Fold, Hyperparameters, TrainingSettings, Tables]
 """One fold of one candidate: features, targets, fold, choice, settings, augmented."""
 
 
-def _tested(task: _Fit) -> NDArray[np.float64]:
+def _tested(task: _Fit) -> F64:
     """Decision values of the fold's test rows."""
     features, targets, fold, choice, settings, augmented = task
     model = fit_rows(features, targets, fold.train, choice, settings, augmented)
@@ -177,7 +175,7 @@ def _outputs(classes: int) -> int:
     return 1 if classes == 2 else classes
 
 
-def _f1(targets: NDArray[np.int64], values: NDArray[np.float64]) -> float:
+def _f1(targets: I64, values: F64) -> float:
     if values.shape[1] == 1:
         return float(obstacle_metrics(targets == 1, values[:, 0])["f1"] or 0.0)
     names = tuple(str(index) for index in range(values.shape[1]))
@@ -186,13 +184,13 @@ def _f1(targets: NDArray[np.int64], values: NDArray[np.float64]) -> float:
 
 def cross_validate(
     dataset: DatasetVersion,
-    features: NDArray[np.float64],
+    features: F64,
     settings: TrainingSettings,
     split: Split,
     progress: Callable[..., Any],
     target: FalseStatusTarget = DEFAULT_TARGET,
     augmented: Tables = (),
-    stress: Mapping[str, NDArray[np.float64]] | None = None,
+    stress: Mapping[str, F64] | None = None,
     jobs: int = 1,
 ) -> HeldOutPredictions:
     """Nested cross-validation: what is chosen is chosen inside the training part of each fold.
@@ -248,10 +246,7 @@ def cross_validate(
 
 
 def _inner_rule(
-    dataset: DatasetVersion,
-    rows: NDArray[np.int64],
-    score: NDArray[np.float64],
-    target: FalseStatusTarget,
+    dataset: DatasetVersion, rows: I64, score: F64, target: FalseStatusTarget
 ) -> MofNRule:
     """The frame rule that a fold's training part asks for."""
     scores, tested = np.full(len(dataset.patches), np.nan), np.zeros(len(dataset.patches), bool)
@@ -315,7 +310,7 @@ def inner_folds(n_folds: int) -> int:
     return max(2, n_folds - 1)
 
 
-def check_features(dataset: DatasetVersion, features: NDArray[np.float64]) -> None:
+def check_features(dataset: DatasetVersion, features: F64) -> None:
     """Raise ToktError unless there is something to learn from in the features.
 
     A feature that is the same everywhere is harmless; the scaler leaves it at 0.

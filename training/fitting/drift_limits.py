@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, I64
 from tokt.models.distribution import (
     BINS,
     MAX_WINDOW_FRAMES,
@@ -30,7 +30,7 @@ _MIN_FILLED = 0.5
 
 
 def training_distribution(
-    dataset: DatasetVersion, features: NDArray[np.float64], embargo_frames: int
+    dataset: DatasetVersion, features: F64, embargo_frames: int
 ) -> Distribution | None:
     """The distribution of a dataset's features, and its held-back windows' distances from it.
 
@@ -90,16 +90,14 @@ class _Windows:
         empty range for another mission's camera.
     """
 
-    mission: NDArray[np.int64]
-    number: NDArray[np.int64]
-    first: NDArray[np.int64]
-    last: NDArray[np.int64]
-    near: NDArray[np.int64]
+    mission: I64
+    number: I64
+    first: I64
+    last: I64
+    near: I64
 
 
-def _windows(
-    frames: pd.DataFrame, patches: NDArray[np.int64], length: int, embargo: int
-) -> _Windows:
+def _windows(frames: pd.DataFrame, patches: I64, length: int, embargo: int) -> _Windows:
     """All windows that are full enough and leave enough to compare with.
 
     Parameters
@@ -142,7 +140,7 @@ def _stretches(windows: _Windows, apart: int) -> int:
     return count
 
 
-def _held_back_distances(by_frame: NDArray[np.int64], windows: _Windows) -> NDArray[np.float64]:
+def _held_back_distances(by_frame: I64, windows: _Windows) -> F64:
     """Of one feature: each window's distance from all that it is to be compared with.
 
     Parameters

@@ -25,6 +25,8 @@ from numpy.typing import NDArray
 from scipy import special, stats
 from scipy.optimize import brentq
 
+from tokt.features.common.arrays import F64
+
 MIN_FRAMES = 10
 MIN_BLOCKS = 2
 _GUMBEL_DEVIATION = np.pi / np.sqrt(6)
@@ -81,7 +83,7 @@ class ExceedanceModel:
 
 
 def fit_exceedance_model(
-    statistic: NDArray[np.float64], block: NDArray[np.object_], rate: float
+    statistic: F64, block: NDArray[np.object_], rate: float
 ) -> ExceedanceModel | None:
     """Fit the law; None where there is too little to fit.
 
@@ -107,7 +109,7 @@ def fit_exceedance_model(
     return ExceedanceModel(*law, _quantile(rate, *law), float(np.sqrt(spread)), len(names))
 
 
-def _law(statistic: NDArray[np.float64], block: NDArray[np.object_]) -> tuple[float, float, float]:
+def _law(statistic: F64, block: NDArray[np.object_]) -> tuple[float, float, float]:
     """Mean, spread between blocks, and Gumbel scale within them."""
     _, of_block, count = np.unique(block, return_inverse=True, return_counts=True)
     level = np.bincount(of_block, statistic) / count

@@ -32,9 +32,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
+from tokt.features.common.arrays import F64, I64
 from tokt.features.common.errors import ToktError
 from tokt.labels.formats.audit_csv import Audit, AuditedPatch
 from tokt.models.registry.registry import Registry
@@ -79,7 +79,7 @@ class AuditInput:
     extractor_spec: dict[str, Any]
     split: Split
     settings: TrainingSettings
-    first: NDArray[np.float64] | None = None
+    first: F64 | None = None
 
 
 def audit_input_named(reference: str, workspace: Path, folds: int | None = None) -> AuditInput:
@@ -158,7 +158,7 @@ def _settings_of(made_by: dict[str, Any]) -> TrainingSettings:
     )
 
 
-def _first_values(table: pd.DataFrame, dataset: DatasetVersion) -> NDArray[np.float64] | None:
+def _first_values(table: pd.DataFrame, dataset: DatasetVersion) -> F64 | None:
     """The registered held-out values; None where an older tokt did not keep them."""
     columns = [name for name in table if name.startswith("value_")]
     same = len(table) == len(dataset.patches) and table[_CELL].equals(dataset.patches[_CELL])
@@ -225,8 +225,8 @@ def _rule(audited: AuditInput) -> str:
 
 
 def _judge(
-    audited: AuditInput, features: NDArray[np.float64], augmented: Tables, folds: Iterable[Fold]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    audited: AuditInput, features: F64, augmented: Tables, folds: Iterable[Fold]
+) -> tuple[F64, I64]:
     """Mean margin of each patch, and the index of the best class beside its label."""
     dataset, settings = audited.dataset, audited.settings
     targets = dataset.targets()
@@ -247,7 +247,7 @@ def _judge(
     return mean, others.argmax(axis=1)
 
 
-def label_margins(values: NDArray[np.float64], targets: NDArray[np.int64]) -> NDArray[np.float64]:
+def label_margins(values: F64, targets: I64) -> F64:
     """By how much each label wins: float64, shape (n,); below 0 it loses.
 
     Parameters
@@ -260,9 +260,7 @@ def label_margins(values: NDArray[np.float64], targets: NDArray[np.int64]) -> ND
     return np.asarray(own - others.max(axis=1), np.float64)
 
 
-def _own_and_others(
-    values: NDArray[np.float64], targets: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _own_and_others(values: F64, targets: I64) -> tuple[F64, F64]:
     """The value of each label's class, and those of all classes with -inf in its place."""
     two = values.shape[1] == 1
     others = np.column_stack([np.zeros(len(values)), values]) if two else values.copy()
@@ -272,9 +270,7 @@ def _own_and_others(
     return own, others
 
 
-def believable(
-    fold: Fold, margins: NDArray[np.float64], targets: NDArray[np.int64]
-) -> NDArray[np.int64]:
+def believable(fold: Fold, margins: F64, targets: I64) -> I64:
     """A fold's training rows without those that are contradicted, at most half of each class."""
     kept = []
     for target in np.unique(targets[fold.train]):
@@ -283,12 +279,7 @@ def believable(
     return np.sort(np.concatenate(kept))
 
 
-def _doubted(
-    dataset: DatasetVersion,
-    order: NDArray[np.int64],
-    margins: NDArray[np.float64],
-    decided: NDArray[np.int64],
-) -> list[AuditedPatch]:
+def _doubted(dataset: DatasetVersion, order: I64, margins: F64, decided: I64) -> list[AuditedPatch]:
     """The patches of these rows, in words."""
     names = _suggestions(dataset)
     classes = dataset.classes()

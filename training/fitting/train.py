@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 from threadpoolctl import ThreadpoolController
 
+from tokt.features.common.arrays import F64, U8
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import Extractor
 from tokt.features.frames.image_file import pixel_sha256, read_image
@@ -188,7 +189,7 @@ def train(
 
 def _train_on_dataset(
     request: TrainRequest,
-    tables: dict[str, NDArray[np.float64]],
+    tables: dict[str, F64],
     stress: tuple[str, ...],
     progress: Callable[..., Any],
     jobs: int,
@@ -281,7 +282,7 @@ def _candidates(settings: TrainingSettings) -> str:
     return f"{penalties} and class weights (of {weights})"
 
 
-def _first_clear_frame(dataset: DatasetVersion) -> NDArray[np.uint8]:
+def _first_clear_frame(dataset: DatasetVersion) -> U8:
     clear = ~np.asarray(dataset.obstacle_flags(), bool)[dataset.targets()]
     table = dataset.patches.assign(clear=clear).groupby(KEYS).clear
     sizes, sums = table.size(), table.sum()
@@ -301,7 +302,7 @@ def _check_two_images(dataset: DatasetVersion) -> None:
 
 
 def _train_on_two_images(
-    request: TrainRequest, tables: dict[str, NDArray[np.float64]], stress: tuple[str, ...]
+    request: TrainRequest, tables: dict[str, F64], stress: tuple[str, ...]
 ) -> Trained:
     """The thesis's training: the patches of one ocean image against those of one other image."""
     dataset, settings = request.dataset, request.settings
@@ -345,7 +346,7 @@ def _train_on_two_images(
 
 def _test_on_all(
     request: TrainRequest,
-    tables: dict[str, NDArray[np.float64]],
+    tables: dict[str, F64],
     stress: tuple[str, ...],
     pipeline: Pipeline,
     learnt_from: list[str],
@@ -390,7 +391,7 @@ _CELL_PIXELS = (256, 128, 64, 32, 16, 8)
 _ROUGHNESS = 0.6
 
 
-def rendered_other_image(seed: int = 1) -> NDArray[np.uint8]:
+def rendered_other_image(seed: int = 1) -> U8:
     """A textured gray image that stands in for the thesis's film still, which is not at hand.
 
     A sum of smooth noise at six scales, stretched to grey levels 20 to 220: bright, contrasty

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, I64
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.fitting.cross_validation import HeldOutPredictions
 
@@ -51,9 +51,9 @@ class BlockConfusion:
     n_blocks : int
     """
 
-    blocks: NDArray[np.int64]
-    folds: NDArray[np.int64]
-    counts: NDArray[np.int64]
+    blocks: I64
+    folds: I64
+    counts: I64
     n_blocks: int
 
     def to_json(self) -> dict[str, Any]:
@@ -84,11 +84,11 @@ class BlockConfusion:
         """Pooled over everything."""
         return pooled(self.counts)
 
-    def of_fold(self, fold: int) -> NDArray[np.int64]:
+    def of_fold(self, fold: int) -> I64:
         """The confusion matrix of one fold."""
         return np.asarray(self.counts[self.folds == fold].sum(axis=0))
 
-    def replicates(self) -> NDArray[np.float64]:
+    def replicates(self) -> F64:
         """Scores of bootstrap samples: the same blocks in the same samples for every tally."""
         n_classes = self.counts.shape[1]
         by_block = np.zeros((self.n_blocks, n_classes, n_classes), np.int64)
@@ -106,7 +106,7 @@ class BlockConfusion:
         return spread(self.replicates())
 
 
-def f1_of_counts(counts: NDArray[np.int64]) -> NDArray[np.float64]:
+def f1_of_counts(counts: I64) -> F64:
     """F1 of class 1 of two, macro-F1 over the classes present of more; NaN where undefined.
 
     Parameters
@@ -125,7 +125,7 @@ def f1_of_counts(counts: NDArray[np.int64]) -> NDArray[np.float64]:
         return np.asarray(np.where(here, each, 0.0).sum(axis=-1) / here.sum(axis=-1))
 
 
-def spread(replicates: NDArray[np.float64]) -> float:
+def spread(replicates: F64) -> float:
     """Standard deviation of the defined ones; 0 where fewer than two are."""
     defined = replicates[np.isfinite(replicates)]
     return float(defined.std(ddof=1)) if len(defined) > 1 else 0.0
@@ -151,7 +151,7 @@ def tally(dataset: DatasetVersion, held_out: HeldOutPredictions) -> BlockConfusi
     return BlockConfusion(cells[:, 0], cells[:, 1], counts, n_blocks)
 
 
-def pooled(matrices: Sequence[NDArray[np.int64]] | NDArray[np.int64]) -> float:
+def pooled(matrices: Sequence[I64] | I64) -> float:
     """The score of several confusion matrices together."""
     return float(np.nan_to_num(f1_of_counts(np.sum(matrices, axis=0))))
 

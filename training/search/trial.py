@@ -8,9 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tokt.features.common.arrays import I64
 from tokt.features.common.errors import ToktError
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
@@ -105,13 +103,13 @@ def _silent(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:
     yield from items
 
 
-def outer_training_rows(dataset: DatasetVersion, split: Split, fold: int) -> NDArray[np.int64]:
+def outer_training_rows(dataset: DatasetVersion, split: Split, fold: int) -> I64:
     """The patches that fold number `fold` trains on."""
     targets = dataset.targets()
     return blocked_folds(dataset.patches, targets, split.folds, split.embargo_frames)[fold].train
 
 
-def part_of(dataset: DatasetVersion, rows: NDArray[np.int64]) -> DatasetVersion:
+def part_of(dataset: DatasetVersion, rows: I64) -> DatasetVersion:
     """The same dataset with some of its patches only; its frames stay."""
     part = copy.copy(dataset)
     part.patches = dataset.patches.iloc[rows].reset_index(drop=True)

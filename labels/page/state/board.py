@@ -10,8 +10,8 @@ from itertools import islice, pairwise
 from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import I16, I64, U8, Bools
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import Mission
 from tokt.labels.record import SETTLED
@@ -19,7 +19,7 @@ from tokt.labels.store.store import EventRow, LabelStore
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 
 K = TypeVar("K")
-Codes = NDArray[np.int16]
+Codes = I16
 FrameName: TypeAlias = tuple[str, int]
 """Camera and number of a frame."""
 
@@ -74,12 +74,12 @@ class LabelEvents:
         Whether it was said without seeing what others said.
     """
 
-    flat: NDArray[np.int64]
+    flat: I64
     codes: Codes
     notes: Codes
-    blind: NDArray[np.bool_]
+    blind: Bools
 
-    def of(self, chosen: slice | NDArray[np.int64]) -> LabelEvents:
+    def of(self, chosen: slice | I64) -> LabelEvents:
         """Some of it."""
         return LabelEvents(
             self.flat[chosen], self.codes[chosen], self.notes[chosen], self.blind[chosen]
@@ -114,7 +114,7 @@ class LabelArray:
         self.counts = np.zeros(1, np.int64)
         self.event = 0
         self._notes: Codes | None = None
-        self._blind: NDArray[np.bool_] | None = None
+        self._blind: Bools | None = None
 
     def put(self, said: LabelEvents) -> None:
         """Set patches, in order: the last one holds where a patch is named twice."""
@@ -133,7 +133,7 @@ class LabelArray:
         self._count(self._counts(touched), 1)
         self.filled[touched] = np.count_nonzero(self.labels[touched], axis=1)
 
-    def clear(self, flat: NDArray[np.int64]) -> None:
+    def clear(self, flat: I64) -> None:
         """Take back the labels of patches."""
         self.labels.reshape(-1)[flat] = 0
 
@@ -156,10 +156,10 @@ class LabelArray:
         """Number of labelled patches that were labelled blind."""
         return 0 if self._blind is None else int(np.count_nonzero(self._blind & (self.labels > 0)))
 
-    def _counts(self, frames: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _counts(self, frames: I64) -> I64:
         return np.bincount(self.labels[frames].reshape(-1))
 
-    def _count(self, counts: NDArray[np.int64], sign: int) -> None:
+    def _count(self, counts: I64, sign: int) -> None:
         if len(counts) > len(self.counts):
             self.counts = np.pad(self.counts, (0, len(counts) - len(self.counts)))
         self.counts[: len(counts)] += sign * counts
@@ -253,7 +253,7 @@ class Board:
         self._said: dict[str, LabelArray] = {}
         self._nothing_said = LabelArray(len(every), grid.n_patches)
         self._settled = LabelArray(len(every), grid.n_patches)
-        self._seen: dict[str, NDArray[np.bool_]] = {}
+        self._seen: dict[str, Bools] = {}
         self._disagree = np.zeros(len(every), bool)
 
     def refresh(self) -> LabelChanges:
@@ -447,7 +447,7 @@ class Board:
             self._seen.pop(who, None)
             self._seen_by(who)
 
-    def _seen_by(self, who: str) -> NDArray[np.bool_]:
+    def _seen_by(self, who: str) -> Bools:
         if who not in self._seen:
             seen = np.zeros(len(self._every), bool)
             names = self._store.seen(self.mission_name, who)
@@ -459,7 +459,7 @@ class Board:
         """What somebody said; of somebody who said nothing, not to be written into."""
         return self._said.get(who, self._nothing_said)
 
-    def _are(self, who: str, label: str) -> NDArray[np.bool_]:
+    def _are(self, who: str, label: str) -> Bools:
         """Which patches somebody gave that label, by frame and cell."""
         return np.asarray(self._by(who).labels == self._labels.get(label, -1))
 
@@ -467,7 +467,7 @@ class Board:
         words = self._labels.words
         return [words[code] for code in array.labels[position].tolist()]
 
-    def _letters(self, who: str, blind: bool, positions: NDArray[np.int64]) -> NDArray[np.uint8]:
+    def _letters(self, who: str, blind: bool, positions: I64) -> U8:
         letters = np.where(self._seen_by(who)[positions], _SEEN, _UNSEEN).astype(np.uint8)
         filled = self._by(who).filled[positions]
         letters[filled > 0] = _PART
@@ -522,7 +522,7 @@ class Board:
             self._said[who] = LabelArray(len(self._every), self.grid.n_patches)
         return self._said[who]
 
-    def _find_disagreements(self, positions: NDArray[np.int64]) -> None:
+    def _find_disagreements(self, positions: I64) -> None:
         shape = (len(positions), self.grid.n_patches)
         least, most = np.full(shape, _NOBODY_SURE), np.zeros(shape, np.int16)
         for array in self._said.values():

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, U8
 from tokt.features.kernels.checks import check_frame
 
 STRONGEST = 100
@@ -34,15 +35,13 @@ _COMPRESSED = 30.0  # grey levels; a lit tower counts as hardly more in how much
 _SOFT_LIMIT = 200.0  # grey levels; bends the amplified ones so that bright things keep shades
 _GRAY = np.array([[0.114, 0.587, 0.299]], np.float32)  # of B, G, R; ITU-R BT.601
 
-_Float = NDArray[np.float32]
-
 
 def gain(amount: int) -> float:
     """How many times `enhanced` amplifies what is faint."""
     return 1 + amount / 4
 
 
-def enhanced(frame: NDArray[np.uint8], amount: int = DEFAULT_AMOUNT) -> NDArray[np.uint8]:
+def enhanced(frame: U8, amount: int = DEFAULT_AMOUNT) -> U8:
     """A frame with its local contrast amplified, of the same shape.
 
     Parameters
@@ -68,7 +67,7 @@ def enhanced(frame: NDArray[np.uint8], amount: int = DEFAULT_AMOUNT) -> NDArray[
     return np.asarray(cv2.add(change, frame, dtype=cv2.CV_8U), np.uint8)
 
 
-def enhanced_small(frame: NDArray[np.uint8], amount: int = DEFAULT_AMOUNT) -> NDArray[np.uint8]:
+def enhanced_small(frame: U8, amount: int = DEFAULT_AMOUNT) -> U8:
     """`enhanced`, made smaller by a whole number to a width of about 680 pixels; faster."""
     frame = check_frame(frame, 1)
     _check_amount(amount)
@@ -92,7 +91,7 @@ def _check_amount(amount: int) -> None:
         raise ValueError(f"the enhancement is 0 to {STRONGEST}, not {amount}")
 
 
-def _working(frame: NDArray[np.uint8]) -> _Float:
+def _working(frame: U8) -> F32:
     """The frame as floating point, made smaller by a whole number: sums of pixels, not rounded."""
     height, width = frame.shape[:2]
     step = _step(width)
@@ -103,7 +102,7 @@ def _working(frame: NDArray[np.uint8]) -> _Float:
     return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _change(picture: _Float, amount: int) -> _Float:
+def _change(picture: F32, amount: int) -> F32:
     """What to add to a working picture, of its shape."""
     height, width = picture.shape[:2]
     gray = np.asarray(cv2.transform(picture, _GRAY)) if picture.ndim == 3 else picture
@@ -122,7 +121,7 @@ def _change(picture: _Float, amount: int) -> _Float:
     return np.asarray(change * min(1.0, amount / _FULL_BACKGROUND), np.float32)
 
 
-def _background(low: _Float, low_picture: _Float, most: float) -> tuple[_Float, _Float, _Float]:
+def _background(low: F32, low_picture: F32, most: float) -> tuple[F32, F32, F32]:
     """The water behind a small gray picture, its colour, and how much to amplify, pixel by pixel.
 
     A lit tower is left out of the background round by round: else there would be a dark halo
@@ -130,7 +129,7 @@ def _background(low: _Float, low_picture: _Float, most: float) -> tuple[_Float, 
     """
     sigma = max(0.5, _BACKGROUND * low.shape[1])
 
-    def window(values: NDArray[Any]) -> _Float:
+    def window(values: NDArray[Any]) -> F32:
         blurred = cv2.GaussianBlur(values, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
         return np.asarray(blurred, np.float32)
 

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, F64, I64, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import Grid
@@ -33,8 +33,8 @@ class PatchLocations:
         Each one's frame, and its cell in that frame.
     """
 
-    rows: NDArray[np.int64]
-    cells: NDArray[np.int64]
+    rows: I64
+    cells: I64
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,9 @@ class FeatureSnapshot:
         How many have been looked at.
     """
 
-    features: NDArray[np.float32]
-    numbers: NDArray[np.int64]
-    good: NDArray[np.bool_]
+    features: F32
+    numbers: I64
+    good: Bools
     done: int
 
 
@@ -115,7 +115,7 @@ class FrameFeatures:
             self._good.append(features is not None)
         return True
 
-    def _describe(self, camera: str, frame: int) -> NDArray[np.float64] | None:
+    def _describe(self, camera: str, frame: int) -> F64 | None:
         try:
             return _EXTRACTOR.describe(read_frame(self._mission, camera, frame), self._grid)
         except (ToktError, ValueError):  # unreadable, or too small for the grid

@@ -7,8 +7,8 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import decode_image
@@ -71,7 +71,7 @@ class PatchPictures:
     def __init__(self, mission: Mission, grid: Grid) -> None:
         self._mission = mission
         self._grid = grid
-        self._kept: OrderedDict[tuple[str, int, int, int], NDArray[np.uint8]] = OrderedDict()
+        self._kept: OrderedDict[tuple[str, int, int, int], U8] = OrderedDict()
         self._lock = threading.Lock()
 
     def sprite(
@@ -114,7 +114,7 @@ class PatchPictures:
 
     def _tile(
         self, camera: str, frame: int, cell: int, size: int, margin: float, enhance: int
-    ) -> NDArray[np.uint8]:
+    ) -> U8:
         try:
             # A little enlarged is enough to tell what is in a patch, and much sooner there.
             width = size * self._grid.cols * 2 // 3
@@ -132,7 +132,7 @@ class PatchPictures:
         )
         return tile
 
-    def _cut(self, picture: NDArray[np.uint8], cell: int, margin: float) -> NDArray[np.uint8]:
+    def _cut(self, picture: U8, cell: int, margin: float) -> U8:
         """A patch and its surroundings, as far as the picture goes."""
         height, width = picture.shape[:2]
         patch_height, patch_width = height / self._grid.rows, width / self._grid.cols
@@ -145,7 +145,7 @@ class PatchPictures:
             raise FrameError("the frame has fewer pixels than the grid has patches")
         return patch
 
-    def _picture(self, camera: str, frame: int, enhance: int, width: int) -> NDArray[np.uint8]:
+    def _picture(self, camera: str, frame: int, enhance: int, width: int) -> U8:
         key = (camera, frame, enhance, width)
         with self._lock:
             if key in self._kept:
@@ -169,16 +169,14 @@ def _own_file(mission: Mission, camera: str, frame: int) -> tuple[bytes, str]:
     return cv2.imencode(".png", image)[1].tobytes(), "image/png"
 
 
-def _enhanced_at(frame: NDArray[np.uint8], enhance: int, width: int) -> NDArray[np.uint8]:
+def _enhanced_at(frame: U8, enhance: int, width: int) -> U8:
     """A frame enhanced, at least `width` wide where the frame is."""
     if working_width(frame.shape[1]) >= min(width, frame.shape[1]):
         return enhanced_small(frame, enhance)
     return enhanced(frame, enhance)
 
 
-def _covered(
-    picture: NDArray[np.uint8], frame_size: tuple[int, ...], grid: Grid
-) -> NDArray[np.uint8]:
+def _covered(picture: U8, frame_size: tuple[int, ...], grid: Grid) -> U8:
     """A picture of a frame without the strip that belongs to no patch."""
     height, width = grid.resized(*frame_size)
     patch_height, patch_width = grid.patch_size(height, width)
@@ -187,19 +185,19 @@ def _covered(
     return picture[:rows, :cols]
 
 
-def _resized(picture: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
+def _resized(picture: U8, width: int, height: int) -> U8:
     smaller = width < picture.shape[1]
     way = cv2.INTER_AREA if smaller else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(picture, (width, height), interpolation=way), np.uint8)
 
 
-def _jpeg(picture: NDArray[np.uint8]) -> bytes:
+def _jpeg(picture: U8) -> bytes:
     quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
     return cv2.imencode(".jpg", picture, quality)[1].tobytes()
 
 
 @lru_cache(maxsize=4)
-def _crossed_out(size: int) -> NDArray[np.uint8]:
+def _crossed_out(size: int) -> U8:
     ground, line = _FAULT_BGR
     tile = np.full((size, size, 3), ground, np.uint8)
     cv2.line(tile, (0, 0), (size - 1, size - 1), line, 2)

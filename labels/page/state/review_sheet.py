@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, F64, I64
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import Mission
 from tokt.labels.taxonomy import UNSURE
@@ -55,13 +55,13 @@ class Ranked:
     """
 
     cells: Sequence[CellName]
-    values: NDArray[np.float64]
+    values: F64
     by: str
     done: int
     of: int
 
     @cached_property
-    def _order(self) -> NDArray[np.int64]:
+    def _order(self) -> I64:
         return np.argsort(self.values, kind="stable")  # what is not a number comes last
 
     def patches(self, start: int, stop: int) -> list[Patch]:
@@ -153,20 +153,18 @@ class ReviewSheet:
 class _Samples:
     """How patches look: their features, and the block of frames each is from."""
 
-    features: NDArray[np.float32]
-    blocks: NDArray[np.int64]
+    features: F32
+    blocks: I64
 
     @classmethod
-    def of(
-        cls, known: FeatureSnapshot, located: PatchLocations, chosen: NDArray[np.int64]
-    ) -> _Samples:
+    def of(cls, known: FeatureSnapshot, located: PatchLocations, chosen: I64) -> _Samples:
         rows = located.rows[chosen]
         return cls(known.features[rows, located.cells[chosen]], known.numbers[rows] // BLOCK)
 
 
 def _values(
     known: FeatureSnapshot, own: PatchLocations, others: list[PatchLocations]
-) -> tuple[NDArray[np.float64], str]:
+) -> tuple[F64, str]:
     """A value a patch, the odder the lower, and what it is."""
     values = np.full(len(own.rows), np.nan)
     places = np.flatnonzero(known.good[own.rows])
@@ -204,7 +202,7 @@ def _sample(known: FeatureSnapshot, located: PatchLocations, most: int) -> _Samp
     return _Samples.of(known, located, places)
 
 
-def _cross_validated(own: _Samples, rest: _Samples) -> tuple[NDArray[np.float64], int] | None:
+def _cross_validated(own: _Samples, rest: _Samples) -> tuple[F64, int] | None:
     """Decision values of one class's patches by classifiers that did not see their blocks.
 
     None where a classifier would see one class only. Also returns the number of folds.
@@ -240,12 +238,12 @@ def _cross_validated(own: _Samples, rest: _Samples) -> tuple[NDArray[np.float64]
     return values, folds
 
 
-def _some(random: np.random.Generator, places: NDArray[np.int64]) -> NDArray[np.int64]:
+def _some(random: np.random.Generator, places: I64) -> I64:
     most = MAX_TRAINED // 2
     return random.choice(places, most, replace=False) if len(places) > most else places
 
 
-def _distances(features: NDArray[np.float32]) -> NDArray[np.float64]:
+def _distances(features: F32) -> F64:
     """How far each row is from the median of all, in mean absolute deviations a feature."""
     from_median = np.abs(features - np.median(features, axis=0))
     spread = from_median.mean(axis=0, dtype=np.float64)

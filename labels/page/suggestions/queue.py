@@ -9,7 +9,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from tokt.features.common.arrays import F32, F64, I64, Bools
 
 from .suggestion_table import MissionSuggestions
 
@@ -23,7 +24,6 @@ _MAX_CANDIDATES = 3000  # the most unsure ones; what is compared with each label
 _SPREAD = 2654435761  # an odd number far from simple fractions of 2**32: spreads equal ones out
 
 _Name = tuple[str, int]
-_Float = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -77,14 +77,14 @@ def next_frames(
     return [queue.take() for _ in range(min(n, len(queue.candidates)))]
 
 
-def _unsure(values: NDArray[np.float64], near: float) -> NDArray[np.float64]:
+def _unsure(values: F64, near: float) -> F64:
     """How unsure the model is of each frame, 0 to 1; decision values below `near` count."""
     share = 1 - values / max(near, 1e-300)
     sums = share.clip(0, None).sum(axis=1)
     return np.asarray(_MIN_UNSURE + (1 - _MIN_UNSURE) * sums / (sums + _HALF_UNSURE))
 
 
-def _candidates(unsure: NDArray[np.float64], free: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _candidates(unsure: F64, free: Bools) -> I64:
     """Places of the most unsure free frames, in order; of equal ones some from everywhere."""
     places = np.flatnonzero(free)
     if len(places) > _MAX_CANDIDATES:
@@ -96,7 +96,7 @@ def _candidates(unsure: NDArray[np.float64], free: NDArray[np.bool_]) -> NDArray
 class _Queue:
     """Candidates, and how alike each is to the frames that are known or taken."""
 
-    def __init__(self, known: MissionSuggestions, free: NDArray[np.bool_]) -> None:
+    def __init__(self, known: MissionSuggestions, free: Bools) -> None:
         # Two digits, as the reason given says them.
         self._near = float(f"{_NEAR_SHARE * float(np.median(known.values)):.2g}")
         unsure = _unsure(known.values, self._near)
@@ -112,7 +112,7 @@ class _Queue:
         self._free = np.ones(len(candidates), bool)
         self._compared: dict[str, None] = {}
 
-    def leave(self, places: NDArray[np.int64], frames: list[int], what: str) -> None:
+    def leave(self, places: I64, frames: list[int], what: str) -> None:
         """What looks like these frames (`what` they are), or was seen with them, comes late."""
         if frames:
             self._gap = np.minimum(self._gap, _gaps(self._own_frames, np.sort(frames)))
@@ -140,7 +140,7 @@ class _Queue:
         self._gap = np.minimum(self._gap, np.abs(self._own_frames - entry.frame))
         return entry
 
-    def _come_near(self, places: NDArray[np.int64]) -> None:
+    def _come_near(self, places: I64) -> None:
         distance = np.linalg.norm(self._own_looks - self._looks[places], axis=1)
         nearer = distance < self._distance
         self._distance[nearer], self._nearest[nearer] = distance[nearer], places[nearer]
@@ -164,7 +164,7 @@ class _Queue:
         return f"{self._known.cameras[place]} {frame}" if several else frame
 
 
-def looks(features: _Float) -> _Float:
+def looks(features: F32) -> F32:
     """Frames as points: the distance of two is in standard deviations, a mean over features."""
     spread = features.std(axis=0, dtype=np.float64)
     varied = spread > 1e-9
@@ -172,7 +172,7 @@ def looks(features: _Float) -> _Float:
     return np.asarray(points / np.sqrt(max(1, varied.sum())), np.float32)
 
 
-def _nearest(points: _Float, others: _Float) -> NDArray[np.int64]:
+def _nearest(points: F32, others: F32) -> I64:
     """For each point the index of the nearest of the others."""
     lengths = 0.5 * (others * others).sum(axis=1)
     rows = max(1, 4_000_000 // len(others))
@@ -183,7 +183,7 @@ def _nearest(points: _Float, others: _Float) -> NDArray[np.int64]:
     return np.concatenate(parts)
 
 
-def _gaps(frames: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.float64]:
+def _gaps(frames: I64, others: I64) -> F64:
     """For each frame number how far the nearest of the others, which are sorted, is."""
     after = np.searchsorted(others, frames).clip(0, len(others) - 1)
     before = (after - 1).clip(0, None)

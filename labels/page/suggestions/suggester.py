@@ -6,8 +6,8 @@ import time
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64
 from tokt.features.common.atomic import write_bytes
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
@@ -60,7 +60,7 @@ class Suggester:
         self._own_mission = for_background(mission)
         self._table = SuggestionTable(mission, grid.n_patches, bundle.extractor.dim)
         self._lock = threading.Lock()
-        self._near: NDArray[np.float64] = np.arange(len(self._table.names), dtype=np.float64)
+        self._near: F64 = np.arange(len(self._table.names), dtype=np.float64)
         place = hashlib.sha256(f"{bundle.sha256}\n{mission.path.resolve()}".encode()).hexdigest()
         self._file = cache / f"suggestions-{place[:16]}.npz"
         self._key: str | None = None
@@ -164,7 +164,7 @@ class Suggester:
             self._key = None  # no space or no permission: computed again next time
 
 
-def suggestions(model: LinearModel, features: NDArray[np.float64]) -> FrameSuggestions:
+def suggestions(model: LinearModel, features: F64) -> FrameSuggestions:
     """A model's classes and margins for the patches of one frame.
 
     Parameters

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, F64, I64, Bools
 from tokt.features.frames.mission import FolderMission, Mission
 
 FORMAT = 1
@@ -33,8 +34,8 @@ class FrameSuggestions:
         Why there are no suggestions, the arrays being empty; or an empty string.
     """
 
-    classes: NDArray[np.int64]
-    values: NDArray[np.float64]
+    classes: I64
+    values: F64
     fault: str = ""
 
 
@@ -55,9 +56,9 @@ class MissionSuggestions:
     """
 
     cameras: NDArray[np.str_]
-    frames: NDArray[np.int64]
-    values: NDArray[np.float64]
-    features: NDArray[np.float32]
+    frames: I64
+    values: F64
+    features: F32
     several: bool = False
 
 
@@ -85,7 +86,7 @@ class SuggestionTable:
         self._faults: dict[int, str] = {}
 
     @property
-    def to_do(self) -> NDArray[np.bool_]:
+    def to_do(self) -> Bools:
         """Which frames are not known yet."""
         return np.asarray(self._states == _TO_DO)
 
@@ -93,9 +94,7 @@ class SuggestionTable:
         """Whether a frame is known, by its place in `names`."""
         return bool(self._states[index] != _TO_DO)
 
-    def put(
-        self, index: int, found: FrameSuggestions, features: NDArray[np.float64] | None
-    ) -> None:
+    def put(self, index: int, found: FrameSuggestions, features: F64 | None) -> None:
         """Keep what the model said of a frame; `features` of its patches, unless it is faulty."""
         self.done += not self.knows(index)
         if found.fault or features is None:

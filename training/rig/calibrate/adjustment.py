@@ -5,14 +5,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.sparse import bsr_array, csc_array, csr_array
 
+from tokt.features.common.arrays import F64
+
 from .matching import Tracks
 from .rig_model import Rig
-
-Float = NDArray[np.float64]
 
 LOSS_PX = 1.0
 """An observation that is this far off, in px of the full frame, counts half (Cauchy loss)."""
@@ -31,9 +30,9 @@ class Path:
         World points; the world is the left camera's own axes in frame `anchor`.
     """
 
-    rotation_vectors: Float
-    shifts_m: Float
-    points_m: Float
+    rotation_vectors: F64
+    shifts_m: F64
+    points_m: F64
     anchor: int
 
 
@@ -85,13 +84,13 @@ class Problem:
         """Length of the vector."""
         return self.n_rig + self.n_poses + 3 * self.tracks.n_points
 
-    def pack(self, path: Path) -> Float:
+    def pack(self, path: Path) -> F64:
         """The vector of the start rig and a path."""
         poses = np.hstack([path.rotation_vectors, path.shifts_m])
         poses = np.delete(poses, self.anchor, axis=0)
         return np.concatenate([self._start, poses.ravel(), path.points_m.ravel()])
 
-    def unpack(self, vector: Float) -> tuple[Rig, Path]:
+    def unpack(self, vector: F64) -> tuple[Rig, Path]:
         """Rig and path of a vector."""
         rig = self.rig.moved(self.names, vector[: self.n_rig])
         poses = vector[self.n_rig : self.n_rig + self.n_poses].reshape(-1, 6)
@@ -99,7 +98,7 @@ class Problem:
         points = vector[self.n_rig + self.n_poses :].reshape(-1, 3)
         return rig, Path(poses[:, :3], poses[:, 3:], points, self.anchor)
 
-    def residuals(self, vector: Float) -> Float:
+    def residuals(self, vector: F64) -> F64:
         """Pixels between where points are seen and where they should be, then the priors'."""
         rig, path = self.unpack(vector)
         rotations = _rotations(path.rotation_vectors)[0]
@@ -107,17 +106,17 @@ class Problem:
         priors = [w * (vector[i] - self._start[i]) for i, w in self._weights.items()]
         return np.concatenate([pixels.ravel(), priors])
 
-    def lengths(self, residuals: Float) -> Float:
+    def lengths(self, residuals: F64) -> F64:
         """For each observation the length of its four residuals, (n,)."""
         seen = residuals[: 4 * len(self.tracks.frame)].reshape(-1, 4)
         return np.asarray(np.linalg.norm(seen, axis=1))
 
-    def cost(self, residuals: Float) -> float:
+    def cost(self, residuals: F64) -> float:
         """Cauchy loss of the observations, plus the priors' squares."""
         seen = LOSS_PX**2 * np.log1p(np.square(self.lengths(residuals) / LOSS_PX)).sum()
         return float(seen + np.square(residuals[4 * len(self.tracks.frame) :]).sum()) / 2
 
-    def weights(self, residuals: Float, variance: float = 1.0) -> Float:
+    def weights(self, residuals: F64, variance: float = 1.0) -> F64:
         """Weight of each residual in the next step (reweighted least squares).
 
         The priors count as they should beside residuals of this variance (px squared).
@@ -125,7 +124,7 @@ class Problem:
         seen = 1 / (1 + np.square(self.lengths(residuals) / LOSS_PX))
         return np.append(np.repeat(seen, 4), np.full(len(self._weights), variance))
 
-    def jacobian(self, vector: Float) -> csr_array:
+    def jacobian(self, vector: F64) -> csr_array:
         """Derivative of `residuals`, sparse."""
         rig, path = self.unpack(vector)
         rotations, turned = _rotations(path.rotation_vectors)
@@ -148,13 +147,13 @@ class Problem:
         matrix.sum_duplicates()
         return matrix
 
-    def _in_camera(self, path: Path, rotations: Float) -> Float:
+    def _in_camera(self, path: Path, rotations: F64) -> F64:
         frame, point = self.tracks.frame, self.tracks.point
         turned = np.einsum("nij,nj->ni", rotations[frame], path.points_m[point])
         return np.asarray(turned + path.shifts_m[frame])
 
 
-def _rotations(vectors: Float) -> tuple[Float, Float]:
+def _rotations(vectors: F64) -> tuple[F64, F64]:
     """Rotation matrices (n, 3, 3), and their derivatives (n, 3, 3, 3): the last axis is by what."""
     pairs = [cv2.Rodrigues(vector) for vector in vectors]
     matrices = np.array([matrix for matrix, _ in pairs])
@@ -176,7 +175,7 @@ class Adjusted:
 
     rig: Rig
     path: Path
-    residual_px: Float
+    residual_px: F64
     cost: float
 
 
@@ -217,7 +216,7 @@ def adjust(problem: Problem, path: Path, rounds: int = 60) -> Adjusted:
     return Adjusted(rig, end, problem.lengths(residuals), cost)
 
 
-def rig_covariance(problem: Problem, path: Path) -> Float:
+def rig_covariance(problem: Problem, path: Path) -> F64:
     """Covariance (n_names, n_names) of the rig's free numbers at the problem's rig and `path`.
 
     Path and points are free as well. From the Jacobian, for residuals of the size they have: what
@@ -235,7 +234,7 @@ class _Normal:
     """The normal equations at one vector, weighted by the loss."""
 
     def __init__(
-        self, problem: Problem, vector: Float, residuals: Float, variance: float = 1.0
+        self, problem: Problem, vector: F64, residuals: F64, variance: float = 1.0
     ) -> None:
         self.n_rig, n = problem.n_rig, problem.n_rig + problem.n_poses
         root = np.sqrt(problem.weights(residuals, variance))
@@ -247,7 +246,7 @@ class _Normal:
         self.C = _point_blocks(far)
         self.a, self.c = near.T @ weighted, far.T @ weighted
 
-    def solve(self, damping: float) -> Float:
+    def solve(self, damping: float) -> F64:
         """The step that reduces the cost, for a damping relative to the diagonals."""
         C = self.C + damping * self.C * np.eye(3)
         A = self.A + np.diag(damping * np.diag(self.A) + 1e-12)
@@ -257,14 +256,14 @@ class _Normal:
         first = cho_solve(cho_factor(S), left @ self.c - self.a)
         return np.concatenate([first, -(inverse @ (self.c + self.B.T @ first))])
 
-    def rig_covariance(self) -> Float:
+    def rig_covariance(self) -> F64:
         """Covariance of the rig's numbers, for residuals of unit deviation."""
         inverse = _inverse(self.C + 1e-9 * np.eye(3))
         S = self.A - (self.B @ inverse @ self.B.T).toarray()
         return np.linalg.pinv(S, hermitian=True)[: self.n_rig, : self.n_rig]
 
 
-def _point_blocks(far: csc_array) -> Float:
+def _point_blocks(far: csc_array) -> F64:
     """The (n_points, 3, 3) diagonal blocks of far' far, which has no others."""
     product = (far.T @ far).tobsr((3, 3))
     blocks = np.zeros((far.shape[1] // 3, 3, 3))
@@ -272,7 +271,7 @@ def _point_blocks(far: csc_array) -> Float:
     return blocks
 
 
-def _inverse(blocks: Float) -> csr_array:
+def _inverse(blocks: F64) -> csr_array:
     """The inverse of a block-diagonal matrix, given its (n, 3, 3) blocks."""
     n = len(blocks)
     parts = np.linalg.inv(blocks), np.arange(n), np.arange(n + 1)

@@ -7,9 +7,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from tokt import __version__
+from tokt.features.common.arrays import F32, F64, U8
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames
 from tokt.inference.stereo.calibration import StereoCalibration
@@ -17,8 +17,6 @@ from tokt.inference.stereo.calibration import StereoCalibration
 from .frame_selection import Progress, stereo_frames
 from .matching import FramePoints, gray_frame
 from .vertical_error import VerticalError, vertical_error
-
-Float = NDArray[np.float64]
 
 MIN_BOARDS = 8
 """Two cameras have some 20 numbers; from fewer boards, tilted too little, they come out wrong."""
@@ -157,7 +155,7 @@ def calibrate_boards(
     )
 
 
-def _board_points(corners: tuple[int, int], square_mm: float) -> NDArray[np.float32]:
+def _board_points(corners: tuple[int, int], square_mm: float) -> F32:
     across, down = np.meshgrid(np.arange(corners[0]), np.arange(corners[1]))
     flat = np.stack([across.ravel(), down.ravel(), np.zeros(across.size)], axis=1)
     return (flat * square_mm).astype(np.float32)
@@ -184,7 +182,7 @@ def _find(
     return FramePoints(frame, left, right), (width, height)
 
 
-def _corners(image: NDArray[np.uint8], corners: tuple[int, int]) -> Float | None:
+def _corners(image: U8, corners: tuple[int, int]) -> F64 | None:
     for flags in _FIND:
         good, found = cv2.findChessboardCornersSB(image, corners, flags=flags)
         if good:
@@ -193,7 +191,7 @@ def _corners(image: NDArray[np.uint8], corners: tuple[int, int]) -> Float | None
 
 
 def _fit(
-    boards: Sequence[FramePoints], points: NDArray[np.float32], size: tuple[int, int]
+    boards: Sequence[FramePoints], points: F32, size: tuple[int, int]
 ) -> tuple[StereoCalibration, float, float, float]:
     """Calibration and the three reprojection errors of it."""
     world = [points] * len(boards)

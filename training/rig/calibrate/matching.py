@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from tokt.features.common.arrays import F32, F64, I64, U8, Bools
 from tokt.features.common.errors import FrameError
 from tokt.features.frames.mission import LEFT, RIGHT, Mission
-
-Float = NDArray[np.float64]
-Int = NDArray[np.int64]
 
 _HALVED_FROM = 1000
 """Frames this wide are matched at half resolution: SIFT doubles the picture by itself, and the
@@ -54,8 +52,8 @@ class FramePoints:
     """
 
     frame: int
-    left: Float
-    right: Float
+    left: F64
+    right: F64
 
     def __len__(self) -> int:
         return len(self.left)
@@ -71,8 +69,8 @@ class FrameMatches(FramePoints):
         SIFT descriptors.
     """
 
-    left_look: NDArray[np.float32]
-    right_look: NDArray[np.float32]
+    left_look: F32
+    right_look: F32
 
 
 def view_scale(width: int) -> float:
@@ -80,7 +78,7 @@ def view_scale(width: int) -> float:
     return 0.5 if width >= _HALVED_FROM else 1.0
 
 
-def gray_frame(mission: Mission, frame: int, camera: str) -> NDArray[np.uint8]:
+def gray_frame(mission: Mission, frame: int, camera: str) -> U8:
     """One frame in grey levels. Raises FrameError if it cannot be read."""
     image = mission.read(frame, camera)
     if image.ndim == 3:
@@ -88,9 +86,7 @@ def gray_frame(mission: Mission, frame: int, camera: str) -> NDArray[np.uint8]:
     return image
 
 
-def gray_view(
-    mission: Mission, frame: int, camera: str
-) -> tuple[NDArray[np.float32], tuple[int, int]]:
+def gray_view(mission: Mission, frame: int, camera: str) -> tuple[F32, tuple[int, int]]:
     """One frame in grey levels, not rounded, at `view_scale`; and the frame's width and height.
 
     Raises
@@ -106,7 +102,7 @@ def gray_view(
     return np.asarray(view, np.float32), (width, height)
 
 
-def even_contrast_gaussian(view: NDArray[np.float32]) -> NDArray[np.uint8]:
+def even_contrast_gaussian(view: F32) -> U8:
     """A view with its background removed and its local contrast made even."""
     spread = _LOCAL_PX * view.shape[1] / 680
     detail = view - cv2.GaussianBlur(view, (0, 0), spread)
@@ -156,7 +152,7 @@ def match_frame(mission: Mission, frame: int, frame_size: tuple[int, int]) -> Fr
     )
 
 
-def _features(view: NDArray[np.uint8]) -> tuple[Float, NDArray[np.float32]]:
+def _features(view: U8) -> tuple[F64, F32]:
     """SIFT features of a view: its pixels (n, 2) and descriptors (n, 128)."""
     sift = cv2.SIFT.create(_MAX_FEATURES, enable_precise_upscale=True)
     found: tuple[Any, Any] = sift.detectAndCompute(view, None)
@@ -166,9 +162,7 @@ def _features(view: NDArray[np.uint8]) -> tuple[Float, NDArray[np.float32]]:
     return np.array([keypoint.pt for keypoint in keypoints], np.float64), looks
 
 
-def _exact(
-    views: tuple[NDArray[np.uint8], NDArray[np.uint8]], at: Float, near: Float, scale: float
-) -> tuple[Float, NDArray[np.bool_]]:
+def _exact(views: tuple[U8, U8], at: F64, near: F64, scale: float) -> tuple[F64, Bools]:
     """Where in the right view, starting from `near`, the surroundings of `at` in the left are."""
     start, guess = at.astype(np.float32)[:, None], near.astype(np.float32)[:, None]
     found, there, _ = _follow(*views, start, guess)
@@ -180,10 +174,7 @@ def _exact(
 
 
 def _follow(
-    a: NDArray[np.uint8],
-    b: NDArray[np.uint8],
-    start: NDArray[np.float32],
-    guess: NDArray[np.float32],
+    a: U8, b: U8, start: F32, guess: F32
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     return cv2.calcOpticalFlowPyrLK(
         a, b, start, guess.copy(),
@@ -192,9 +183,7 @@ def _follow(
     )  # fmt: skip
 
 
-def mutual_matches(
-    a: NDArray[np.float32], b: NDArray[np.float32], ratio: float
-) -> NDArray[np.int64]:
+def mutual_matches(a: F32, b: F32, ratio: float) -> I64:
     """Pairs (n, 2) of rows of `a` and `b` that choose each other, clearly before the next best."""
     if len(a) < 2 or len(b) < 2:
         return np.zeros((0, 2), np.int64)
@@ -208,7 +197,7 @@ def mutual_matches(
     return np.array(pairs, np.int64).reshape(-1, 2)
 
 
-def _one_geometry(left: Float, right: Float) -> NDArray[np.bool_]:
+def _one_geometry(left: F64, right: F64) -> Bools:
     """Which matches fit one epipolar geometry."""
     found: Any = cv2.findFundamentalMat(left, right, cv2.USAC_MAGSAC, _EPIPOLAR_PX, 0.999, 5000)
     mask = found[1]
@@ -232,21 +221,21 @@ class Tracks:
     """
 
     frames: list[int]
-    frame: Int
-    point: Int
-    left: Float
-    right: Float
+    frame: I64
+    point: I64
+    left: F64
+    right: F64
 
     @property
     def n_points(self) -> int:
         """Number of points."""
         return int(self.point.max()) + 1 if len(self.point) else 0
 
-    def lengths(self) -> Int:
+    def lengths(self) -> I64:
         """In how many frames each point is seen, (n_points,)."""
         return np.bincount(self.point, minlength=self.n_points)
 
-    def only(self, keep: NDArray[np.bool_]) -> Tracks:
+    def only(self, keep: Bools) -> Tracks:
         """The observations chosen by `keep`, their points numbered anew; all frames stay."""
         point = np.unique(self.point[keep], return_inverse=True)[1]
         return Tracks(self.frames, self.frame[keep], point, self.left[keep], self.right[keep])
@@ -280,7 +269,7 @@ def build_tracks(matches: Sequence[FrameMatches]) -> Tracks:
     )
 
 
-def _linked(earlier: FrameMatches, later: FrameMatches) -> Int:
+def _linked(earlier: FrameMatches, later: FrameMatches) -> I64:
     """Pairs (n, 2) of matches that are one point, by the left and by the right picture."""
     left = mutual_matches(earlier.left_look, later.left_look, LINK_RATIO)
     right = mutual_matches(earlier.right_look, later.right_look, LINK_RATIO)
@@ -289,7 +278,7 @@ def _linked(earlier: FrameMatches, later: FrameMatches) -> Int:
     return np.array(pairs, np.int64).reshape(-1, 2)
 
 
-def _without_loops(component: Int, frame: Int) -> Int:
+def _without_loops(component: I64, frame: I64) -> I64:
     """Number the points; observations of a component seen twice in a frame get one each."""
     visits = np.unique(np.stack([component, frame], axis=1), axis=0, return_counts=True)
     double = np.unique(visits[0][visits[1] > 1, 0])

@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
+from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
 from tokt.inference.stereo.calibration_files import (
     CalibrationNumbers,
-    Float,
     bouguet_numbers,
     checked_numbers,
     distortion,
@@ -167,7 +167,7 @@ def _from_stereo_params(path: Path, params: Mapping[str, Any]) -> CalibrationNum
     return checked_numbers(path, STEREO_PARAMS_FORM, values, size, remarks)
 
 
-def _camera_matrix(path: Path, camera: Mapping[str, Any]) -> Float:
+def _camera_matrix(path: Path, camera: Mapping[str, Any]) -> F64:
     K, transposed = _numbers(path, camera, "K"), _numbers(path, camera, "IntrinsicMatrix")
     if K is None and transposed is not None:
         K = transposed.T
@@ -176,7 +176,7 @@ def _camera_matrix(path: Path, camera: Mapping[str, Any]) -> Float:
     return K - [[0, 0, 1], [0, 0, 1], [0, 0, 0]]
 
 
-def _distortion(path: Path, camera: Mapping[str, Any]) -> Float:
+def _distortion(path: Path, camera: Mapping[str, Any]) -> F64:
     radial = _numbers(path, camera, "RadialDistortion")
     tangential = _numbers(path, camera, "TangentialDistortion")
     if radial is None or radial.size not in (2, 3):
@@ -188,7 +188,7 @@ def _distortion(path: Path, camera: Mapping[str, Any]) -> Float:
     return distortion(k1, k2, p1, p2, *k3)
 
 
-def _numbers(path: Path, struct: Mapping[str, Any], name: str) -> Float | None:
+def _numbers(path: Path, struct: Mapping[str, Any], name: str) -> F64 | None:
     """A field as numbers; None where it is missing or empty."""
     try:
         array = np.asarray(struct.get(name, ()), np.float64)

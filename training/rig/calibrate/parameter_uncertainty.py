@@ -5,15 +5,14 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from tokt.features.common.arrays import F64
 
 from .adjustment import Path, adjust, rig_covariance
 from .matching import FrameMatches
 from .rig_fit import PRIORS, RigFit
 from .rig_model import DISTORTION, FOCAL, POSE, PRINCIPAL
 from .vertical_error import vertical_error
-
-Float = NDArray[np.float64]
 
 FIXED, WEAK, NOT_FIXED = "fixed by the data", "weakly fixed by the data", "not fixed by the data"
 _ALL = (*POSE, *DISTORTION, *FOCAL, *PRINCIPAL)
@@ -120,7 +119,7 @@ def parameter_uncertainty(fit: RigFit, test: Sequence[FrameMatches]) -> Paramete
     return ParameterUncertainty(parameters, _loose(fit, wide), _focal_profile(fit, test))
 
 
-def _deviations(names: Sequence[str], covariance: Float) -> dict[str, float]:
+def _deviations(names: Sequence[str], covariance: F64) -> dict[str, float]:
     return dict(zip(names, map(float, np.sqrt(np.diag(covariance))), strict=True))
 
 
@@ -141,7 +140,7 @@ def _tolerance(fit: RigFit, name: str) -> float:
     return _TOLERANCE[name] * scale
 
 
-def _loose(fit: RigFit, wide: Float) -> list[dict[str, dict[str, float]]]:
+def _loose(fit: RigFit, wide: F64) -> list[dict[str, dict[str, float]]]:
     """Eigenvectors of the covariance, in units of the tolerances, that are longer than these."""
     unit = np.array([_tolerance(fit, name) for name in _ALL])
     values, vectors = np.linalg.eigh(wide / np.outer(unit, unit))

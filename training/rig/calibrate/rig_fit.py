@@ -5,16 +5,14 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from tokt.features.common.arrays import F64, Bools
 from tokt.features.common.errors import ToktError
 
 from .adjustment import Adjusted, Path, Problem, adjust
 from .matching import FrameMatches, Tracks, build_tracks
 from .rig_model import DISTORTION, FOCAL, POSE, PRINCIPAL, Rig
-
-Float = NDArray[np.float64]
 
 PRIORS: Mapping[str, float] = {
     **dict.fromkeys(DISTORTION, 0.5),
@@ -41,7 +39,7 @@ _MIN_SHARED = 8
 _PNP_PX = 4.0
 
 
-def epipolar_px(rig: Rig, left: Float, right: Float) -> Float:
+def epipolar_px(rig: Rig, left: F64, right: F64) -> F64:
     """Signed Sampson distance in pixels of each match from the rig's epipolar geometry, (n,)."""
     a, b = (np.hstack([rays, np.ones((len(rays), 1))]) for rays in rig.rays(left, right))
     t = rig.translation_m()
@@ -63,7 +61,7 @@ def fit_epipolar(rig: Rig, tracks: Tracks, names: Sequence[str]) -> Rig:
     start = rig.vector(names)
     weights = np.array([1 / _BELIEFS.get(name, np.inf) for name in names])
 
-    def residuals(vector: Float) -> Float:
+    def residuals(vector: F64) -> F64:
         moved = rig.moved(names, vector)
         return np.append(epipolar_px(moved, tracks.left, tracks.right), weights * (vector - start))
 
@@ -75,7 +73,7 @@ def fit_epipolar(rig: Rig, tracks: Tracks, names: Sequence[str]) -> Rig:
     return rig.moved(names, vector)
 
 
-def triangulate(rig: Rig, tracks: Tracks) -> Float:
+def triangulate(rig: Rig, tracks: Tracks) -> F64:
     """Points (n, 3) of each observation in the left camera's axes, in metres.
 
     The middle of the shortest line between both rays; where the rays part, the point is put far
@@ -94,7 +92,7 @@ def triangulate(rig: Rig, tracks: Tracks) -> Float:
     return np.asarray(a / nearness[:, None])
 
 
-def first_path(rig: Rig, tracks: Tracks) -> tuple[Path, NDArray[np.bool_]]:
+def first_path(rig: Rig, tracks: Tracks) -> tuple[Path, Bools]:
     """Place frame after frame by the points it shares with those already placed.
 
     Returns
@@ -127,7 +125,7 @@ def first_path(rig: Rig, tracks: Tracks) -> tuple[Path, NDArray[np.bool_]]:
     return Path(rotations, shifts, world, anchor), placed
 
 
-def _pose(points_m: Float, rays: Float, focal_px: float) -> tuple[Float, Float] | None:
+def _pose(points_m: F64, rays: F64, focal_px: float) -> tuple[F64, F64] | None:
     """Rotation vector and shift of a camera that sees world points along rays; None if unclear."""
     if len(points_m) < _MIN_SHARED:
         return None
@@ -159,7 +157,7 @@ class RigFit:
     names: tuple[str, ...]
     tracks: Tracks
     path: Path
-    residual_px: NDArray[np.float64]
+    residual_px: F64
     dropped: int
 
     def problem(self, names: Sequence[str], priors: Mapping[str, float] | None = None) -> Problem:
@@ -209,7 +207,7 @@ def _roughly(tracks: Tracks, rig: Rig, names: Sequence[str]) -> tuple[Tracks, Ad
     return tracks, adjust(Problem(rig, tracks, path.anchor, names, PRIORS), path)
 
 
-def _placed(tracks: Tracks, path: Path, placed: NDArray[np.bool_]) -> tuple[Tracks, Path]:
+def _placed(tracks: Tracks, path: Path, placed: Bools) -> tuple[Tracks, Path]:
     """Only the frames that have a pose, and the points seen in them."""
     tracks, path = _only(tracks, path, placed[tracks.frame])
     new = np.cumsum(placed) - 1
@@ -219,6 +217,6 @@ def _placed(tracks: Tracks, path: Path, placed: NDArray[np.bool_]) -> tuple[Trac
     return replace(tracks, frames=frames, frame=new[tracks.frame]), moved
 
 
-def _only(tracks: Tracks, path: Path, keep: NDArray[np.bool_]) -> tuple[Tracks, Path]:
+def _only(tracks: Tracks, path: Path, keep: Bools) -> tuple[Tracks, Path]:
     points = np.unique(tracks.point[keep])
     return tracks.only(keep), replace(path, points_m=path.points_m[points])

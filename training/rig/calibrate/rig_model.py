@@ -7,11 +7,9 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64
 from tokt.inference.stereo.calibration import StereoCalibration
-
-Float = NDArray[np.float64]
 
 POSE = ("rotation_x", "rotation_y", "rotation_z", "direction_y", "direction_z", "focal_ratio")
 """What is always estimated: R as a rotation vector (rad), T's direction as the ratios of its y
@@ -48,8 +46,8 @@ class Rig:
     """
 
     values: dict[str, float]
-    left_distortion: Float
-    right_distortion: Float
+    left_distortion: F64
+    right_distortion: F64
     baseline_mm: float
     size: tuple[int, int]
     aspect: tuple[float, float] = (1.0, 1.0)
@@ -65,11 +63,7 @@ class Rig:
 
     @classmethod
     def from_cameras(
-        cls,
-        K: tuple[Float, Float],
-        D: tuple[Float, Float],
-        baseline_mm: float,
-        size: tuple[int, int],
+        cls, K: tuple[F64, F64], D: tuple[F64, F64], baseline_mm: float, size: tuple[int, int]
     ) -> Rig:
         """Cameras as a calibration has them, side by side: R and T are to be found."""
         rig = cls.plain(float(K[0][0, 0]), baseline_mm, size)
@@ -86,21 +80,21 @@ class Rig:
         aspect = (float(K[0][1, 1] / K[0][0, 0]), float(K[1][1, 1] / K[1][0, 0]))
         return cls(values, left, right, baseline_mm, size, aspect)
 
-    def vector(self, names: Sequence[str]) -> Float:
+    def vector(self, names: Sequence[str]) -> F64:
         """The named numbers."""
         return np.array([self.values[name] for name in names])
 
-    def moved(self, names: Sequence[str], values: Float) -> Rig:
+    def moved(self, names: Sequence[str], values: F64) -> Rig:
         """The rig with other values of the named numbers."""
         return replace(self, values=self.values | dict(zip(names, map(float, values), strict=True)))
 
-    def distortions(self) -> tuple[Float, Float]:
+    def distortions(self) -> tuple[F64, F64]:
         """k1 k2 p1 p2 k3 of the left and the right camera."""
         change = np.zeros(5)
         change[:2] = self.vector(DISTORTION) - self.left_distortion[:2]
         return self.left_distortion + change, self.right_distortion + change
 
-    def matrices(self) -> tuple[Float, Float]:
+    def matrices(self) -> tuple[F64, F64]:
         """Camera matrices of the left and the right camera."""
         left = self.values["focal"]
         right = left * self.values["focal_ratio"]
@@ -108,19 +102,19 @@ class Rig:
             "right", right, self.aspect[1]
         )
 
-    def _matrix(self, side: str, focal: float, aspect: float) -> Float:
+    def _matrix(self, side: str, focal: float, aspect: float) -> F64:
         centre = self.values[f"cx_{side}"], self.values[f"cy_{side}"]
         return np.array([[focal, 0, centre[0]], [0, focal * aspect, centre[1]], [0, 0, 1.0]])
 
-    def rotation_vector(self) -> Float:
+    def rotation_vector(self) -> F64:
         """R as a rotation vector, in radians."""
         return self.vector(POSE[:3])
 
-    def rotation(self) -> Float:
+    def rotation(self) -> F64:
         """R, (3, 3)."""
         return np.asarray(cv2.Rodrigues(self.rotation_vector())[0], np.float64)
 
-    def translation_m(self) -> Float:
+    def translation_m(self) -> F64:
         """T in metres, (3,)."""
         direction = np.array([1.0, self.values["direction_y"], self.values["direction_z"]])
         return -self.baseline_mm / 1000.0 * direction / np.linalg.norm(direction)
@@ -131,7 +125,7 @@ class Rig:
         T_mm = self.translation_m().reshape(3, 1) * 1000.0
         return StereoCalibration(K1, D1, K2, D2, self.rotation(), T_mm, self.size)
 
-    def rays(self, left: Float, right: Float) -> tuple[Float, Float]:
+    def rays(self, left: F64, right: F64) -> tuple[F64, F64]:
         """Undistorted directions (x / z, y / z), (n, 2) each, of pixels of both frames."""
         a, b = (
             cv2.undistortPoints(points[:, None], K, D, criteria=_UNDISTORT)[:, 0]
@@ -139,7 +133,7 @@ class Rig:
         )
         return np.asarray(a, np.float64), np.asarray(b, np.float64)
 
-    def project(self, points_m: Float) -> Float:
+    def project(self, points_m: F64) -> F64:
         """Pixels (n, 4), left x y and right x y, of points (n, 3) in the left camera's axes."""
         (K1, K2), (D1, D2) = self.matrices(), self.distortions()
         still = np.zeros(3)
@@ -147,7 +141,7 @@ class Rig:
         right = cv2.projectPoints(points_m, self.rotation_vector(), self.translation_m(), K2, D2)[0]
         return np.hstack([left.reshape(-1, 2), right.reshape(-1, 2)])
 
-    def slopes(self, points_m: Float, names: Sequence[str]) -> tuple[Float, Float]:
+    def slopes(self, points_m: F64, names: Sequence[str]) -> tuple[F64, F64]:
         """Derivatives of `project` by the named numbers (n, 4, len(names)) and points (n, 4, 3)."""
         (K1, K2), (D1, D2) = self.matrices(), self.distortions()
         turn, shift, still = self.rotation_vector(), self.translation_m(), np.zeros(3)
@@ -161,7 +155,7 @@ class Rig:
         by_point = np.concatenate([left[..., _T], right[..., _T] @ self.rotation()], axis=1)
         return np.stack([by_name[name] for name in names], axis=2), by_point
 
-    def _columns(self, left: Float, right: Float) -> dict[str, tuple[Float, Float]]:
+    def _columns(self, left: F64, right: F64) -> dict[str, tuple[F64, F64]]:
         """By name, the derivative of the left and of the right pixels, (n, 2) each."""
         none = np.zeros(left.shape[:2])
         ratio, focal = self.values["focal_ratio"], self.values["focal"]
@@ -178,7 +172,7 @@ class Rig:
             columns[name] = (left[..., _K][..., i], right[..., _K][..., i])
         return columns
 
-    def _direction_slopes(self) -> Float:
+    def _direction_slopes(self) -> F64:
         """Derivative (3, 2) of T in metres by the two numbers of its direction."""
         direction = np.array([1.0, self.values["direction_y"], self.values["direction_z"]])
         length = np.linalg.norm(direction)
@@ -186,7 +180,7 @@ class Rig:
         return np.asarray(-self.baseline_mm / 1000.0 * whole[:, 1:])
 
 
-def _projection_slopes(points_m: Float, turn: Float, shift: Float, K: Float, D: Float) -> Float:
+def _projection_slopes(points_m: F64, turn: F64, shift: F64, K: F64, D: F64) -> F64:
     """The Jacobian of cv2.projectPoints, (n, 2, 15), for its columns see the top."""
     slopes = cv2.projectPoints(points_m, turn, shift, K, D)[1]
     return np.asarray(slopes, np.float64).reshape(len(points_m), 2, -1)

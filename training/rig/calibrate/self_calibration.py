@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from tokt import __version__
+from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import Mission, format_frames
 from tokt.inference.stereo.calibration import StereoCalibration
@@ -122,7 +121,7 @@ def start_from(
     )
 
 
-def _centred(K: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.float64]:
+def _centred(K: F64, size: tuple[int, int]) -> F64:
     plain = K.copy()
     plain[1, 1], plain[0, 1] = K[0, 0], 0.0
     plain[0, 2], plain[1, 2] = (size[0] - 1) / 2, (size[1] - 1) / 2

@@ -5,14 +5,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, Bools
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.rectify import rectified, rectifying
 
 from .matching import FramePoints
-
-Float = NDArray[np.float64]
 
 GOOD, SHIFTED, UNUSABLE = "good", "shifted", "unusable"
 GOOD_MEDIAN_PX, GOOD_P90_PX = 1.0, 4.0
@@ -38,9 +36,9 @@ class VerticalError:
         Where it is in the left frame.
     """
 
-    row_px: Float
-    disparity_px: Float
-    at: Float
+    row_px: F64
+    disparity_px: F64
+    at: F64
     frame_size: tuple[int, int]
 
     @property
@@ -71,13 +69,13 @@ class VerticalError:
             for r in range(_REGIONS)
         ]
 
-    def _only(self, chosen: NDArray[np.bool_]) -> dict[str, Any] | None:
+    def _only(self, chosen: Bools) -> dict[str, Any] | None:
         if not chosen.any():
             return None
         return replace(self, row_px=self.row_px[chosen]).figures()
 
 
-def _pixels(matches: Sequence[FramePoints]) -> tuple[Float, Float]:
+def _pixels(matches: Sequence[FramePoints]) -> tuple[F64, F64]:
     left = np.concatenate([one.left for one in matches])
     return left, np.concatenate([one.right for one in matches])
 

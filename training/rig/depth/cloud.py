@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.inference.stereo.matching import Matches
 from tokt.inference.stereo.rectify import Rectifier
@@ -40,15 +40,15 @@ class PointCloud:
         Valid matches, and those left out of them.
     """
 
-    points_m: NDArray[np.float64]
-    colors: NDArray[np.uint8]
+    points_m: F64
+    colors: U8
     matched: int
     out_of_range: int
     outliers: int
 
 
 def cloud_of(
-    rectifier: Rectifier, matches: Matches, left: NDArray[np.uint8], farthest_m: float = FARTHEST_M
+    rectifier: Rectifier, matches: Matches, left: U8, farthest_m: float = FARTHEST_M
 ) -> PointCloud:
     """The points that one pair shows.
 
@@ -72,7 +72,7 @@ def cloud_of(
     return PointCloud(points[kept], colors, len(points), len(points) - n_near, n_near - len(kept))
 
 
-def outliers(points_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+def outliers(points_m: F64) -> Bools:
     """Which points stand alone; bool, shape (n,).
 
     Distances are taken in units of a point's own distance from the camera, as neighbouring pixels
@@ -85,9 +85,7 @@ def outliers(points_m: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(spread > spread.mean() + OUTLIER_SIGMA * spread.std())
 
 
-def _colors(
-    rectifier: Rectifier, pixels: NDArray[np.int64], left: NDArray[np.uint8]
-) -> NDArray[np.uint8]:
+def _colors(rectifier: Rectifier, pixels: I64, left: U8) -> U8:
     """The left frame's colour at pixels (x, y) of the left view."""
     frame_width, frame_height = rectifier.calibration.frame_size
     width, height = rectifier.size
@@ -99,9 +97,7 @@ def _colors(
     return np.asarray(raise_contrast(left, width, height)[row, column], np.uint8)
 
 
-def ply_bytes(
-    points_m: NDArray[np.float64], colors: NDArray[np.uint8], comments: Sequence[str] = ()
-) -> bytes:
+def ply_bytes(points_m: F64, colors: U8, comments: Sequence[str] = ()) -> bytes:
     """A PLY file of coloured points, binary little endian.
 
     A header of ten lines and the bytes of one structured array. A library would do no more with

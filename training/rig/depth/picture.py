@@ -18,8 +18,8 @@ from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, NullLocator
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.inference.stereo.matching import Matches
 from tokt.inference.stereo.rectify import Rectifier
 from tokt.inference.verdict import HEALTHY, STATUS_WORDS
@@ -74,7 +74,7 @@ class DepthPicture:
         depths = (np.asarray(_MAP.colors)[:, :3] * 255).round().astype(np.uint8)
         self._colors = np.vstack([np.full((_FIRST_DEPTH, 3), _DARK, np.uint8), depths])
 
-    def png(self, row: DepthRow, left: NDArray[np.uint8], matches: Matches | None) -> bytes:
+    def png(self, row: DepthRow, left: U8, matches: Matches | None) -> bytes:
         """One picture.
 
         Parameters
@@ -101,7 +101,7 @@ class DepthPicture:
             figure.supxlabel(row.health, fontsize=9, color="#b03030", wrap=True)
         return figure_png(figure)
 
-    def depth_rgb(self, matches: Matches | None) -> NDArray[np.uint8]:
+    def depth_rgb(self, matches: Matches | None) -> U8:
         """The right panel: uint8, shape (height, width, 3), as large as the left one."""
         if matches is None:
             return np.full((self._height, self._width, 3), _DARK, np.uint8)

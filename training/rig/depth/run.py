@@ -7,10 +7,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tokt.features.common import atomic
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames
@@ -200,7 +198,7 @@ class PairRematcher:
         self._mission = mission
         self._detector = detector
 
-    def again(self, row: DepthRow) -> tuple[NDArray[np.uint8] | None, Matches | None]:
+    def again(self, row: DepthRow) -> tuple[U8 | None, Matches | None]:
         """The left frame of a row, and its matches as they were; None for what there was not."""
         try:
             left = self._mission.read(row.frame, LEFT)

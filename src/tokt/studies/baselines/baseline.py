@@ -3,9 +3,7 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tokt.features.common.arrays import U8
 from tokt.inference.reason import Fault
 from tokt.inference.verdict import Verdict, unknown_verdict
 
@@ -23,7 +21,7 @@ class BaselineResult:
     """
 
     verdict: Verdict
-    mask: NDArray[np.uint8] | None
+    mask: U8 | None
 
 
 class Baseline(Protocol):
@@ -41,9 +39,7 @@ class Baseline(Protocol):
     def source(self) -> str:
         """Who published it, and when."""
 
-    def judge(
-        self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
-    ) -> BaselineResult:
+    def judge(self, left: U8, right: U8 | None, t_s: float) -> BaselineResult:
         """Judge one frame.
 
         Parameters

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.neighbors import KNeighborsClassifier
 
+from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.inference.verdict import verdict_from_mask
 
@@ -39,12 +40,12 @@ _LEVELS = 256
 _MOSTLY = 0.5
 """Part of a superpixel that must be obstacle for an example to be one."""
 
-Example = tuple[NDArray[np.uint8], NDArray[np.int8]]
+Example = tuple[U8, NDArray[np.int8]]
 """A frame, and of each of its pixels 1 where there is an obstacle, 0 where there is none, -1 where
 nobody knows."""
 
 
-def labelled_example(frame: NDArray[np.uint8], patches: NDArray[np.int8]) -> Example:
+def labelled_example(frame: U8, patches: NDArray[np.int8]) -> Example:
     """A frame with labels of its patches: int8, (n_patches,), by pixel."""
     truth = np.full(frame.shape[:2], -1, np.int8)
     for label, (y0, y1, x0, x1) in zip(patches, GRID.boxes(*frame.shape[:2]), strict=True):
@@ -83,8 +84,8 @@ class LabColour:
         ToktError
             If they do not show both obstacles and clear water.
         """
-        rows: list[NDArray[np.float64]] = []
-        flags: list[NDArray[np.bool_]] = []
+        rows: list[F64] = []
+        flags: list[Bools] = []
         for frame, truth in examples:
             picture = resized_bgr(frame)
             cut = _counted(superpixels(picture))
@@ -101,16 +102,14 @@ class LabColour:
         return cls(classifier)
 
     @classmethod
-    def train_on_two(cls, ocean: NDArray[np.uint8], other: NDArray[np.uint8]) -> LabColour:
+    def train_on_two(cls, ocean: U8, other: U8) -> LabColour:
         """Learn as the thesis's methods do: one image of open ocean, one of anything else."""
         return cls.train(
             (image, np.full(image.shape[:2], obstacle, np.int8))
             for image, obstacle in ((ocean, 0), (other, 1))
         )
 
-    def judge(
-        self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
-    ) -> BaselineResult:
+    def judge(self, left: U8, right: U8 | None, t_s: float) -> BaselineResult:
         """Judge the left frame; see `Baseline.judge`."""
         picture = resized_bgr(left)
         cut = _counted(superpixels(picture))
@@ -119,18 +118,18 @@ class LabColour:
         return BaselineResult(verdict_from_mask(mask, self.name), mask)
 
 
-def _counted(cut: NDArray[np.int64]) -> NDArray[np.int64]:
+def _counted(cut: I64) -> I64:
     """The superpixels counted from 0 without gaps."""
     return np.unique(cut, return_inverse=True)[1].reshape(cut.shape)
 
 
-def _means(values: NDArray[np.bool_], cut: NDArray[np.int64]) -> NDArray[np.float64]:
+def _means(values: Bools, cut: I64) -> F64:
     """Part of each superpixel that is true, (n,)."""
     total = np.bincount(cut.ravel(), values.ravel())
     return np.asarray(total / np.bincount(cut.ravel()), np.float64)
 
 
-def _colours(picture: NDArray[np.uint8], cut: NDArray[np.int64]) -> NDArray[np.float64]:
+def _colours(picture: U8, cut: I64) -> F64:
     """Histograms of the channels of Lab over each superpixel, (n, 3 * `BINS`)."""
     lab = cv2.cvtColor(picture, cv2.COLOR_BGR2LAB)
     places = cut.ravel()

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.inference.frame import Frame
 from tokt.inference.stereo.calibration import StereoCalibration
@@ -48,9 +49,7 @@ class Thirds:
         self._detector = DisparityDetector(calibration, GRID)
         self._number = 0
 
-    def judge(
-        self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
-    ) -> BaselineResult:
+    def judge(self, left: U8, right: U8 | None, t_s: float) -> BaselineResult:
         """Judge one pair; see `Baseline.judge`."""
         if right is None:
             raise ToktError("the left, centre, right disparity needs frames of two cameras")
@@ -74,7 +73,7 @@ class Thirds:
         return BaselineResult(verdict, mask)
 
 
-def _mean_of_third(values: NDArray[Any], searched: NDArray[np.bool_], which: int) -> float:
+def _mean_of_third(values: NDArray[Any], searched: Bools, which: int) -> float:
     """Mean over what is searched of the left (0), centre (1) or right (2) third of the columns.
 
     The blind margin at the left, where nothing can be matched, would else make that side the free

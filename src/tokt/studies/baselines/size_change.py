@@ -26,8 +26,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, F64, U8
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.verdict import CLEAR, OBSTACLE, verdict_from_mask
 from tokt.training.rig.calibrate.matching import even_contrast_gaussian, mutual_matches, view_scale
@@ -54,13 +54,13 @@ class _RememberedFrame:
     """The keypoints remembered of a frame."""
 
     t_s: float
-    view: NDArray[np.uint8]
-    places: NDArray[np.float64]
-    sizes: NDArray[np.float64]
-    looks: NDArray[np.float32]
+    view: U8
+    places: F64
+    sizes: F64
+    looks: F32
 
 
-_Grown = tuple[NDArray[np.float64], float, float]
+_Grown = tuple[F64, float, float]
 """A keypoint of an obstacle in the later view: its x and y and the radius of what it stands for,
 in pixels, and how many times larger it became."""
 
@@ -80,9 +80,7 @@ class SizeChange:
         self._before: deque[_RememberedFrame] = deque(maxlen=back)
         self._sift = cv2.SIFT.create(_MAX_FEATURES)
 
-    def judge(
-        self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
-    ) -> BaselineResult:
+    def judge(self, left: U8, right: U8 | None, t_s: float) -> BaselineResult:
         """Judge the left frame; see `Baseline.judge`."""
         now = self._look(left, t_s)
         full = len(self._before) == self._before.maxlen
@@ -92,7 +90,7 @@ class SizeChange:
             return not_judged(Fault(Reason.FRAME_RULE, "no frame to compare with yet"))
         return self._decide(_grown(before, now), now, t_s - before.t_s, left.shape[:2])
 
-    def _look(self, frame: NDArray[np.uint8], t_s: float) -> _RememberedFrame:
+    def _look(self, frame: U8, t_s: float) -> _RememberedFrame:
         gray = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
         scale = view_scale(frame.shape[1])
         small = cv2.resize(
@@ -139,13 +137,7 @@ def _grown(before: _RememberedFrame, now: _RememberedFrame) -> list[_Grown]:
     return found
 
 
-def enlargement(
-    earlier: NDArray[np.uint8],
-    earlier_at: NDArray[np.float64],
-    later: NDArray[np.uint8],
-    later_at: NDArray[np.float64],
-    half_px: int,
-) -> float:
+def enlargement(earlier: U8, earlier_at: F64, later: U8, later_at: F64, half_px: int) -> float:
     """How many times larger the picture around one place is around another one, later.
 
     Parameters

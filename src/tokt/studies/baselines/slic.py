@@ -39,6 +39,7 @@ from skimage.filters import gaussian
 from skimage.segmentation import slic
 from sklearn.svm import LinearSVC
 
+from tokt.features.common.arrays import F64, I64, U8
 from tokt.features.common.errors import ToktError
 from tokt.inference.verdict import verdict_from_mask
 
@@ -57,7 +58,7 @@ Box = tuple[int, int, int, int]
 _ERODED, _DILATED = 2, 4
 
 
-def resized_bgr(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def resized_bgr(frame: U8) -> U8:
     """The frame at the grid's width, three channels: uint8, (height, 360, 3)."""
     height, width = GRID.resized(*frame.shape[:2])
     small = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA)
@@ -66,7 +67,7 @@ def resized_bgr(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(small, np.uint8)
 
 
-def superpixels(picture: NDArray[np.uint8], sigma_px: float = SIGMA_PX) -> NDArray[np.int64]:
+def superpixels(picture: U8, sigma_px: float = SIGMA_PX) -> I64:
     """Cut a picture into about `N_SEGMENTS` superpixels.
 
     Parameters
@@ -88,7 +89,7 @@ def superpixels(picture: NDArray[np.uint8], sigma_px: float = SIGMA_PX) -> NDArr
     return np.asarray(cut, np.int64)
 
 
-def outline_boxes(region: NDArray[np.uint8]) -> list[Box]:
+def outline_boxes(region: U8) -> list[Box]:
     """Upright rectangles around every outline in a 0/255 picture of one superpixel."""
     outlines, _ = cv2.findContours(region, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     return [(int(x), int(y), int(w), int(h)) for x, y, w, h in map(cv2.boundingRect, outlines)]
@@ -115,9 +116,7 @@ class SlicTexture:
         self.title = f"SLIC superpixels, {name.replace('_', ' ')}"
 
     @classmethod
-    def train(
-        cls, ocean: NDArray[np.uint8], other: NDArray[np.uint8], describe: DescribePatch, name: str
-    ) -> SlicTexture:
+    def train(cls, ocean: U8, other: U8, describe: DescribePatch, name: str) -> SlicTexture:
         """Train as the thesis's program does: on all superpixels of two images.
 
         Parameters
@@ -132,7 +131,7 @@ class SlicTexture:
         ToktError
             If one of them leaves no superpixel with features.
         """
-        rows: list[NDArray[np.float64]] = []
+        rows: list[F64] = []
         labels: list[int] = []
         for label, image in enumerate((ocean, other)):
             described = [
@@ -148,9 +147,7 @@ class SlicTexture:
         classifier = thesis_classifier(np.array(rows), np.array(labels))
         return cls(describe, classifier, name)
 
-    def judge(
-        self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
-    ) -> BaselineResult:
+    def judge(self, left: U8, right: U8 | None, t_s: float) -> BaselineResult:
         """Judge the left frame; see `Baseline.judge`."""
         picture = resized_bgr(left)
         mask = np.zeros(picture.shape[:2], np.uint8)
@@ -165,7 +162,7 @@ class SlicTexture:
         return BaselineResult(verdict_from_mask(mask, self.name), mask)
 
 
-def _training_patches(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
+def _training_patches(image: U8) -> list[U8]:
     """Gray rectangles around the superpixels of an image, these eroded and dilated before."""
     picture = resized_bgr(image)
     cut = superpixels(picture)
@@ -177,13 +174,13 @@ def _training_patches(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
     return patches
 
 
-def _gray(picture: NDArray[np.uint8], box: Box) -> NDArray[np.uint8]:
+def _gray(picture: U8, box: Box) -> U8:
     x, y, width, height = box
     cut_out = picture[y : y + height, x : x + width]
     return np.asarray(cv2.cvtColor(cut_out, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
-def _features(patch: NDArray[np.uint8], describe: DescribePatch) -> NDArray[np.float64] | None:
+def _features(patch: U8, describe: DescribePatch) -> F64 | None:
     """A rectangle's features; None where it is too small for them, or they are not finite."""
     try:
         row = describe(patch)

@@ -33,6 +33,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.inference.verdict import Box
 
 Contours = Sequence[NDArray[Any]]
@@ -64,12 +65,12 @@ class ThesisCentre:
     contours: int
 
 
-def dilated(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def dilated(mask: U8) -> U8:
     """The mask as the thesis's program looks for contours in it."""
     return np.asarray(cv2.dilate(mask, _DILATION), np.uint8)
 
 
-def outer_contours(mask: NDArray[np.uint8]) -> Contours:
+def outer_contours(mask: U8) -> Contours:
     """Outer contours of a mask of uint8 0/255, shape (height, width)."""
     return cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
 
@@ -79,7 +80,7 @@ def without_area(contours: Contours) -> int:
     return sum(cv2.contourArea(contour) == 0 for contour in contours)
 
 
-def thesis_centre(mask: NDArray[np.uint8]) -> ThesisCentre:
+def thesis_centre(mask: U8) -> ThesisCentre:
     """Centre, box and message of a mask of uint8 0/255, shape (height, width).
 
     What is dilated encloses an area, so that here nothing is divided by zero.

@@ -4,9 +4,10 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.svm import LinearSVC
+
+from tokt.features.common.arrays import F64, I64, U8
 
 from .thesis_texture import (
     GRID,
@@ -41,7 +42,7 @@ class TrainingImage:
         The mission's left frame it is, which is then not scored; None for another picture.
     """
 
-    image: NDArray[np.uint8]
+    image: U8
     words: str
     frame: int | None = None
 
@@ -64,7 +65,7 @@ class ThesisModel:
     describe: DescribePatch
     classifier: LinearSVC
 
-    def judge(self, frame: NDArray[np.uint8]) -> ThesisTextureResult:
+    def judge(self, frame: U8) -> ThesisTextureResult:
         """Judge a decoded frame as the thesis does, patch by patch."""
         return judge(frame, self.describe, self.classifier)
 
@@ -92,7 +93,7 @@ PENALTY, SEED = 100.0, 42
 """C and random_state, the two that the thesis's program sets."""
 
 
-def thesis_classifier(rows: NDArray[np.float64], obstacle: NDArray[np.int64]) -> LinearSVC:
+def thesis_classifier(rows: F64, obstacle: I64) -> LinearSVC:
     """A LinearSVC as the thesis fits it: C = 100, seed 42, unscaled features.
 
     What it leaves to scikit-learn is written out as its release of 2016 had it: the dual problem,

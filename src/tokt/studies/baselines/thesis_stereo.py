@@ -21,11 +21,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, U8, Bools
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD, Verdict, verdict_from_mask
 
-Float = NDArray[np.float64]
 Camera = tuple[float, float, tuple[float, ...]]
 
 THESIS_FRAME_SIZE = (1360, 1024)
@@ -67,7 +66,7 @@ class ThesisStereoResult:
         return self.mean > STATUS_MEAN_THRESHOLD
 
 
-def undistorted(frame: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
+def undistorted(frame: U8, camera: Camera) -> U8:
     """A frame, gray and undistorted."""
     gray = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
     fx, fy, distortion = camera
@@ -91,7 +90,7 @@ def _matcher() -> cv2.StereoBM:
 _MATCHER = _matcher()
 
 
-def disparity_map(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def disparity_map(left: U8, right: U8) -> U8:
     """The disparities of a decoded pair stretched to 0..255, margin included.
 
     Parameters
@@ -108,12 +107,12 @@ def disparity_map(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[
     return np.asarray(stretched, np.uint8)
 
 
-def cropped(stretched: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def cropped(stretched: U8) -> U8:
     """A map without its margin."""
     return stretched[:, CROP_PX:-CROP_PX]
 
 
-def judge_pair(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> ThesisStereoResult:
+def judge_pair(left: U8, right: U8) -> ThesisStereoResult:
     """Judge one decoded pair.
 
     Parameters
@@ -125,7 +124,7 @@ def judge_pair(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> ThesisStere
     return ThesisStereoResult(float(cv2.mean(inside)[0]), verdict_from_mask(mask, "thesis"))
 
 
-def margin_of(stretched: NDArray[np.uint8]) -> dict[str, float]:
+def margin_of(stretched: U8) -> dict[str, float]:
     """The effect of cutting the margin off a map.
 
     Returns
@@ -145,7 +144,7 @@ def margin_of(stretched: NDArray[np.uint8]) -> dict[str, float]:
     }
 
 
-def thesis_cloud(stretched: NDArray[np.uint8]) -> tuple[Float, NDArray[np.bool_]]:
+def thesis_cloud(stretched: U8) -> tuple[F64, Bools]:
     """The points of a map, without a unit, and which pixels they are.
 
     Returns
@@ -161,7 +160,7 @@ def thesis_cloud(stretched: NDArray[np.uint8]) -> tuple[Float, NDArray[np.bool_]
     return np.asarray(points[matched], np.float64), matched
 
 
-def in_thesis_view(points: Float, camera: Camera) -> Float:
+def in_thesis_view(points: F64, camera: Camera) -> F64:
     """Where points (n, 2) of a frame lie in the picture that the thesis undistorts it to."""
     fx, fy, distortion = camera
     matrix = np.diag([fx, fy, 1.0])
@@ -170,7 +169,7 @@ def in_thesis_view(points: Float, camera: Camera) -> Float:
     return np.asarray(moved, np.float64).reshape(-1, 2)
 
 
-def searched(left: Float, right: Float) -> tuple[Float, NDArray[np.bool_]]:
+def searched(left: F64, right: F64) -> tuple[F64, Bools]:
     """Disparities of matched points of a pair's frames as the thesis's program would need them.
 
     Parameters

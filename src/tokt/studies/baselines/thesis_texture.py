@@ -22,25 +22,24 @@ from typing import Any
 import cv2
 import mahotas.features
 import numpy as np
-from numpy.typing import NDArray
 from skimage.feature import local_binary_pattern
 
+from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.frames.grid import Grid
 from tokt.inference.verdict import Verdict, verdict_from_mask
 
 GRID = Grid()
 
-Patch = NDArray[np.uint8]
-DescribePatch = Callable[[Patch], NDArray[np.float64]]
+DescribePatch = Callable[[U8], F64]
 
 
-def lbp_counts(patch: Patch, points: int, radius: int) -> NDArray[np.int64]:
+def lbp_counts(patch: U8, points: int, radius: int) -> I64:
     """How often each uniform pattern is in a patch: int64, shape (points + 2,)."""
     codes = local_binary_pattern(patch, points, radius, method="uniform")
     return np.histogram(codes, bins=points + 2, range=(0, points + 2))[0]
 
 
-def haralick_directions(patch: Patch, ignore_zeros: bool) -> NDArray[np.float64]:
+def haralick_directions(patch: U8, ignore_zeros: bool) -> F64:
     """Haralick's 13 features in each of 4 directions: float64, shape (4, 13).
 
     Where no pair of pixels is left without grey level 0, mahotas refuses (and the thesis's
@@ -52,25 +51,25 @@ def haralick_directions(patch: Patch, ignore_zeros: bool) -> NDArray[np.float64]
         return np.asarray(mahotas.features.haralick(patch))
 
 
-def describe_lbp_10_5(patch: Patch) -> NDArray[np.float64]:
+def describe_lbp_10_5(patch: U8) -> F64:
     """Normalised histogram of LBP (10, 5)."""
     counts = lbp_counts(patch, 10, 5)
     return counts / float(counts.sum())
 
 
-def describe_lbp_24_8(patch: Patch) -> NDArray[np.float64]:
+def describe_lbp_24_8(patch: U8) -> F64:
     """Normalised histogram of LBP (24, 8)."""
     counts = lbp_counts(patch, 24, 8)
     return counts / float(counts.sum())
 
 
-def describe_haralick(patch: Patch) -> NDArray[np.float64]:
+def describe_haralick(patch: U8) -> F64:
     """Haralick's 13 features, mean over the directions, without grey level 0."""
-    mean: NDArray[np.float64] = haralick_directions(patch, ignore_zeros=True).mean(axis=0)
+    mean: F64 = haralick_directions(patch, ignore_zeros=True).mean(axis=0)
     return mean
 
 
-def resized_gray(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def resized_gray(frame: U8) -> U8:
     """The frame at the grid's width, then gray."""
     height, width = GRID.resized(*frame.shape[:2])
     small = np.asarray(cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA))
@@ -89,13 +88,11 @@ class ThesisTextureResult:
     verdict : Verdict
     """
 
-    obstacle: NDArray[np.bool_]
+    obstacle: Bools
     verdict: Verdict
 
 
-def judge(
-    frame: NDArray[np.uint8], describe: DescribePatch, classifier: Any
-) -> ThesisTextureResult:
+def judge(frame: U8, describe: DescribePatch, classifier: Any) -> ThesisTextureResult:
     """Judge a frame patch by patch.
 
     Parameters

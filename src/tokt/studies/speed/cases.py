@@ -8,9 +8,9 @@ from typing import Any, Generic, TypeVar
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from skimage.feature import local_binary_pattern
 
+from tokt.features.common.arrays import I64, U8
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.extractors.spec import build_extractor
 from tokt.features.kernels.dispatch import KERNELS, LIBRARY, Kernels, load_kernels
@@ -51,20 +51,20 @@ class Picture:
         As decoded.
     """
 
-    frame: NDArray[np.uint8]
+    frame: U8
 
     @cached_property
-    def gray(self) -> NDArray[np.uint8]:
+    def gray(self) -> U8:
         """At the grid's width, gray."""
         return resized_gray(self.frame)
 
     @cached_property
-    def patches(self) -> list[NDArray[np.uint8]]:
+    def patches(self) -> list[U8]:
         """The gray patches, each contiguous in memory."""
         return [np.ascontiguousarray(patch) for patch in GRID.cells(self.gray)]
 
 
-def textured_frame() -> NDArray[np.uint8]:
+def textured_frame() -> U8:
     """A colour frame of 1360x1024 full of contrast: cells of random grey levels, 0 to 255.
 
     Its patches hold nearly all grey levels and hardly a pair of them twice, where frames of open
@@ -148,7 +148,7 @@ class LbpKernel(Case[Picture]):
             counts.append(np.bincount(flat, minlength=self.points + 2))
         return counts
 
-    def ours(self, picture: Picture) -> NDArray[np.int64]:
+    def ours(self, picture: Picture) -> I64:
         """One call."""
         return self._kernels.lbp_counts(picture.gray, GRID, self.points, self.radius, "patch")
 
@@ -296,12 +296,12 @@ class BestFrame(Case[Picture]):
         """The preset best's."""
         return judge_image(self._best, picture.frame)
 
-    def floor(self, picture: Picture) -> list[NDArray[np.uint8]]:
+    def floor(self, picture: Picture) -> list[U8]:
         """The pictures that the preset looks at, prepared and no more."""
         prepared = FramePictures(picture.frame, GRID)
         return [prepared.picture(image) for image in self._images]
 
-    def _expected(self, picture: Picture, image: Quantization | None) -> NDArray[np.uint8]:
+    def _expected(self, picture: Picture, image: Quantization | None) -> U8:
         if image is None:
             return picture.gray
         size = GRID.resized(*picture.frame.shape[:2])

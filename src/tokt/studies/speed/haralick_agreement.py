@@ -16,7 +16,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from tokt.features.common.arrays import F64
 
 RELATIVE = 1e-9
 SUM_ERROR = 1e-13
@@ -32,7 +33,7 @@ _ENTROPIES = [7, 8, 10]
 _ENTROPY, _INFORMATION_1, _INFORMATION_2 = 8, 11, 12
 
 
-def floors(directions: NDArray[np.float64]) -> NDArray[np.float64]:
+def floors(directions: F64) -> F64:
     """Absolute error that mahotas's values may have by its formulas.
 
     Parameters
@@ -60,7 +61,7 @@ def floors(directions: NDArray[np.float64]) -> NDArray[np.float64]:
     bits = SUM_ERROR * np.maximum(1.0, directions[:, _ENTROPY])
     value = np.maximum(directions[:, _INFORMATION_2], np.sqrt(bits))
     floor[:, _INFORMATION_2] = 2 * bits / value
-    mean: NDArray[np.float64] = floor.mean(axis=0)
+    mean: F64 = floor.mean(axis=0)
     return mean
 
 
@@ -83,7 +84,7 @@ class HaralickAgreement:
     compared: int = 0
     left_out: int = 0
 
-    def add(self, ours: NDArray[np.float64], directions: NDArray[np.float64]) -> None:
+    def add(self, ours: F64, directions: F64) -> None:
         """Compare the features of one patch, shape (13,), with mahotas's, shape (4, 13)."""
         theirs, floor = directions.mean(axis=0), floors(directions)
         difference = np.abs(ours - theirs)

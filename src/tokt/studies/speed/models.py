@@ -9,9 +9,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.svm import LinearSVC
 
+from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import Extractor, Haralick, Lbp
 from tokt.features.frames.mission import LEFT, Mission
@@ -37,21 +37,21 @@ LABEL_EVERY = 5
 """Every fifth labelled frame is learnt from: the model only has to find obstacle patches."""
 _PENALTY = 1.0
 
-DescribeAll = Callable[[NDArray[np.uint8]], NDArray[np.float64]]
+DescribeAll = Callable[[U8], F64]
 
 
-def all_lbp(gray: NDArray[np.uint8], points: int, radius: int) -> NDArray[np.float64]:
+def all_lbp(gray: U8, points: int, radius: int) -> F64:
     """Normalised histograms of LBP of a gray picture's patches, counted at once."""
     counts = reference.lbp_counts(gray, GRID, points, radius, "patch")
     return np.asarray(counts / counts.sum(axis=1, keepdims=True))
 
 
-def all_haralick(gray: NDArray[np.uint8]) -> NDArray[np.float64]:
+def all_haralick(gray: U8) -> F64:
     """Haralick's 13 features of a gray picture's patches, without grey level 0."""
     return reference.haralick_features(gray, GRID, ignore_zeros=True)
 
 
-def judge_at_once(frame: NDArray[np.uint8], describe_all: DescribeAll, classifier: Any) -> Verdict:
+def judge_at_once(frame: U8, describe_all: DescribeAll, classifier: Any) -> Verdict:
     """Judge a frame with the libraries used as well as they can be: one prediction for all patches.
 
     The thesis asks its classifier patch by patch and counts with `numpy.histogram`; who only wants
@@ -90,7 +90,7 @@ class ThesisFeatureSet:
     describe_patch: DescribePatch
     describe_all: DescribeAll
 
-    def fit(self, examples: TrainingExamples, golden_frame: NDArray[np.uint8]) -> ModelPair:
+    def fit(self, examples: TrainingExamples, golden_frame: U8) -> ModelPair:
         """Its model, for both sides."""
         return fit_extractor_pair(self.name, self.extractor, examples, golden_frame)
 
@@ -118,7 +118,7 @@ class TrainingExamples:
         The same for people.
     """
 
-    pictures: list[tuple[NDArray[np.uint8], NDArray[np.int64], NDArray[np.bool_]]]
+    pictures: list[tuple[U8, I64, Bools]]
     settings: str
     words: str
 
@@ -184,7 +184,7 @@ class ModelPair:
 
 
 def fit_extractor_pair(
-    name: str, extractor: Extractor, examples: TrainingExamples, golden_frame: NDArray[np.uint8]
+    name: str, extractor: Extractor, examples: TrainingExamples, golden_frame: U8
 ) -> ModelPair:
     """Fit a classifier and give both sides its weights.
 

@@ -9,8 +9,9 @@ from typing import Any, TypeVar
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
+
+from tokt.features.common.arrays import F64
 
 BASELINE, OURS = "baseline", "ours"
 LIBRARIES = "libraries"
@@ -24,7 +25,7 @@ SPREAD_IS = (
 )
 
 Item = TypeVar("Item")
-Times = Mapping[str, NDArray[np.float64]]
+Times = Mapping[str, F64]
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ def single_thread() -> Iterator[None]:
 
 def in_turns(
     calls: Mapping[str, Callable[[Item], object]], items: Sequence[Item], rounds: int
-) -> dict[str, NDArray[np.float64]]:
+) -> dict[str, F64]:
     """Time each call on each item, `rounds` times, the calls in turns.
 
     One after another the calls get *different* items: an item that the call before has just read

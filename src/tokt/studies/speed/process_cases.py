@@ -16,8 +16,8 @@ from typing import Any
 import cv2
 import joblib
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import Haralick, Join, Lbp, build_extractor
 from tokt.features.frames.image_file import read_image
@@ -48,14 +48,14 @@ _PATIENT = Limits(stale_s=60.0, heartbeat_s=60.0)
 """A machine that is held up makes a frame late here, and not unknown."""
 
 
-def library_features(file: Path) -> NDArray[np.float64]:
+def library_features(file: Path) -> F64:
     """LBP (10, 5) and Haralick of one image file through the libraries."""
     cv2.setNumThreads(1)
     gray = resized_gray(read_image(file))
     return np.hstack([all_lbp(gray, 10, 5), all_haralick(gray)])
 
 
-def tokt_features(file: Path) -> NDArray[np.float64]:
+def tokt_features(file: Path) -> F64:
     """The same as `tokt.training.datasets.feature_cache` has it computed."""
     cv2.setNumThreads(1)
     return build_extractor(_EXTRACTOR.spec).describe(read_image(file), GRID)
@@ -126,7 +126,7 @@ class CameraPaced:
 
     pictures: Sequence[Picture]
     first: int
-    arrived: NDArray[np.float64]
+    arrived: F64
     live = True
     stopped = False
 
@@ -156,7 +156,7 @@ class TimedPolicy:
     """
 
     policy: Policy
-    seconds: NDArray[np.float64]
+    seconds: F64
 
     def judge(self, frame: Frame) -> Judgement:
         """Judge one frame."""
@@ -228,7 +228,7 @@ def measure_latency(
     return result(NAME, times, said[OURS] == said[BASELINE], extras)
 
 
-def _percentiles(name: str, seconds: NDArray[np.float64]) -> dict[str, Any]:
+def _percentiles(name: str, seconds: F64) -> dict[str, Any]:
     found = np.percentile(seconds, (50, 99, 100)) * 1000
     places = ("median", "p99", "max")
     return {f"{name}_{at}_ms": ms for at, ms in zip(places, found.tolist(), strict=True)}

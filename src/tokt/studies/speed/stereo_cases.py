@@ -6,8 +6,8 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import I64, U8, Bools
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.mission import LEFT, RIGHT, Mission
 from tokt.features.kernels.dispatch import LIBRARY, load_kernels
@@ -46,8 +46,8 @@ class Pair:
     """
 
     number: int
-    left: NDArray[np.uint8]
-    right: NDArray[np.uint8]
+    left: U8
+    right: U8
 
     @cached_property
     def frame(self) -> Frame:
@@ -184,7 +184,7 @@ class PushbroomPair(PairCase):
         self._places = self._dense_places()
         self._cells = {"found": 0, "found_by_both": 0}
 
-    def _dense_places(self) -> NDArray[np.int64]:
+    def _dense_places(self) -> I64:
         """The pixel (x, y) of the dense view at the middle of each cell, shape (n_cells, 2)."""
         width, height = self._detector.rectifier.size
         rows, columns = np.indices((height // CELL_PX, width // CELL_PX)).reshape(2, -1)
@@ -317,7 +317,7 @@ def measure_stereo(
     return results
 
 
-def by_kind(times: Times, obstacle: NDArray[np.bool_]) -> dict[str, Any]:
+def by_kind(times: Times, obstacle: Bools) -> dict[str, Any]:
     """Medians over the pairs with an obstacle alone, and over those without: matching costs more
     where there is more to match.
 

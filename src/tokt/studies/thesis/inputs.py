@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.image_file import read_image
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, open_mission
@@ -111,20 +111,20 @@ class StudyInputs:
         if request.sample < 1:
             raise ToktError(f"--sample is a number of frames, 1 or more, not {request.sample}")
 
-    def left(self, number: int) -> NDArray[np.uint8]:
+    def left(self, number: int) -> U8:
         """A left frame as decoded: uint8, gray or BGR. Raises FrameError if it cannot be read."""
         return self.mission.read(number, LEFT)
 
-    def any_left(self) -> NDArray[np.uint8]:
+    def any_left(self) -> U8:
         """The first left frame that can be read. Raises ToktError if none can."""
         return self._first(self.frames)[1]
 
-    def _first(self, numbers: Sequence[int]) -> tuple[int, NDArray[np.uint8]]:
+    def _first(self, numbers: Sequence[int]) -> tuple[int, U8]:
         for number, image in self.decoded(numbers):
             return number, image
         raise ToktError(f"mission {self.mission.name}: no left frame can be read")
 
-    def right(self, number: int) -> NDArray[np.uint8] | None:
+    def right(self, number: int) -> U8 | None:
         """A right frame as decoded, or None where there is none that can be read."""
         if RIGHT not in self.mission.cameras:
             return None
@@ -298,7 +298,7 @@ class StudyInputs:
         )
         return found.calibration, words
 
-    def decoded(self, numbers: Sequence[int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    def decoded(self, numbers: Sequence[int]) -> Iterator[tuple[int, U8]]:
         """Left frames one after the other; those that cannot be read are left out, and told."""
         for number in numbers:
             try:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8, Bools
 from tokt.features.frames.grid import Grid
 from tokt.studies.simulation.rendering.patch_labels import MIN_COVERAGE, coverage
 
-Flags = NDArray[np.bool_]
+Flags = Bools
 Truth = NDArray[np.int8]
 """Of each patch of a frame, (n_patches,): 1 obstacle, 0 clear, -1 unsure or not labelled, which is
 not scored."""
@@ -75,7 +76,7 @@ def pooled_score(said: Mapping[int, Flags], truths: Mapping[int, Truth]) -> Patc
     return score_patches(*(np.concatenate([part[n] for n in both]) for part in (said, truths)))
 
 
-def truth_by_mask(mask: NDArray[np.uint8], grid: Grid) -> Truth:
+def truth_by_mask(mask: U8, grid: Grid) -> Truth:
     """The truth of a frame's patches by a mask, under the rule of the mission's labels.
 
     Parameters
@@ -93,7 +94,7 @@ def truth_by_mask(mask: NDArray[np.uint8], grid: Grid) -> Truth:
     return np.select([covered >= MIN_COVERAGE, covered == 0], [1, 0], -1).astype(np.int8)
 
 
-def patches_of_mask(mask: NDArray[np.uint8], grid: Grid) -> Flags:
+def patches_of_mask(mask: U8, grid: Grid) -> Flags:
     """The patches that a method says are an obstacle whose mask is not made by patches.
 
     By the rule of the labels: `MIN_COVERAGE` of the patch is white.

@@ -9,7 +9,9 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from .vehicle import MINERVA, Float, Forces, State, turn
+from tokt.features.common.arrays import F64
+
+from .vehicle import MINERVA, Forces, State, turn
 
 
 class Mode(StrEnum):
@@ -36,7 +38,7 @@ class Setpoint:
         Not to be exceeded on the way.
     """
 
-    position: Float
+    position: F64
     heading: float
     mode: Mode
     speed_m_s: float = 0.6

@@ -18,9 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tokt.features.common.arrays import U8
 from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
 
 from .autopilot import STEP_S, Autopilot
@@ -48,8 +46,6 @@ STEREO_SCALE = "1.0"
 """Of the views matched: frames are rendered as wide as the grid's picture, and are not halved."""
 EPOCH_S = 1_461_149_301.0
 """The simulated clock's time at the start, UTC: the sea trial's day."""
-
-Float = NDArray[np.float64]
 
 
 def uses_model(method: str) -> bool:
@@ -140,7 +136,7 @@ class _Run:
         in_view = self._renderer.sees_solid(state.camera, state.heading_rad, IN_VIEW_M)
         self._frames.append((t_s, said["status"], in_view))
 
-    def _look(self, t_s: float) -> tuple[NDArray[np.uint8] | None, NDArray[np.uint8] | None]:
+    def _look(self, t_s: float) -> tuple[U8 | None, U8 | None]:
         blind, state = self._scene.blind_s, self._vehicle.state
         if blind is not None and blind[0] <= t_s < blind[1]:
             return None, None

@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from .vehicle import CAMERA_AHEAD_M, Float, State, turn
+from tokt.features.common.arrays import F64
+
+from .vehicle import CAMERA_AHEAD_M, State, turn
 
 BACK_ON_M = 1.0
 """While it is to back off, it goes on for this much at least."""
@@ -120,7 +122,7 @@ class Manoeuvre:
         Clear verdicts in that direction.
     """
 
-    origin: Float
+    origin: F64
     heading: float
     look: float
     side: int
@@ -131,17 +133,17 @@ class Manoeuvre:
     nearest: float = -math.inf
     settled: int = 0
     absent: int = 0
-    glance: tuple[Float, float] | None = None
+    glance: tuple[F64, float] | None = None
     glances: int = 0
     seen: list[ObstacleSighting] = field(default_factory=list)
 
-    def place(self, position: Float) -> tuple[float, float]:
+    def place(self, position: F64) -> tuple[float, float]:
         """(along, beside) of a place in the world."""
         east, _, north = position - self.origin
         sine, cosine = math.sin(self.heading), math.cos(self.heading)
         return north * cosine + east * sine, self.side * (east * cosine - north * sine)
 
-    def world(self, along: float, beside: float, depth: float) -> Float:
+    def world(self, along: float, beside: float, depth: float) -> F64:
         """(3,) The place in the world, at a depth (the world's y)."""
         sine, cosine = math.sin(self.heading), math.cos(self.heading)
         right = self.side * beside

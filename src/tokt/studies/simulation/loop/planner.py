@@ -28,11 +28,12 @@ from typing import Any, Literal
 
 import numpy as np
 
+from tokt.features.common.arrays import F64
 from tokt.inference.verdict import OBSTACLE, UNKNOWN
 
 from .autopilot import Mode, Setpoint
 from .manoeuvre import CameraAssumptions, Manoeuvre
-from .vehicle import Float, State, turn
+from .vehicle import State, turn
 
 STOPPING_S = 0.6
 """Metres to a stop, a metre a second of speed: of `MINERVA` with its autopilot, about."""
@@ -128,7 +129,7 @@ class Planner:
         When each manoeuvre began, s.
     """
 
-    def __init__(self, goal: Float, settings: PlannerSettings | None = None) -> None:
+    def __init__(self, goal: F64, settings: PlannerSettings | None = None) -> None:
         self.goal = np.asarray(goal, np.float64)
         self.settings = settings or PlannerSettings()
         self.mode = Mode.TRANSIT
@@ -138,7 +139,7 @@ class Planner:
         self._heard_s: float | None = None
         self._known = False
         self._manoeuvre: Manoeuvre | None = None
-        self._held: tuple[Float, float] | None = None
+        self._held: tuple[F64, float] | None = None
 
     def hear(self, t_s: float, datagram: dict[str, Any] | None) -> None:
         """Take in a datagram as `tokt.inference.outputs.udp.decode` gives it, or None for nothing.

@@ -13,9 +13,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.inference.outputs.udp import decode
 from tokt.inference.sources.stream import encode_frame
@@ -24,8 +22,6 @@ MAX_S = 60.0
 """Wall time in seconds for a start or a verdict: a process that takes longer is taken for dead."""
 _LOOK_S = 0.2
 _DATAGRAM = 65_536
-
-Picture = NDArray[np.uint8]
 
 
 class RuntimeProcess:
@@ -68,9 +64,7 @@ class RuntimeProcess:
     def __exit__(self, *error: object) -> None:
         self._opened.close()
 
-    def judge(
-        self, number: int, t: float, left: Picture | None, right: Picture | None
-    ) -> dict[str, Any]:
+    def judge(self, number: int, t: float, left: U8 | None, right: U8 | None) -> dict[str, Any]:
         """Send one frame and wait for its datagram.
 
         Parameters

@@ -15,8 +15,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
 from tokt.studies.simulation.scene.closed_loop_world import World, one_tower, trap
 from tokt.studies.simulation.scene.fish_and_dust import DustCloud, School
@@ -25,7 +25,6 @@ from tokt.studies.simulation.scene.water import Water
 
 from .vehicle import State
 
-Float = NDArray[np.float64]
 Triple = tuple[float, float, float]
 Rng = np.random.Generator
 
@@ -64,7 +63,7 @@ class LoopScene:
     world: World
     rig: SyntheticRig
     start: State
-    goal: Float
+    goal: F64
     blind_s: tuple[float, float] | None = None
 
 

@@ -4,8 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tokt.features.common.arrays import F64
+
 from .autopilot import Mode
-from .vehicle import Float, State
+from .vehicle import State
 
 Step = tuple[float, State, Mode, float]
 """Time, the vehicle's state, the planner's mode, and the clearance."""
@@ -71,14 +73,14 @@ class Track:
         self.avoidances_s = np.array(avoidances_s, np.float64)
         self.reached = reached
 
-    def at(self, t_s: Float) -> Float:
+    def at(self, t_s: F64) -> F64:
         """(k, 3) Where the vehicle was at these times, k of them."""
         return np.stack(
             [np.interp(t_s, self.t_s, self.position[:, axis]) for axis in range(3)], axis=1
         )
 
     @property
-    def obstacle_places(self) -> Float:
+    def obstacle_places(self) -> F64:
         """(k, 3) Where it was when a frame was taken that the verdict obstacle is of."""
         return self.at(self.frame_t_s[self.frame_status == 1])
 

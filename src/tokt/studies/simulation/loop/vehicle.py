@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from tokt.features.common.arrays import F64
+
 Triple = tuple[float, float, float]
 
 HULL_RADIUS_M = 0.8
@@ -53,13 +53,13 @@ class State:
         Radians a second.
     """
 
-    position: Float
+    position: F64
     heading_rad: float
-    velocity_body: Float
+    velocity_body: F64
     yaw_rate: float = 0.0
 
     @property
-    def camera(self) -> Float:
+    def camera(self) -> F64:
         """(3,) Where the left camera is, in metres."""
         ahead = CAMERA_AHEAD_M * np.array(
             [math.sin(self.heading_rad), 0, math.cos(self.heading_rad)]
@@ -67,7 +67,7 @@ class State:
         return np.asarray(self.position + ahead, np.float64)
 
     @property
-    def velocity_world(self) -> Float:
+    def velocity_world(self) -> F64:
         """(3,) Metres a second: east, down, north."""
         surge, sway, heave = self.velocity_body
         sine, cosine = math.sin(self.heading_rad), math.cos(self.heading_rad)

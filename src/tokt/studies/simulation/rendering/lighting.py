@@ -14,14 +14,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32
 from tokt.studies.simulation.scene.rig import SyntheticRig
 from tokt.studies.simulation.scene.water import CameraResponse, Water
 
 from .raycast import View
 from .snow import marine_snow
 from .trajectory import CameraPose
-
-Image = NDArray[np.float32]
 
 LAMP_AT_M = (-0.45, -0.35, 0.0)
 LAMP_TOWARDS = (0.10, 0.03, 1.0)
@@ -41,12 +40,12 @@ UNEVEN = 0.006
 class Exposure:
     """One camera's frame before the sensor: linear grey levels, (height, width, 3) float32 BGR."""
 
-    open_water: Image
-    tower: Image
-    snow: Image
+    open_water: F32
+    tower: F32
+    snow: F32
 
     @property
-    def clean(self) -> Image:
+    def clean(self) -> F32:
         """Water and tower without snow or noise."""
         return self.open_water + self.tower
 
@@ -78,7 +77,7 @@ def expose(
     return Exposure(open_water, tower, (snow * shape)[..., None] * tint)
 
 
-def illumination(rig: SyntheticRig, response: CameraResponse) -> Image:
+def illumination(rig: SyntheticRig, response: CameraResponse) -> F32:
     """Back-scattered light over the picture, 1 at its brightest: beam and vignette together."""
     x = (np.arange(rig.width, dtype=np.float32) + 0.5) / rig.width
     y = (np.arange(rig.height, dtype=np.float32) + 0.5) / rig.width
@@ -94,8 +93,8 @@ def vignette(x: NDArray[Any], y: NDArray[Any], rig: SyntheticRig) -> NDArray[Any
 
 
 def tower_light(
-    water: Water, rig: SyntheticRig, pose: CameraPose, view: View, open_water: Image, gain: float
-) -> Image:
+    water: Water, rig: SyntheticRig, pose: CameraPose, view: View, open_water: F32, gain: float
+) -> F32:
     """The tower's change of the open water, in grey levels; it may darken."""
     change = np.zeros_like(open_water)
     pixels = view.pixels
@@ -129,7 +128,7 @@ def tower_light(
     return scattered(change, v, u, spread, water.glow)
 
 
-def scattered(change: Image, v: Any, u: Any, spread_px: float, glow: float) -> Image:
+def scattered(change: F32, v: Any, u: Any, spread_px: float, glow: float) -> F32:
     """Blur the tower's light, and let a share of it glow around it."""
     rim = int(np.ceil(4 * spread_px)) + 1
     top, bottom = max(int(v.min()) - rim, 0), int(v.max()) + rim + 1

@@ -8,8 +8,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, F64
 from tokt.studies.simulation.scene.fish_and_dust import Puffs
 from tokt.studies.simulation.scene.rig import Camera, SyntheticRig
 from tokt.studies.simulation.scene.surfaces import STALK_MATERIAL, Materials
@@ -29,9 +29,6 @@ from .lighting import (
     vignette,
 )
 from .raycast import Hits
-
-Float = NDArray[np.float64]
-Single = NDArray[np.float32]
 
 _COARSE_PX = 8
 _ALBEDO = 0.12
@@ -83,10 +80,10 @@ class ViewMaps:
         shape = illumination(rig, response)[..., None]
         size = (rig.height, 3 * rig.width)
 
-        def single(values: Any) -> Single:
+        def single(values: Any) -> F32:
             return np.ascontiguousarray(values, np.float32)
 
-        def over(values: Any) -> Single:
+        def over(values: Any) -> F32:
             return single(values * response.gain).reshape(size)
 
         self.scale = rig.scale
@@ -103,8 +100,8 @@ class ViewMaps:
 
 
 def surface_light(
-    water: Water, materials: Materials, maps: ViewMaps, hits: Hits, open_water: Single
-) -> Single:
+    water: Water, materials: Materials, maps: ViewMaps, hits: Hits, open_water: F32
+) -> F32:
     """The surfaces' change of the open water, in grey levels; it may darken.
 
     Parameters
@@ -118,7 +115,7 @@ def surface_light(
     """
     pixels = hits.pixels
     height, width = hits.camera.height, hits.camera.width
-    t: Single = hits.depth.take(pixels)
+    t: F32 = hits.depth.take(pixels)
     distance = t * maps.length.take(pixels)
     lamp_squared = distance * distance - 2 * t * maps.lamp_along.take(pixels)
     lamp_squared += np.float32(maps.lamp @ maps.lamp)
@@ -154,8 +151,8 @@ def surface_light(
 
 
 def add_dust(
-    water: Water, maps: ViewMaps, camera: Camera, clouds: Sequence[Puffs], light: Single,
-    depth: Single,
+    water: Water, maps: ViewMaps, camera: Camera, clouds: Sequence[Puffs], light: F32,
+    depth: F32,
 ) -> None:  # fmt: skip
     """Put clouds into a frame without snow and noise, in place.
 
@@ -197,8 +194,8 @@ def add_dust(
 
 
 def _along_rays(
-    water: Water, maps: ViewMaps, camera: Camera, centre: Float, size: Float, density: Float
-) -> Single | None:
+    water: Water, maps: ViewMaps, camera: Camera, centre: F64, size: F64, density: F64
+) -> F32 | None:
     """Over a coarse grid: attenuation, mean distance, its spread, and the dust's shine (BGR)."""
     near = centre[:, 2] > -2 * size
     centre, size, density = centre[near], size[near], density[near]
@@ -228,9 +225,7 @@ def _along_rays(
     return np.asarray(values.reshape(rows, columns, 6), np.float32)
 
 
-def _shine(
-    water: Water, maps: ViewMaps, rays: Float, distance: Single, share: Single
-) -> list[Single]:
+def _shine(water: Water, maps: ViewMaps, rays: F64, distance: F32, share: F32) -> list[F32]:
     """Grey levels of dust so thick that nothing is seen through it."""
     lamp_squared = np.square(distance) - 2 * distance * (rays @ maps.lamp).astype(np.float32)
     lamp_squared = np.maximum(lamp_squared + maps.lamp @ maps.lamp, _NEAREST_M**2)

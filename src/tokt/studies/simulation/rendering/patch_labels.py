@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, F64, Bools
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import LEFT
 
@@ -18,7 +18,7 @@ MIN_CONTRAST = 0.8
 """Mean absolute difference in grey levels that a person can make out with enhancement."""
 
 
-def coverage(mask: NDArray[np.bool_], grid: Grid) -> NDArray[np.float64]:
+def coverage(mask: Bools, grid: Grid) -> F64:
     """Share of each patch that the tower covers.
 
     Parameters
@@ -35,17 +35,12 @@ def coverage(mask: NDArray[np.bool_], grid: Grid) -> NDArray[np.float64]:
     return np.asarray(grid.cells(covered).mean(axis=(1, 2), dtype=np.float64))
 
 
-def _resized(image: NDArray[np.float32], grid: Grid) -> NDArray[np.float32]:
+def _resized(image: F32, grid: Grid) -> F32:
     size = grid.resized(*image.shape[:2])[::-1]
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def contrast(
-    with_tower: NDArray[np.float32],
-    without: NDArray[np.float32],
-    mask: NDArray[np.bool_],
-    grid: Grid,
-) -> NDArray[np.float64]:
+def contrast(with_tower: F32, without: F32, mask: Bools, grid: Grid) -> F64:
     """Mean absolute change in grey levels that the tower makes where it covers a patch.
 
     Parameters
@@ -69,7 +64,7 @@ def contrast(
     return np.asarray(share, np.float64)
 
 
-def patch_labels(covered: NDArray[np.float64], seen: NDArray[np.float64]) -> list[str]:
+def patch_labels(covered: F64, seen: F64) -> list[str]:
     """`subsea_installation`, `unsure` or `ocean` for each patch, row by row.
 
     A patch is the tower's when it covers `MIN_COVERAGE` of it and differs from open water by

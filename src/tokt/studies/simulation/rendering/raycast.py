@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, F64, I64
 from tokt.studies.simulation.scene.fish_and_dust import TEXTURE_M, School
 from tokt.studies.simulation.scene.rig import Camera
 from tokt.studies.simulation.scene.surfaces import (
@@ -25,11 +26,8 @@ from tokt.studies.simulation.scene.surfaces import (
 )
 from tokt.studies.simulation.scene.tower import GROWTH, TEXEL_M, TEXTURE_SIZE, Material, Tower
 
-Float = NDArray[np.float64]
-Single = NDArray[np.float32]
 Real = NDArray[Any]
 """Of the precision of the rays."""
-Index = NDArray[np.int64]
 
 _NEAREST_M = 0.05
 """What is nearer to the image plane is not seen."""
@@ -55,11 +53,11 @@ class Side(NamedTuple):
     """
 
     number: int
-    pixels: Index
+    pixels: I64
     t: Real
     point: Real
     end: NDArray[np.int8]
-    lamp: Float
+    lamp: F64
 
 
 class Face(NamedTuple):
@@ -78,11 +76,11 @@ class Face(NamedTuple):
     """
 
     material_number: int
-    pixels: Index
+    pixels: I64
     t: Real
     across: Real
     along: Real
-    normal: Float
+    normal: F64
     lamp_m: float
 
 
@@ -103,21 +101,21 @@ class RayCaster:
         Metres along the optical axis; infinite in open water.
     """
 
-    def __init__(self, camera: Camera, lamp: Float, precision: type[np.floating[Any]]) -> None:
+    def __init__(self, camera: Camera, lamp: F64, precision: type[np.floating[Any]]) -> None:
         self.camera, self._lamp = camera, lamp
         self.depth: Real = np.full(camera.width * camera.height, np.inf, precision)
         self._outline = np.zeros((camera.height, camera.width), np.uint8)
 
     @property
-    def pixels(self) -> Index:
+    def pixels(self) -> I64:
         """Pixels that show something."""
         return np.flatnonzero(np.isfinite(self.depth))
 
-    def rays(self, pixels: Index) -> Real:
+    def rays(self, pixels: I64) -> Real:
         """Directions (3, n) in the camera's coordinates, of length one along the optical axis."""
         return self.camera.rays(pixels)
 
-    def sides(self, frusta: Frusta, origins: Float) -> Iterator[Side]:
+    def sides(self, frusta: Frusta, origins: F64) -> Iterator[Side]:
         """Cast the rays at frusta; `origins` (things, 3) is where the things are."""
         shift = origins[frusta.thing]
         corners = self.camera.seen(frusta.hull + shift[:, None])
@@ -135,7 +133,7 @@ class RayCaster:
                 )
                 yield Side(i, pixels[won], t, point, end, centre[i] + turn[i] @ self._lamp)
 
-    def faces(self, boxes: Boxes, origins: Float) -> Iterator[Face]:
+    def faces(self, boxes: Boxes, origins: F64) -> Iterator[Face]:
         """Cast the rays at boxes; see `sides`."""
         centres = boxes.centre + origins[boxes.thing]
         corners = centres[:, None] + (_CORNERS * boxes.half[:, None]) @ boxes.axes
@@ -163,8 +161,8 @@ class RayCaster:
                 )  # fmt: skip
 
     def stalks(
-        self, stalks: Stalks, origins: Float, from_m: float, rim_px: int, *, hidden: bool
-    ) -> Iterator[tuple[Index, Real, Single]]:
+        self, stalks: Stalks, origins: F64, from_m: float, rim_px: int, *, hidden: bool
+    ) -> Iterator[tuple[I64, Real, F32]]:
         """Draw stalks, after the solids: lines from root to tip that taper to half their width.
 
         Parameters
@@ -200,7 +198,7 @@ class RayCaster:
             place, t, which = place[won], t[won], which[won]
             yield place, t, bright[which]
 
-    def in_view(self, corners: Float) -> list[int]:
+    def in_view(self, corners: F64) -> list[int]:
         """Numbers of the solids, given by the corners (n, m, 3) of a hull, that may be in view."""
         camera, depth = self.camera, corners[..., 2]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -211,7 +209,7 @@ class RayCaster:
         found: list[int] = np.flatnonzero(some & ~(ahead & outside.any(axis=1))).tolist()
         return found
 
-    def inside(self, corners: Float) -> Index:
+    def inside(self, corners: F64) -> I64:
         """Pixels in the outline of the hull of `corners` (m, 3), and a rim of one pixel."""
         camera = self.camera
         if corners[:, 2].min() <= _NEAREST_M:
@@ -239,7 +237,7 @@ class RayCaster:
 
 
 def _cast_at_frustum(
-    frusta: Frusta, i: int, origin: Float, rays: Real
+    frusta: Frusta, i: int, origin: F64, rays: Real
 ) -> tuple[Real, NDArray[np.int8]]:
     """Depth at each ray, along the frustum's axes, and on which end; infinite where it is missed.
 
@@ -272,16 +270,14 @@ def _cast_at_frustum(
     return t, end
 
 
-def _cut(ahead: Float, behind: Float) -> Float:
+def _cut(ahead: F64, behind: F64) -> F64:
     """Corners of what is left of a hull in front of the nearest plane."""
     share = (_NEAREST_M - ahead[:, None, 2]) / (behind[None, :, 2] - ahead[:, None, 2])
     crossing = ahead[:, None] + share[..., None] * (behind[None] - ahead[:, None])
     return np.concatenate([ahead, crossing.reshape(-1, 3)])
 
 
-def _stalk_pixels(
-    camera: Camera, where: Float, depth: Float, half_m: Float
-) -> tuple[Index, Float, Index]:
+def _stalk_pixels(camera: Camera, where: F64, depth: F64, half_m: F64) -> tuple[I64, F64, I64]:
     """Pixels on stalks, their depth, and which stalk each is of; a pixel may come up often."""
     order = np.argsort(-depth[:, 0])
     where, depth, half_m = where[order], depth[order], half_m[order]
@@ -365,7 +361,7 @@ class View(RayCaster):
         albedo = self._albedo(material, across, np.where(flat, z, y))
         self._paint(side.pixels, side.t, albedo, normal)
 
-    def _albedo(self, material: Material, across: Float, along: Float) -> Single:
+    def _albedo(self, material: Material, across: F64, along: F64) -> F32:
         """BGR albedo at surface coordinates in metres, from the texture level of a pixel's size."""
         pixel_m = float(np.linalg.norm(self.camera.centre)) / self.camera.matrix[0, 0]
         level = int(np.clip(np.log2(max(pixel_m / TEXEL_M, 1.0)), 0, len(self._textures) - 1))
@@ -379,7 +375,7 @@ class View(RayCaster):
         shade = np.float32(0.35) + np.float32(1.1) * texels[:, :1]
         return np.asarray((paint + rust * (rusty - paint)) * shade, np.float32)
 
-    def _paint(self, pixels: Index, depth: Float, albedo: Single, normal: Float) -> None:
+    def _paint(self, pixels: I64, depth: F64, albedo: F32, normal: F64) -> None:
         self.depth[pixels] = depth
         self.albedo[pixels] = albedo
         self.normal[:, pixels] = normal
@@ -408,17 +404,17 @@ class Hits(RayCaster):
         Outward normal times the vector to the lamp, m; not a number on a stalk.
     """
 
-    def __init__(self, camera: Camera, rays: Single, lamp: Float) -> None:
+    def __init__(self, camera: Camera, rays: F32, lamp: F64) -> None:
         super().__init__(camera, lamp, np.float32)
         self._all_rays = rays
         self.material_number = np.zeros(len(self.depth), np.int64)
         self.across, self.along, self.facing = np.zeros((3, len(self.depth)), np.float32)
 
-    def rays(self, pixels: Index) -> Single:
+    def rays(self, pixels: I64) -> F32:
         """See `RayCaster.rays`."""
         return self._all_rays.take(pixels, axis=1)
 
-    def add_solids(self, surfaces: Surfaces, origins: Float) -> None:
+    def add_solids(self, surfaces: Surfaces, origins: F64) -> None:
         """Cast the rays at all solids, and at what grows on them; see `RayCaster.sides`."""
         for side in self.sides(surfaces.frusta, origins):
             self._paint_side(surfaces.frusta, side)
@@ -439,7 +435,7 @@ class Hits(RayCaster):
             if len(pixels):
                 self._cast_ellipsoid(pixels, centres[i], axes[i], half[i])
 
-    def _cast_ellipsoid(self, pixels: Index, centre: Float, axes: Float, half: Float) -> None:
+    def _cast_ellipsoid(self, pixels: I64, centre: F64, axes: F64, half: F64) -> None:
         """In units of its half sizes: there it is the unit sphere."""
         turn = axes @ self.camera.rotation.T
         camera = axes @ (self.camera.centre - centre)
@@ -476,8 +472,8 @@ class Hits(RayCaster):
         self._paint(side.pixels, side.t, int(frusta.material_number[i]), around, y, facing)
 
     def _paint(
-        self, pixels: Index, depth: Single, material_number: int, across: Single, along: Single,
-        facing: Single | np.float32,
+        self, pixels: I64, depth: F32, material_number: int, across: F32, along: F32,
+        facing: F32 | np.float32,
     ) -> None:  # fmt: skip
         self.depth[pixels] = depth
         self.material_number[pixels] = material_number

@@ -6,14 +6,12 @@ decides.
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, U8
 from tokt.studies.simulation.scene.rig import FULL_WIDTH
 from tokt.studies.simulation.scene.water import Water
 
 from .lighting import UNEVEN, Exposure
-
-Single = NDArray[np.float32]
 
 _GRID_WIDTH = 360
 _CLOUD_ROWS, _CLOUD_COLUMNS = 9, 12
@@ -22,7 +20,7 @@ _KERNEL = np.array([0.27, 0.46, 0.27], np.float32)
 """How a colour filter's interpolation spreads a pixel's noise to its neighbours."""
 
 
-def develop(water: Water, exposure: Exposure, rng: np.random.Generator) -> NDArray[np.uint8]:
+def develop(water: Water, exposure: Exposure, rng: np.random.Generator) -> U8:
     """Add the sensor's noise and round to 8 bits: (height, width, 3) uint8."""
     light = exposure.clean
     light += exposure.snow
@@ -36,7 +34,7 @@ def develop(water: Water, exposure: Exposure, rng: np.random.Generator) -> NDArr
     return np.asarray(cv2.convertScaleAbs(np.maximum(light, 0, out=light)), np.uint8)
 
 
-def _unit_noise(rng: np.random.Generator, size: tuple[int, ...]) -> NDArray[np.float32]:
+def _unit_noise(rng: np.random.Generator, size: tuple[int, ...]) -> F32:
     """Noise (height, width, 3) of unit deviation, spread over neighbours and colours."""
     shared = rng.standard_normal(size, np.float32)
     noise = rng.standard_normal((*size, 3), np.float32)
@@ -62,7 +60,7 @@ def _noise_gain(width: int) -> np.float32:
     return np.float32(gain / float(np.square(_KERNEL).sum()))
 
 
-def cut(bank: Single, rng: np.random.Generator) -> Single:
+def cut(bank: F32, rng: np.random.Generator) -> F32:
     """A frame of (height, 3 * width) at a place drawn at random in a bank of noise.
 
     A bank's values are over an area of four frames, (2 * height, 3 * 2 * width): blue, green, red.
@@ -73,7 +71,7 @@ def cut(bank: Single, rng: np.random.Generator) -> Single:
     return bank[row : row + height, column : column + 3 * width]
 
 
-def cloud_bank(rng: np.random.Generator, height: int, width: int) -> Single:
+def cloud_bank(rng: np.random.Generator, height: int, width: int) -> F32:
     """Factors for the veil of open water, which is never quite even."""
     knots = rng.standard_normal((2 * _CLOUD_ROWS, 2 * _CLOUD_COLUMNS)).astype(np.float32)
     clouds = cv2.resize(knots, (2 * width, 2 * height), interpolation=cv2.INTER_CUBIC)
@@ -91,7 +89,7 @@ class SensorNoise:
         read = np.tile(np.array(water.read_noise, np.float32), width)
         self._read_squared = read * read
 
-    def develop(self, light: Single, rng: np.random.Generator) -> NDArray[np.uint8]:
+    def develop(self, light: F32, rng: np.random.Generator) -> U8:
         """Add noise to grey levels (height, 3 * width) in place, and round: (height, width, 3)."""
         np.clip(light, 0, 255, out=light)
         noise = light * self._shot

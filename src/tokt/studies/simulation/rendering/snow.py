@@ -12,15 +12,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F32, F64, Bools
 from tokt.studies.simulation.scene.rig import FULL_WIDTH, Camera, SyntheticRig
 from tokt.studies.simulation.scene.water import Water
 
 from .raycast import View
 from .trajectory import CameraPose
 
-Float = NDArray[np.float64]
-Image = NDArray[np.float32]
-Chosen = NDArray[np.bool_]
+Chosen = Bools
 
 _EXPOSURE_S = 0.03
 _NEAR_M, _FAR_M = 0.25, 3.5
@@ -40,7 +39,7 @@ _REACHES = (2, 3, 4, 5, 6, 8, 11, 15, 21, 30, 45, 65, 95, 140, 200)
 
 def marine_snow(
     water: Water, rig: SyntheticRig, pose: CameraPose, view: View, rng: np.random.Generator
-) -> Image:
+) -> F32:
     """Particles near the cameras: faint discs out of focus, drawn out by the vehicle's motion."""
     count, camera = water.snow_per_frame, view.camera
     depth = np.cbrt(rng.uniform(_NEAR_M**3, _FAR_M**3, count))
@@ -67,19 +66,19 @@ def marine_snow(
     return fine
 
 
-def _blur_px(depth: Float, scale: float) -> Float:
+def _blur_px(depth: F64, scale: float) -> F64:
     """Standard deviation of a particle's blob: the cameras are in focus at two metres."""
     return np.asarray(scale * (2.0 + 7.0 * np.abs(1 / depth - 0.5)))
 
 
-def _hidden(camera: Camera, surfaces: NDArray[Any], where: Float, depth: Float) -> Chosen:
+def _hidden(camera: Camera, surfaces: NDArray[Any], where: F64, depth: F64) -> Chosen:
     """Which particles have a surface between them and the camera, by the surfaces' depths."""
     last = np.array([camera.width, camera.height]) - 1
     column, row = np.rint(where.clip(0, last)).astype(np.int64).T
     return np.asarray(surfaces[row * camera.width + column] < depth)
 
 
-def _blobs(radius: Float, streak: Float, amount: Float) -> tuple[Float, Image, Image]:
+def _blobs(radius: F64, streak: F64, amount: F64) -> tuple[F64, F32, F32]:
     """Gaussian discs of standard deviation `radius` px and sum `amount`, drawn out.
 
     Returns
@@ -100,7 +99,7 @@ def _blobs(radius: Float, streak: Float, amount: Float) -> tuple[Float, Image, I
     return 3 * np.sqrt(np.stack([a, c], axis=1)), peak, exponent
 
 
-def _splat(image: Image, where: Float, radius: Float, streak: Float, amount: Float) -> None:
+def _splat(image: F32, where: F64, radius: F64, streak: F64, amount: F64) -> None:
     """Add blobs to a picture of a mission."""
     reach, peak, inverse = _blobs(radius, streak, amount)
     low = np.maximum(np.ceil(where - reach), 0).astype(np.int64)
@@ -134,7 +133,7 @@ class Snow:
         self.sizes = rng.lognormal(0.0, _SIZE_SIGMA, count).astype(np.float32)
         self.brightness = water.snow_brightness
 
-    def near(self, left: Camera, carried: Float) -> tuple[Float, Float]:
+    def near(self, left: Camera, carried: F64) -> tuple[F64, F64]:
         """World places (n, 3), relative to the left camera, and sizes of what may be in view.
 
         Parameters
@@ -156,8 +155,8 @@ class Snow:
 
 
 def snow_light(
-    snow: Snow, left: Camera, own: Camera, carried: Float, through: Float, depth: Image
-) -> Image:
+    snow: Snow, left: Camera, own: Camera, carried: F64, through: F64, depth: F32
+) -> F32:
     """Grey levels of the snow before lamp and camera's gain, (height, width) float32.
 
     Parameters
@@ -182,9 +181,7 @@ def snow_light(
     return _splat_squares(own, where[use], radius[use], streak[use], amount[use])
 
 
-def _splat_squares(
-    camera: Camera, where: Float, radius: Float, streak: Float, amount: Float
-) -> Image:
+def _splat_squares(camera: Camera, where: F64, radius: F64, streak: F64, amount: F64) -> F32:
     """A frame of blobs, those of about one size together in squares: faster than one by one."""
     reaches, peak, inverse = _blobs(radius, streak, amount)
     reach = np.minimum(reaches.max(axis=1), _REACHES[-1] - 1)

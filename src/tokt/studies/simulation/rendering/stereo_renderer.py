@@ -6,8 +6,8 @@ the same JPEG: to a model trained on such missions it looks like theirs.
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, U8
 from tokt.studies.simulation.scene.closed_loop_world import World
 from tokt.studies.simulation.scene.fish_and_dust import fish_texture
 from tokt.studies.simulation.scene.rig import Camera, SyntheticRig
@@ -19,9 +19,6 @@ from .raycast import Hits
 from .sensor import SensorNoise, cloud_bank, cut
 from .snow import Snow, snow_light
 from .synthetic_mission import JPEG
-
-Float = NDArray[np.float64]
-Frame = NDArray[np.uint8]
 
 _SNOW, _CLOUDS, _SENSOR, _MOMENT, _DEVELOP = range(10, 15)
 _FISH = 2
@@ -60,7 +57,7 @@ class StereoRenderer:
             self._kept[side] = ViewMaps(water, rig, side), noise
         return self._kept[side]
 
-    def left(self, t_s: float, position: Float, heading_rad: float, velocity: Float) -> Frame:
+    def left(self, t_s: float, position: F64, heading_rad: float, velocity: F64) -> U8:
         """The left camera's frame.
 
         Parameters
@@ -81,14 +78,12 @@ class StereoRenderer:
         """
         return self._see(0, t_s, self._cameras(position, heading_rad), velocity)
 
-    def pair(
-        self, t_s: float, position: Float, heading_rad: float, velocity: Float
-    ) -> tuple[Frame, Frame]:
+    def pair(self, t_s: float, position: F64, heading_rad: float, velocity: F64) -> tuple[U8, U8]:
         """Both cameras' frames of one moment; see `left`."""
         cameras = self._cameras(position, heading_rad)
         return self._see(0, t_s, cameras, velocity), self._see(1, t_s, cameras, velocity)
 
-    def sees_solid(self, position: Float, heading_rad: float, within_m: float) -> bool:
+    def sees_solid(self, position: F64, heading_rad: float, within_m: float) -> bool:
         """Whether the left camera's frame shows something solid nearer than `within_m`, no fish.
 
         Parameters
@@ -103,7 +98,7 @@ class StereoRenderer:
             self._solids(0, left)
         return self._seen[1] < within_m
 
-    def _cameras(self, position: Float, heading_rad: float) -> tuple[Camera, Camera]:
+    def _cameras(self, position: F64, heading_rad: float) -> tuple[Camera, Camera]:
         """Both cameras, level, with the left one at `position`."""
         return self._rig.cameras(upright(heading_rad), np.asarray(position, np.float64))
 
@@ -118,7 +113,7 @@ class StereoRenderer:
             self._seen = _pose(camera), float(hits.depth.min())
         return hits
 
-    def _see(self, side: int, t_s: float, cameras: tuple[Camera, Camera], velocity: Float) -> Frame:
+    def _see(self, side: int, t_s: float, cameras: tuple[Camera, Camera], velocity: F64) -> U8:
         world, own = self._world, cameras[side]
         maps, sensor = self._camera(side)
         micros = round(t_s * 1e6)

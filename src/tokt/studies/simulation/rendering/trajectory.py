@@ -8,11 +8,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64
 from tokt.studies.simulation.scene.rig import Camera, SyntheticRig
-
-Float = NDArray[np.float64]
 
 _TIME = [0.0, 0.35, 0.40, 0.45, 0.60, 0.705, 0.75, 0.785, 0.85, 1.0]
 _RANGE_M = [30.0, 15.5, 12.0, 8.4, 5.6, 2.8, 1.92, 2.6, 4.8, 9.5]
@@ -25,9 +23,9 @@ _HEIGHT_M = [-0.9, -0.8, -0.7, -0.6, -0.55, -0.35, -0.25, -0.2, 0.5, 1.6]
 class CameraPose:
     """The left camera in tower coordinates, and how far the vehicle moves a second."""
 
-    centre: Float
-    rotation: Float
-    velocity: Float
+    centre: F64
+    rotation: F64
+    velocity: F64
 
     def cameras(self, rig: SyntheticRig) -> tuple[Camera, Camera]:
         """The left and the right camera of `rig` at this pose."""
@@ -64,7 +62,7 @@ def draw_trajectory(rng: np.random.Generator, n_frames: int) -> list[CameraPose]
     ]
 
 
-def _sway(rng: np.random.Generator, time: Float) -> Float:
+def _sway(rng: np.random.Generator, time: F64) -> F64:
     """A slow wave of about unit size: three periods of random length and phase."""
     periods = rng.uniform(0.06, 0.35, 3)
     phases = rng.uniform(0.0, 2 * np.pi, 3)
@@ -72,7 +70,7 @@ def _sway(rng: np.random.Generator, time: Float) -> Float:
     return np.asarray(waves.sum(axis=1) / np.sqrt(1.5))
 
 
-def _rotation(degrees: Float) -> Float:
+def _rotation(degrees: F64) -> F64:
     """Tower to camera: turned by `degrees` (pitch, heading, roll)."""
     pitch, heading, roll = (
         cv2.Rodrigues(axis * angle)[0]

@@ -21,10 +21,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon, Wedge
 
+from tokt.features.common.arrays import F64
 from tokt.studies.simulation.loop.autopilot import Mode
 from tokt.studies.simulation.loop.scenes import LoopScene
 from tokt.studies.simulation.loop.track import Track
-from tokt.studies.simulation.loop.vehicle import CAMERA_AHEAD_M, HULL_RADIUS_M, Float
+from tokt.studies.simulation.loop.vehicle import CAMERA_AHEAD_M, HULL_RADIUS_M
 from tokt.studies.simulation.scene.tower import Cuboid, Frustum
 from tokt.training.evaluation.pictures import figure_png
 
@@ -72,8 +73,8 @@ class Chart:
         Velocity of the water: east, down, north.
     """
 
-    outlines: Sequence[Float]
-    goal: Float
+    outlines: Sequence[F64]
+    goal: F64
     current_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @classmethod
@@ -87,7 +88,7 @@ class Chart:
         return cls(outlines, scene.goal, scene.world.current)
 
 
-def _corners(solid: Frustum | Cuboid) -> Float:
+def _corners(solid: Frustum | Cuboid) -> F64:
     """Points whose convex hull is the solid's, but for the roundness of its rims."""
     if isinstance(solid, Cuboid):
         return np.asarray(solid.centre + (_CORNERS * solid.half) @ solid.axes, np.float64)
@@ -182,7 +183,7 @@ def overview(tracks: Sequence[Track], charts: Sequence[Chart]) -> bytes:
     return figure_png(figure)
 
 
-def _pieces(track: Track) -> tuple[list[Float], list[str]]:
+def _pieces(track: Track) -> tuple[list[F64], list[str]]:
     """The lines (2, 2) from each place of a track to the next, and their colours."""
     places = track.position[:, _EAST_NORTH]
     pieces = list(np.stack([places[:-1], places[1:]], axis=1))
@@ -194,7 +195,7 @@ def _collided(track: Track) -> bool:
     return bool(track.clearance_m.min() < HULL_RADIUS_M)
 
 
-def _extent(tracks: Sequence[Track], charts: Sequence[Chart]) -> tuple[Float, Float]:
+def _extent(tracks: Sequence[Track], charts: Sequence[Chart]) -> tuple[F64, F64]:
     """(east, north) of the least and the greatest place on a map that shows them all."""
     places = [track.position[:, _EAST_NORTH] for track in tracks]
     places += [chart.goal[None, _EAST_NORTH] for chart in charts]
@@ -222,7 +223,7 @@ def _sheet(track: Track, chart: Chart, dpi: int) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _draw_solid(axes: Axes, outlines: Sequence[Float]) -> None:
+def _draw_solid(axes: Axes, outlines: Sequence[F64]) -> None:
     for outline in outlines:
         axes.add_patch(Polygon(outline, closed=True, fc=_SOLID, ec=_SOLID_EDGE, lw=0.8, zorder=2))
 
@@ -330,7 +331,7 @@ class _Moving:
             self._axes.draw_artist(artist)
 
 
-def _draw_small(axes: Axes, track: Track, chart: Chart, shift: Float, sheet: Float) -> None:
+def _draw_small(axes: Axes, track: Track, chart: Chart, shift: F64, sheet: F64) -> None:
     """Draw one run of many, moved by `shift`, on a sheet with these corners."""
     hit = _collided(track)
     axes.add_patch(Polygon(sheet, fc="#fdecea" if hit else "#f7f9fa", ec="0.85", lw=0.5))

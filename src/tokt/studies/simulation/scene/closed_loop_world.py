@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+
+from tokt.features.common.arrays import F64
 
 from .fish_and_dust import DustCloud, School
 from .surfaces import Surfaces
 from .tower import Tower, panels
 from .water import Water
 
-Float = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 
@@ -59,7 +59,7 @@ class World:
     seed: int = 0
     current: Triple = (0.0, 0.0, 0.0)
 
-    def clearance_m(self, points: Float) -> Float:
+    def clearance_m(self, points: F64) -> F64:
         """Distance of points from the nearest solid.
 
         Fish, dust and snow are no solids, nor is what grows on a tower (stalks under 0.1 m).

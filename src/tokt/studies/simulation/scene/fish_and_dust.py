@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+
+from tokt.features.common.arrays import F32, F64
 
 from .tower import TEXEL_M, Material
 
-Float = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 FISH = Material((0.45, 0.46, 0.42), rust=(0.10, 0.12, 0.12), rusted=0.9)
@@ -65,18 +65,18 @@ class School:
         self.rate = rng.uniform(0.4, 1.2, (count, 3))
         self.phase = rng.uniform(0.0, 2 * np.pi, (count, 3))
 
-    def at(self, t_s: float) -> Float:
+    def at(self, t_s: float) -> F64:
         """World positions (n, 3) of the fish's middles at a time, metres."""
         since = t_s - self.at_s
         middle = self.through + since * self.velocity
         return middle + self.places + _WANDER_M * np.sin(self.rate * since + self.phase)
 
-    def swimming(self, t_s: float) -> Float:
+    def swimming(self, t_s: float) -> F64:
         """Velocities (n, 3) of the fish at a time, m/s: the way they look."""
         since = t_s - self.at_s
         return self.velocity + _WANDER_M * self.rate * np.cos(self.rate * since + self.phase)
 
-    def shapes(self, t_s: float) -> tuple[Float, Float, Float]:
+    def shapes(self, t_s: float) -> tuple[F64, F64, F64]:
         """The fish as ellipsoids: bodies, then tail fins that beat.
 
         Returns
@@ -101,7 +101,7 @@ class School:
         )
 
 
-def _axes(ahead: Float, turn_rad: Float) -> Float:
+def _axes(ahead: F64, turn_rad: F64) -> F64:
     """Rows ahead, down, across of fish whose bodies look `ahead` (n, 3), turned to the side."""
     across = np.cross(ahead, [0.0, 1.0, 0.0])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
@@ -110,7 +110,7 @@ def _axes(ahead: Float, turn_rad: Float) -> Float:
     return np.stack([ahead, np.cross(across, ahead), across], axis=1)
 
 
-def fish_texture(rng: np.random.Generator) -> tuple[NDArray[np.float32], ...]:
+def fish_texture(rng: np.random.Generator) -> tuple[F32, ...]:
     """Scales, bars and a dark back over a flank: the levels of a texture (see `Tower`)."""
     row, column = np.mgrid[:_TEXTURE_SIZE, :_TEXTURE_SIZE] / _TEXTURE_SIZE
     bars = np.sin(2 * np.pi * (7 * column + 0.3 * np.sin(9 * row)))
@@ -139,9 +139,9 @@ class Puffs:
         Attenuation in the middle, 1/m.
     """
 
-    centre: Float
-    size: Float
-    density: Float
+    centre: F64
+    size: F64
+    density: F64
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +161,7 @@ class DustCloud:
     """
 
     start: Puffs
-    drift: Float
+    drift: F64
     spreading: float
     settles_s: float
 

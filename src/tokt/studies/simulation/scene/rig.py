@@ -5,9 +5,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from tokt.features.common.arrays import F64, I64
 
 FULL_WIDTH = 1360
 """Frame width in pixels of the mission camera; every length in px is given at this width."""
@@ -23,22 +22,22 @@ class Camera:
     Its own coordinates are x to the right, y down, z ahead.
     """
 
-    matrix: Float
-    rotation: Float
-    centre: Float
+    matrix: F64
+    rotation: F64
+    centre: F64
     width: int
     height: int
 
-    def seen(self, points: Float) -> Float:
+    def seen(self, points: F64) -> F64:
         """World points (..., 3) in this camera's coordinates."""
         return np.asarray((points - self.centre) @ self.rotation.T)
 
-    def place(self, seen: Float) -> Float:
+    def place(self, seen: F64) -> F64:
         """Columns and rows (..., 2) of points (..., 3) in this camera's coordinates."""
         there = seen[..., :2] / seen[..., 2:] * self.matrix[0, 0] + self.matrix[:2, 2]
         return np.asarray(there)
 
-    def rays(self, pixels: NDArray[np.int64]) -> Float:
+    def rays(self, pixels: I64) -> F64:
         """Directions (3, n) in this camera's coordinates, of length one along the optical axis."""
         v, u = np.divmod(pixels, self.width)
         x = (u - self.matrix[0, 2]) / self.matrix[0, 0]
@@ -75,11 +74,11 @@ class SyntheticRig:
         self.left = self._matrix(_FOCAL_PX)
         self.right = self._matrix(_FOCAL_PX * rng.uniform(0.997, 1.005))
 
-    def _matrix(self, focal_px: float) -> Float:
+    def _matrix(self, focal_px: float) -> F64:
         focal, x, y = focal_px * self.scale, (self.width - 1) / 2, (self.height - 1) / 2
         return np.array([[focal, 0, x], [0, focal, y], [0, 0, 1.0]])
 
-    def cameras(self, rotation: Float, centre: Float) -> tuple[Camera, Camera]:
+    def cameras(self, rotation: F64, centre: F64) -> tuple[Camera, Camera]:
         """The left camera, turned and placed so in the world, and the right one beside it."""
         right = self.rotation @ rotation
         beside = centre - right.T @ self.translation_m

@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from tokt.features.common.arrays import F32, F64, I64
 
 from .fish_and_dust import FISH
 from .tower import GROWTH, TEXEL_M, Cuboid, Frustum, Material, Tower
 
-Float = NDArray[np.float64]
-Single = NDArray[np.float32]
-Index = NDArray[np.int64]
-Texture = tuple[Single, ...]
+Texture = tuple[F32, ...]
 """Levels of (size, size, 2) brightness and rust, each at half the detail of the one before."""
 
 _LEVELS = 5
@@ -26,7 +24,7 @@ class Frusta:
     `thing` is the number of the placed thing whose origin the coordinates are about.
     """
 
-    def __init__(self, solids: Sequence[Frustum], thing: Index, material_number: Index) -> None:
+    def __init__(self, solids: Sequence[Frustum], thing: I64, material_number: I64) -> None:
         hulls = [solid.rims(_HULL_POINTS, outside=True) for solid in solids]
         self.start = np.array([solid.start for solid in solids]).reshape(-1, 3)
         self.axes = np.array([solid.frame() for solid in solids]).reshape(-1, 3, 3)
@@ -37,7 +35,7 @@ class Frusta:
         self.hull = np.array(hulls).reshape(-1, 2 * _HULL_POINTS, 3)
         self.thing, self.material_number = thing, material_number
 
-    def distances_m(self, points: Float) -> Float:
+    def distances_m(self, points: F64) -> F64:
         """(n, m): from each of points (n, 3) to each cone; 0 in it.
 
         In the plane through the axis and the point a cone is a trapezium, half of it enough.
@@ -58,7 +56,7 @@ class Frusta:
         return np.asarray(np.where(inside, 0.0, distance))
 
 
-def _to_segments(points: Float, start: Float, end: Float) -> Float:
+def _to_segments(points: F64, start: F64, end: F64) -> F64:
     """(n, m): from points (n, m, 2) to each one's segment, (m, 2) to (m, 2)."""
     step = end - start
     off = points - start
@@ -70,13 +68,13 @@ def _to_segments(points: Float, start: Float, end: Float) -> Float:
 class Boxes:
     """Cuboids: centre, orthonormal axes as rows, half sizes."""
 
-    def __init__(self, solids: Sequence[Cuboid], thing: Index, material_number: Index) -> None:
+    def __init__(self, solids: Sequence[Cuboid], thing: I64, material_number: I64) -> None:
         self.centre = np.array([solid.centre for solid in solids]).reshape(-1, 3)
         self.axes = np.array([solid.axes for solid in solids]).reshape(-1, 3, 3)
         self.half = np.array([solid.half for solid in solids]).reshape(-1, 3)
         self.thing, self.material_number = thing, material_number
 
-    def distances_m(self, points: Float) -> Float:
+    def distances_m(self, points: F64) -> F64:
         """(n, m): from each of points (n, 3) to each box; 0 in it."""
         off = points[:, None] - self.centre
         outside = np.abs(np.einsum("kij,nkj->nki", self.axes, off)) - self.half
@@ -108,7 +106,7 @@ class Surfaces:
         own = [(solid.material, thing + 1) for solid, thing in placed]
         self.materials = list(dict.fromkeys([(GROWTH, 0), (FISH, 0), *own]))
 
-        def numbered(kind: type) -> tuple[list[Any], Index, Index]:
+        def numbered(kind: type) -> tuple[list[Any], I64, I64]:
             """Solids of a kind, each with the numbers of its thing and of its material."""
             chosen = [(solid, thing) for solid, thing in placed if isinstance(solid, kind)]
             things = np.array([thing for _, thing in chosen], np.int64)
@@ -119,7 +117,7 @@ class Surfaces:
         self.boxes = Boxes(*numbered(Cuboid))
         self.stalks = Stalks(shapes)
 
-    def distance_m(self, points: Float) -> Float:
+    def distance_m(self, points: F64) -> F64:
         """Distance of points from the nearest of the solids, where nothing has drifted.
 
         Parameters
@@ -173,8 +171,8 @@ class Materials:
         self.first = (np.cumsum(sizes**2) - sizes**2).reshape(-1, _LEVELS)
 
     def look_up(
-        self, material_number: Index, across: Single, along: Single, pixel_m: Single
-    ) -> tuple[Single, Single]:
+        self, material_number: I64, across: F32, along: F32, pixel_m: F32
+    ) -> tuple[F32, F32]:
         """Brightness and rust at surface coordinates.
 
         Parameters

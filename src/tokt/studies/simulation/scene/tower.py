@@ -10,9 +10,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from tokt.features.common.arrays import F32, F64
 
 _UP = np.array([0.0, -1.0, 0.0])
 _TOWARDS_VEHICLE = np.array([0.0, 0.0, -1.0])
@@ -45,13 +44,13 @@ GROWTH = Material((0.25, 0.31, 0.31), rust=(0.10, 0.16, 0.20), rusted=0.9)
 class Frustum:
     """A closed cylinder or truncated cone between two points, radii in metres."""
 
-    start: Float
-    end: Float
+    start: F64
+    end: F64
     start_radius: float
     end_radius: float
     material: Material
 
-    def frame(self) -> Float:
+    def frame(self) -> F64:
         """Orthonormal rows (side, along the axis, other side).
 
         The first side faces the vehicle where it can, which puts the seam of the texture, where
@@ -68,7 +67,7 @@ class Frustum:
         """Length in metres."""
         return float(np.linalg.norm(self.end - self.start))
 
-    def rims(self, count: int, *, outside: bool = False) -> list[Float]:
+    def rims(self, count: int, *, outside: bool = False) -> list[F64]:
         """Points (count, 3) on the rim of its start and of its end, or of polygons around these."""
         angles = np.arange(count) * 2 * np.pi / count
         side, _, other = self.frame()
@@ -77,7 +76,7 @@ class Frustum:
             ring /= np.cos(np.pi / count)
         return [self.start + self.start_radius * ring, self.end + self.end_radius * ring]
 
-    def on_surface(self, angle: float, along: float) -> tuple[Float, Float]:
+    def on_surface(self, angle: float, along: float) -> tuple[F64, F64]:
         """A point of the side, at `angle` (rad) and fraction `along`, and its outward normal."""
         side, _, other = self.frame()
         normal = np.cos(angle) * side + np.sin(angle) * other
@@ -89,9 +88,9 @@ class Frustum:
 class Cuboid:
     """A cuboid: centre, orthonormal axes as rows, half sizes in metres."""
 
-    centre: Float
-    axes: Float
-    half: Float
+    centre: F64
+    axes: F64
+    half: F64
     material: Material
 
 
@@ -99,8 +98,8 @@ class Cuboid:
 class Stalk:
     """Something thin that grows out of the tower; a line of a given half-width in metres."""
 
-    root: Float
-    tip: Float
+    root: F64
+    tip: F64
     half_width: float
     brightness: float
 
@@ -118,7 +117,7 @@ class Tower:
 
     solids: tuple[Frustum | Cuboid, ...]
     stalks: tuple[Stalk, ...]
-    textures: tuple[NDArray[np.float32], ...]
+    textures: tuple[F32, ...]
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Tower:
@@ -130,13 +129,13 @@ class Tower:
         return cls(tuple(solids), tuple(_growth(head, legs, rng)), surface_textures(rng))
 
 
-def upright(turn_rad: float) -> Float:
+def upright(turn_rad: float) -> F64:
     """Axes (as rows) of what stands upright, turned clockwise seen from above."""
     cos, sin = np.cos(turn_rad), np.sin(turn_rad)
     return np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
 
 
-def _up(metres: float) -> Float:
+def _up(metres: float) -> F64:
     return _UP * metres
 
 
@@ -230,7 +229,7 @@ def _growth_on_panel(rng: np.random.Generator, panel: Cuboid) -> list[Stalk]:
     tips = roots + 0.06 * rng.uniform(0.3, 1.0, (count, 1)) * directions
     width, bright = rng.uniform(0.0015, 0.005, count), rng.uniform(0.6, 1.7, count)
 
-    def world(points: Float) -> Float:
+    def world(points: F64) -> F64:
         return np.asarray(panel.centre + points @ panel.axes)
 
     return [
@@ -239,7 +238,7 @@ def _growth_on_panel(rng: np.random.Generator, panel: Cuboid) -> list[Stalk]:
     ]
 
 
-def surface_textures(rng: np.random.Generator) -> tuple[NDArray[np.float32], ...]:
+def surface_textures(rng: np.random.Generator) -> tuple[F32, ...]:
     """A texture drawn at random: the levels of `Tower.textures`."""
     fine = _periodic_noise(rng, slope=0.9)
     rust = _periodic_noise(rng, slope=1.5)
@@ -252,7 +251,7 @@ def surface_textures(rng: np.random.Generator) -> tuple[NDArray[np.float32], ...
     return tuple(level.astype(np.float32) for level in levels)
 
 
-def _periodic_noise(rng: np.random.Generator, slope: float) -> Float:
+def _periodic_noise(rng: np.random.Generator, slope: float) -> F64:
     """Noise of zero mean and unit deviation whose amplitude falls as 1 / frequency ** slope."""
     spectrum = np.fft.rfft2(rng.standard_normal((TEXTURE_SIZE, TEXTURE_SIZE)))
     rows = np.fft.fftfreq(TEXTURE_SIZE)[:, None]

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.inference.verdict import OBSTACLE, Box, Verdict, verdict_from_mask
 from tokt.studies.baselines.thesis_centre import (
@@ -57,7 +57,7 @@ class BothWays:
 
     title: str
     number: int
-    mask: NDArray[np.uint8]
+    mask: U8
     thesis: ThesisCentre
     corrected: Verdict
 
@@ -99,7 +99,7 @@ class BothWays:
         return without_area(outer_contours(self.mask))
 
 
-def both_ways(mask: NDArray[np.uint8], title: str = "", number: int = 0) -> BothWays:
+def both_ways(mask: U8, title: str = "", number: int = 0) -> BothWays:
     """A mask of uint8 0/255, shape (height, width), by the thesis's way and by the corrected."""
     return BothWays(title, number, mask, thesis_centre(mask), verdict_from_mask(mask, "mask"))
 
@@ -295,7 +295,7 @@ def _figure(
     return figure
 
 
-def _draw_contours(axes: Any, mask: NDArray[np.uint8]) -> None:
+def _draw_contours(axes: Any, mask: U8) -> None:
     show_mask(axes, np.asarray(mask // 2, np.uint8))
     for drawn, color, style in ((dilated(mask), THESIS_COLOR, "--"), (mask, CORRECTED_COLOR, "-")):
         for contour in outer_contours(drawn):

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import read_image
 from tokt.inference.stereo.calibration import StereoCalibration
@@ -86,9 +86,9 @@ class DarkPicture:
         The mission's frame it is, where it is one.
     """
 
-    left: NDArray[np.uint8]
-    right: NDArray[np.uint8] | None
-    mask: NDArray[np.uint8] | None
+    left: U8
+    right: U8 | None
+    mask: U8 | None
     truth: Truth | None
     calibration: StereoCalibration | None
     words: str
@@ -127,8 +127,8 @@ def given_picture(context: StudyContext) -> DarkPicture | None:
 
 
 def _truth(
-    context: StudyContext, left: NDArray[np.uint8], number: int | None
-) -> tuple[NDArray[np.uint8] | None, Truth | None, str]:
+    context: StudyContext, left: U8, number: int | None
+) -> tuple[U8 | None, Truth | None, str]:
     """A mask to show, the truth by patch, and whose it is."""
     file = context.request.dark_mask
     if file is not None:
@@ -172,7 +172,7 @@ class DarkScene:
         cameras = self._pose.cameras(self._scene.rig)
         self._views = [cast_rays(self._scene.tower, camera) for camera in cameras]
         depth = self._views[0].image(self._views[0].depth)
-        self.mask: NDArray[np.uint8] = np.isfinite(depth).astype(np.uint8) * 255
+        self.mask: U8 = np.isfinite(depth).astype(np.uint8) * 255
         self.nearest_m = float(depth.min())
 
     def at(self, light: float) -> DarkPicture:
@@ -195,7 +195,7 @@ class DarkScene:
             rendered=True,
         )
 
-    def _picture(self, water: Water, side: int, response: CameraResponse) -> NDArray[np.uint8]:
+    def _picture(self, water: Water, side: int, response: CameraResponse) -> U8:
         """One camera's picture."""
         moment = np.random.default_rng([SEED, _MOMENT])
         exposure = expose(water, self._scene.rig, self._pose, self._views[side], response, moment)

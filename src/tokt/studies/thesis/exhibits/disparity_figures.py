@@ -13,9 +13,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
+from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.inference.frame import Frame
 from tokt.inference.stereo.calibration import StereoCalibration
@@ -62,15 +62,12 @@ _MAX_POINTS = 20_000
 """Of a cloud, drawn: more of them hide each other."""
 _MARGIN_COLOR = "#4da3ff"
 
-Image = NDArray[np.uint8]
-Float = NDArray[np.float64]
-
 
 class _Panel(NamedTuple):
     """One right frame, the thesis's map of the pair (uint8, 1024 x 1360), and our matches."""
 
     words: str
-    stretched: Image
+    stretched: U8
     matches: Matches
 
 
@@ -78,7 +75,7 @@ class _Shown(NamedTuple):
     """The pair that is drawn: with its own right frame, another one's, and its own turned."""
 
     number: int
-    left: Image
+    left: U8
     panels: list[_Panel]
     cloud: PointCloud
     rank_correlation: float
@@ -165,7 +162,7 @@ def exchange(
         TURNED: {number: np.ascontiguousarray(right[::-1]) for number, right in own.items()},
     }
     rows = []
-    white: dict[int, NDArray[np.bool_]] = {}
+    white: dict[int, Bools] = {}
     for kind, right in rights.items():
         pairs = (Frame(number, float(number), lefts[number], right[number]) for number in frames)
         for ours in measure_depths(DisparityDetector(calibration, GRID), pairs):
@@ -187,7 +184,7 @@ def exchange(
     return pd.DataFrame(rows).astype({"near_m": float, "far_m": float})
 
 
-def _right_of(inputs: StudyInputs, number: int) -> Image:
+def _right_of(inputs: StudyInputs, number: int) -> U8:
     """A right frame. Raises ToktError where it cannot be read."""
     right = inputs.right(number)
     if right is None:
@@ -195,7 +192,7 @@ def _right_of(inputs: StudyInputs, number: int) -> Image:
     return right
 
 
-def _map(left: Image, right: Image) -> Image:
+def _map(left: U8, right: U8) -> U8:
     """The thesis's map of a pair, at the size that its settings in pixels are for."""
     small, other = (
         cv2.resize(one, THESIS_FRAME_SIZE, interpolation=cv2.INTER_CUBIC) for one in (left, right)
@@ -205,7 +202,7 @@ def _map(left: Image, right: Image) -> Image:
 
 def _searched(
     context: StudyContext, calibration: StereoCalibration, frames: Sequence[int]
-) -> tuple[Float, NDArray[np.bool_]]:
+) -> tuple[F64, Bools]:
     """Disparities of SIFT matches in the thesis's pictures, and which its search can find."""
     found = [match_frame(context.mission, n, calibration.frame_size) for n in frames]
     matched = [one for one in found if one is not None]
@@ -292,7 +289,7 @@ def _cloud_numbers(shown: _Shown) -> dict[str, Any]:
     }
 
 
-def _search_claim(disparity: Float, covered: NDArray[np.bool_]) -> Claim:
+def _search_claim(disparity: F64, covered: Bools) -> Claim:
     last = MIN_DISPARITY_PX + N_DISPARITIES_PX - 1
     what = "the values of the map are disparities"
     printed = (
@@ -476,7 +473,7 @@ def _plots(shown: _Shown, picture: DepthPicture, ends: tuple[float, float]) -> t
     )
 
 
-def _maps(left: Image, panel: _Panel, picture: DepthPicture, ends_m: tuple[float, float]) -> Figure:
+def _maps(left: U8, panel: _Panel, picture: DepthPicture, ends_m: tuple[float, float]) -> Figure:
     """The frame, the thesis's map with its margin, the map it judges, and our depth."""
     figure, axes = new_figure(11, 8.6, 2, 2)
     axes[0, 0].imshow(raise_contrast(left, *_VIEW))
@@ -516,7 +513,7 @@ def _exchanged(panels: Sequence[_Panel], picture: DepthPicture) -> Figure:
     return figure
 
 
-def _clouds(thesis: Float, thesis_said: Float, ours: Float) -> Figure:
+def _clouds(thesis: F64, thesis_said: F64, ours: F64) -> Figure:
     """Both point clouds from the front and from above, coloured by their own depth.
 
     The thesis's, whose colours are the map's values, has no unit: x right, y up, z backwards. Ours
@@ -539,14 +536,12 @@ def _clouds(thesis: Float, thesis_said: Float, ours: Float) -> Figure:
     return figure
 
 
-def _some(count: int) -> NDArray[np.int64]:
+def _some(count: int) -> I64:
     """Which points of a cloud are drawn, in a random order that is always the same."""
     return np.random.default_rng(0).permutation(count)[:_MAX_POINTS]
 
 
-def _scatter(
-    axes: Any, x: Float, y: Float, colors: Float, title: str, labels: tuple[str, str]
-) -> None:
+def _scatter(axes: Any, x: F64, y: F64, colors: F64, title: str, labels: tuple[str, str]) -> None:
     axes.scatter(x, y, s=1.5, c=colors, cmap="turbo", linewidths=0)
     axes.set_title(f"{title} ({len(x)} points drawn)", fontsize=10)
     axes.set(xlabel=labels[0], ylabel=labels[1])
@@ -563,7 +558,7 @@ def _without_far_points(axes: Any) -> None:
         axes.set_ylim(low[1] - margin[1], high[1] + margin[1])
 
 
-def _show_map(axes: Any, stretched: Image, title: str) -> None:
+def _show_map(axes: Any, stretched: U8, title: str) -> None:
     axes.imshow(stretched, cmap="magma", vmin=0, vmax=255, interpolation="nearest")
     axes.set_title(title, fontsize=10)
     axes.set(xticks=[], yticks=[])

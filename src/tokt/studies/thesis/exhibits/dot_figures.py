@@ -3,11 +3,10 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 
-import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.inference.frame import Frame
 from tokt.inference.stereo.calibration import StereoCalibration
@@ -48,7 +47,6 @@ from .frame_drawing import (
 )
 from .training_image_figures import described
 
-Image = NDArray[np.uint8]
 _COUNTS = [one.name for one in fields(PatchScore)]
 
 
@@ -77,7 +75,7 @@ class MethodPrediction:
     kind: str
     words: str
     patches: Flags | None = None
-    mask: Image | None = None
+    mask: U8 | None = None
     fault: str = ""
 
     @property
@@ -94,7 +92,7 @@ class MethodPrediction:
 
 
 def said_by_patches(
-    name: str, title: str, kind: str, words: str, patches: Flags | str, frame: Image
+    name: str, title: str, kind: str, words: str, patches: Flags | str, frame: U8
 ) -> MethodPrediction:
     """Predictions of a method that judges patches of the grid, or says why it cannot."""
     if isinstance(patches, str):
@@ -103,7 +101,7 @@ def said_by_patches(
     return MethodPrediction(name, title, kind, words, patches, mask)
 
 
-def by_thesis(context: StudyContext, frame: Image) -> list[MethodPrediction]:
+def by_thesis(context: StudyContext, frame: U8) -> list[MethodPrediction]:
     """The thesis's three texture models on a picture, by tokt's kernels of the same features."""
     rows, words = described(frame), context.two_images
     return [
@@ -114,7 +112,7 @@ def by_thesis(context: StudyContext, frame: Image) -> list[MethodPrediction]:
     ]
 
 
-def by_held_out(context: StudyContext, number: int, frame: Image) -> list[MethodPrediction]:
+def by_held_out(context: StudyContext, number: int, frame: U8) -> list[MethodPrediction]:
     """Our texture model on a frame of the mission, by a model that did not learn from it."""
     curves = context.curves
     patches = curves.patches.get(TOKT_TEXTURE, {}).get(number)
@@ -124,7 +122,7 @@ def by_held_out(context: StudyContext, number: int, frame: Image) -> list[Method
     return [said_by_patches(TOKT_TEXTURE, method.title, OURS, method.words, patches, frame)]
 
 
-def by_bundle(context: StudyContext, frame: Image, words: str) -> list[MethodPrediction]:
+def by_bundle(context: StudyContext, frame: U8, words: str) -> list[MethodPrediction]:
     """The bundle of the request on a picture, by its patches; nothing where none was given.
 
     Raises
@@ -147,7 +145,7 @@ def by_bundle(context: StudyContext, frame: Image, words: str) -> list[MethodPre
 
 
 def by_stereo(
-    calibration: StereoCalibration | None, left: Image, right: Image | None, words: str
+    calibration: StereoCalibration | None, left: U8, right: U8 | None, words: str
 ) -> MethodPrediction:
     """Our stereo on a pair; it learns nothing.
 
@@ -173,7 +171,7 @@ def by_stereo(
     return MethodPrediction(*who, patches_of_mask(found.mask, GRID), found.mask)
 
 
-def by_superpixels(context: StudyContext, number: int, frame: Image) -> list[MethodPrediction]:
+def by_superpixels(context: StudyContext, number: int, frame: U8) -> list[MethodPrediction]:
     """The methods that cut the picture into superpixels, by the patches that they cover.
 
     Parameters
@@ -335,7 +333,7 @@ def _words(value: float | None) -> str:
     return "undefined" if value is None else f"{value:.2f}"
 
 
-def _figure(frame: Image, said: Sequence[MethodPrediction], truth: Truth | None) -> Figure:
+def _figure(frame: U8, said: Sequence[MethodPrediction], truth: Truth | None) -> Figure:
     figure, rows = new_figure(10.5, 3.55 * len(said) + 0.3, len(said), 2, squeeze=False)
     for (dots, mask), one in zip(rows, said, strict=True):
         size = show_frame(dots, frame)

@@ -10,6 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.inference.verdict import Box
 from tokt.labels.page.state.enhance import DEFAULT_AMOUNT, enhanced, gain
 from tokt.studies.baselines.thesis_texture import GRID
@@ -53,7 +54,7 @@ def png_of(figure: Figure) -> bytes:
     return figure_png(figure, _DPI)
 
 
-def show_frame(axes: Any, frame: NDArray[np.uint8]) -> tuple[int, int]:
+def show_frame(axes: Any, frame: U8) -> tuple[int, int]:
     """Draw a frame at the grid's width with its contrast raised; return its height and width.
 
     Parameters
@@ -67,7 +68,7 @@ def show_frame(axes: Any, frame: NDArray[np.uint8]) -> tuple[int, int]:
     return _show(axes, raise_contrast(frame, 2 * width, 2 * height))
 
 
-def show_dark(axes: Any, frame: NDArray[np.uint8]) -> tuple[int, int]:
+def show_dark(axes: Any, frame: U8) -> tuple[int, int]:
     """`show_frame` for what local contrast does not make visible, as `DARK_SHOWN` says."""
     height, width = GRID.resized(*frame.shape[:2])
     size = (2 * width, 2 * height)
@@ -83,7 +84,7 @@ def _show(axes: Any, twice: NDArray[Any]) -> tuple[int, int]:
     return height, width
 
 
-def show_mask(axes: Any, mask: NDArray[np.uint8]) -> None:
+def show_mask(axes: Any, mask: U8) -> None:
     """Draw a 0/255 mask."""
     axes.imshow(mask, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
     axes.set(xticks=[], yticks=[])

@@ -10,6 +10,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 from sklearn.metrics import roc_auc_score
 
+from tokt.features.common.arrays import F64, U8
 from tokt.features.extractors.extractor import HARALICK_NAMES
 from tokt.features.frames.grid import Grid
 from tokt.studies.baselines.thesis_models import TITLES
@@ -113,7 +114,7 @@ def _choose(labels: NDArray[np.int8]) -> tuple[Cells, str]:
     return {"structure": int(there[middle]), "ocean": int(clear[farthest])}, words
 
 
-def _away_from_ocean(key: str, rows: Rows, water: Rows) -> NDArray[np.float64]:
+def _away_from_ocean(key: str, rows: Rows, water: Rows) -> F64:
     """How far each patch is from the ocean image's mean: float64, (n_patches,)."""
     if key in LBP_KEYS:
         return np.asarray(hellinger(rows, water.mean(axis=0)[None])[:, 0])
@@ -144,7 +145,7 @@ def _told_apart(
     return pd.DataFrame.from_dict(told, orient="index")
 
 
-def _roc_area(values: NDArray[np.float64], labels: NDArray[np.int8]) -> float | None:
+def _roc_area(values: F64, labels: NDArray[np.int8]) -> float | None:
     """None where the frame has no labels of both kinds."""
     sure = labels >= 0
     if len(np.unique(labels[sure])) < 2:
@@ -152,9 +153,7 @@ def _roc_area(values: NDArray[np.float64], labels: NDArray[np.int8]) -> float | 
     return float(roc_auc_score(labels[sure], values[sure]))
 
 
-def _claims(
-    frame: NDArray[np.uint8], told: pd.DataFrame, outside: Mapping[str, int]
-) -> tuple[Claim, ...]:
+def _claims(frame: U8, told: pd.DataFrame, outside: Mapping[str, int]) -> tuple[Claim, ...]:
     seen = f"the two are {told[_APART].iloc[0]:.2f} apart (Hellinger, LBP (10, 5))"
     area = told.dropna(subset=_MODEL_AREA)
     if len(area):
@@ -194,7 +193,7 @@ def _claims(
     )
 
 
-def _drawn_and_sliced(frame: NDArray[np.uint8]) -> dict[str, float]:
+def _drawn_and_sliced(frame: U8) -> dict[str, float]:
     """How far the histogram of a framed patch is from that of the place the notebooks slice."""
     gray, key = resized_gray(frame), LBP_KEYS[0]
     patch_height, patch_width = GRID.patch_size(*gray.shape)
@@ -236,9 +235,7 @@ def _tables(haralick: Rows, patches: Cells, told: pd.DataFrame) -> tuple[Table, 
     )
 
 
-def _plots(
-    frame: NDArray[np.uint8], rows: dict[str, Rows], patches: Cells, number: int
-) -> tuple[Plot, ...]:
+def _plots(frame: U8, rows: dict[str, Rows], patches: Cells, number: int) -> tuple[Plot, ...]:
     return (
         Plot(
             "lbp-patches",
@@ -256,7 +253,7 @@ def _plots(
     )
 
 
-def _lbp_figure(frame: NDArray[np.uint8], rows: dict[str, Rows], patches: Cells) -> Figure:
+def _lbp_figure(frame: U8, rows: dict[str, Rows], patches: Cells) -> Figure:
     figure = Figure(figsize=(10.5, 4.4), layout="constrained")
     axes = figure.subplot_mosaic(
         [["frame", "structure lbp_10_5", "structure lbp_24_8"],

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, U8
 from tokt.features.common.errors import FrameError
 from tokt.features.common.machine import machine
 from tokt.features.extractors.extractor import Extractor
@@ -61,8 +61,6 @@ STAGES = (
 tokt's methods its checks of the frame."""
 REST = STAGES[-1]
 
-Float = NDArray[np.float64]
-Image = NDArray[np.uint8]
 T = TypeVar("T")
 
 
@@ -150,11 +148,11 @@ class StageTimes:
     """
 
     method: TimedMethod
-    seconds: Float
+    seconds: F64
     verdicts: tuple[Verdict, ...]
 
     @property
-    def total_ms(self) -> Float:
+    def total_ms(self) -> F64:
         """(n_runs,)"""
         return np.asarray(self.seconds.sum(axis=1) * 1e3)
 
@@ -200,7 +198,7 @@ def time_stages(
     ]
 
 
-def _decoded(data: bytes, laps: Laps) -> Image:
+def _decoded(data: bytes, laps: Laps) -> U8:
     image = decode_image(data, "a frame")
     laps.lap("decode")
     return image
@@ -230,10 +228,10 @@ class _Timed:
     def __init__(self, method: SlicTexture) -> None:
         self.laps, self._method = Laps(), method
 
-    def describe(self, patch: Image) -> Float:
+    def describe(self, patch: U8) -> F64:
         return self.laps.inside("features", lambda: self._method.describe(patch))
 
-    def predict(self, rows: Float) -> Any:
+    def predict(self, rows: F64) -> Any:
         return self.laps.inside("predict", lambda: self._method.classifier.predict(rows))
 
 
@@ -431,12 +429,12 @@ def _words(context: StudyContext, frames: Sequence[EncodedPair]) -> tuple[str, .
     )
 
 
-def _ratio(found: Found, key: str, to: str = REFERENCE) -> Float:
+def _ratio(found: Found, key: str, to: str = REFERENCE) -> F64:
     """A method's time over another's, run by run: both of the same frame."""
     return found[key].total_ms / found[to].total_ms
 
 
-def _middle(values: Float) -> tuple[float, float, float]:
+def _middle(values: F64) -> tuple[float, float, float]:
     """Median, 10th and 90th percentile."""
     low, high = np.percentile(values, SPREAD)
     return float(np.median(values)), float(low), float(high)

@@ -7,9 +7,9 @@ from typing import Any
 import cv2
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from skimage.segmentation import find_boundaries
 
+from tokt.features.common.arrays import I64
 from tokt.studies.baselines.slic import SlicTexture, resized_bgr, superpixels
 from tokt.studies.baselines.thesis_models import TITLES, ThesisModel
 from tokt.studies.baselines.thesis_texture import GRID
@@ -20,7 +20,7 @@ from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import SHOWN, draw_grid, new_figure, png_of, show_frame, show_mask
 from .runtime_tables import agreement_of
 
-Segments = NDArray[np.int64]
+Segments = I64
 
 TITLE = "SLIC superpixels against the grid"
 THESIS_RATIO = 20.0

@@ -33,10 +33,10 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import t as student_t
 
+from tokt.features.common.arrays import F32, F64, I64, U8, Bools
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.mission import LEFT, RIGHT, Mission
 from tokt.inference.stereo.calibration import StereoCalibration
@@ -51,8 +51,6 @@ from tokt.training.rig.calibrate.matching import (
 
 from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import new_figure, png_of
-
-Float = NDArray[np.float64]
 
 FARTHEST_FRAMES = 1.5
 """Offsets up to this are looked for: the parabola holds between the three frames."""
@@ -82,16 +80,16 @@ class Rows(NamedTuple):
         Column and row in the left view less its middle, as parts of its width.
     """
 
-    frame: NDArray[np.int64]
-    left: Float
-    right: Float
-    place: Float
+    frame: I64
+    left: F64
+    right: F64
+    place: F64
 
-    def only(self, chosen: NDArray[np.bool_]) -> Rows:
+    def only(self, chosen: Bools) -> Rows:
         """Some of the points."""
         return Rows(self.frame[chosen], self.left[chosen], self.right[chosen], self.place[chosen])
 
-    def moved_px(self, frames: float) -> Float:
+    def moved_px(self, frames: float) -> F64:
         """Rows a frame by which each point moves over an offset, by its parabola."""
         before, here, after = self.left.T
         return np.asarray((after - before) / 2 + frames * ((after + before) / 2 - here))
@@ -115,7 +113,7 @@ class Offset:
     frames: float
     half_width: float
     n_points: int
-    by_frame: Float
+    by_frame: F64
 
 
 class LateRight:
@@ -140,7 +138,7 @@ class LateRight:
         later = {number - self._by for number in self._mission.frames(RIGHT)}
         return sorted(later & set(self._mission.frames(LEFT)))
 
-    def read(self, frame: int, camera: str = LEFT) -> NDArray[np.uint8]:
+    def read(self, frame: int, camera: str = LEFT) -> U8:
         """A left frame, or the right frame of `by` frames later."""
         return self._mission.read(frame if camera == LEFT else frame + self._by, camera)
 
@@ -192,7 +190,7 @@ def _rows_of_frame(mission: Mission, calibration: StereoCalibration, number: int
     return Rows(np.full(len(rows), number), rows, theirs[:, 1] * focal_ratio, place)
 
 
-def _followed(mission: Mission, number: int, other: int, places: Float) -> Float:
+def _followed(mission: Mission, number: int, other: int, places: F64) -> F64:
     """Where points of a left frame are in another left frame; nan where they are lost."""
     (here, (width, _)), (there, _) = (gray_view(mission, n, LEFT) for n in (number, other))
     scale = view_scale(width)
@@ -206,9 +204,7 @@ def _followed(mission: Mission, number: int, other: int, places: Float) -> Float
     return np.where(good[:, None], exact, np.nan)
 
 
-def _flow(
-    here: NDArray[np.uint8], there: NDArray[np.uint8], start: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+def _flow(here: U8, there: U8, start: F32) -> tuple[F32, U8]:
     """Where points go, and whether they are found there."""
     found, seen, _ = cv2.calcOpticalFlowPyrLK(
         here, there, start, start.copy(), winSize=(_WINDOW_PX, _WINDOW_PX), maxLevel=_LEVELS
@@ -246,7 +242,7 @@ def offset_of(rows: Rows) -> Offset:
     return Offset(float(whole[0]), half_width, len(rows.frame), np.array(by_frame))
 
 
-def _fitted(rows: Rows, start: Float | None) -> Float:
+def _fitted(rows: Rows, start: F64 | None) -> F64:
     """Offset, constant, and the shares of column and row, of all points at once."""
     starts = [start] if start is not None else [np.array([d, 0.0, 0, 0]) for d in (-1.0, 0.0, 1.0)]
     limits = np.array([FARTHEST_FRAMES, np.inf, np.inf, np.inf])
@@ -261,12 +257,12 @@ def _fitted(rows: Rows, start: Float | None) -> Float:
     return np.asarray(best.x, np.float64)
 
 
-def _residuals(rows: Rows, fit: Float) -> Float:
+def _residuals(rows: Rows, fit: F64) -> F64:
     expected = rows.left[:, 1] + fit[0] * rows.moved_px(fit[0])
     return np.asarray(rows.right - expected - _left(rows, fit))
 
 
-def _left(rows: Rows, fit: Float) -> Float:
+def _left(rows: Rows, fit: F64) -> F64:
     """Rows by which the calibration leaves the views apart."""
     return np.asarray(fit[1] + rows.place @ fit[2:])
 

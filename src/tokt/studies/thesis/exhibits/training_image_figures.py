@@ -26,11 +26,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from scipy.stats import spearmanr
 from skimage import data
 
+from tokt.features.common.arrays import F64, U8
 from tokt.studies.baselines.thesis_models import TITLES, thesis_classifier
 from tokt.studies.baselines.thesis_texture import GRID, resized_gray
 from tokt.studies.speed.models import FEATURE_SETS
@@ -41,7 +41,7 @@ from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import SHOWN, new_figure, png_of, show_frame
 
-Rows = NDArray[np.float64]
+Rows = F64
 
 LBP_KEYS = ("lbp_10_5", "lbp_24_8")
 EXTRACTORS = {one.name: one.extractor for one in FEATURE_SETS}
@@ -82,7 +82,7 @@ def bin_kinds(points: int) -> tuple[BinKind, ...]:
     return (*kinds, BinKind.NOT_UNIFORM)
 
 
-def described(picture: NDArray[np.uint8]) -> dict[str, Rows]:
+def described(picture: U8) -> dict[str, Rows]:
     """The thesis's features of each patch of a picture, by extractor."""
     return {key: texture.describe(picture, GRID) for key, texture in EXTRACTORS.items()}
 
@@ -164,7 +164,7 @@ class Image:
 
     name: str
     words: str
-    picture: NDArray[np.uint8]
+    picture: U8
     rows: dict[str, Rows]
     bright: bool = False
 

@@ -15,9 +15,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 from scipy.stats import spearmanr, theilslopes
 
+from tokt.features.common.arrays import F64, Bools
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.inference.frame import Frame
 from tokt.inference.policy.assembly import StereoSetup
@@ -113,7 +113,7 @@ def means_of_patches(curves: Curves, name: str, frames: Sequence[int]) -> pd.Dat
     return pd.DataFrame({"mean": mean, "whole": np.isfinite(mean) & np.array(whole)}, index)
 
 
-def _whole(patches: NDArray[np.bool_]) -> bool:
+def _whole(patches: Bools) -> bool:
     """Whether the patches lie wholly in the picture, at any of the grid's sizes."""
     height, width = GRID.rows * 27, GRID.cols * 36
     return wholly_in_view(verdict_from_mask(GRID.paint(patches, height, width), "texture"))
@@ -192,9 +192,7 @@ def trend_against_depth(
     return held.astype(dict.fromkeys(numbers, float)).assign(mean=seen["mean"], depth_m=depths)
 
 
-def depth_trend(
-    times_s: NDArray[np.float64], depths_m: NDArray[np.float64]
-) -> tuple[str, float | None] | None:
+def depth_trend(times_s: F64, depths_m: F64) -> tuple[str, float | None] | None:
     """How the depth changes at the last of some times, over the seconds that a trend looks at.
 
     Parameters

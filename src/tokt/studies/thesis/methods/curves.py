@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, U8, Bools
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.extractors.extractor import build_extractor
 from tokt.features.frames.image_file import decode_image, pixel_sha256
@@ -112,8 +111,8 @@ class FrameResult:
     fault: str = ""
     mean: dict[str, float] = field(default_factory=dict)
     status: dict[str, int] = field(default_factory=dict)
-    patches: dict[str, NDArray[np.bool_]] = field(default_factory=dict)
-    features: list[NDArray[np.float64]] = field(default_factory=list)
+    patches: dict[str, Bools] = field(default_factory=dict)
+    features: list[F64] = field(default_factory=list)
 
 
 def judge_frames(tasks: Iterable[FrameTask], jobs: int) -> Iterator[FrameResult]:
@@ -145,7 +144,7 @@ def _judge(task: FrameTask) -> FrameResult:
     return found
 
 
-def _judge_pair(task: FrameTask, left: NDArray[np.uint8], found: FrameResult) -> None:
+def _judge_pair(task: FrameTask, left: U8, found: FrameResult) -> None:
     """The thesis's disparity, on frames of the size that its numbers are for."""
     if task.right is None or left.shape[1::-1] != THESIS_FRAME_SIZE:
         return
@@ -266,7 +265,7 @@ class Curves:
     mean: pd.DataFrame
     status: pd.DataFrame
     methods: dict[str, Method]
-    patches: dict[str, dict[int, NDArray[np.bool_]]] = field(default_factory=dict)
+    patches: dict[str, dict[int, Bools]] = field(default_factory=dict)
     distance_m: pd.Series = field(default_factory=lambda: pd.Series(dtype=float))
     left_out: list[str] = field(default_factory=list)
     unreadable: tuple[int, ...] = ()

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64, U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.inference.frame_checks import frame_fault
 from tokt.inference.texture.detector import MofNRun, min_mask_patches
@@ -71,9 +71,9 @@ copies."""
 _PENALTY = 1.0
 """C; not searched for, as the picture judged is no part of the mission."""
 
-Tables = Mapping[int, Sequence[NDArray[np.float64]]]
-JudgeFrame = Callable[[NDArray[np.uint8]], Flags | str]
-Learnt = tuple[list[MofNRule], dict[int, tuple[int, NDArray[np.float64]]]]
+Tables = Mapping[int, Sequence[F64]]
+JudgeFrame = Callable[[U8], Flags | str]
+Learnt = tuple[list[MofNRule], dict[int, tuple[int, F64]]]
 """By fold its frame rule, chosen inside the training part; by frame its fold and its scores."""
 
 
@@ -93,7 +93,7 @@ class HeldOutTexture:
 
     mean: dict[int, float]
     status: dict[int, int]
-    patches: dict[int, NDArray[np.bool_]]
+    patches: dict[int, Bools]
     words: str
 
 
@@ -148,7 +148,7 @@ def _dataset(
     return dataset, Split(FOLDS, EMBARGO_FRAMES * block // BLOCK_FRAMES)
 
 
-def _tables(dataset: DatasetVersion, features: Tables, count: int) -> list[NDArray[np.float64]]:
+def _tables(dataset: DatasetVersion, features: Tables, count: int) -> list[F64]:
     """Features of the dataset's patches: of frames as they are, then as each change makes them."""
     patches = dataset.patches
     cells = (patches.row * dataset.grid.cols + patches.col).to_numpy()
@@ -175,7 +175,7 @@ def _learn(
     judges = _judges(dataset, folds, list(features), split.embargo_frames)
     inner = Split(inner_folds(split.folds), split.embargo_frames)
     rules: list[MofNRule] = []
-    said: dict[int, tuple[int, NDArray[np.float64]]] = {}
+    said: dict[int, tuple[int, F64]] = {}
     for index, fold in enumerate(inputs.progress(folds, len(folds), "our texture, held out")):
         rows = fold.train
         parts = [one[rows] for one in augmented]
@@ -298,7 +298,7 @@ def train_on_all_labels(inputs: StudyInputs, near: int | None = None) -> tuple[s
         f"of preset {PRESET}, C = {_PENALTY:g}, no search)"
     )
 
-    def judge(frame: NDArray[np.uint8]) -> Flags | str:
+    def judge(frame: U8) -> Flags | str:
         fault = frame_fault(frame)
         if fault:
             return str(fault)
