@@ -33,7 +33,6 @@ FORMAT = 1
 """To change the format: raise this, keep reading the older ones, and prove it with a test."""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,99}")
-_KINDS = {"int": int, "str": str, "float": float}
 
 
 @dataclass(frozen=True)
@@ -144,7 +143,7 @@ def read_audit(file: Path) -> Audit:
 
 def _patch(item: Any) -> AuditedPatch:
     for field in fields(AuditedPatch):
-        if type(item[field.name]) is not _KINDS[str(field.type)]:
+        if type(item[field.name]) is not field.type:
             raise ValueError(field.name)
     patch = AuditedPatch(**item)
     if min(patch.frame, patch.row, patch.col) < 0 or not math.isfinite(patch.margin):

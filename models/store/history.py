@@ -97,7 +97,7 @@ def activation_from_bytes(text: bytes, where: str) -> Activation:
         raise damaged from None
     if type(version) is not int or version < 1 or (_SINCE_2 in value) != (version == 2):
         raise damaged
-    if any(type(getattr(entry, item.name)).__name__ != item.type for item in fields(Activation)):
+    if any(type(getattr(entry, item.name)) is not item.type for item in fields(Activation)):
         raise damaged
     if entry.number < 1 or not _SHA256.fullmatch(entry.sha256):
         raise damaged
