@@ -14,7 +14,7 @@ const MAX_ZOOM = 24;
 const MARGIN = { left: 26, top: 20, right: 6, bottom: 6 }; // CSS pixels: row and column heads
 
 /** What part of a frame the canvas shows. Sizes in CSS pixels. */
-class Viewport {
+export class Viewport {
   constructor() {
     this.canvas = { width: 1, height: 1 };
     this.frame = { width: 4, height: 3 };
