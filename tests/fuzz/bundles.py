@@ -12,9 +12,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from tests.models.parts import unpack
+from tokt.features.common.arrays import U8
 from tokt.features.common.canonical import json_sha256
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import Extractor, build_extractor, extractor_named
@@ -110,18 +110,12 @@ def specs() -> tuple[dict[str, Any], ...]:
     )
 
 
-def textured(height: int, width: int, seed: int = 1) -> NDArray[np.uint8]:
+def textured(height: int, width: int, seed: int = 1) -> U8:
     """A frame of noise."""
     return np.random.default_rng(seed).integers(0, 250, (height, width), np.uint8)
 
 
-def _content(
-    extractor: Extractor,
-    grid: Grid,
-    frames: list[NDArray[np.uint8]],
-    classes: tuple[tuple[str, bool], ...] = _TWO,
-    weightless: bool = False,
-) -> BundleContent:
+def _content(extractor: Extractor, grid: Grid, frames: list[U8], classes=_TWO, weightless=False):
     """What a bundle of random weights holds; weightless, it gives its bias for any features."""
     rng = np.random.default_rng(5)
     outputs = 1 if len(classes) == 2 else len(classes)

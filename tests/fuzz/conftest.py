@@ -3,8 +3,7 @@
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from random import Random
 
 import hypothesis
@@ -30,9 +29,7 @@ _HEAD = ("cases", "refused", "slowest ms", "memory MB")
 
 
 @pytest.fixture
-def box(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> Iterator[Box]:
+def box(tmp_path, monkeypatch, capfd):
     """A box that this process lives in, with so much memory and no more."""
     with capfd.disabled():
         terminal = os.dup(2)
@@ -47,7 +44,7 @@ def box(
 
 
 @pytest.fixture
-def try_cases(record_property: Callable[[str, object], None]) -> Callable[..., None]:
+def try_cases(record_property):
     """Have hypothesis try cases: at least a few, and `share` percent of `CASES`.
 
     `check` is given the random numbers; it says why the case was refused, or nothing.

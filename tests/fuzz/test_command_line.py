@@ -6,7 +6,6 @@ begins with ``tokt: error:``, or success; never a traceback, and nothing written
 
 import shutil
 import socket
-from collections.abc import Callable
 from pathlib import Path
 from random import Random
 
@@ -111,9 +110,7 @@ def _call(box: Path, files: Files, arguments: tuple[str, ...], port: int) -> str
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_command_refuses_changed_inputs_in_one_line(
-    command: str, tmp_path: Path, try_cases: Callable[..., None]
-) -> None:
+def test_a_command_refuses_changed_inputs_in_one_line(command, tmp_path, try_cases):
     kinds, arguments = COMMANDS[command]
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
@@ -137,5 +134,5 @@ def test_a_command_refuses_changed_inputs_in_one_line(
         (-11, "", "exit code -11"),
     ],
 )
-def test_how_a_command_may_end(code: int, err: str, fault: str) -> None:
+def test_how_a_command_may_end(code, err, fault):
     assert fault_of(code, "", err) == fault

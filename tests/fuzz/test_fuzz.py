@@ -15,7 +15,7 @@ from tokt.features.common.errors import MAX_MESSAGE, ToktError
 from tokt.models.store.store import Store
 
 from . import bundles, stores
-from .case import MAX_LINE, Box, DefectError, Kind, write_files
+from .case import MAX_LINE, DefectError, Kind, write_files
 from .conftest import KINDS
 
 ONCE_FAILING = Path(__file__).parent / "once_failing"
@@ -23,9 +23,7 @@ ONCE_FAILING = Path(__file__).parent / "once_failing"
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_changed_inputs_are_read_or_refused_in_one_line(
-    name: str, box: Box, try_cases: Callable[..., None]
-) -> None:
+def test_changed_inputs_are_read_or_refused_in_one_line(name, box, try_cases):
     kind = KINDS[name]
     try_cases(lambda rng: box.read(kind, kind.make(rng)), kind.few, kind.share, Phase.shrink)
 
@@ -33,13 +31,13 @@ def test_changed_inputs_are_read_or_refused_in_one_line(
 @pytest.mark.parametrize(
     "folder", sorted(ONCE_FAILING.glob("*/*")), ids=lambda path: f"{path.parent.name}/{path.name}"
 )
-def test_what_failed_once_is_refused_now(folder: Path, box: Box) -> None:
+def test_what_failed_once_is_refused_now(folder, box):
     paths = [path for path in folder.rglob("*") if path.is_file()]
     files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
     assert box.read(KINDS[folder.parent.name], files)
 
 
-def test_what_the_changes_start_from_is_sound(tmp_path: Path) -> None:
+def test_what_the_changes_start_from_is_sound(tmp_path):
     """Else every case would be refused for the same reason, and prove nothing."""
     # A sound store refuses what is not signed, and what it has rolled back from.
     sound = {(kind.seeds, kind.read): None for kind in KINDS.values() if kind.name != "store"}
@@ -98,14 +96,14 @@ def _kind(read: Callable[[Path], object]) -> Kind:
         (lambda folder: bytearray(1 << 40), "MemoryError"),
     ],
 )
-def test_each_defect_is_seen(read: Callable[[Path], object], words: str, box: Box) -> None:
+def test_each_defect_is_seen(read, words, box):
     with pytest.raises(DefectError, match=words):
         box.read(_kind(read), {"file": b""})
     again = box.read(_kind(_refusing("no good")), {"file": b""})
     assert again == "no good", "the next case suffers from it"
 
 
-def test_the_smallest_failing_input_is_kept(box: Box, try_cases: Callable[..., None]) -> None:
+def test_the_smallest_failing_input_is_kept(box, try_cases):
     def read(folder: Path) -> object:
         return 1 / (int((folder / "file").read_bytes()) < 3)
 
@@ -119,9 +117,7 @@ def test_the_smallest_failing_input_is_kept(box: Box, try_cases: Callable[..., N
     ("body", "words"),
     [("os.kill(os.getpid(), signal.SIGSEGV)", "Segmentation fault"), ("time.sleep(60)", "Timeout")],
 )
-def test_a_crash_and_a_hang_show_where_and_leave_the_input(
-    body: str, words: str, tmp_path: Path
-) -> None:
+def test_a_crash_and_a_hang_show_where_and_leave_the_input(body, words, tmp_path):
     """They end the process: pytest-xdist says which test it was and begins another."""
     program = f"""
 import faulthandler, os, pathlib, signal, sys, time
@@ -144,7 +140,7 @@ case.Box(pathlib.Path(sys.argv[1])).read(kind, {{"file": b"3"}})
 
 
 @pytest.mark.parametrize("text", ["a\nb\r\tc", "\x1b[2J", "\ud800", "x" * 5000, "é\x00" * 900])
-def test_an_error_is_one_printable_line(text: str) -> None:
+def test_an_error_is_one_printable_line(text):
     message = str(ToktError(f"file {text} is bad"))
     assert message.isprintable() and message.startswith("file ") and message.endswith(" is bad")
     assert len(message) <= MAX_MESSAGE and str(ToktError(message)) == message

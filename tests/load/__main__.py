@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from tests.load.report import Found, print_report
 from tokt.cli.app import run_app
@@ -12,14 +13,12 @@ from tokt.cli.output import print_json, say
 
 _NOT_AS_ASKED = 1
 
-Frames = Annotated[int | None, typer.Option(help="So many frames.", min=1)]
+Frames = Annotated[int | None, Option(help="So many frames.", min=1)]
 Out = Annotated[
-    Path, typer.Option(help="Folder for the figures (JSON) and the chart (PNG).", file_okay=False)
+    Path, Option(help="Folder for the figures (JSON) and the chart (PNG).", file_okay=False)
 ]
-Quick = Annotated[
-    bool, typer.Option("--quick", help="Few frames and repetitions: a look, no figures.")
-]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+Quick = Annotated[bool, Option("--quick", help="Few frames and repetitions: a look, no figures.")]
+Json = Annotated[bool, Option("--json", help="Print one JSON object.")]
 OUT = Path("bench-out")
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
@@ -40,11 +39,11 @@ def _end(found: Found, out: Path, json: bool) -> None:
 
 @app.command()
 def page(
-    mission: Annotated[Path | None, typer.Option(help="Default: a rendered one.")] = None,
-    labels: Annotated[Path | None, typer.Option(help="Its label file.")] = None,
+    mission: Annotated[Path | None, Option(help="Default: a rendered one.")] = None,
+    labels: Annotated[Path | None, Option(help="Its label file.")] = None,
     frames: Frames = None,
-    times: Annotated[bool, typer.Option(help="Measure how long the page lets one wait.")] = True,
-    effort: Annotated[bool, typer.Option(help="Measure the labelling effort.")] = False,
+    times: Annotated[bool, Option(help="Measure how long the page lets one wait.")] = True,
+    effort: Annotated[bool, Option(help="Measure the labelling effort.")] = False,
     out: Out = OUT,
     quick: Quick = False,
     json: Json = False,

@@ -1,8 +1,6 @@
 """The developers' measurements as commands in this process."""
 
-from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any
 
 import pytest
 
@@ -13,13 +11,13 @@ from .page.tab import chromium
 
 
 @pytest.fixture(scope="session")
-def run_load(run_tokt: Callable[..., Any]) -> Callable[..., Any]:
+def run_load(run_tokt):
     """Run ``python -m tests.load`` with these arguments."""
     return partial(run_tokt, program=main)
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
+def browser():
     """Headless Chromium, or the reason why there is none.
 
     For one module: as long as Playwright's event loop runs in this thread, no other can.

@@ -3,9 +3,7 @@
 import json
 import shutil
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import pytest
@@ -38,9 +36,7 @@ ABOUT = {
 }
 
 
-def test_everything_a_person_waits_for_is_measured(
-    tiny: Any, run_load: Callable[..., Any], tmp_path: Path
-) -> None:
+def test_everything_a_person_waits_for_is_measured(tiny, run_load, tmp_path):
     pytest.importorskip("playwright", reason="Playwright is not installed (extra dev)")
     if not any(map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))):
         pytest.skip("no Chromium on this computer")
@@ -59,7 +55,7 @@ def test_everything_a_person_waits_for_is_measured(
     assert sorted(path.name for path in out.iterdir()) == ["label.json", "label.png"]
 
 
-def test_a_time_is_held_against_what_is_asked() -> None:
+def test_a_time_is_held_against_what_is_asked():
     times = [float(value) for value in range(1, 101)]
     asked = Timing("x", "", times, 96.0)
     assert asked.holds and asked.to_json()["p50_ms"] == 50.5
@@ -73,13 +69,13 @@ def an_effort(with_model: int, wrong: list[str]) -> LabellingEffort:
     return LabellingEffort(way, [60, 40], [with_model, 10], wrong)
 
 
-def test_the_effort_is_added_up_over_the_halves() -> None:
+def test_the_effort_is_added_up_over_the_halves():
     assert an_effort(10, []).ratio == 5 and an_effort(10, []).holds
     assert an_effort(11, []).holds is False
     assert not an_effort(10, ["frame 1 patch 2: ocean instead of reef"]).to_json()["labels_equal"]
 
 
-def test_tables_and_chart_say_what_is_not_kept(capsys: pytest.CaptureFixture[str]) -> None:
+def test_tables_and_chart_say_what_is_not_kept(capsys):
     times = [Timing("slow", "from here to there", [200.0, 300.0], 100.0)]
     efforts = [an_effort(30, ["frame 1 patch 2: ocean instead of reef"])]
     found = {"times": [times[0].to_json()], "effort": [efforts[0].to_json()], **ABOUT}
@@ -91,7 +87,7 @@ def test_tables_and_chart_say_what_is_not_kept(capsys: pytest.CaptureFixture[str
     assert chart.startswith(b"\x89PNG") and len(label_chart_png(times, [], ABOUT)) < len(chart)
 
 
-def test_a_long_mission_is_links_to_few_pictures(tiny: Any, tmp_path: Path) -> None:
+def test_a_long_mission_is_links_to_few_pictures(tiny, tmp_path):
     link_frames(tiny.path / "Left", tmp_path / "long", 100)
     mission = open_mission(tmp_path / "long")
     assert mission.frames() == list(range(1, 101))
@@ -101,7 +97,7 @@ def test_a_long_mission_is_links_to_few_pictures(tiny: Any, tmp_path: Path) -> N
     assert target.parent == (tiny.path / "Left").resolve() and cv2.imread(str(target)) is not None
 
 
-def test_every_patch_of_the_long_mission_gets_a_label(tmp_path: Path) -> None:
+def test_every_patch_of_the_long_mission_gets_a_label(tmp_path):
     assert label_all(tmp_path / "labels.db", "long", 3, "bench") == 300
     with LabelStore(tmp_path / "labels.db") as store:
         held = store.current(mission="long")
@@ -109,9 +105,7 @@ def test_every_patch_of_the_long_mission_gets_a_label(tmp_path: Path) -> None:
     assert {record.annotator for record in held} == {"bench"}
 
 
-def test_without_playwright_its_name_is_told(
-    run_load: Callable[..., Any], tmp_path: Path, monkeypatch: Any
-) -> None:
+def test_without_playwright_its_name_is_told(run_load, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "playwright.sync_api", None)
     ran = run_load("page", "--quick", "--out", tmp_path / "out")
     assert (ran.code, ran.out) == (2, "")
@@ -119,7 +113,7 @@ def test_without_playwright_its_name_is_told(
     assert ran.err.count("\n") == 1 and not (tmp_path / "out").exists()
 
 
-def test_without_a_browser_that_is_told(tmp_path: Path, monkeypatch: Any) -> None:
+def test_without_a_browser_that_is_told(tmp_path, monkeypatch):
     pytest.importorskip("playwright", reason="Playwright is not installed (extra dev)")
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setenv("PLAYWRIGHT_BROWSERS_PATH", str(tmp_path))
@@ -127,7 +121,7 @@ def test_without_a_browser_that_is_told(tmp_path: Path, monkeypatch: Any) -> Non
         pass
 
 
-def test_a_server_that_ends_is_told_with_its_last_words(tmp_path: Path) -> None:
+def test_a_server_that_ends_is_told_with_its_last_words(tmp_path):
     gone = tmp_path / "gone"
     with (
         pytest.raises(ToktError, match=f"tokt label ended with 2: .*{gone} does not exist"),
@@ -137,9 +131,7 @@ def test_a_server_that_ends_is_told_with_its_last_words(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("options", [("--labels", "l.csv"), ("--out", "file")])
-def test_options_that_cannot_be_used(
-    options: tuple[str, str], run_load: Callable[..., Any], tmp_path: Path, monkeypatch: Any
-) -> None:
+def test_options_that_cannot_be_used(options, run_load, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("file").write_text("mine")
     ran = run_load("page", *options)

@@ -1,8 +1,5 @@
 """A person's actions on the page in Chromium: they give the labels asked for, and are few."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -25,7 +22,7 @@ MASKS = npst.arrays(bool, (DEFAULT_GRID.rows, COLS))
 
 
 @given(MASKS, MASKS)
-def test_drags_paint_what_they_must_and_nothing_they_may_not(need: Any, also: Any) -> None:
+def test_drags_paint_what_they_must_and_nothing_they_may_not(need, also):
     needed = set(np.flatnonzero(need).tolist())
     allowed = set(np.flatnonzero(need | also).tolist())
     paths = drags(needed, allowed)
@@ -40,7 +37,7 @@ def test_drags_paint_what_they_must_and_nothing_they_may_not(need: Any, also: An
 @pytest.mark.parametrize(
     "numbers", [range(1, 247), range(1, 41), [*range(1, 100), *range(132, 247)]]
 )
-def test_halves_are_whole_blocks_with_a_gap(numbers: Any) -> None:
+def test_halves_are_whole_blocks_with_a_gap(numbers):
     first, second = two_halves(list(numbers))
     assert sorted(first.held + second.held) == list(numbers)
     for half in (first, second):
@@ -50,12 +47,12 @@ def test_halves_are_whole_blocks_with_a_gap(numbers: Any) -> None:
 
 
 @pytest.fixture(scope="module")
-def records(tiny: Any) -> Any:
+def records(tiny):
     """The tiny mission's labels."""
     return read_labels([tiny.labels], Taxonomy.load(), DEFAULT_GRID)
 
 
-def test_a_mission_of_water_only_has_nothing_to_suggest(records: Any) -> None:
+def test_a_mission_of_water_only_has_nothing_to_suggest(records):
     assert most_frequent_obstacle(labels_by_frame(records)) == "subsea_installation"
     water = [record for record in records if record.label == "ocean"]
     with pytest.raises(ToktError, match="no patch is labelled as an obstacle"):
@@ -70,15 +67,8 @@ HELD = [8, 9, 20]
     [("clicks", False, 27), ("frames", True, 8), ("drags_unsure", False, 10), ("drags", True, 6)],
 )
 def test_few_actions_in_the_browser_give_the_labels(
-    way: str,
-    suggested: bool,
-    most: int,
-    browser: Any,
-    tiny: Any,
-    tiny_bundle: Path,
-    records: Any,
-    tmp_path: Path,
-) -> None:
+    way, suggested, most, browser, tiny, tiny_bundle, records, tmp_path
+):
     workflow = next(each for each in WAYS if each.name == way)
     target = target_of(labels_by_frame(records), HELD, workflow.unsure)
     copy_frames(open_mission(tiny.path), HELD, tmp_path / "held")
@@ -89,7 +79,7 @@ def test_few_actions_in_the_browser_give_the_labels(
     assert wrong_labels(tmp_path / "ws", target) == []
 
 
-def test_a_wrong_label_in_the_store_is_told(records: Any, tmp_path: Path) -> None:
+def test_a_wrong_label_in_the_store_is_told(records, tmp_path):
     target = {
         frame: list(labels)
         for frame, labels in target_of(labels_by_frame(records), [8, 9], unsure=True).items()

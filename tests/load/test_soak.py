@@ -2,10 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -28,9 +25,7 @@ HELD_ON_ANY_MACHINE = {"frames", "datagrams", "verdicts", "heartbeats", "hot rel
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
-def test_a_short_soak(
-    run_load: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_short_soak(run_load, tmp_path, monkeypatch):
     short = replace(soak_plan.QUICK, frames=300, bare_frames=50, kills=0, rest_s=1e-3)
     short = replace(short, pauses=2, exchange_every_s=0.2, log_mb=0.05)
     short = replace(short, look_every_s=1.0)  # few looks, also on a busy machine: no growth
@@ -52,7 +47,7 @@ def test_a_short_soak(
     assert chart is not None and min(chart.shape[:2]) > 400
 
 
-def test_the_model_tells_the_pictures_apart() -> None:
+def test_the_model_tells_the_pictures_apart():
     first, second = bundles(2)
     assert (first.label, second.label) == ("soak/1", "soak/2") and first.sha256 != second.sha256
     for draw, status in ((water, CLEAR), (near, OBSTACLE)):
@@ -61,7 +56,7 @@ def test_the_model_tells_the_pictures_apart() -> None:
     assert judge_image(first, dark(3)).verdict.reason is Reason.DARK
 
 
-def test_a_plan_is_the_same_for_all_and_holds_every_kind() -> None:
+def test_a_plan_is_the_same_for_all_and_holds_every_kind():
     kinds = plan(20_000)
     assert np.array_equal(kinds[:5000], plan(5000)) and len(kinds) == 20_000
     assert set(kinds.tolist()) == set(map(int, FrameKind)) == set(map(int, EXPECTED))
@@ -74,14 +69,14 @@ def test_a_plan_is_the_same_for_all_and_holds_every_kind() -> None:
         assert kinds[start - repeats - 1] == FrameKind.WATER
 
 
-def test_percentiles_are_of_all_times() -> None:
+def test_percentiles_are_of_all_times():
     times = np.r_[np.full(1990, 0.001), np.full(9, 0.002), 0.5]
     found = percentiles_ms(times)
     assert (found["median_ms"], found["max_ms"]) == (1.0, 500.0)
     assert found["p99.9_ms"] == pytest.approx(2.0) and found["tail"] == pytest.approx(2.0)
 
 
-def test_memory_that_grows_and_memory_that_does_not() -> None:
+def test_memory_that_grows_and_memory_that_does_not():
     rng = np.random.default_rng(1)
     frames = np.arange(0.0, 1e6, 1000.0)
     still = 80e6 + rng.normal(0, 1e6, len(frames))
@@ -109,7 +104,7 @@ def hear(truth: Truth, said: Report, v1: Verdict | None = None) -> float | None:
     return truth.hear(said.frame, encode_v2(said), encode_v1(v1 or said.verdict))
 
 
-def test_the_receiver_sees_what_is_wrong() -> None:
+def test_the_receiver_sees_what_is_wrong():
     kinds = plan(3000)
     near = int(np.flatnonzero(kinds == FrameKind.NEAR)[0])
     truth = Truth(kinds)
@@ -141,7 +136,7 @@ def test_the_receiver_sees_what_is_wrong() -> None:
     assert truth.found["unreadable"] == 1
 
 
-def test_metrics_are_summed_over_their_labels() -> None:
+def test_metrics_are_summed_over_their_labels():
     page = 'a_total{x="1"} 2.0\na_total{x="2"} 3.0\na_totals 7.0\n# a_total 9\nb_total 4.0\n'
     found = summed(page)
     assert (found["a_total"], found["b_total"], found["c"]) == (5, 4, 0)

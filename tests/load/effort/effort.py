@@ -1,13 +1,11 @@
 """Labelling effort: actions that reproduce half a mission's labels, with a model and without."""
 
-from __future__ import annotations
-
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,9 +21,6 @@ from tokt.labels.taxonomy import UNSURE, Taxonomy
 
 from .halves import labels_by_frame, most_frequent_obstacle, target_of, train_on, two_halves
 from .session import FREE, LabelSession, Target, Workflow
-
-if TYPE_CHECKING:
-    from playwright.sync_api import Browser
 
 WAYS = (
     Workflow("clicks", "a click a patch, contact sheet", True, False, False, asked=5.0),
@@ -83,7 +78,7 @@ def measure_effort(
     most: int | None,
     ways: Sequence[Workflow],
     halves: int,
-    browser: Browser,
+    browser: Any,
 ) -> tuple[list[LabellingEffort], list[dict[str, Any]]]:
     """Train on each half and label the other in a browser; the efforts, and what the halves were.
 
@@ -133,15 +128,7 @@ def _around_obstacles(labels: Target, obstacle: str, held: list[int], most: int)
     return held[first : first + most]
 
 
-def label_on_page(
-    browser: Browser,
-    mission: Path,
-    workspace: Path,
-    target: Target,
-    way: Workflow,
-    model: Path | None,
-    obstacle: str,
-) -> int:
+def label_on_page(browser, mission, workspace, target: Target, way: Workflow, model, obstacle):
     """Give all frames of a mission their labels in the browser; the number of actions.
 
     `model` is the bundle that suggests labels, `obstacle` the class that its "obstacle" stands for.

@@ -1,13 +1,11 @@
 """The bench of the labelling page: waiting times, labelling effort, and what is written."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.table import Table
 
@@ -30,9 +28,6 @@ from .chart import label_chart_png
 from .mission import copy_frames, label_all, link_frames
 from .tab import HEIGHT, WIDTH, Tab, chromium
 from .times import FIRST_FRAME, Repeats, acknowledging, first_page, jumps, live_update, stepping
-
-if TYPE_CHECKING:
-    from playwright.sync_api import Browser
 
 LABEL_FILE = "labels.csv"
 MAX_PICTURES = 300
@@ -111,7 +106,7 @@ def _records(mission: Mission, labels: Path | None) -> list[LabelRecord]:
 
 
 def _measure_times(
-    mission: Mission, extent: PageBenchSize, folder: Path, browser: Browser
+    mission: Mission, extent: PageBenchSize, folder: Path, browser: Any
 ) -> list[Timing]:
     """Make a long mission of links and measure the page on it, empty and fully labelled."""
     say(f"-- a mission of {extent.frames} frames")
@@ -132,7 +127,7 @@ def _measure_times(
 
 
 def _page_times(
-    mission: Path, workspace: Path, extent: PageBenchSize, browser: Browser, once: bool
+    mission: Path, workspace: Path, extent: PageBenchSize, browser: Any, once: bool
 ) -> list[Timing]:
     """The times on a mission, and `once` those to which labels make no difference."""
     repeats = extent.repeats

@@ -1,20 +1,15 @@
 """A tab of the labelling page in a headless Chromium, as a person's hand and eye use it."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
-
-if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
 
 FIRST, FRAME, ACK = "tokt:first", "tokt:frame", "tokt:ack"
 """Performance entries that the page makes: a mark, and two measures."""
@@ -70,13 +65,13 @@ class Tab:
     the page that a person would have made.
     """
 
-    def __init__(self, browser: Browser, url: str, settings: dict[str, Any] | None = None) -> None:
+    def __init__(self, browser: Any, url: str, settings: dict[str, Any] | None = None) -> None:
         self._context = browser.new_context(viewport={"width": WIDTH, "height": HEIGHT})
         self._context.set_default_timeout(_MAX_MS)
         stored = json.dumps(json.dumps(settings or {}))
         self._context.add_init_script(f"localStorage.setItem('tokt.settings', {stored})")
         self._context.add_init_script(_NOTE_KEYS)
-        self.page: Page = self._context.new_page()
+        self.page: Any = self._context.new_page()
         self.url = url.rstrip("/")
         self._box: Box | None = None
 
@@ -148,7 +143,7 @@ _ARGUMENTS = (
 
 
 @contextmanager
-def chromium() -> Iterator[Browser]:
+def chromium() -> Iterator[Any]:
     """A headless browser: the system's Chromium, or else the one Playwright fetched."""
     try:
         from playwright.sync_api import sync_playwright

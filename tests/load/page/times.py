@@ -1,18 +1,13 @@
 """Waiting times of a person at the labelling page: the page, a frame, a label, another tab."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 from tests.load.report import WORST, Timing
 
 from .tab import ACK, FRAME, Tab
-
-if TYPE_CHECKING:
-    from playwright.sync_api import Browser
 
 FIRST_MS, FRAME_MS, ACK_MS, LIVE_MS = 1000.0, 100.0, 25.0, 2000.0
 """What is asked for, in ms."""
@@ -52,7 +47,7 @@ class Repeats:
     changes: int
 
 
-def first_page(browser: Browser, url: str, loads: int) -> Timing:
+def first_page(browser: Any, url: str, loads: int) -> Timing:
     """Open the page in fresh tabs without a cache."""
     times = []
     for _ in range(loads):
@@ -123,7 +118,7 @@ def acknowledging(tab: Tab, cells: Sequence[int], clicks: int) -> list[Timing]:
     ]
 
 
-def live_update(browser: Browser, url: str, names: Sequence[str], changes: int) -> Timing:
+def live_update(browser: Any, url: str, names: Sequence[str], changes: int) -> Timing:
     """Paint in one tab and wait for it in another."""
     here, there = tabs = [Tab(browser, url), Tab(browser, url)]
     for tab in tabs:

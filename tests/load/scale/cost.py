@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import psutil
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
 
 _POLL_S = 0.02
@@ -52,7 +52,7 @@ def watched(command: Sequence[str]) -> dict[str, Cost]:
     return {step.pop("step"): cost_of(np.array(usage), **step) for step in steps}
 
 
-def cost_of(usage: NDArray[np.float64], began: float, ended: float, **facts: Any) -> Cost:
+def cost_of(usage: F64, began: float, ended: float, **facts: Any) -> Cost:
     """The cost of one step, given what was in use at which time."""
     at, resident, cpu_s = usage.T
     used_s = cpu_s[at <= ended].max() - cpu_s[at <= began].max()

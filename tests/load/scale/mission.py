@@ -8,9 +8,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from tokt.cli.output import progress
+from tokt.features.common.arrays import U8
 from tokt.features.frames.mission import LEFT, open_mission
 from tokt.labels.formats.label_csv import COLUMNS
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
@@ -19,8 +19,6 @@ NAME = "scale"
 _NOISE = 4  # grey levels; noise of a camera, and what tells one frame's pixels from another's
 _SHIFTS = 256
 _QUALITY = 90
-
-Image = NDArray[np.uint8]
 
 
 class ScaleMission:
@@ -43,7 +41,7 @@ class ScaleMission:
         size = (2, height + _SHIFTS, wide + _SHIFTS)
         self._more, self._less = rng.integers(0, _NOISE, size, np.uint8)
 
-    def draw(self, number: int) -> Image:
+    def draw(self, number: int) -> U8:
         """Frame `number`, from 1 on; no two are equal up to 65,536."""
         picture = self._pictures[(number - 1) % len(self._pictures)]
         height, width = picture.shape
@@ -76,5 +74,5 @@ class ScaleMission:
         return len(rows)
 
 
-def _gray(image: Image) -> Image:
+def _gray(image: U8) -> U8:
     return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 
+from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import DEFAULT_GRID
@@ -65,10 +65,10 @@ class Steps:
         return open_dataset(NAME, self._folder / "datasets")
 
     @cached_property
-    def _features(self) -> NDArray[np.float64]:
+    def _features(self) -> F64:
         return self._table(1)
 
-    def _table(self, jobs: int) -> NDArray[np.float64]:
+    def _table(self, jobs: int) -> F64:
         cache = self._folder / f"cache-{jobs}"
         return cached_features(self._dataset, self._spec, cache, _quiet, jobs)
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import psutil
-from numpy.typing import NDArray
 from prometheus_client.parser import text_string_to_metric_families
 
 from tokt.cli.output import say
+from tokt.features.common.arrays import F64
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.store.store import Store
 
@@ -85,7 +85,7 @@ class Attendant:
         self._pool.shutdown()
         self._running.result()
 
-    def column(self, name: str) -> NDArray[np.float64]:
+    def column(self, name: str) -> F64:
         """One figure of all samples."""
         return np.array([sample[name] for sample in self.samples], np.float64)
 

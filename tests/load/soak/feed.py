@@ -12,8 +12,8 @@ from contextlib import closing
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.inference.outputs.udp import decode
 from tokt.inference.reason import Reason
@@ -49,7 +49,7 @@ def datagram(opened: socket.socket, wait_s: float) -> bytes | None:
 class Truth:
     """The datagrams heard, held against the truth, which is what `plan.plan` gives."""
 
-    def __init__(self, kinds: NDArray[np.uint8]) -> None:
+    def __init__(self, kinds: U8) -> None:
         self.found: Counter[str] = Counter()  # how often what happened
         self.worst: dict[str, Any] | None = None  # the last one that was not as the plan has it
         self._kinds = kinds
@@ -107,7 +107,7 @@ class Truth:
         self.found["different_v1"] += any(other[name] != said[name] for name in _SAME)
 
 
-def pictures(kinds: Iterable[int]) -> Iterator[NDArray[np.uint8] | None]:
+def pictures(kinds: Iterable[int]) -> Iterator[U8 | None]:
     """The picture of each frame of a plan; None where there is none."""
     drawn = {
         FrameKind.WATER: some(water),
@@ -129,7 +129,7 @@ class Feeder:
     `address` is the stream's, `receivers` those of v1 and v2, as `tokt run` names them.
     """
 
-    def __init__(self, kinds: NDArray[np.uint8]) -> None:
+    def __init__(self, kinds: U8) -> None:
         self.truth = Truth(kinds)
         # From a frame sent to its datagram here, and the age that it says; 0 where there was none.
         self.round_trip_s, self.age_s = np.zeros((2, len(kinds)))

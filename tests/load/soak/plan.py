@@ -8,8 +8,8 @@ from enum import IntEnum
 from itertools import chain, count, islice, repeat
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.inference.config import Limits
 from tokt.inference.reason import Reason
 from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
@@ -84,7 +84,7 @@ QUICK = SoakSize(
 )
 
 
-def plan(frames: int, seed: int = SEED) -> NDArray[np.uint8]:
+def plan(frames: int, seed: int = SEED) -> U8:
     """The kinds of so many frames, by number; the first ones are clear water."""
     stretches = _stretches(np.random.default_rng(seed))
     kinds = chain.from_iterable(repeat(kind, length) for kind, length in stretches)

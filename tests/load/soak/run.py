@@ -9,10 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tests.load.program import ended, program
+from tokt.features.common.arrays import F64
 from tokt.inference.recording.run_log import events_path
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.store.store import Store
@@ -34,8 +32,8 @@ class Run:
     extent: SoakSize
     summary: dict[str, Any]  # what `tokt run --json` said at its end
     heard: dict[str, Any]  # what came of its datagrams
-    age_s: NDArray[np.float64]  # of each frame, from its arrival until its report was sent
-    round_trip_s: NDArray[np.float64]  # from when it was sent until its datagram was here
+    age_s: F64  # of each frame, from its arrival until its report was sent
+    round_trip_s: F64  # from when it was sent until its datagram was here
     attendant: Attendant | None
     seconds: float
     happened: Sequence[tuple[str, int]] = ()

@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8, Bools
 from tokt.features.extractors.extractor import Lbp
 from tokt.features.frames.grid import Grid
 from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
@@ -32,10 +32,8 @@ _ROWS, _COLS = 3, 5
 _WINDOW, _FACTOR = 60, 16.0
 """Half of all patches may be another's before it is called drift: obstacles come and go here."""
 
-Picture = NDArray[np.uint8]
 
-
-def water(seed: int) -> Picture:
+def water(seed: int) -> U8:
     """Open water: light that falls off towards the edges, and clouds in it."""
     rng = np.random.default_rng((seed, 0))
     y, x = np.mgrid[-1 : 1 : HEIGHT * 1j, -1 : 1 : WIDTH * 1j]
@@ -44,7 +42,7 @@ def water(seed: int) -> Picture:
     return np.asarray(np.clip(light[:, :, None] * _COLOUR, 0, 255), np.uint8)
 
 
-def near(seed: int) -> Picture:
+def near(seed: int) -> U8:
     """The same, and something rough that can be hit."""
     picture, where = water(seed), obstacle_patches(seed)
     rng = np.random.default_rng((seed, 1))
@@ -54,7 +52,7 @@ def near(seed: int) -> Picture:
     return picture
 
 
-def obstacle_patches(seed: int) -> NDArray[np.bool_]:
+def obstacle_patches(seed: int) -> Bools:
     """Which patches of `near` it covers: bool, shape (n_patches,)."""
     rng = np.random.default_rng((seed, 2))
     row, col = rng.integers(GRID.rows - _ROWS + 1), rng.integers(GRID.cols - _COLS + 1)
@@ -63,13 +61,13 @@ def obstacle_patches(seed: int) -> NDArray[np.bool_]:
     return covered.ravel()
 
 
-def dark(seed: int) -> Picture:
+def dark(seed: int) -> U8:
     """The lamp is out."""
     rng = np.random.default_rng((seed, 3))
     return np.clip(rng.normal(2, 1, (HEIGHT, WIDTH, 3)), 0, 7).astype(np.uint8)
 
 
-def some(draw: Callable[[int], Picture]) -> list[Picture]:
+def some(draw: Callable[[int], U8]) -> list[U8]:
     """`PICTURES` different ones of a kind."""
     return [draw(seed) for seed in range(PICTURES)]
 

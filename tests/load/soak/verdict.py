@@ -7,10 +7,10 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from tests.load.report import WORST, Timing
+from tokt.features.common.arrays import F64
 from tokt.inference.config import Limits
 from tokt.inference.runtime import TICK_S
 
@@ -35,14 +35,14 @@ _WRONG = ("wrong_clear", "wrong_obstacle", "no_such_frame", "other")
 _LOST = ("lost", "unreadable", "lost_v1", "different_v1")
 
 
-def percentiles_ms(seconds: NDArray[np.float64]) -> dict[str, float]:
+def percentiles_ms(seconds: F64) -> dict[str, float]:
     """Of durations in seconds: `PERCENTILES` in milliseconds, and p99.9 over the median."""
     found = np.percentile(seconds, list(PERCENTILES.values())) * 1000
     named = dict(zip(PERCENTILES, found.tolist(), strict=True))
     return {**named, "tail": named["p99.9_ms"] / named["median_ms"]}
 
 
-def growth(frames: NDArray[np.float64], resident: NDArray[np.float64]) -> dict[str, Any] | None:
+def growth(frames: F64, resident: F64) -> dict[str, Any] | None:
     """Growth of memory with frames, by least squares over the means of `BLOCKS` blocks.
 
     Samples of one second are nearly the same as those of the next: over them as they are, the
