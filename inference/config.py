@@ -239,6 +239,8 @@ class OutputConfig:
     camera_fov_deg: float | None = option(
         None, "MAVLink: the left camera's horizontal field of view in water.", "deg", needs=_MAVLINK
     )
+    # Metres inside any margin an autopilot keeps; a part of the vehicle itself (autopilots are
+    # system 1, too) that is there for obstacle avoidance (MAV_COMP_ID_OBSTACLE_AVOIDANCE).
     mavlink_assumed_m: float = option(
         1.0, "MAVLink: distance of an obstacle where none was measured.", "m", needs=_MAVLINK
     )
@@ -269,6 +271,7 @@ class RecordingConfig:
 
     log: Path | None = option(None, "Append a JSON line per frame to this file, events beside it.")
     log_values: bool = option(False, "Log each patch's decision values too.", needs=("log",))
+    # Some 7 hours at 10 frames a second a file, with the older ones 2.1 GB and some 6 days.
     log_max_mb: float = option(100.0, "Size at which a new log file begins.", "MB", needs=_LOGS)
     log_keep: int = option(20, "Number of older log files to keep.", needs=_LOGS)
     record: Path | None = option(

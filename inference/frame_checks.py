@@ -14,7 +14,7 @@ import numpy as np
 
 from tokt.features.common.arrays import U8
 from tokt.features.extractors.extractor import gray_picture
-from tokt.features.frames.grid import DEFAULT_GRID, Grid
+from tokt.features.frames.grid import Grid
 
 from .config import Limits
 from .frame import Frame
@@ -46,7 +46,7 @@ zeroed data decode to one level. Measured: no patch is blank; the least standard
 is 0.31 grey levels, the least difference between its brightest and its darkest pixel 2. A patch
 that is one level of `SATURATED_GREY` or more does not count: a close, bright thing gives that."""
 
-PATCH_GRID = DEFAULT_GRID
+PATCH_GRID = Grid(10, 10, 360)
 """The patches of `BLANK_PATCHES`: those it was measured on, whatever grid a model has, as in
 much smaller ones (40x40 at width 360) a real frame does have some blank."""
 

@@ -17,6 +17,7 @@ from types import ModuleType
 from tokt.features.common.address import parse_address
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import Clock
+from tokt.inference.config import OutputConfig
 from tokt.inference.reason import Reason
 from tokt.inference.report import Report
 from tokt.inference.stereo.calibration import StereoCalibration
@@ -222,11 +223,6 @@ def _spread(distance_cm: int, sectors: list[int]) -> tuple[int, ...]:
 
 
 HEARTBEAT_S = 1.0
-ASSUMED_M = 1.0
-"""Metres that are said where none were measured. Set here: inside any margin an autopilot keeps."""
-SYSTEM, COMPONENT = 1, 196
-"""Those of a part of the vehicle itself (autopilots are 1, too) that is there for obstacle
-avoidance (MAV_COMP_ID_OBSTACLE_AVOIDANCE)."""
 
 _VARIANCE_UNKNOWN = 255
 _QUALITY_UNKNOWN = 0
@@ -272,9 +268,9 @@ class MavlinkOptions:
     """
 
     lens: Lens
-    assumed_m: float = ASSUMED_M
-    system: int = SYSTEM
-    component: int = COMPONENT
+    assumed_m: float = OutputConfig.mavlink_assumed_m
+    system: int = OutputConfig.mavlink_system
+    component: int = OutputConfig.mavlink_component
     messages: Messages = Messages.BOTH
     unknown: WhenUnknown = WhenUnknown.SILENCE
 

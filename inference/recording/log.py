@@ -22,13 +22,10 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from tokt.features.common.errors import ToktError, os_errors_as, os_words
+from tokt.inference.config import RecordingConfig
 
-MAX_MB = 100.0
-"""Size of a log file at which the next one is begun: some 7 hours at 10 frames a second."""
 MAX_KEPT = 99
 """Older files; their numbers have no more digits, so that ``run.2016.jsonl`` is none of them."""
-KEEP = 20
-"""Older files kept: with `MAX_MB`, 2.1 GB, some 6 days at 10 frames a second."""
 
 _RETRY_BYTES = 1_000_000
 _TRIES = 100
@@ -52,8 +49,8 @@ class LogRotation:
         If the size is not positive, or `keep` is not 1 to 99.
     """
 
-    max_mb: float = MAX_MB
-    keep: int = KEEP
+    max_mb: float = RecordingConfig.log_max_mb
+    keep: int = RecordingConfig.log_keep
 
     def __post_init__(self) -> None:
         if not 0 < self.max_mb < math.inf:

@@ -24,6 +24,7 @@ from typing import Any
 from tokt.features.common.atomic import locked
 from tokt.features.common.errors import os_errors_as, os_words
 from tokt.inference.clock import Clock
+from tokt.inference.config import RecordingConfig
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.publisher import Observer
@@ -214,7 +215,6 @@ class RecordingWriter:
         return self._budget.lacking(encoded.disk_bytes) <= 0
 
 
-MAX_MB = 10_000.0
 RESERVE_MB = 1_000.0
 MEMORY_MB = 400.0
 """Frames in memory, those of the last seconds and those that wait for the disk: some 4 s of two
@@ -283,7 +283,9 @@ class Recorder(Observer):
             self.folder.mkdir(parents=True, exist_ok=True)
             self._opened.enter_context(locked(self.folder / _LOCK, _LOCK_WAIT_S))
         recording = RecordingFolder(self.folder / self.run, self.run)
-        budget = DiskBudget(self.folder, self.disk or DiskLimits(MAX_MB, RESERVE_MB))
+        budget = DiskBudget(
+            self.folder, self.disk or DiskLimits(RecordingConfig.record_mb, RESERVE_MB)
+        )
         self._writer = RecordingWriter(recording, self.run, budget, self.clock)
 
     @property

@@ -29,6 +29,7 @@ import cv2
 import numpy as np
 
 from tokt.features.common.arrays import F32, F64, U8
+from tokt.inference.config import Limits
 from tokt.inference.reason import Fault, Reason
 
 from .epipolar_drift import EpipolarDriftCorrection, EpipolarOffset
@@ -60,9 +61,6 @@ thing's place differs by columns between the views, hence rows."""
 _BANDS = 4
 _ROW_STEP = 16
 _COLUMN_STEP = 8
-
-MAX_REPEATS = 5
-"""Times that a source may repeat a pair exactly."""
 
 DIM_GREY = 12.0
 """Least mean grey level of a view. True pairs: 18.7 and more. At half the sea trial's light the
@@ -293,7 +291,7 @@ class PairHealth:
             return None
         left, right = (np.array_equal(old, new) for old, new in zip(before, now, strict=True))
         self._repeats = self._repeats + 1 if left and right else 0
-        if self._repeats > MAX_REPEATS:
+        if self._repeats > Limits.frozen_repeats:
             reason = "both cameras repeat their last pictures: frozen"
             return PairFault(reason, vetoes_clear=True, code=Reason.FROZEN)
         if left == right or np.ptp(now[0] if left else now[1]) == 0:

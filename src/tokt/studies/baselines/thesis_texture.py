@@ -28,7 +28,7 @@ from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.frames.grid import Grid
 from tokt.inference.verdict import Verdict, verdict_from_mask
 
-GRID = Grid()
+GRID = Grid(10, 10, 360)
 
 DescribePatch = Callable[[U8], F64]
 
