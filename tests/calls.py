@@ -49,7 +49,7 @@ def succeeds(*arguments: object) -> Ran:
 def refused(words: str, *arguments: object) -> str:
     """Run the command line, which must fail and say why in its last line; all that it said."""
     ran = call_tokt(*arguments)
-    assert ran.code == 2 and words in ran.err, ran.err
+    assert (ran.code, ran.out) == (2, "") and words in ran.err, (ran.out, ran.err)
     assert ran.err.splitlines()[-1].startswith("tokt: error: ")
     assert "Traceback" not in ran.err
     return ran.err

@@ -306,7 +306,7 @@ def fabricate(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
+def browser():
     """Chromium without a window.
 
     For one module: as long as Playwright's event loop runs in this thread, no other can.

@@ -70,7 +70,7 @@ def test_make_test_has_the_proof_and_the_rest_is_run_after_it():
     assert landing == ["make test EXAMPLES=full", "make test-rest", "make check"]
 
 
-def test_a_run_of_the_missions_tests_leaves_none_of_their_files_out() -> None:
+def test_a_run_of_the_missions_tests_leaves_none_of_their_files_out():
     config = SimpleNamespace(option=SimpleNamespace(markexpr="mission"))
     files = [path for path in FILES if "pytest.mark.mission" in path.read_text("utf-8")]
     assert any(tier_of(path) is not CORE for path in files)

@@ -478,7 +478,8 @@ class Store:
         with self._writing():
             keys = self.trusted_keys()
             key = keys.named(key_id)
-            return self._decide(keys, KeyEvent(DISTRUST, key.key_id, "", key.name, *stamp(reason)))
+            name = one_line(key.name)  # the file may have been edited by hand
+            return self._decide(keys, KeyEvent(DISTRUST, key.key_id, "", name, *stamp(reason)))
 
     def accept_unsigned(self, reason: str = "", notice: Notice = warnings.warn) -> KeyEvent:
         """Stop asking for signatures, and trust no key.

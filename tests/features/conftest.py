@@ -1,21 +1,18 @@
 """Pictures drawn for the tests, and the real mission."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 
 @pytest.fixture(scope="session")
-def mission(mission_dir: Path) -> Path:
+def mission(mission_dir):
     """The real mission's folder."""
     return mission_dir
 
 
 @pytest.fixture(scope="session")
-def colour() -> NDArray[np.uint8]:
+def colour():
     """A 120x160 BGR picture with a ramp, a disc, dark water and noise."""
     rng = np.random.default_rng(7)
     ramp = np.add.outer(np.linspace(0, 90, 120), np.linspace(0, 120, 160))
@@ -28,6 +25,6 @@ def colour() -> NDArray[np.uint8]:
 
 
 @pytest.fixture(scope="session")
-def gray(colour: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def gray(colour):
     """`colour` in gray."""
     return np.asarray(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), np.uint8)

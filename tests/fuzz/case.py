@@ -61,13 +61,14 @@ class Kind:
     share: float  # percent of the cases that `make fuzz` asks for
     few: int = 12  # cases in a run of all tests
     change: Callable[[Files, Random, Sequence[bytes]], Files] = change_one
-    """Given a sound input, the random numbers that hypothesis chooses, and the files of all sound
-    inputs, to splice with."""
+    """Given a sound input, the random numbers that hypothesis chooses, and what to splice with: the
+    files of all sound inputs, and `splices`."""
+    splices: Callable[[], Sequence[bytes]] = tuple
 
     def make(self, rng: Random) -> Files:
         """A changed input."""
         seeds = self.seeds()
-        others = [data for files in seeds for data in files.values()]
+        others = [*self.splices(), *(data for files in seeds for data in files.values())]
         return self.change(rng.choice(seeds), rng, others)
 
 

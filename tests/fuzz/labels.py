@@ -86,7 +86,8 @@ def _labels(name: str) -> Kind:
         foreign = _FOREIGN[name].replace("fish", "reef").replace("rock", "sand")
         return [{path: data}, {path: foreign.encode()}]
 
-    return Kind(f"labels.{name}", seeds, _import_labels, 9)
+    splices = [text.encode() for text in _FOREIGN.values()]
+    return Kind(f"labels.{name}", seeds, _import_labels, 9, splices=lambda: splices)
 
 
 def _change_patches(files: Files, rng: Random, others: Sequence[bytes]) -> Files:
@@ -141,6 +142,17 @@ def _read_database(folder: Path) -> object:
 # --- taxonomy, audit ---
 
 
+_TABLES = (b"[[classes]]\n", b"a.b.c = {}\n")
+
+
+def _taxonomy_toml() -> list[Files]:
+    return [{"taxonomy.toml": _TAXONOMY.read_bytes()}]
+
+
+def _read_taxonomy(folder: Path) -> object:
+    return Taxonomy.load(folder / "taxonomy.toml")
+
+
 def _taxonomy_json() -> list[Files]:
     return [{"t.json": json.dumps(Taxonomy.load().to_json()).encode()}]
 
@@ -170,12 +182,7 @@ KINDS = [
     *map(_labels, _FOREIGN),
     Kind("labels.patches", lambda: [written("patches")], _import_labels, 4, change=_change_patches),
     Kind("labels.store", _store_files, _read_database, 2, change=_change_database),
-    Kind(
-        "taxonomy.toml",
-        lambda: [{"taxonomy.toml": _TAXONOMY.read_bytes()}],
-        lambda at: Taxonomy.load(at / "taxonomy.toml"),
-        8,
-    ),
+    Kind("taxonomy.toml", _taxonomy_toml, _read_taxonomy, 8, splices=lambda: _TABLES),
     Kind("taxonomy.json", _taxonomy_json, _read_taxonomy_json, 4, change=_change_taxonomy),
     Kind("audit", _audits, lambda at: read_audit(at / "audits" / "a.json"), 6),
 ]

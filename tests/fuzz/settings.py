@@ -71,6 +71,14 @@ def _read_rig(folder: Path) -> Rectifier:
     return Rectifier(read_calibration(path).usable())
 
 
+def _opencv_texts() -> list[bytes]:
+    return [data for form in _opencv_forms() for data in form.values()]
+
+
+def _read_odometry(folder: Path) -> object:
+    return load_odometry(folder / "o.csv")
+
+
 def _read_matlab(folder: Path) -> object:
     """scipy reads it, in a process of its own."""
     from tokt.training.rig.calibrate.matlab_file import read_matlab_numbers
@@ -85,8 +93,12 @@ _OWN = b"""mine = "spec:mine.json"
 name = "moments"
 version = 1
 [extractors.fine.image]
-resize = "area"
+resize = "area_deep"
 gray = "bt601"
+smooth = 1
+gain = 2
+levels = 16
+flatten = { window = 3, by = "ratio" }
 """
 
 
@@ -97,7 +109,7 @@ def _spec_files() -> list[Files]:
 def _spaces() -> list[Files]:
     """The built-in search space, and its beginning with a spec from a file and one written out."""
     built_in = BUILT_IN.read_bytes()
-    own = built_in.partition(b"seabed")[0] + _OWN
+    own = built_in.partition(b"seabed")[0].replace(b'["none"]', b'["none", "balanced"]') + _OWN
     mine = _spec_files()[0]["spec.json"]
     return [{"space.toml": own, "mine.json": mine}, {"space.toml": built_in}]
 
@@ -114,10 +126,10 @@ def _read_spec(folder: Path) -> object:
 
 KINDS = [
     Kind("calibration.opencv", _opencv_forms, _read_rig, 18),
-    Kind("calibration.bouguet", _bouguet_texts, _read_rig, 7),
-    Kind("calibration.printed", _printed, _read_rig, 7),
+    Kind("calibration.bouguet", _bouguet_texts, _read_rig, 7, splices=_opencv_texts),
+    Kind("calibration.printed", _printed, _read_rig, 7, splices=_opencv_texts),
     Kind("calibration.mat", _matlab_forms, _read_matlab, 0.2, few=1),
-    Kind("odometry", lambda: [{"o.csv": _POSES}], lambda at: load_odometry(at / "o.csv"), 7),
+    Kind("odometry", lambda: [{"o.csv": _POSES}], _read_odometry, 7, splices=_opencv_texts),
     Kind("search space", _spaces, _read_search_space, 8),
     Kind("extractor spec", _spec_files, _read_spec, 8),
 ]

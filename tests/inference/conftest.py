@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import socket
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,13 +23,13 @@ PATCH_HEIGHT, PATCH_WIDTH = 27, 36  # of the default grid on a 360x271 frame
 
 
 @pytest.fixture(scope="session")
-def mission(mission_dir: Path) -> Path:
+def mission(mission_dir):
     """The real mission's folder."""
     return mission_dir
 
 
 @pytest.fixture(scope="session")
-def calibration_path(mission: Path) -> Path:
+def calibration_path(mission):
     """The real mission's calibration."""
     path = mission.parent / "calibration.yml"
     if not path.is_file():
@@ -57,13 +55,13 @@ def draw(patches: list[tuple[int, int]], seed: int = 0) -> NDArray[np.uint8]:
 
 
 @pytest.fixture(scope="session")
-def draw_frame() -> Callable[..., NDArray[np.uint8]]:
+def draw_frame():
     """`draw`."""
     return draw
 
 
 @pytest.fixture
-def make_mission(tmp_path: Path) -> Callable[..., Path]:
+def make_mission(tmp_path):
     """Write a stereo folder: for each frame the patches with noise."""
 
     def make(scenes: list[list[tuple[int, int]]], name: str = "dive") -> Path:
@@ -111,12 +109,12 @@ class NoiseScorer:
 
 
 @pytest.fixture
-def noise_scorer() -> NoiseScorer:
+def noise_scorer():
     return NoiseScorer()
 
 
 @pytest.fixture(scope="session")
-def bundle_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bundle_file(tmp_path_factory):
     """A real bundle: noise has few pixels whose whole neighbourhood is as bright or brighter."""
     extractor, grid = extractor_named("lbp_10_5_frame"), Grid()
     weights = np.zeros((1, extractor.dim))
@@ -139,14 +137,14 @@ def bundle_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def receiver() -> Iterator[socket.socket]:
+def receiver():
     """A UDP socket on a loopback port of its own."""
     with bound_socket() as opened:
         yield opened
 
 
 @pytest.fixture
-def closed_port() -> int:
+def closed_port():
     """A loopback port that nobody listens on."""
     with bound_socket() as opened:
         return int(opened.getsockname()[1])
@@ -171,5 +169,5 @@ class HandClock:
 
 
 @pytest.fixture
-def hand_clock() -> HandClock:
+def hand_clock():
     return HandClock()

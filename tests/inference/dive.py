@@ -185,7 +185,9 @@ class Dive:
         # v1 says the same, and nothing where nothing is known.
         expected = Counter(one["status"] for one in said if one["status"] != UNKNOWN)
         assert Counter(one["status"] for one in v1) == expected
-        return Outcome(known, self.listener.events, self.ended[0])
+        (summary,) = self.ended
+        assert isinstance(summary, Summary), summary  # the loop did not die of an error
+        return Outcome(known, self.listener.events, summary)
 
 
 def healthy(dive: Dive) -> None:

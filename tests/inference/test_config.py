@@ -2,7 +2,6 @@
 
 import re
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +60,7 @@ def written(folder: Path, content: str) -> Path:
 
 @settings(max_examples=scaled(60), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(values=some_options)
-def test_a_printed_run_is_the_same_run(tmp_path, run_tokt, values) -> None:
+def test_a_printed_run_is_the_same_run(tmp_path, run_tokt, values):
     config = RunConfig.of(values)
     assert RunConfig.of(read_config(written(tmp_path, config.to_toml()))) == config
     assert config.given == values.keys()
@@ -71,7 +70,7 @@ def test_a_printed_run_is_the_same_run(tmp_path, run_tokt, values) -> None:
     assert again.out == printed.out
 
 
-def test_a_printed_run_shows_every_option() -> None:
+def test_a_printed_run_shows_every_option():
     printed = RunConfig().to_toml()
     assert not any(tomllib.loads(printed).values())
     for option in OPTIONS.values():
@@ -90,7 +89,7 @@ def test_a_printed_run_shows_every_option() -> None:
 
 @settings(max_examples=scaled(60))
 @given(file=some_options, line=some_options)
-def test_the_command_line_wins_over_the_file(file: dict[str, Any], line: dict[str, Any]) -> None:
+def test_the_command_line_wins_over_the_file(file, line):
     config = RunConfig.of(file, line)
     for name in file.keys() | line.keys():
         if name in line:
@@ -129,14 +128,14 @@ def test_the_command_line_wins_over_the_file(file: dict[str, Any], line: dict[st
         ("x = " + "[" * 5000, "dive.toml"),
     ],
 )
-def test_a_mistake_in_a_file_is_one_line(tmp_path, run_tokt, content, message) -> None:
+def test_a_mistake_in_a_file_is_one_line(tmp_path, run_tokt, content, message):
     ran = run_tokt("run", "--config", written(tmp_path, content + "\n"))
     assert (ran.code, ran.out) == (2, "")
     assert ran.err.startswith("tokt: error: config ") and ran.err.count("\n") == 1
     assert message in ran.err
 
 
-def test_a_file_that_cannot_be_read_is_one_line(tmp_path: Path, run_tokt: Callable[..., Any]):
+def test_a_file_that_cannot_be_read_is_one_line(tmp_path, run_tokt):
     binary = tmp_path / "b.toml"
     binary.write_bytes(b"\xff")
     for path, message in ((tmp_path / "none", "No such file"), (binary, "not UTF-8 text")):
@@ -153,7 +152,7 @@ def test_a_file_that_cannot_be_read_is_one_line(tmp_path: Path, run_tokt: Callab
     value=st.sampled_from(["1", "-1.5", "inf", "nan", "true", "''", "[]", "[1, 'a']", "{a = 1}"])
     | st.text(max_size=5),
 )
-def test_any_file_is_read_or_refused(tmp_path: Path, section: str, key: str, value: str) -> None:
+def test_any_file_is_read_or_refused(tmp_path, section, key, value):
     path = tmp_path / "any.toml"
     path.write_bytes(f"[{section}]\n{key} = {value}\n".encode("utf-8", "surrogatepass"))
     try:
@@ -163,7 +162,7 @@ def test_any_file_is_read_or_refused(tmp_path: Path, section: str, key: str, val
     assert len(config.given) == 1 and config.to_toml()
 
 
-def test_the_sample_of_the_docs_is_a_run() -> None:
+def test_the_sample_of_the_docs_is_a_run():
     config = RunConfig.of(read_config(DIVE))
     check(config)
     assert {option.section for option in OPTIONS.values() if option.name in config.given} >= {
@@ -177,7 +176,7 @@ def test_the_sample_of_the_docs_is_a_run() -> None:
     assert "--config /srv/tokt/dive.toml" in (DOCS / "tokt.service").read_text()
 
 
-def test_options_of_a_file_that_would_do_nothing_are_refused(tmp_path, run_tokt) -> None:
+def test_options_of_a_file_that_would_do_nothing_are_refused(tmp_path, run_tokt):
     """Whether they are the defaults or not, as on the command line."""
     content = "[source]\nsource = 'dive'\n[outputs]\nheartbeat = 0.5\n"
     ran = run_tokt("run", "--config", written(tmp_path, content))
@@ -186,11 +185,11 @@ def test_options_of_a_file_that_would_do_nothing_are_refused(tmp_path, run_tokt)
     assert ran.code == 2 and "unknown source 'dive'" in ran.err
 
 
-def test_a_run_without_a_source_says_so(run_tokt: Callable[..., Any]) -> None:
+def test_a_run_without_a_source_says_so(run_tokt):
     assert run_tokt("run").err == "tokt: error: Missing option '--source'.\n"
 
 
-def test_help_groups_every_option_by_its_section(run_tokt: Callable[..., Any]) -> None:
+def test_help_groups_every_option_by_its_section(run_tokt):
     helped = run_tokt("run", "--help").out
     titles = re.findall(r"^(\w+):$", helped, re.MULTILINE)
     assert titles == ["Options", *(name.capitalize() for name in SECTIONS)]
@@ -201,13 +200,13 @@ def test_help_groups_every_option_by_its_section(run_tokt: Callable[..., Any]) -
         assert option.text.split()[0] in words
 
 
-def test_what_an_option_needs_and_excludes_are_options() -> None:
+def test_what_an_option_needs_and_excludes_are_options():
     for option in OPTIONS.values():
         assert {*option.needs, *([option.not_with] if option.not_with else [])} <= OPTIONS.keys()
     assert len(OPTIONS) == sum(len(kind.__annotations__) for kind in SECTIONS.values())
 
 
-def test_a_start_says_every_option_that_verdicts_depend_on(tmp_path: Path) -> None:
+def test_a_start_says_every_option_that_verdicts_depend_on(tmp_path):
     poses = tmp_path / "poses.csv"
     poses.write_text("")
     config = RunConfig.of(
@@ -225,7 +224,7 @@ def test_a_start_says_every_option_that_verdicts_depend_on(tmp_path: Path) -> No
     assert without == RunStart("dive", "fallback")
 
 
-def test_a_run_without_a_file_imports_no_parser_of_one() -> None:
+def test_a_run_without_a_file_imports_no_parser_of_one():
     """After a crash each import is time in which nothing is said."""
     program = (
         "import sys; sys.argv = ['tokt', 'run']\n"

@@ -80,7 +80,7 @@ FRAMES: dict[str, tuple[Reason, Callable[[], np.ndarray] | None]] = {
 
 
 @pytest.mark.parametrize("fault", FRAMES)
-def test_a_frame_that_cannot_be_judged(fault: str) -> None:
+def test_a_frame_that_cannot_be_judged(fault):
     reason, picture = FRAMES[fault]
     dive = Dive()
     with dive.fault_between():
@@ -92,7 +92,7 @@ def test_a_frame_that_cannot_be_judged(fault: str) -> None:
     row(fault, outcome, f"frames by reason: {reason.value} +{outcome.summary.reasons[reason]}")
 
 
-def test_a_frozen_camera() -> None:
+def test_a_frozen_camera():
     dive = Dive()
     with dive.fault_between():
         same = dive.picture("clear")
@@ -106,14 +106,14 @@ def test_a_frozen_camera() -> None:
     row("a frozen camera: the same picture again", outcome, "frames by reason: frozen")
 
 
-def test_a_frame_that_comes_too_old() -> None:
+def test_a_frame_that_comes_too_old():
     dive = Dive()
     with dive.fault_between():
         dive.give("fault", dive.picture("clear"), age_s=0.3)
     row("a frame older than `--stale` when it comes", finish(dive), "frames by reason: stale +1")
 
 
-def test_no_frame_from_the_start() -> None:
+def test_no_frame_from_the_start():
     dive = Dive()
     with dive.under_way():
         dive.silence()
@@ -122,7 +122,7 @@ def test_no_frame_from_the_start() -> None:
     row("no frame since the start", finish(dive), "heartbeats")
 
 
-def test_frames_stop_coming() -> None:
+def test_frames_stop_coming():
     dive = Dive()
     with dive.fault_between():
         dive.silence()
@@ -130,7 +130,7 @@ def test_frames_stop_coming() -> None:
     row("frames stop coming", finish(dive), "heartbeats")
 
 
-def test_a_detector_that_raises() -> None:
+def test_a_detector_that_raises():
     dive = Dive()
 
     def fails(frame: Frame) -> None:
@@ -143,7 +143,7 @@ def test_a_detector_that_raises() -> None:
     row("a detector raises", finish(dive), "frames by reason: detector_failed +1")
 
 
-def test_a_decision_value_that_is_no_number() -> None:
+def test_a_decision_value_that_is_no_number():
     class Broken(NoiseScorer):
         broken = False
 
@@ -166,7 +166,7 @@ def test_a_decision_value_that_is_no_number() -> None:
         ("obstacle", "a detector takes too long: what it then calls an obstacle"),
     ],
 )
-def test_a_detector_that_hangs_for_a_while(what: str, fault: str) -> None:
+def test_a_detector_that_hangs_for_a_while(what, fault):
     dive = Dive()
     with dive.fault_between():
         dive.detector.before = lambda frame: dive.silence()
@@ -175,7 +175,7 @@ def test_a_detector_that_hangs_for_a_while(what: str, fault: str) -> None:
     row(fault, finish(dive), "frames by reason: late +1; heartbeats")
 
 
-def test_frames_faster_than_they_are_judged() -> None:
+def test_frames_faster_than_they_are_judged():
     dive = Dive(limits=Limits(5, 5))
     go = threading.Event()
     with dive.fault_between():
@@ -196,7 +196,7 @@ def test_frames_faster_than_they_are_judged() -> None:
     row("more frames than there is time for", outcome, "dropped +3; frames by reason: overload +1")
 
 
-def test_frames_are_missing_that_the_frame_rule_needs() -> None:
+def test_frames_are_missing_that_the_frame_rule_needs():
     dive = Dive(scorer=NoiseScorer(operating_point=OperatingPoint(MofNRule(0, 1, 2, 3))))
     with dive.under_way():
         dive.give("clear")
@@ -221,7 +221,7 @@ def test_frames_are_missing_that_the_frame_rule_needs() -> None:
         ("a receiver that no route leads to", "240.0.0.1"),
     ],
 )
-def test_a_receiver_that_nothing_reaches(closed_port: int, fault: str, host: str) -> None:
+def test_a_receiver_that_nothing_reaches(closed_port, fault, host):
     gone = [UdpSender(host, closed_port, version) for version in (1, 2)]
     dive = Dive(senders=list(gone))
     with dive.under_way():
@@ -233,7 +233,7 @@ def test_a_receiver_that_nothing_reaches(closed_port: int, fault: str, host: str
     row(fault, finish(dive), "sent or failed")
 
 
-def test_a_receiver_that_does_not_read() -> None:
+def test_a_receiver_that_does_not_read():
     with bound_socket() as full:
         full.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
         sender = UdpSender(*full.getsockname(), 2)
@@ -246,7 +246,7 @@ def test_a_receiver_that_does_not_read() -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full (Linux)")
-def test_a_full_disk_under_the_log(tmp_path: Path) -> None:
+def test_a_full_disk_under_the_log(tmp_path):
     (tmp_path / "log.jsonl").symlink_to("/dev/full")
     log = RunLog(tmp_path / "log.jsonl", "a-run")
     dive = Dive(observers=[log])
@@ -257,7 +257,7 @@ def test_a_full_disk_under_the_log(tmp_path: Path) -> None:
     row("the log's disk is full", finish(dive), "log failures +1 a line")
 
 
-def test_a_disk_that_hangs_under_an_observer() -> None:
+def test_a_disk_that_hangs_under_an_observer():
     """Unknown is said by another thread than the one that waits for the disk."""
 
     class Hangs(Observer):
@@ -292,7 +292,7 @@ class Shifted(HandClock):
         ("the time of day is set forward by an hour", 3600.0),
     ],
 )
-def test_a_clock_that_is_set(fault: str, by_s: float) -> None:
+def test_a_clock_that_is_set(fault, by_s):
     clock = Shifted()
     dive = Dive(clock=clock)
     with dive.fault_between():
@@ -302,7 +302,7 @@ def test_a_clock_that_is_set(fault: str, by_s: float) -> None:
     row(fault, finish(dive), "nothing")
 
 
-def test_the_source_dies() -> None:
+def test_the_source_dies():
     dive = Dive()
     with dive.under_way():
         healthy(dive)
@@ -343,7 +343,7 @@ def texture_and(disparity: str, policy: type[Any], texture_fails: bool, warned: 
     return finish(dive)
 
 
-def test_policies_where_one_detector_cannot_judge() -> None:
+def test_policies_where_one_detector_cannot_judge():
     alone = texture_and("fails", FallbackPolicy, texture_fails=True, warned=False)
     row("texture fails, and the pair does not fit (`fallback`)", alone, "frames by reason")
     warned = texture_and("fails", EitherPolicy, texture_fails=False, warned=True)
@@ -353,7 +353,7 @@ def test_policies_where_one_detector_cannot_judge() -> None:
     row("texture fails, disparity judges (`fallback`)", fallen, "frames by reason: detector_failed")
 
 
-def test_every_row_comes_from_a_test() -> None:
+def test_every_row_comes_from_a_test():
     found = re.findall(r"^\| (?!---|fault \|)(.*?) \|", TABLE.read_text(), re.MULTILINE)
     tests = [Path(__file__), Path(__file__).with_name("process") / "test_process_faults.py"]
     sources = "".join(path.read_text() for path in tests)

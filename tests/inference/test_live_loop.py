@@ -82,7 +82,7 @@ def test_a_loop_that_is_too_slow_judges_the_newest_frame(noise_scorer, draw_fram
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_a_heartbeat_that_dies_ends_the_loop(noise_scorer: Any, hand_clock: HandClock) -> None:
+def test_a_heartbeat_that_dies_ends_the_loop(noise_scorer, hand_clock):
     class Sender:
         sent = failed = 0
 
@@ -122,6 +122,6 @@ def test_the_loop_shows_that_it_lives_and_does_what_is_to_be_done_between_frames
 
 
 @pytest.mark.parametrize("name", ["stale_s", "heartbeat_s", "frozen_repeats"])
-def test_limits_are_positive(name: str) -> None:
+def test_limits_are_positive(name):
     for value in (0, -1, float("nan"), float("inf")):
         refuses(name, Limits, **{name: value})

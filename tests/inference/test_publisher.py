@@ -23,16 +23,16 @@ def a_frame(clock: Any, number: int = 1) -> Frame:
 
 
 @pytest.fixture
-def sent() -> Sent:
+def sent():
     return Sent()
 
 
 @pytest.fixture
-def publisher(sent: Sent, hand_clock: Any) -> ReportPublisher:
+def publisher(sent, hand_clock):
     return ReportPublisher([sent], hand_clock, Limits(), live=True)
 
 
-def test_a_report_has_frame_time_age_and_latency(publisher, sent, hand_clock) -> None:
+def test_a_report_has_frame_time_age_and_latency(publisher, sent, hand_clock):
     frame = a_frame(hand_clock, 7)
     hand_clock.now += 0.1  # it waits
     publisher.begin(frame)
@@ -62,7 +62,7 @@ def test_an_old_clear_is_unknown_and_an_old_obstacle_stays(
     assert all(" ms old" in one.health for one in said[:2])
 
 
-def test_the_time_of_day_has_no_say_in_a_frame_s_age(publisher, hand_clock, monkeypatch) -> None:
+def test_the_time_of_day_has_no_say_in_a_frame_s_age(publisher, hand_clock, monkeypatch):
     frame = a_frame(hand_clock)
     monkeypatch.setattr(hand_clock, "time", lambda: 0.0)  # set back by years
     publisher.begin(frame)
@@ -71,7 +71,7 @@ def test_the_time_of_day_has_no_say_in_a_frame_s_age(publisher, hand_clock, monk
     assert report.age_ms == pytest.approx(20) and report.verdict.status == CLEAR
 
 
-def test_silence_is_broken_by_unknown_with_the_reason(publisher, sent, hand_clock) -> None:
+def test_silence_is_broken_by_unknown_with_the_reason(publisher, sent, hand_clock):
     hand_clock.now += 0.49
     publisher.heartbeat()
     assert not sent.reports
@@ -101,7 +101,7 @@ def test_silence_is_broken_by_unknown_with_the_reason(publisher, sent, hand_cloc
     assert publisher.heartbeats() == []
 
 
-def test_frames_that_there_was_no_time_for_are_told(publisher: ReportPublisher, hand_clock: Any):
+def test_frames_that_there_was_no_time_for_are_told(publisher, hand_clock):
     frame = a_frame(hand_clock)
     publisher.begin(frame)
     report = publisher.publish(frame, Judgement(EMPTY), left_out=2)
@@ -112,7 +112,7 @@ def test_frames_that_there_was_no_time_for_are_told(publisher: ReportPublisher, 
     assert blind.verdict.reason is Reason.DARK and "no time for 1 frame" in blind.verdict.health
 
 
-def test_a_replay_as_fast_as_it_can_has_no_old_frames(sent: Sent, hand_clock: Any) -> None:
+def test_a_replay_as_fast_as_it_can_has_no_old_frames(sent, hand_clock):
     publisher = ReportPublisher([sent], hand_clock, Limits(), live=False)
     frame = a_frame(hand_clock)
     publisher.begin(frame)
@@ -123,7 +123,7 @@ def test_a_replay_as_fast_as_it_can_has_no_old_frames(sent: Sent, hand_clock: An
 @given(
     st.sampled_from([EMPTY, FULL, BLIND]), st.floats(0, 100), st.floats(0, 1), st.floats(0.01, 10)
 )
-def test_age_never_makes_a_clear(verdict: Any, age_s: float, part: float, stale_s: float) -> None:
+def test_age_never_makes_a_clear(verdict, age_s, part, stale_s):
     said = mark_stale(verdict, age_s, part * age_s, stale_s)
     assert said.status != CLEAR or (verdict.status == CLEAR and age_s <= stale_s)
     assert (said.status == OBSTACLE) == (verdict.status == OBSTACLE)

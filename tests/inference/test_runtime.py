@@ -94,7 +94,7 @@ def settled(buffer: LatestFrameBuffer, dropped: int) -> None:
     assert buffer.dropped == dropped
 
 
-def test_only_the_newest_frame_is_kept_and_what_it_overtook_is_missed() -> None:
+def test_only_the_newest_frame_is_kept_and_what_it_overtook_is_missed():
     source = HandSource()
     buffer = LatestFrameBuffer(source)
     for missed in (0, 0, 2, 0):
@@ -109,7 +109,7 @@ def test_only_the_newest_frame_is_kept_and_what_it_overtook_is_missed() -> None:
     buffer.close()
 
 
-def test_a_loop_that_waits_gets_nothing_and_then_the_frame_at_once() -> None:
+def test_a_loop_that_waits_gets_nothing_and_then_the_frame_at_once():
     source = HandSource()
     buffer = LatestFrameBuffer(source)
     assert buffer.take(0.01) is None and not buffer.ended
@@ -120,7 +120,7 @@ def test_a_loop_that_waits_gets_nothing_and_then_the_frame_at_once() -> None:
     assert buffer.take(MAX_S) is None and buffer.ended
 
 
-def test_the_last_frame_of_an_ended_source_is_judged() -> None:
+def test_the_last_frame_of_an_ended_source_is_judged():
     source = HandSource()
     source.give(PICTURE)
     source.stop()
@@ -131,7 +131,7 @@ def test_the_last_frame_of_an_ended_source_is_judged() -> None:
     assert buffer.ended and buffer.take(MAX_S) is None
 
 
-def test_what_the_source_raises_reaches_the_loop_after_its_last_frame() -> None:
+def test_what_the_source_raises_reaches_the_loop_after_its_last_frame():
     source = HandSource()
     source.give(PICTURE)
     source.fail(RuntimeError("the driver is out of ideas"))
@@ -142,7 +142,7 @@ def test_what_the_source_raises_reaches_the_loop_after_its_last_frame() -> None:
     buffer.close()
 
 
-def test_a_replay_without_a_rate_gives_every_frame() -> None:
+def test_a_replay_without_a_rate_gives_every_frame():
     class Replayed(list[Frame]):
         live = False
 

@@ -1,18 +1,15 @@
 """Small valid bundles: random textures, the real extractor, random weights."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from tests.models.parts import golden_of
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import Grid
-from tokt.models.bundle.bundle import Bundle, BundleContent, bundle_bytes, bundle_from_bytes
+from tokt.models.bundle.bundle import BundleContent, bundle_bytes, bundle_from_bytes
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule, OperatingPoint
-from tokt.models.signing.keys import SigningKey, read_signing_key, write_key_pair
+from tokt.models.signing.keys import read_signing_key, write_key_pair
 from tokt.models.store.store import Store
 
 TWO = (("ocean", False), ("other", True))
@@ -53,13 +50,13 @@ def small_content(seed=0, extractor="lbp", classes=TWO, name="small") -> BundleC
 
 
 @pytest.fixture(scope="session")
-def make_content() -> Callable[..., BundleContent]:
+def make_content():
     """`small_content`."""
     return small_content
 
 
 @pytest.fixture(scope="session")
-def bundles() -> dict[str, Bundle]:
+def bundles():
     """Three models, ``a/1``, ``b/2`` and ``c/3``."""
     return {
         name: bundle_from_bytes(bundle_bytes(small_content(seed, name=name)), name)
@@ -68,25 +65,25 @@ def bundles() -> dict[str, Bundle]:
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Store:
+def store(tmp_path):
     """One that is not there yet."""
     return Store(tmp_path / "ship" / "store")
 
 
 @pytest.fixture(scope="session")
-def key_files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def key_files(tmp_path_factory):
     """Private key files of ``boat`` and ``other``; the public ones are beside them."""
     folder = tmp_path_factory.mktemp("keys")
     return {name: write_key_pair(folder / name).private_file for name in ("boat", "other")}
 
 
 @pytest.fixture(scope="session")
-def keys(key_files: dict[str, Path]) -> dict[str, SigningKey]:
+def keys(key_files):
     """The keys in them."""
     return {name: read_signing_key(file, lambda: "") for name, file in key_files.items()}
 
 
 @pytest.fixture(scope="session")
-def signed(bundles: dict[str, Bundle], keys: dict[str, SigningKey]) -> dict[str, Bundle]:
+def signed(bundles, keys):
     """The three models, signed by ``boat``."""
     return {name: keys["boat"].sign(bundle, name) for name, bundle in bundles.items()}

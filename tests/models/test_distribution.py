@@ -2,7 +2,6 @@
 
 import io
 import zipfile
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -17,7 +16,6 @@ from tests.models.parts import pack, rehash, unpack
 from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.bundle import (
-    BundleContent,
     bundle_bytes,
     bundle_from_bytes,
     distribution_bytes,
@@ -74,7 +72,7 @@ def test_the_distance_is_the_exact_one_but_for_what_the_bins_resolve(trained, se
 
 @settings(max_examples=scaled(60))
 @given(seed=st.integers(0, 2**32 - 1), dim=st.integers(1, 9), n=st.integers(1, 30))
-def test_bins_are_counted_as_one_feature_at_a_time_would(seed: int, dim: int, n: int) -> None:
+def test_bins_are_counted_as_one_feature_at_a_time_would(seed, dim, n):
     rng = np.random.default_rng(seed)
     edges = np.sort(rng.integers(-9, 9, (dim, BINS - 1)), axis=1).astype(float)
     features = rng.integers(-11, 11, (n, dim)).astype(float)
@@ -87,7 +85,7 @@ def test_bins_are_counted_as_one_feature_at_a_time_would(seed: int, dim: int, n:
 
 
 @pytest.mark.parametrize("moved", [-0.5, -1e-6, 1e-6, 0.5])
-def test_leaving_the_one_value_of_training_shows_to_either_side(moved: float) -> None:
+def test_leaving_the_one_value_of_training_shows_to_either_side(moved):
     edges = quantile_edges(np.full(50, 7.0))[None]
     trained = bin_counts(np.full((50, 1), 7.0), edges)
     assert ks_distances(bin_counts(np.full((5, 1), 7.0 + moved), edges), trained)[0] == 1
@@ -96,7 +94,7 @@ def test_leaving_the_one_value_of_training_shows_to_either_side(moved: float) ->
     assert ks_distances(bin_counts(last_digits, edges), trained)[0] == 0
 
 
-def test_a_bundle_carries_it(make_content: Callable[..., BundleContent]) -> None:
+def test_a_bundle_carries_it(make_content):
     without = make_content(1)
     content = replace(without, distribution=distribution())
     data = bundle_bytes(content)
@@ -112,7 +110,7 @@ def test_a_bundle_carries_it(make_content: Callable[..., BundleContent]) -> None
     assert bundle_from_bytes(bundle_bytes(without), "x.tokt").distribution is None
 
 
-def test_other_obstacle_flags_keep_it(make_content: Callable[..., BundleContent]) -> None:
+def test_other_obstacle_flags_keep_it(make_content):
     content = replace(make_content(2, classes=SEVERAL), distribution=distribution())
     bundle = bundle_from_bytes(bundle_bytes(content), "x.tokt")
     flags = {"ocean": False, "sand": False, "tower": True}
@@ -181,7 +179,7 @@ def test_a_damaged_one_is_refused(make_content, edit):
         bundle_from_bytes(rehash({**members, "distribution.npz": changed(**edit)}), "x")
 
 
-def test_it_must_fit_the_model_and_the_format(make_content: Callable[..., BundleContent]) -> None:
+def test_it_must_fit_the_model_and_the_format(make_content):
     other = bundle_bytes(replace(make_content(), distribution=distribution(13)))
     refuses("takes 12 features, its distribution has 13", bundle_from_bytes, other, "x")
     members = unpack(bundle_bytes(replace(make_content(), distribution=GOOD)))
@@ -193,7 +191,7 @@ def test_it_must_fit_the_model_and_the_format(make_content: Callable[..., Bundle
         bundle_from_bytes(pack(edited), "x")
 
 
-def test_the_card_says_what_is_known(make_content: Callable[..., BundleContent]) -> None:
+def test_the_card_says_what_is_known(make_content):
     recipe: dict[str, Any] = {"extractor": {"name": "haralick"}, "dim": 13, "metrics": {}}
     recipe |= {"grid": {"rows": 1, "cols": 1, "width": None}, "thresholds": [0.0]}
     recipe |= {"classes": [{"name": "ocean", "obstacle": False}]}

@@ -19,7 +19,7 @@ def _model(obstacle: tuple[bool, ...], thresholds: Any, dim: int = 4) -> LinearM
 
 @settings(max_examples=scaled(100))
 @given(st.integers(0, 2**32 - 1), st.integers(1, 5), st.integers(1, 60), st.floats(-8, 8))
-def test_folding_changes_nothing(seed: int, outputs: int, dim: int, size: float) -> None:
+def test_folding_changes_nothing(seed, outputs, dim, size):
     rng = np.random.default_rng(seed)
     mean, scale = rng.normal(0, 10**size, dim), 10 ** rng.uniform(-3, 3, dim)
     coef, intercept = rng.normal(size=(outputs, dim)), rng.normal(size=outputs)
@@ -36,7 +36,7 @@ def test_folding_changes_nothing(seed: int, outputs: int, dim: int, size: float)
     assert (np.abs(values - (terms.sum(axis=2) + intercept)) <= 1e-12 * largest * dim).all()
 
 
-def test_folding_of_well_scaled_features_is_exact_to_twelve_digits() -> None:
+def test_folding_of_well_scaled_features_is_exact_to_twelve_digits():
     rng = np.random.default_rng(0)
     mean, scale = rng.uniform(0, 1, 25), rng.uniform(0.5, 2, 25)
     coef, intercept = rng.normal(size=(1, 25)), np.array([50.0])
@@ -55,7 +55,7 @@ excesses = st.floats(-100, 100, allow_nan=False)
     st.floats(-5, 5),
     st.lists(excesses, min_size=1, max_size=8),
 )
-def test_two_classes(obstacle: tuple[bool, bool], threshold: float, column: list[float]) -> None:
+def test_two_classes(obstacle, threshold, column):
     model = _model(obstacle, [threshold])
     values = np.array(column)[:, None]
     predicted = model.predicted(values)
@@ -67,7 +67,7 @@ def test_two_classes(obstacle: tuple[bool, bool], threshold: float, column: list
 
 @settings(max_examples=scaled(300))
 @given(st.data(), st.integers(2, 5))
-def test_several_classes(data: st.DataObject, n: int) -> None:
+def test_several_classes(data, n):
     obstacle = tuple(data.draw(st.lists(st.booleans(), min_size=n, max_size=n)))
     thresholds = data.draw(st.lists(st.floats(-5, 5), min_size=n, max_size=n))
     rows = data.draw(st.lists(st.lists(excesses, min_size=n, max_size=n), min_size=1, max_size=6))
@@ -87,7 +87,7 @@ def test_several_classes(data: st.DataObject, n: int) -> None:
             assert excess.count(max(excess)) > 1
 
 
-def test_score_by_hand() -> None:
+def test_score_by_hand():
     model = _model((False, True, True), [0.0, 1.0, -1.0])
     values = np.array([[0.5, 1.0, -2.0], [0.5, 3.0, 0.0], [-3.0, 0.0, -2.5]])
     assert model.predicted(values).tolist() == [0, 1, 1]
@@ -98,7 +98,7 @@ def test_score_by_hand() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_features_that_are_not_finite(bad: float) -> None:
+def test_features_that_are_not_finite(bad):
     model = _model((False, True), [0.0])
     features = np.ones((5, 4))
     model.decision_values(features)
@@ -110,7 +110,7 @@ def test_features_that_are_not_finite(bad: float) -> None:
         zero.decision_values(features)
 
 
-def test_another_number_of_features() -> None:
+def test_another_number_of_features():
     with pytest.raises(ValueError):
         _model((False, True), [0.0]).decision_values(np.ones((5, 3)))
 
@@ -135,7 +135,7 @@ GOOD: dict[str, Any] = {
         "obstacle": [(True,), (False, True, True), (True, False)],
     }.items(),
 )
-def test_refused_models(name: str, values: list[Any]) -> None:
+def test_refused_models(name, values):
     LinearModel(**GOOD)
     for value in values:
         with pytest.raises(ValueError):
@@ -144,7 +144,7 @@ def test_refused_models(name: str, values: list[Any]) -> None:
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize("sigma", [0.0, np.nan])
-def test_a_scale_of_zero_is_refused(sigma: float) -> None:
+def test_a_scale_of_zero_is_refused(sigma):
     with pytest.raises(ValueError, match="finite"):
         LinearModel.fold(
             *(np.ones((1, 2)), np.zeros(1), np.zeros(2), np.array([1.0, sigma]), np.zeros(1)),
@@ -152,7 +152,7 @@ def test_a_scale_of_zero_is_refused(sigma: float) -> None:
         )
 
 
-def test_an_overflow_is_an_error_and_no_warning_beside(recwarn: pytest.WarningsRecorder) -> None:
+def test_an_overflow_is_an_error_and_no_warning_beside(recwarn):
     weights = np.full((1, 2), 1e308)
     model = LinearModel(weights, np.zeros(1), np.zeros(1), ("ocean", "other"), (False, True))
     with pytest.raises(ValueError, match="not finite"):

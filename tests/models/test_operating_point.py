@@ -97,21 +97,21 @@ def test_frames_not_judged_turn_no_obstacle_that_was_seen_into_clear(rule, frame
             assert told != CLEAR
 
 
-def test_a_patch_seen_before_a_gap_and_not_now_is_not_clear_yet() -> None:
+def test_a_patch_seen_before_a_gap_and_not_now_is_not_clear_yet():
     """With the frame in the gap known it might have been 2 of 3."""
     state = MofNState(MofNRule(0.5, 1, 2, 3))
     frames = ([0.0], [0.0], [1.0], None, [0.0], [0.0])
     assert [_added(state, scores) for scores in frames] == [0, 0, 0, -1, -1, 0]
 
 
-def test_by_default_any_patch_over_its_threshold_is_an_obstacle_at_once() -> None:
+def test_by_default_any_patch_over_its_threshold_is_an_obstacle_at_once():
     rule, state = MofNRule(), MofNState(MofNRule())
     frames = ([-1.0, 1e-12], [-1.0, 0.0], None)
     assert [_added(state, scores) for scores in frames] == [OBSTACLE, CLEAR, UNKNOWN]
     assert rule.latency_frames == 0
 
 
-def test_what_moves_from_patch_to_patch_is_not_confirmed_and_what_stays_is() -> None:
+def test_what_moves_from_patch_to_patch_is_not_confirmed_and_what_stays_is():
     rule = MofNRule(0.5, 1, 2, 3)
     moving, staying = MofNState(rule), MofNState(rule)
     nothing = [0.0, 0.0, 0.0]
@@ -121,7 +121,7 @@ def test_what_moves_from_patch_to_patch_is_not_confirmed_and_what_stays_is() -> 
     assert [_added(staying, [0.0, 1.0, 0.0]) for _ in range(3)] == [CLEAR, OBSTACLE, OBSTACLE]
 
 
-def test_a_strong_patch_does_not_wait() -> None:
+def test_a_strong_patch_does_not_wait():
     state = MofNState(MofNRule(0.5, 2, 3, 3, instant_margin=4.0))
     for _ in range(3):
         _added(state, [0.0, 0.0, 0.0])
@@ -131,7 +131,7 @@ def test_a_strong_patch_does_not_wait() -> None:
 
 
 @given(RULES)
-def test_an_operating_point_is_the_same_after_json(rule: MofNRule) -> None:
+def test_an_operating_point_is_the_same_after_json(rule):
     point = OperatingPoint(rule, {"target_rate": 1e-4})
     assert OperatingPoint.from_json(json.loads(json.dumps(point.to_json()))) == point
 
@@ -143,7 +143,7 @@ def test_an_operating_point_is_the_same_after_json(rule: MofNRule) -> None:
     + [{"least_patches": 0}, {"least_patches": 1.0}, {"hits": 0}, {"hits": True}]
     + [{"hits": 3, "window": 2}, {"hits": 1, "window": 61}, {"margin": 2.0, "margin_now": 1.9}],
 )
-def test_a_rule_out_of_bounds_is_refused_in_words(wrong: dict[str, object]) -> None:
+def test_a_rule_out_of_bounds_is_refused_in_words(wrong):
     refuses("frame rule", MofNRule.from_json, {**MofNRule().to_json(), **wrong})
 
 
@@ -152,11 +152,11 @@ def test_a_rule_out_of_bounds_is_refused_in_words(wrong: dict[str, object]) -> N
     [None, [], {"chosen": {}}]
     + [{**MofNRule().to_json(), **edit} for edit in ({"chosen": None}, {"chosen": {}, "more": 1})],
 )
-def test_what_is_no_operating_point_is_refused(value: object) -> None:
+def test_what_is_no_operating_point_is_refused(value):
     refuses("", OperatingPoint.from_json, value)
 
 
-def test_a_rule_can_be_read() -> None:
+def test_a_rule_can_be_read():
     assert MofNRule().words() == "1 patch over the threshold, in one frame"
     words = "2 patches over the threshold by more than 0.5123, each in 2 of 3 frames"
     assert MofNRule(0.51234, 2, 2, 3).words() == words

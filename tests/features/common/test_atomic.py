@@ -1,8 +1,6 @@
 import os
 import random
 import signal
-from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 
@@ -36,13 +34,13 @@ for line in sys.stdin:
 
 
 @pytest.fixture
-def write_and_kill(tmp_path: Path) -> Iterator[Callable[[object], str]]:
+def write_and_kill(tmp_path):
     with answering(KILLER, tmp_path) as kill_after:
         yield kill_after
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs fork and SIGKILL")
-def test_killed_writers_leave_whole_content(tmp_path, write_and_kill) -> None:
+def test_killed_writers_leave_whole_content(tmp_path, write_and_kill):
     assert signal.SIGKILL
     delays = random.Random(1)
     (tmp_path / "file").write_bytes(b"a" * SIZE)
@@ -66,7 +64,7 @@ def test_killed_writers_leave_whole_content(tmp_path, write_and_kill) -> None:
     assert whole > 0, "no write was finished; the test proves nothing"
 
 
-def test_write_text_and_parents(tmp_path: Path) -> None:
+def test_write_text_and_parents(tmp_path):
     target = tmp_path / "a" / "b" / "c.txt"
     atomic.write_text(target, "bølge\n")
     assert target.read_bytes() == "bølge\n".encode()
@@ -75,7 +73,7 @@ def test_write_text_and_parents(tmp_path: Path) -> None:
     assert [path.name for path in target.parent.iterdir()] == ["c.txt"]
 
 
-def test_a_failed_write_leaves_nothing(tmp_path: Path) -> None:
+def test_a_failed_write_leaves_nothing(tmp_path):
     (tmp_path / "folder" / "inside").mkdir(parents=True)
     with pytest.raises(OSError):
         atomic.write_bytes(tmp_path / "folder", b"x")
@@ -83,7 +81,7 @@ def test_a_failed_write_leaves_nothing(tmp_path: Path) -> None:
     assert (tmp_path / "folder" / "inside").is_dir()
 
 
-def test_new_folder_appears_at_the_end(tmp_path: Path) -> None:
+def test_new_folder_appears_at_the_end(tmp_path):
     target = tmp_path / "sub" / "new"
     with atomic.new_folder(target) as folder:
         (folder / "deep").mkdir()
@@ -93,21 +91,21 @@ def test_new_folder_appears_at_the_end(tmp_path: Path) -> None:
     assert [path.name for path in target.parent.iterdir()] == ["new"]
 
 
-def test_new_folder_with_an_error_leaves_nothing(tmp_path: Path) -> None:
+def test_new_folder_with_an_error_leaves_nothing(tmp_path):
     with pytest.raises(KeyError), atomic.new_folder(tmp_path / "new") as folder:
         (folder / "file").write_text("x")
         raise KeyError("stop")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_new_folder_keeps_what_is_there(tmp_path: Path) -> None:
+def test_new_folder_keeps_what_is_there(tmp_path):
     (tmp_path / "new").mkdir()
     with pytest.raises(FileExistsError), atomic.new_folder(tmp_path / "new"):
         pass
     assert [path.name for path in tmp_path.iterdir()] == ["new"]
 
 
-def test_remove_partials(tmp_path: Path) -> None:
+def test_remove_partials(tmp_path):
     assert atomic.remove_partials(tmp_path / "none") == 0
     (tmp_path / ".partial-1-x").mkdir()
     (tmp_path / ".partial-1-x" / "inside").write_text("x")

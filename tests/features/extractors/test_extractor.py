@@ -1,6 +1,5 @@
 import copy
 import json
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -79,7 +78,7 @@ def glcm(patch: Image, step: tuple[int, int], ignore_zeros: bool) -> NDArray[np.
 
 @pytest.mark.parametrize("name", LBP_NAMES)
 @pytest.mark.parametrize("kind", ["gray", "colour"])
-def test_lbp_equals_scikit_image(name: str, kind: str, gray: Image, colour: Image) -> None:
+def test_lbp_equals_scikit_image(name, kind, gray, colour):
     frame = gray if kind == "gray" else colour
     spec = NAMED[name].spec
     points, radius = spec["points"], spec["radius"]
@@ -96,7 +95,7 @@ def test_lbp_equals_scikit_image(name: str, kind: str, gray: Image, colour: Imag
 
 
 @pytest.mark.parametrize("ignore_zeros", [False, True])
-def test_haralick_equals_mahotas(ignore_zeros: bool, gray: Image, colour: Image) -> None:
+def test_haralick_equals_mahotas(ignore_zeros, gray, colour):
     for frame in (gray, colour):
         patches = crops(looked_at(frame, GRID), GRID)
         found = Haralick(ignore_zeros).describe(frame, GRID)
@@ -109,7 +108,7 @@ def test_haralick_equals_mahotas(ignore_zeros: bool, gray: Image, colour: Image)
 
 
 @pytest.mark.parametrize("ignore_zeros", [False, True])
-def test_haralick_by_its_definition(ignore_zeros: bool, gray: Image) -> None:
+def test_haralick_by_its_definition(ignore_zeros, gray):
     """Energy, contrast, homogeneity and entropy from counts made in plain loops."""
     patch = gray[::7, ::7][:18, :24].copy()
     grid = Grid(1, 1, None)
@@ -124,7 +123,7 @@ def test_haralick_by_its_definition(ignore_zeros: bool, gray: Image) -> None:
 
 
 @pytest.mark.parametrize("name", [*NAMED, "haralick+lbp_24_8_frame"])
-def test_gray_as_bgr_is_the_same(name: str, gray: Image) -> None:
+def test_gray_as_bgr_is_the_same(name, gray):
     extractor = extractor_named(name)
     three = np.repeat(gray[:, :, None], 3, axis=2)
     found = extractor.describe(gray, GRID)
@@ -133,25 +132,25 @@ def test_gray_as_bgr_is_the_same(name: str, gray: Image) -> None:
     assert len(set(extractor.names)) == extractor.dim
 
 
-def test_the_frame_is_left_alone(colour: Image) -> None:
+def test_the_frame_is_left_alone(colour):
     before = colour.copy()
     extractor_named("haralick+lbp").describe(colour, Grid(4, 5, 160))
     assert np.array_equal(before, colour)
 
 
-def test_views_give_what_their_copies_give(colour: Image) -> None:
+def test_views_give_what_their_copies_give(colour):
     view = colour[10:, ::-1]
     extractor = extractor_named("haralick+lbp_10_5_frame")
     found = extractor.describe(view, GRID)
     assert np.array_equal(found, extractor.describe(np.ascontiguousarray(view), GRID))
 
 
-def test_native_grid_does_not_resize(gray: Image) -> None:
+def test_native_grid_does_not_resize(gray):
     assert np.array_equal(gray_picture(gray, Grid(1, 1, None)), gray)
     assert gray_picture(gray, Grid(10, 10, 360)).shape == (270, 360)
 
 
-def test_join_is_hstack(colour: Image) -> None:
+def test_join_is_hstack(colour):
     joined = extractor_named("haralick+lbp_24_8_frame+lbp")
     parts = [extractor_named(name) for name in ("haralick", "lbp_24_8_frame", "lbp")]
     side_by_side = np.hstack([part.describe(colour, GRID) for part in parts])
@@ -162,7 +161,7 @@ def test_join_is_hstack(colour: Image) -> None:
 
 @pytest.mark.parametrize("ignore_zeros", [False, True])
 @pytest.mark.parametrize("value", [0, 1, 127, 255])
-def test_even_patches_have_finite_features(ignore_zeros: bool, value: int) -> None:
+def test_even_patches_have_finite_features(ignore_zeros, value):
     frame = np.full((60, 80), value, np.uint8)
     grid = Grid(3, 4, 80)
     found = Haralick(ignore_zeros).describe(frame, grid)
@@ -173,7 +172,7 @@ def test_even_patches_have_finite_features(ignore_zeros: bool, value: int) -> No
         assert np.isfinite(extractor_named(name).describe(frame, grid)).all()
 
 
-def test_one_black_patch_among_others(gray: Image) -> None:
+def test_one_black_patch_among_others(gray):
     frame = gray.copy()
     frame[:30, :32] = 0
     grid = Grid(4, 5, 160)
@@ -184,7 +183,7 @@ def test_one_black_patch_among_others(gray: Image) -> None:
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.int8, np.float32, bool])
-def test_wrong_dtype(dtype: type) -> None:
+def test_wrong_dtype(dtype):
     for name in ("lbp", "haralick", "lbp+haralick"):
         with pytest.raises(TypeError):
             extractor_named(name).describe(np.zeros((60, 80), dtype), GRID)
@@ -197,13 +196,13 @@ def test_wrong_dtype(dtype: type) -> None:
         *((0, 80), (60, 0), (0, 0, 3), (1, 4000), (60000, 4)),
     ],
 )
-def test_wrong_shape(shape: tuple[int, ...]) -> None:
+def test_wrong_shape(shape):
     for name in ("lbp", "haralick", "lbp+haralick"):
         with pytest.raises(ValueError):
             extractor_named(name).describe(np.zeros(shape, np.uint8), Grid(4, 5, 2000))
 
 
-def test_too_small_a_frame() -> None:
+def test_too_small_a_frame():
     refuses("least is 3x3", extractor_named("lbp").describe, np.zeros((8, 100), np.uint8), GRID)
 
 
@@ -227,7 +226,7 @@ SPECS = [
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=json_sha256)
-def test_spec_round_trip(spec: dict[str, Any], gray: Image) -> None:
+def test_spec_round_trip(spec, gray):
     again = build_extractor(json.loads(json.dumps(spec)))
     assert canonical_json(again.spec) == canonical_json(spec)
     assert again.describe(gray, GRID).shape == (20, again.dim)
@@ -243,7 +242,7 @@ LBP = Lbp(10, 5, "patch").spec
         "unknown extractor None": [{"name": None}],
         "unknown extractor": [{"name": ["lbp"]}],
         "missing in its spec: sampling": [{"version": 2}],
-        "version '?(3|True|1.0|1)'?": [{"version": wrong} for wrong in (3, True, 1.0, "1")],
+        **{f"version {no!r} is not": [{"version": no}] for no in (3, True, 1.0, "1")},
         "whole numbers": [{"points": 10.0}, {"points": True}, {"radius": None}],
         "out of range": [{"points": 3}, {"points": 10**12}, {"radius": 0}],
         "border": [{"border": "reflect"}, {"border": {}}],
@@ -251,7 +250,7 @@ LBP = Lbp(10, 5, "patch").spec
         "unknown or missing in its spec: gamma": [{"gamma": 2.2}],
     }.items(),
 )
-def test_refused_specs(words: str, edits: list[dict[str, Any]]) -> None:
+def test_refused_specs(words, edits):
     for edit in edits:
         refuses(words, build_extractor, {**LBP, **edit})
 
@@ -274,30 +273,30 @@ FLAT_JSON = FLAT.to_json()
         ("flatten is by", "flatten", [{"window": 61, "by": "log"}]),
     ],
 )
-def test_refused_images(words: str, key: str, values: list[Any]) -> None:
+def test_refused_images(words, key, values):
     for value in values:
         refuses(words, build_extractor, {**LBP, "image": {**FLAT_JSON, key: value}})
 
 
 @pytest.mark.parametrize("key", FLAT_JSON)
-def test_an_image_that_lacks_a_key_is_refused(key: str) -> None:
+def test_an_image_that_lacks_a_key_is_refused(key):
     image = {name: value for name, value in FLAT_JSON.items() if name != key}
     refuses("image", build_extractor, {**LBP, "image": image})
 
 
 @pytest.mark.parametrize("key", LBP)
-def test_a_missing_key_is_refused(key: str) -> None:
+def test_a_missing_key_is_refused(key):
     refuses("", build_extractor, {name: value for name, value in LBP.items() if name != key})
 
 
 @pytest.mark.parametrize(
     "parts", [None, 3, "lbp", {}, LBP, [], [LBP], [LBP, 1], [LBP, None], ["lbp", "lbp"], [LBP, {}]]
 )
-def test_refused_joins(parts: Any) -> None:
+def test_refused_joins(parts):
     refuses("", build_extractor, {"name": "join", "version": 1, "parts": parts})
 
 
-def test_a_join_of_joins_is_refused_at_any_depth() -> None:
+def test_a_join_of_joins_is_refused_at_any_depth():
     spec: dict[str, Any] = {"name": "join", "version": 1, "parts": [LBP, LBP]}
     for _ in range(5000):
         spec = {"name": "join", "version": 1, "parts": [spec, LBP]}
@@ -332,7 +331,7 @@ def damaged_specs(draw: st.DrawFn) -> Any:
 
 @settings(max_examples=scaled(400))
 @given(damaged_specs() | json_values)
-def test_a_spec_is_read_whole_or_refused(spec: Any) -> None:
+def test_a_spec_is_read_whole_or_refused(spec):
     try:
         built = build_extractor(spec)
     except ToktError:
@@ -340,13 +339,13 @@ def test_a_spec_is_read_whole_or_refused(spec: Any) -> None:
     assert canonical_json(built.spec) == canonical_json(spec)
 
 
-def test_names() -> None:
+def test_names():
     assert extractor_named("lbp").spec == extractor_named("lbp_10_5").spec == LBP
     for text in ("", "lbp+", "+", "lbp_10", "lbp haralick"):
         refuses("unknown extractor", extractor_named, text)
 
 
-def test_context_is_what_the_neighbours_have(colour: Image) -> None:
+def test_context_is_what_the_neighbours_have(colour):
     part = Haralick(False, FLAT)
     alone = part.describe(colour, GRID).reshape(GRID.rows, GRID.cols, -1)
     for statistic, of in (("mean", np.mean), ("max", np.max), ("min", np.min), ("range", np.ptp)):
@@ -360,14 +359,14 @@ def test_context_is_what_the_neighbours_have(colour: Image) -> None:
             np.testing.assert_allclose(row, of(others, axis=0), rtol=1e-13, atol=1e-15)
 
 
-def test_context_of_one_patch_is_itself(gray: Image) -> None:
+def test_context_of_one_patch_is_itself(gray):
     alone = Lbp(8, 1, "patch").describe(gray, Grid(1, 1, None))
     for statistic, expected in (("mean", alone), ("max", alone), ("range", 0 * alone)):
         found = Context(Lbp(8, 1, "patch"), statistic).describe(gray, Grid(1, 1, None))
         assert np.array_equal(found, np.hstack([alone, expected]))
 
 
-def test_moments_are_those_of_the_levels(colour: Image) -> None:
+def test_moments_are_those_of_the_levels(colour):
     found = Moments().describe(colour, GRID)
     for patch, row in zip(crops(looked_at(colour, GRID), GRID), found, strict=True):
         percentiles = np.percentile(patch, (2, 10, 50, 90, 98), method="inverted_cdf")
@@ -375,7 +374,7 @@ def test_moments_are_those_of_the_levels(colour: Image) -> None:
         np.testing.assert_allclose(row, expected, rtol=1e-12, atol=1e-12)
 
 
-def test_version_2_of_lbp_and_haralick(colour: Image) -> None:
+def test_version_2_of_lbp_and_haralick(colour):
     """A linear scale and bilinear sampling are version 1; a log scale changes five features."""
     one = Haralick(False).describe(colour, GRID)
     assert np.array_equal(Haralick(False, None, "linear").describe(colour, GRID), one)
@@ -407,11 +406,11 @@ def test_version_2_of_lbp_and_haralick(colour: Image) -> None:
         ({**Structure().spec, "version": 2}, "version 2 is not known"),
     ],
 )
-def test_refused_new_specs(spec: dict[str, Any], words: str) -> None:
+def test_refused_new_specs(spec, words):
     refuses(words, build_extractor, spec)
 
 
-def test_a_line_is_seen_and_dots_are_not() -> None:
+def test_a_line_is_seen_and_dots_are_not():
     """The same number of brighter pixels, in one row or anywhere."""
     rng = np.random.default_rng(8)
     dots, line = np.full((2, 60, 80), 128, np.uint8)
@@ -426,7 +425,7 @@ def test_a_line_is_seen_and_dots_are_not() -> None:
     assert turned == pytest.approx([ridge, strongest, one_way], abs=0.1)
 
 
-def test_even_pictures_have_finite_edges_and_lines() -> None:
+def test_even_pictures_have_finite_edges_and_lines():
     for value in (0, 128, 255):
         frame = np.full((60, 80), value, np.uint8)
         for image in (None, FLAT):
@@ -434,7 +433,7 @@ def test_even_pictures_have_finite_edges_and_lines() -> None:
                 assert np.isfinite(part.describe(frame, Grid(3, 4, 80))).all()
 
 
-def test_pictures_are_prepared_once(colour: Image, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pictures_are_prepared_once(colour, monkeypatch):
     calls: list[str] = []
 
     class Counted:
@@ -460,7 +459,7 @@ def test_pictures_are_prepared_once(colour: Image, monkeypatch: pytest.MonkeyPat
     assert len(set(Context(joined, "mean").names)) == found.shape[1]
 
 
-def test_a_spec_in_a_file(tmp_path: Path) -> None:
+def test_a_spec_in_a_file(tmp_path):
     file = tmp_path / "my+spec.json"
     spec = Context(Haralick(False, FLAT), "mean").spec
     file.write_text(json.dumps(spec), encoding="utf-8")
@@ -479,7 +478,7 @@ def test_a_spec_in_a_file(tmp_path: Path) -> None:
         refuses(r"No such file|Is a directory", extractor_named, f"spec:{missing}")
 
 
-def test_canonical_json() -> None:
+def test_canonical_json():
     assert canonical_json({"b": [1, 2.5, None], "a": "ø"}) == '{"a":"\\u00f8","b":[1,2.5,null]}'
     assert json_sha256({"a": 1, "b": 2}) == json_sha256({"b": 2, "a": 1})
     for value in (float("nan"), float("inf")):

@@ -45,7 +45,7 @@ def raw_data(pixel_format: str, height: int, width: int) -> np.ndarray:
 
 @pytest.mark.parametrize("pixel_format", BAYER)
 @given(height=sizes, width=sizes)
-def test_a_mosaic_gives_its_colours_back(pixel_format: str, height: int, width: int) -> None:
+def test_a_mosaic_gives_its_colours_back(pixel_format, height, width):
     colours = smooth(height, width)
     frame = frame_from_camera(mosaic(colours, pixel_format), height, width, pixel_format)
     # Bilinear interpolation is exact on an even rise; OpenCV copies the outermost pixels.
@@ -54,7 +54,7 @@ def test_a_mosaic_gives_its_colours_back(pixel_format: str, height: int, width: 
     assert np.abs(frame.astype(int) - colours).max() <= 3
 
 
-def test_the_patterns_are_told_apart() -> None:
+def test_the_patterns_are_told_apart():
     colours = smooth(8, 8)
     for taken in BAYER:
         for said in BAYER:
@@ -64,7 +64,7 @@ def test_the_patterns_are_told_apart() -> None:
 
 
 @given(height=sizes, width=sizes)
-def test_formats_without_a_mosaic_keep_their_pixels(height: int, width: int) -> None:
+def test_formats_without_a_mosaic_keep_their_pixels(height, width):
     gray = raw_data("Mono8", height, width)
     frame = frame_from_camera(gray.tobytes(), height, width, "Mono8")
     np.testing.assert_array_equal(frame, gray.reshape(height, width))
@@ -102,25 +102,25 @@ def test_a_frame_never_changes_with_the_driver_s_buffer(pixel_format, height, wi
     width=sizes,
     off=st.integers(-8, 8).filter(bool),
 )
-def test_data_of_another_size_are_refused(pixel_format: str, height: int, width: int, off: int):
+def test_data_of_another_size_are_refused(pixel_format, height, width, off):
     right = raw_size(pixel_format, height, width)
     with pytest.raises(ValueError, match=f"{width}x{height} has {right} bytes, not {right + off}"):
         frame_from_camera(bytes(right + off), height, width, pixel_format)
 
 
-def test_data_need_not_lie_in_one_piece() -> None:
+def test_data_need_not_lie_in_one_piece():
     colours = raw_data("BGR8", 6, 9).reshape(6, 9, 3)
     frame = frame_from_camera(colours[:, :, ::-1], 6, 9, "RGB8")
     np.testing.assert_array_equal(frame, colours)
 
 
 @pytest.mark.parametrize("pixel_format", ["", "Mono12", "bayerrg8", "YUV422"])
-def test_unknown_formats_are_refused_with_the_known_ones(pixel_format: str) -> None:
+def test_unknown_formats_are_refused_with_the_known_ones(pixel_format):
     with pytest.raises(ValueError, match=r"unknown pixel format .* \(known: Mono8, BayerRG8"):
         frame_from_camera(bytes(16), 4, 4, pixel_format)
 
 
-def test_what_cannot_be_a_frame_is_refused() -> None:
+def test_what_cannot_be_a_frame_is_refused():
     with pytest.raises(ValueError, match="uint8, not uint16"):
         frame_from_camera(np.zeros(16, np.uint16), 4, 4, "Mono8")
     with pytest.raises(ValueError, match="too small"):
@@ -129,7 +129,7 @@ def test_what_cannot_be_a_frame_is_refused() -> None:
         frame_from_camera(b"", 0, 4, "Mono8")
 
 
-def test_out_must_fit() -> None:
+def test_out_must_fit():
     raw = np.zeros(64, np.uint8)
     read_only = np.zeros((8, 8), np.uint8)
     read_only.flags.writeable = False
@@ -139,7 +139,7 @@ def test_out_must_fit() -> None:
             frame_from_camera(raw, 8, 8, "Mono8", out)
 
 
-def test_cv2_s_two_letter_names_are_the_other_way_round() -> None:
+def test_cv2_s_two_letter_names_are_the_other_way_round():
     raw = mosaic(smooth(8, 8), "BayerRG8")
     expected = cv2.cvtColor(raw, cv2.COLOR_BayerBG2BGR)
     np.testing.assert_array_equal(frame_from_camera(raw, 8, 8, "BayerRG8"), expected)

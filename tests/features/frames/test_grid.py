@@ -1,5 +1,3 @@
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -22,7 +20,7 @@ def _resized(grid: Grid, height: int, width: int) -> tuple[int, int]:
     return height, width
 
 
-def test_thesis_frame() -> None:
+def test_thesis_frame():
     height, width = DEFAULT_GRID.resized(1024, 1360)
     assert (width, height) == (360, 271)
     assert DEFAULT_GRID.patch_size(height, width) == (27, 36)
@@ -34,7 +32,7 @@ def test_thesis_frame() -> None:
 
 @given(grids, sides, sides)
 @settings(max_examples=scaled(150))
-def test_patches_are_equal_disjoint_and_inside(grid: Grid, height: int, width: int) -> None:
+def test_patches_are_equal_disjoint_and_inside(grid, height, width):
     height, width = _resized(grid, height, width)
     boxes = grid.boxes(height, width)
     assert boxes.shape == (grid.n_patches, 4)
@@ -52,7 +50,7 @@ def test_patches_are_equal_disjoint_and_inside(grid: Grid, height: int, width: i
 
 @given(grids, sides, sides, st.integers(0, 2**32 - 1))
 @settings(max_examples=scaled(100))
-def test_boxes_cells_and_paint_agree(grid: Grid, height: int, width: int, seed: int) -> None:
+def test_boxes_cells_and_paint_agree(grid, height, width, seed):
     height, width = _resized(grid, height, width)
     rng = np.random.default_rng(seed)
     image = rng.integers(0, 256, (height, width), np.uint8)
@@ -67,12 +65,12 @@ def test_boxes_cells_and_paint_agree(grid: Grid, height: int, width: int, seed: 
 
 
 @given(grids)
-def test_text_and_json_round_trips(grid: Grid) -> None:
+def test_text_and_json_round_trips(grid):
     assert Grid.parse(str(grid)) == grid
     assert Grid.from_json(grid.to_json()) == grid
 
 
-def test_text_forms() -> None:
+def test_text_forms():
     assert Grid.parse(" 10x10 ") == Grid(10, 10, 360)
     assert Grid.parse("1x1@native") == Grid(1, 1, None)
     assert str(Grid(4, 6, 120)) == "4x6@120"
@@ -86,7 +84,7 @@ def test_text_forms() -> None:
         *("10x10@big", "10 x 10", "1.5x2", "10x10@99999", "9" * 5000 + "x1"),
     ],
 )
-def test_refused_text(text: str) -> None:
+def test_refused_text(text):
     refuses("", Grid.parse, text)
 
 
@@ -99,7 +97,7 @@ json_values = st.none() | st.booleans() | st.integers() | st.floats() | st.text(
     | json_values
 )
 @settings(max_examples=scaled(200))
-def test_json_is_read_exactly_or_refused(value: Any) -> None:
+def test_json_is_read_exactly_or_refused(value):
     try:
         grid = Grid.from_json(value)
     except ToktError:
@@ -110,19 +108,19 @@ def test_json_is_read_exactly_or_refused(value: Any) -> None:
 @pytest.mark.parametrize(
     "value", [{"rows": 10, "cols": 10.5, "width": 360}, {"rows": 1}, None, [1]]
 )
-def test_json_of_another_kind_is_refused(value: Any) -> None:
+def test_json_of_another_kind_is_refused(value):
     refuses("", Grid.from_json, value)
 
 
 @pytest.mark.parametrize(("height", "width"), [(29, 360), (2, 360), (0, 360)])
-def test_too_small_a_frame(height: int, width: int) -> None:
+def test_too_small_a_frame(height, width):
     grid = Grid(10, 10, 360)
     refuses("least is 3x3", grid.patch_size, height, width)
     refuses("", grid.boxes, height, width)
     refuses("", grid.cells, np.zeros((height, width), np.uint8))
 
 
-def test_contains() -> None:
+def test_contains():
     grid = Grid(2, 3, 30)
     inside = {(r, c) for r in range(-1, 4) for c in range(-1, 5) if grid.contains(r, c)}
     assert inside == {(r, c) for r in range(2) for c in range(3)}

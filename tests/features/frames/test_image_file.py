@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -30,7 +28,7 @@ def encode(image: Image, suffix: str, options: list[int] | None = None) -> bytes
 
 
 @pytest.fixture(scope="session", params=[f"{way} {kind}" for way in WAYS for kind in "gc"])
-def picture(request: pytest.FixtureRequest, colour: Image, gray: Image) -> tuple[bytes, Image]:
+def picture(request, colour, gray):
     """An encoded picture and what OpenCV makes of the whole of it."""
     way, kind = request.param.split()
     suffix, options = WAYS[way]
@@ -38,20 +36,20 @@ def picture(request: pytest.FixtureRequest, colour: Image, gray: Image) -> tuple
     return data, np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR))
 
 
-def test_the_ways_of_writing_differ(colour: Image) -> None:
+def test_the_ways_of_writing_differ(colour):
     files = {name: encode(colour, *way) for name, way in WAYS.items()}
     assert len(set(files.values())) == len(WAYS)
     assert b"\xff\xc2" in files["progressive"] and b"\xff\xd3" in files["restarts"]
 
 
-def test_whole_pictures(picture: tuple[bytes, Image]) -> None:
+def test_whole_pictures(picture):
     data, image = picture
     assert np.array_equal(decode_image(data, "a"), image)
     for tail in (b"\x00", b"\xff", b"\xff\xd9", b"camera trailer" * 20):
         assert np.array_equal(decode_image(data + tail, "a"), image)
 
 
-def test_prefixes_are_refused(picture: tuple[bytes, Image]) -> None:
+def test_prefixes_are_refused(picture):
     data, _ = picture
     ends = {*range(40), *range(0, len(data), max(1, len(data) // 250))}
     ends |= set(range(len(data) - 40, len(data)))
@@ -63,14 +61,14 @@ def test_prefixes_are_refused(picture: tuple[bytes, Image]) -> None:
 
 @settings(max_examples=scaled(60))
 @given(fraction=st.floats(0, 1, exclude_max=True))
-def test_any_prefix_is_refused(picture: tuple[bytes, Image], fraction: float) -> None:
+def test_any_prefix_is_refused(picture, fraction):
     data, _ = picture
     with pytest.raises(FrameError):
         decode_image(data[: int(fraction * len(data))], "cut")
 
 
 @pytest.mark.parametrize("suffix", [".bmp", ".tif", ".ppm"])
-def test_prefixes_of_other_formats_are_refused(colour: Image, suffix: str) -> None:
+def test_prefixes_of_other_formats_are_refused(colour, suffix):
     data = encode(colour, suffix)
     assert np.array_equal(decode_image(data, "a"), colour)
     for end in {*range(64), *range(64, len(data), len(data) // 60), len(data) - 1}:
@@ -79,7 +77,7 @@ def test_prefixes_of_other_formats_are_refused(colour: Image, suffix: str) -> No
 
 
 @pytest.mark.parametrize("way", [way for way in WAYS if way != "png"])
-def test_thumbnail_is_not_the_end(colour: Image, way: str) -> None:
+def test_thumbnail_is_not_the_end(colour, way):
     whole = encode(colour, *WAYS[way])
     # In its APP1 segment, as cameras write them.
     payload = b"Exif\x00\x00" + encode(colour[::5, ::5].copy(), ".jpg")
@@ -94,14 +92,14 @@ def test_thumbnail_is_not_the_end(colour: Image, way: str) -> None:
             decode_image(data[:end], "cut")
 
 
-def test_a_segment_that_points_past_the_end_is_refused(colour: Image) -> None:
+def test_a_segment_that_points_past_the_end_is_refused(colour):
     data = bytearray(encode(colour, ".jpg"))
     data[4:6] = b"\xff\xff"
     with pytest.raises(FrameError):
         decode_image(bytes(data), "a")
 
 
-def test_fill_bytes_before_a_marker(colour: Image) -> None:
+def test_fill_bytes_before_a_marker(colour):
     data = encode(colour, ".jpg")
     filled = data[:2] + b"\xff\xff\xff" + data[2:-2] + b"\xff\xff" + data[-2:]
     assert np.array_equal(decode_image(filled, "a"), decode_image(data, "b"))
@@ -125,13 +123,13 @@ heads = st.sampled_from([b"", b"\xff\xd8", b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
 
 @settings(max_examples=scaled(200))
 @given(head=heads, data=st.binary(max_size=300))
-def test_junk(head: bytes, data: bytes) -> None:
+def test_junk(head, data):
     only_a_frame_error(head + data)
 
 
 @settings(max_examples=scaled(40), suppress_health_check=[HealthCheck.too_slow])
 @given(edits=st.lists(edits, min_size=1, max_size=4))
-def test_damaged_pictures(picture: tuple[bytes, Image], edits: list[tuple[float, int, bool]]):
+def test_damaged_pictures(picture, edits):
     """Up to four bytes replaced, in the headers or anywhere."""
     data = bytearray(picture[0])
     for where, value, anywhere in edits:
@@ -140,7 +138,7 @@ def test_damaged_pictures(picture: tuple[bytes, Image], edits: list[tuple[float,
 
 
 @pytest.mark.parametrize("length", [0, 1, 2, 3, 0x7FFF, 0xFFFF])
-def test_segment_lengths(colour: Image, length: int) -> None:
+def test_segment_lengths(colour, length):
     data = bytearray(encode(colour, ".jpg"))
     position = 2
     while data[position + 1] != 0xDA:
@@ -152,14 +150,14 @@ def test_segment_lengths(colour: Image, length: int) -> None:
 
 
 @pytest.mark.parametrize("length", [0, 1, 0x7FFFFFFF, 0xFFFFFFFF])
-def test_chunk_lengths(colour: Image, length: int) -> None:
+def test_chunk_lengths(colour, length):
     data = bytearray(encode(colour, ".png"))
     position = data.index(b"IDAT") - 4
     data[position : position + 4] = length.to_bytes(4, "big")
     only_a_frame_error(bytes(data))
 
 
-def test_empty_missing_and_folder(tmp_path: Path) -> None:
+def test_empty_missing_and_folder(tmp_path):
     with pytest.raises(FrameError, match="empty"):
         decode_image(b"", "a")
     with pytest.raises(FrameError, match="No such file"):
@@ -168,7 +166,7 @@ def test_empty_missing_and_folder(tmp_path: Path) -> None:
         read_image(tmp_path)
 
 
-def test_pixel_hash_is_of_pixels(tmp_path: Path, gray: Image) -> None:
+def test_pixel_hash_is_of_pixels(tmp_path, gray):
     for suffix in (".png", ".bmp"):
         cv2.imwrite(str(tmp_path / f"a{suffix}"), gray)
     a, b = read_image(tmp_path / "a.png"), read_image(tmp_path / "a.bmp")
@@ -180,7 +178,7 @@ def test_pixel_hash_is_of_pixels(tmp_path: Path, gray: Image) -> None:
 
 
 @pytest.mark.mission
-def test_every_real_frame_is_accepted(mission: Path) -> None:
+def test_every_real_frame_is_accepted(mission):
     files = sorted(mission.glob("*/*.jpg"))
     assert len(files) == 492
     for index, file in enumerate(files):
@@ -193,7 +191,7 @@ def test_every_real_frame_is_accepted(mission: Path) -> None:
                     decode_image(data[:end], file.name)
 
 
-def test_a_png_that_says_it_is_huge_is_not_decoded(gray: Image) -> None:
+def test_a_png_that_says_it_is_huge_is_not_decoded(gray):
     png = bytearray(cv2.imencode(".png", gray)[1].tobytes())
     png[16:24] = (20_000).to_bytes(4, "big") * 2
     with pytest.raises(FrameError, match="400000000 pixels"):

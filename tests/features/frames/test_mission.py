@@ -19,7 +19,7 @@ def _write(path: Path, value: int) -> None:
     assert cv2.imwrite(str(path), np.full((12, 16), value, np.uint8))
 
 
-def test_stereo_folder(tmp_path: Path) -> None:
+def test_stereo_folder(tmp_path):
     for number in (10, 2, 1):
         _write(tmp_path / "dive" / "Left" / f"tokt1_L_{number}.png", number)
         _write(tmp_path / "dive" / "RIGHT" / f"tokt1_R_{number}.png", number + 100)
@@ -37,7 +37,7 @@ def test_stereo_folder(tmp_path: Path) -> None:
             found.read(frame, camera)
 
 
-def test_flat_folder_and_what_is_passed_over(tmp_path: Path) -> None:
+def test_flat_folder_and_what_is_passed_over(tmp_path):
     for number in (1, 2, 10):
         _write(tmp_path / f"f{number:03}.png", number)
     _write(tmp_path / "big.JPG.7.PNG", 7)
@@ -49,13 +49,13 @@ def test_flat_folder_and_what_is_passed_over(tmp_path: Path) -> None:
     assert (found.read(7) == 7).all()
 
 
-def test_stereo_wins_over_images_beside_it(tmp_path: Path) -> None:
+def test_stereo_wins_over_images_beside_it(tmp_path):
     _write(tmp_path / "left" / "a_5.png", 5)
     _write(tmp_path / "map_1.png", 1)
     assert open_mission(tmp_path).frames() == [5]
 
 
-def test_unreadable_frames_are_frame_errors(tmp_path: Path) -> None:
+def test_unreadable_frames_are_frame_errors(tmp_path):
     for number in (1, 2, 3):
         _write(tmp_path / f"{number}.png", number)
     whole = (tmp_path / "2.png").read_bytes()
@@ -68,13 +68,13 @@ def test_unreadable_frames_are_frame_errors(tmp_path: Path) -> None:
     assert (found.read(3) == 3).all()
 
 
-def test_a_camera_without_frames_is_none(tmp_path: Path) -> None:
+def test_a_camera_without_frames_is_none(tmp_path):
     _write(tmp_path / "Left" / "l_1.png", 1)
     (tmp_path / "Right").mkdir()
     assert open_mission(tmp_path).cameras == ("left",)
 
 
-def test_refused_folders(tmp_path: Path) -> None:
+def test_refused_folders(tmp_path):
     refuses("does not exist", open_mission, tmp_path / "none")
     refuses("no frames", open_mission, tmp_path)
     _write(tmp_path / "only right" / "Right" / "r_1.png", 1)
@@ -89,7 +89,7 @@ def test_refused_folders(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def video(tmp_path_factory):
     path = tmp_path_factory.mktemp("video") / "dive 3.avi"
     rng = np.random.default_rng(3)
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
@@ -101,7 +101,7 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_video_frames_by_any_order(video: Path) -> None:
+def test_video_frames_by_any_order(video):
     found = open_mission(video)
     assert found.name == "dive 3" and found.cameras == ("left",)
     assert found.frames() == list(range(1, N_VIDEO + 1))
@@ -121,7 +121,7 @@ def test_video_frames_by_any_order(video: Path) -> None:
         again.read(1, "right")
 
 
-def test_video_frames_as_files(video: Path) -> None:
+def test_video_frames_as_files(video):
     found = open_mission(video)
     data, suffix = found.encoded(4)
     decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)
@@ -129,7 +129,7 @@ def test_video_frames_as_files(video: Path) -> None:
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
-def test_truncated_video(video: Path, tmp_path: Path, share: float) -> None:
+def test_truncated_video(video, tmp_path, share):
     """What is left keeps its numbers; what is gone is a FrameError, however often it is asked."""
     data = video.read_bytes()
     cut = tmp_path / "cut.avi"
@@ -155,7 +155,7 @@ def test_truncated_video(video: Path, tmp_path: Path, share: float) -> None:
 
 
 @pytest.mark.parametrize("damage", [b"\x00", b"\xff\xd8"])
-def test_a_damaged_frame_does_not_move_the_numbers(video: Path, tmp_path: Path, damage: bytes):
+def test_a_damaged_frame_does_not_move_the_numbers(video, tmp_path, damage):
     data = bytearray(video.read_bytes())
     position = data.index(b"movi")
     for _ in range(6):
@@ -181,20 +181,20 @@ def test_a_damaged_frame_does_not_move_the_numbers(video: Path, tmp_path: Path, 
 
 
 @pytest.mark.parametrize("content", [b"", b"RIFF", b"no video at all" * 100])
-def test_not_a_video(tmp_path: Path, content: bytes) -> None:
+def test_not_a_video(tmp_path, content):
     path = tmp_path / "dive.mp4"
     path.write_bytes(content)
     refuses("not a video", open_mission, path)
 
 
 @given(st.sets(st.integers(0, 400)).filter(bool))
-def test_frame_lists_round_trip(frames: set[int]) -> None:
+def test_frame_lists_round_trip(frames):
     text = format_frames(frames)
     assert parse_frames(text) == sorted(frames)
     assert text == format_frames(parse_frames(text))
 
 
-def test_frame_lists() -> None:
+def test_frame_lists():
     assert parse_frames("132-134, 1-3,2, 9") == [1, 2, 3, 9, 132, 133, 134]
     assert format_frames([7, 3, 2, 1, 2]) == "1-3,7"
     assert format_frames([]) == ""
@@ -203,12 +203,12 @@ def test_frame_lists() -> None:
 @pytest.mark.parametrize(
     "text", ["", "a", "1-", "-3", "3-1", "1,,2", "1;2", "1.5", "1-2-3", "9" * 5000, "0-99999999999"]
 )
-def test_refused_frame_lists(text: str) -> None:
+def test_refused_frame_lists(text):
     refuses(r"not a list of frames|too long", parse_frames, text)
 
 
 @pytest.mark.mission
-def test_real_mission(mission: Path) -> None:
+def test_real_mission(mission):
     found = open_mission(mission)
     assert found.name == "approach"
     assert found.frames("left") == found.frames("right") == list(range(1, 247))

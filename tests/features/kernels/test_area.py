@@ -1,6 +1,5 @@
 """Resized gray pictures against OpenCV's, bit for bit."""
 
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -49,7 +48,7 @@ def targets(draw: st.DrawFn, side: int) -> int:
 @fast
 @examples(300)
 @given(data=st.data())
-def test_any_size(kernels: Kernels, data: st.DataObject) -> None:
+def test_any_size(kernels, data):
     high, wide = data.draw(SIDES), data.draw(SIDES)
     if data.draw(st.booleans()):  # whole scales, 2x and 4x among them
         factor = data.draw(st.integers(1, 5)), data.draw(st.integers(1, 5))
@@ -65,7 +64,7 @@ def test_any_size(kernels: Kernels, data: st.DataObject) -> None:
 @pytest.mark.parametrize("depth", [(), (3,)])
 @pytest.mark.parametrize("down", TIES)
 @pytest.mark.parametrize("across", TIES)
-def test_sums_halfway_between_two_grey_levels(kernels, down, across, depth) -> None:
+def test_sums_halfway_between_two_grey_levels(kernels, down, across, depth):
     """Stripes and noise of two neighbouring levels, and noise of all levels."""
     shape = down[0] * 7, across[0] * 11, *depth
     height, width = down[1] * 7, across[1] * 11
@@ -81,7 +80,7 @@ def test_sums_halfway_between_two_grey_levels(kernels, down, across, depth) -> N
 @fast
 @pytest.mark.parametrize("size", [(1500, 2000), (2000, 700), (700, 3000)])
 @pytest.mark.parametrize("target", [(3, 4), (5, 5), (1, 1), (7, 2), (11, 60)])
-def test_reductions_by_hundreds(kernels: Kernels, size: tuple[int, int], target: tuple[int, int]):
+def test_reductions_by_hundreds(kernels, size, target):
     """Rounding adds up over so many pixels, and differently in each order of adding."""
     rng = np.random.default_rng(5)
     for level in (128, 200, 254):
@@ -92,7 +91,7 @@ def test_reductions_by_hundreds(kernels: Kernels, size: tuple[int, int], target:
 
 @fast
 @pytest.mark.parametrize("first", range(0, 1 << 24, 1 << 20))
-def test_every_colour(kernels: Kernels, first: int) -> None:
+def test_every_colour(kernels, first):
     """Each colour as three rows that become two: a reduction, in which it stays what it is."""
     packed = np.arange(first, first + (1 << 20), dtype="<u4").view(np.uint8).reshape(1024, 1024, 4)
     colours = np.ascontiguousarray(packed[:, :, :3])
@@ -102,7 +101,7 @@ def test_every_colour(kernels: Kernels, first: int) -> None:
 
 
 @fast
-def test_any_number_of_threads(kernels: Kernels) -> None:
+def test_any_number_of_threads(kernels):
     for depth in ((), (3,)):
         frame = paint("noise", (101, 143, *depth), 4, 0, 0)
         for threads in (1, 2, 3, 7, 40):
@@ -111,7 +110,7 @@ def test_any_number_of_threads(kernels: Kernels) -> None:
 
 @fast
 @pytest.mark.parametrize("depth", [(), (3,)])
-def test_any_layout(kernels: Kernels, depth: tuple[int, ...]) -> None:
+def test_any_layout(kernels, depth):
     whole = paint("noise", (85, 97, *depth), 8, 0, 0)
     read_only = whole.copy()
     read_only.flags.writeable = False
@@ -130,7 +129,7 @@ def test_any_layout(kernels: Kernels, depth: tuple[int, ...]) -> None:
 @needs_compiled
 @pytest.mark.mission
 @pytest.mark.parametrize("camera", ["Left", "Right"])
-def test_mission_frames(camera: str, mission: Path) -> None:
+def test_mission_frames(camera, mission):
     paths = sorted((mission / camera).iterdir())[::3]  # `tokt bench --mission` compares them all
     assert paths
     for path in paths:

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from tests.tiers import scaled
 from tokt.features.kernels.block_matching import BlockMatching
-from tokt.features.kernels.dispatch import Kernels
 
 from .each_kernel import COMPILED_KERNELS, fast, needs_compiled
 
@@ -75,7 +74,7 @@ def test_the_wanted_pixels_have_opencvs_disparities(
 
 
 @needs_compiled
-def test_each_instruction_set_gives_the_same_at_the_runtimes_settings() -> None:
+def test_each_instruction_set_gives_the_same_at_the_runtimes_settings():
     from tokt.features.kernels import _native
 
     matching = BlockMatching(32, 176, 21, 31, 150, 12)
@@ -101,14 +100,14 @@ def test_each_instruction_set_gives_the_same_at_the_runtimes_settings() -> None:
         *({"block": 23, "cap": 31}, {"cap": 32}, {"texture": -1}, {"uniqueness": -1}),
     ],
 )
-def test_numbers_out_of_range_are_refused(changes: dict[str, int]) -> None:
+def test_numbers_out_of_range_are_refused(changes):
     usual = BlockMatching(2, 32, 21, 31, 10, 12)
     with pytest.raises(ValueError):
         replace(usual, **changes)
 
 
 @fast
-def test_other_arrays_are_refused(kernels: Kernels) -> None:
+def test_other_arrays_are_refused(kernels):
     matching = BlockMatching(0, 16, 5, 31, 0, 0)
     view = np.zeros((20, 30), np.uint8)
     with pytest.raises(TypeError):

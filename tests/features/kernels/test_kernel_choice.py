@@ -37,7 +37,7 @@ def run(*arguments: str, kernels: str = "", path: Path | None = None) -> tuple[i
 
 
 @pytest.fixture(scope="module")
-def without_extension(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def without_extension(tmp_path_factory):
     """A folder to import this package from, complete but for the compiled kernels."""
     root = tmp_path_factory.mktemp("package")
     (root / "sitecustomize.py").write_text(NO_EDITABLE_INSTALL, encoding="utf-8")
@@ -58,7 +58,7 @@ def without_extension(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @needs_compiled
-def test_compiled_unless_asked_otherwise() -> None:
+def test_compiled_unless_asked_otherwise():
     code, out, err = run("-c", NAME_AND_WHY)
     assert (code, err) == (0, "")
     assert out.startswith("compiled | ")
@@ -67,22 +67,22 @@ def test_compiled_unless_asked_otherwise() -> None:
 @pytest.mark.parametrize(
     "name", [pytest.param("compiled", marks=needs_compiled), "numpy", "library"]
 )
-def test_the_variable_chooses(name: str) -> None:
+def test_the_variable_chooses(name):
     assert run("-c", NAME_AND_WHY, kernels=name) == (0, f"{name} | TOKT_KERNELS={name}\n", "")
 
 
 @pytest.mark.parametrize("name", [pytest.param("compiled", marks=needs_compiled), "numpy"])
-def test_fast_kernels_import_no_library(name: str) -> None:
+def test_fast_kernels_import_no_library(name):
     assert run("-c", f"{DESCRIBE}; {LIBRARIES}", kernels=name) == (0, "set()\n", "")
 
 
-def test_the_library_kernels_do() -> None:
+def test_the_library_kernels_do():
     code, out, _ = run("-c", f"{DESCRIBE}; {LIBRARIES}", kernels="library")
     assert code == 0 and "skimage" in out and "mahotas" in out
 
 
 @pytest.mark.parametrize("value", ["nonsense", "Compiled", "numpy,compiled", " "])
-def test_an_unknown_name_is_one_line(value: str, tiny_bundle: Path, tmp_path: Path) -> None:
+def test_an_unknown_name_is_one_line(value, tiny_bundle, tmp_path):
     command = ("-m", "tokt", "run", "--bundle", str(tiny_bundle), "--source", str(tmp_path))
     code, out, err = run(*command, kernels=value)
     assert (code, out) == (2, "")
@@ -90,18 +90,18 @@ def test_an_unknown_name_is_one_line(value: str, tiny_bundle: Path, tmp_path: Pa
     assert err == f"tokt: error: TOKT_KERNELS={value}: {words}\n"
 
 
-def test_load_kernels_refuses_unknown_names() -> None:
+def test_load_kernels_refuses_unknown_names():
     for name in ("", "native", "NUMPY"):
         refuses("unknown kernels", load_kernels, name)
 
 
-def test_numpy_where_nothing_is_compiled(without_extension: Path) -> None:
+def test_numpy_where_nothing_is_compiled(without_extension):
     code, out, err = run("-c", f"{DESCRIBE}; {NAME_AND_WHY}", path=without_extension)
     assert (code, err) == (0, "")
     assert out.startswith("numpy | no compiled ones: they were not built; install tokt again")
 
 
-def test_compiled_asked_for_but_not_there(without_extension, tiny_bundle, tmp_path) -> None:
+def test_compiled_asked_for_but_not_there(without_extension, tiny_bundle, tmp_path):
     command = ("-m", "tokt", "run", "--bundle", str(tiny_bundle), "--source", str(tmp_path))
     code, out, err = run(*command, kernels="compiled", path=without_extension)
     assert (code, out) == (2, "")
@@ -110,7 +110,7 @@ def test_compiled_asked_for_but_not_there(without_extension, tiny_bundle, tmp_pa
     assert err.count("\n") == 1
 
 
-def test_an_extension_built_from_other_sources_is_not_used() -> None:
+def test_an_extension_built_from_other_sources_is_not_used():
     native = "tokt.features.kernels._native"
     old = f"import sys, types; sys.modules[{native!r}] = types.ModuleType('_native'); "
     code, out, err = run("-c", old + NAME_AND_WHY)

@@ -67,7 +67,7 @@ def described(kernels: Kernels, gray: Image, grid: Grid, threads: int = 1) -> li
 @fast
 @examples(200)
 @given(drawn=pictures(), circle=CIRCLES, border=BORDERS)
-def test_lbp_equals_scikit_image(kernels, drawn, circle, border) -> None:
+def test_lbp_equals_scikit_image(kernels, drawn, circle, border):
     gray, grid = drawn
     found = kernels.lbp_counts(gray, grid, *circle, border)
     assert same_bits(found, reference.lbp_counts(gray, grid, *circle, border))
@@ -79,7 +79,7 @@ def test_lbp_equals_scikit_image(kernels, drawn, circle, border) -> None:
     "circle",
     [(1, 1), (2, 1.5), *((points, 3) for points in (10, 11, 12, 13, 16, 17, 31, 32, 33, 63, 64))],
 )
-def test_every_number_of_points_fits(kernels: Kernels, circle: tuple[int, float], border: str):
+def test_every_number_of_points_fits(kernels, circle, border):
     gray, grid = paint("few levels", (70, 140), 5, 100, 0), Grid(2, 1, None)
     found = kernels.lbp_counts(gray, grid, *circle, border)
     assert same_bits(found, reference.lbp_counts(gray, grid, *circle, border))
@@ -88,7 +88,7 @@ def test_every_number_of_points_fits(kernels: Kernels, circle: tuple[int, float]
 
 @fast
 @pytest.mark.parametrize("radius", [33, 100.25, 1024])
-def test_a_circle_larger_than_the_picture(kernels: Kernels, radius: float) -> None:
+def test_a_circle_larger_than_the_picture(kernels, radius):
     gray = paint("noise", (9, 20), 1, 0, 0)
     for border in ("patch", "frame"):
         found = kernels.lbp_counts(gray, Grid(3, 2, None), 8, radius, border)
@@ -101,7 +101,7 @@ def test_a_circle_larger_than_the_picture(kernels: Kernels, radius: float) -> No
 @fast
 @examples(100)
 @given(drawn=pictures(4_000), ignore_zeros=st.booleans())
-def test_haralick_is_exact(kernels: Kernels, drawn: tuple[Image, Grid], ignore_zeros: bool) -> None:
+def test_haralick_is_exact(kernels, drawn, ignore_zeros):
     gray, grid = drawn
     found = kernels.haralick_features(gray, grid, ignore_zeros)
     assert found.dtype == np.float64 and found.shape == (grid.n_patches, 13)
@@ -113,7 +113,7 @@ def test_haralick_is_exact(kernels: Kernels, drawn: tuple[Image, Grid], ignore_z
 @fast
 @pytest.mark.parametrize("high", [1, 17, 254, 255])
 @pytest.mark.parametrize("ignore_zeros", [False, True])
-def test_bright_patches_with_one_other_pixel_are_exact(kernels, high, ignore_zeros) -> None:
+def test_bright_patches_with_one_other_pixel_are_exact(kernels, high, ignore_zeros):
     """Here a variance from the mean of squares has no digit left."""
     patch = np.full((80, 150), high, np.uint8)
     patch[40, 70] -= 1
@@ -137,7 +137,7 @@ def mahotas_is_accurate(patch: Image, ignore_zeros: bool) -> bool:
 
 @examples(100)
 @given(drawn=pictures(8_000), ignore_zeros=st.booleans())
-def test_haralick_equals_mahotas(drawn: tuple[Image, Grid], ignore_zeros: bool) -> None:
+def test_haralick_equals_mahotas(drawn, ignore_zeros):
     """To 1e-9 of the feature; of 1 for the correlation, which may be 0.
 
     Besides, mahotas gives 1e-16 for an entropy of 0, and the information measures magnify its
@@ -163,7 +163,7 @@ def test_haralick_equals_mahotas(drawn: tuple[Image, Grid], ignore_zeros: bool) 
 @needs_compiled
 @examples(60)
 @given(drawn=pictures(), ignore_zeros=st.booleans())
-def test_numpy_haralick_equals_compiled(drawn: tuple[Image, Grid], ignore_zeros: bool) -> None:
+def test_numpy_haralick_equals_compiled(drawn, ignore_zeros):
     gray, grid = drawn
     one = COMPILED_KERNELS.haralick_features(gray, grid, ignore_zeros)
     two = NUMPY_KERNELS.haralick_features(gray, grid, ignore_zeros)
@@ -188,7 +188,7 @@ def test_turned_and_mirrored_patches_have_the_same_haralick_features(kernels, dr
 @fast
 @pytest.mark.parametrize("level", [0, 1, 128, 255])
 @pytest.mark.parametrize("ignore_zeros", [False, True])
-def test_constant_patches(kernels: Kernels, level: int, ignore_zeros: bool) -> None:
+def test_constant_patches(kernels, level, ignore_zeros):
     """Energy 1, correlation 1 by definition, sum average twice the level, no entropy."""
     found = kernels.haralick_features(np.full((7, 9), level, np.uint8), ONE, ignore_zeros)[0]
     values = level + 1
@@ -209,7 +209,7 @@ IGNORING = {
 
 @fast
 @pytest.mark.parametrize("name", IGNORING)
-def test_ignoring_zeros(kernels: Kernels, name: str) -> None:
+def test_ignoring_zeros(kernels, name):
     """Where a direction has no pair left, the features with the zeros counted."""
     patch = np.asarray(IGNORING[name], np.uint8)
     found = kernels.haralick_features(patch, ONE, True)[0]
@@ -226,7 +226,7 @@ def test_ignoring_zeros(kernels: Kernels, name: str) -> None:
 
 
 @pytest.fixture
-def levels() -> Iterator[Any]:
+def levels():
     """Runs a function at each instruction level of this processor."""
     native = pytest.importorskip("tokt.features.kernels._native", reason="not built here")
 
@@ -242,7 +242,7 @@ def levels() -> Iterator[Any]:
 
 
 @needs_compiled
-def test_every_instruction_level_gives_the_same_bits(levels: Any) -> None:
+def test_every_instruction_level_gives_the_same_bits(levels):
     @examples(60)
     @given(drawn=pictures(), circle=CIRCLES, border=BORDERS)
     def check(drawn: tuple[Image, Grid], circle: tuple[int, float], border: str) -> None:
@@ -261,7 +261,7 @@ def test_every_instruction_level_gives_the_same_bits(levels: Any) -> None:
 @fast
 @examples(40)
 @given(drawn=pictures())
-def test_any_number_of_threads_gives_the_same_bits(kernels: Kernels, drawn: tuple[Image, Grid]):
+def test_any_number_of_threads_gives_the_same_bits(kernels, drawn):
     """More threads than rows of patches among them."""
     alone = described(kernels, *drawn)
     for threads in (2, 3, 7):
@@ -269,7 +269,7 @@ def test_any_number_of_threads_gives_the_same_bits(kernels: Kernels, drawn: tupl
 
 
 @fast
-def test_threads_of_the_caller(kernels: Kernels) -> None:
+def test_threads_of_the_caller(kernels):
     """Several Python threads, pictures of several sizes, each with two threads of its own."""
     work = [
         (paint("noise", (3 * high, 4 * wide), high, 0, 0), Grid(3, 4, None))
@@ -284,7 +284,7 @@ def test_threads_of_the_caller(kernels: Kernels) -> None:
 
 @pytest.mark.skipif(os.name == "nt", reason="no fork on this system")
 @fast
-def test_threads_after_a_fork(kernels: Kernels) -> None:
+def test_threads_after_a_fork(kernels):
     """The child has the parent's pool, but none of its threads."""
     gray, grid = paint("noise", (90, 120), 3, 0, 0), Grid(3, 4, None)
     expected = described(kernels, gray, grid, 3)
@@ -301,7 +301,7 @@ def test_threads_after_a_fork(kernels: Kernels) -> None:
 
 
 @fast
-def test_what_was_computed_before_does_not_matter(kernels: Kernels) -> None:
+def test_what_was_computed_before_does_not_matter(kernels):
     """Memory is used again from call to call: first for other sizes and circles, then for these."""
     grid = Grid(2, 3, None)
     small, large = paint("noise", (20, 30), 1, 0, 0), paint("few levels", (150, 210), 2, 250, 0)
@@ -313,7 +313,7 @@ def test_what_was_computed_before_does_not_matter(kernels: Kernels) -> None:
 
 
 @needs_compiled
-def test_what_the_scratch_memory_holds_does_not_matter() -> None:
+def test_what_the_scratch_memory_holds_does_not_matter():
     from tokt.features.kernels.compiled_kernels import SCRATCH
 
     gray, grid = paint("noise", (80, 150), 1, 0, 0), Grid(2, 3, None)
@@ -350,7 +350,7 @@ def views() -> Iterator[tuple[str, Any]]:
 
 @fast
 @pytest.mark.parametrize(("name", "view"), list(views()), ids=lambda value: str(value)[:20])
-def test_any_layout_gives_what_its_copy_gives(kernels: Kernels, name: str, view: Any) -> None:
+def test_any_layout_gives_what_its_copy_gives(kernels, name, view):
     copy = np.array(view, np.uint8, order="C", subok=False)
     before = copy.copy()
     grid = Grid(3, 2, None)
@@ -395,7 +395,7 @@ def calls(kernels: Kernels, *more: Any) -> Calls:
 
 @fast
 @pytest.mark.parametrize("name", NOT_GRAY)
-def test_no_picture(kernels: Kernels, name: str) -> None:
+def test_no_picture(kernels, name):
     for _, call in calls(kernels):
         with pytest.raises((TypeError, ValueError)):
             call(NOT_GRAY[name])
@@ -403,14 +403,14 @@ def test_no_picture(kernels: Kernels, name: str) -> None:
 
 @fast
 @pytest.mark.parametrize("shape", [*EMPTY, (0, 40, 3), (30, 0, 3)])
-def test_no_pixels(kernels: Kernels, shape: tuple[int, ...]) -> None:
+def test_no_pixels(kernels, shape):
     for _, call in calls(kernels):
         with pytest.raises((TypeError, ValueError, ToktError)):
             call(np.zeros(shape, np.uint8))
 
 
 @fast
-def test_bgr_has_no_texture(kernels: Kernels) -> None:
+def test_bgr_has_no_texture(kernels):
     for name, call in calls(kernels):
         if not name.startswith("area"):
             with pytest.raises(ValueError):
@@ -419,7 +419,7 @@ def test_bgr_has_no_texture(kernels: Kernels) -> None:
 
 @fast
 @pytest.mark.parametrize("shape", [(8, 40), (40, 8), (2, 2), (1, 1), (11, 12)])
-def test_patches_under_3_pixels(kernels: Kernels, shape: tuple[int, int]) -> None:
+def test_patches_under_3_pixels(kernels, shape):
     gray, grid = np.zeros(shape, np.uint8), Grid(4, 4, None)
     for border in ("patch", "frame"):
         refuses("least is 3x3", kernels.lbp_counts, gray, grid, 8, 1, border)
@@ -435,14 +435,14 @@ def test_patches_under_3_pixels(kernels: Kernels, shape: tuple[int, int]) -> Non
         *((8, 1, border) for border in ("x", "", None, 1, b"patch")),
     ],
 )
-def test_lbp_options_out_of_range(kernels: Kernels, points: Any, radius: Any, border: Any) -> None:
+def test_lbp_options_out_of_range(kernels, points, radius, border):
     with pytest.raises((TypeError, ValueError)):
         kernels.lbp_counts(PIXELS, ONE, points, radius, border)
 
 
 @fast
 @pytest.mark.parametrize("threads", [0, -1, 1.5, True, None, "2"])
-def test_threads_out_of_range(kernels: Kernels, threads: Any) -> None:
+def test_threads_out_of_range(kernels, threads):
     deep = PIXELS.astype(np.uint16)
     for _, call in [
         *calls(kernels, threads),
@@ -455,7 +455,7 @@ def test_threads_out_of_range(kernels: Kernels, threads: Any) -> None:
 @fast
 @examples(15)
 @given(data=st.data())
-def test_the_picture_is_left_alone(kernels: Kernels, data: st.DataObject) -> None:
+def test_the_picture_is_left_alone(kernels, data):
     gray = data.draw(painted((30, 40)))
     before = gray.copy()
     described(kernels, gray, Grid(2, 2, None), 2)

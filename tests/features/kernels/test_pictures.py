@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tokt.features.kernels.dispatch import Kernels
 from tokt.features.kernels.quantization import DIFFERENCE, FRAME, RATIO, Quantization
 
 from .drawn import Image, examples, paint, painted, pictures
@@ -31,7 +30,7 @@ def recipes(draw: st.DrawFn) -> Quantization:
 @fast
 @examples(100)
 @given(data=st.data(), threads=THREADS)
-def test_any_size(kernels: Kernels, data: st.DataObject, threads: int) -> None:
+def test_any_size(kernels, data, threads):
     """Smaller and larger pictures of gray and colour frames."""
     shape = (data.draw(SIDES), data.draw(SIDES), *data.draw(st.sampled_from(((), (3,)))))
     height, width = data.draw(SIDES), data.draw(SIDES)
@@ -57,7 +56,7 @@ def exact_pixel(frame: Image, height: int, width: int, row: int, column: int) ->
 
 @fast
 @pytest.mark.parametrize(("height", "width"), [(5, 7), (11, 3), (20, 23), (1, 1)])
-def test_the_definition(kernels: Kernels, height: int, width: int) -> None:
+def test_the_definition(kernels, height, width):
     frame = paint("noise", (13, 17, 3), 3, 0, 0)
     found = kernels.resized_gray16(frame, height, width)
     for row, column in np.ndindex(height, width):
@@ -66,7 +65,7 @@ def test_the_definition(kernels: Kernels, height: int, width: int) -> None:
 
 @fast
 @pytest.mark.parametrize("size", [(1024, 1360), (480, 640), (300, 361)])
-def test_near_opencv_on_floats(kernels: Kernels, size: tuple[int, int]) -> None:
+def test_near_opencv_on_floats(kernels, size):
     """OpenCV's own rounding of weights to single precision is all that is added."""
     frame = paint("noise", (*size, 3), 5, 0, 0)
     height, width = size[0] * 271 // 1024, 360
@@ -76,7 +75,7 @@ def test_near_opencv_on_floats(kernels: Kernels, size: tuple[int, int]) -> None:
 
 
 @fast
-def test_what_one_picture_keeps(kernels: Kernels) -> None:
+def test_what_one_picture_keeps(kernels):
     """Frames of one grey have it exactly; a tenth of a level is seen, where plain ones lose it."""
     for grey in (0, 1, 127, 255):
         for shape in ((40, 56), (40, 56, 3)):
@@ -88,7 +87,7 @@ def test_what_one_picture_keeps(kernels: Kernels) -> None:
 
 
 @fast
-def test_frames_too_large_for_32_bits(kernels: Kernels) -> None:
+def test_frames_too_large_for_32_bits(kernels):
     frame = np.full((2900, 2910), 255, np.uint8)
     frame[::2] = 254
     found = kernels.resized_gray16(frame, 29, 10)
@@ -98,7 +97,7 @@ def test_frames_too_large_for_32_bits(kernels: Kernels) -> None:
 @fast
 @examples(100)
 @given(data=st.data(), levels=recipes(), threads=THREADS)
-def test_levels(kernels: Kernels, data: st.DataObject, levels: Quantization, threads: int) -> None:
+def test_levels(kernels, data, levels, threads):
     """Boxes larger than the picture among them."""
     height, width = data.draw(SIDES), data.draw(SIDES)
     frame = data.draw(painted((height, width, 3)))
@@ -110,7 +109,7 @@ def test_levels(kernels: Kernels, data: st.DataObject, levels: Quantization, thr
 
 @fast
 @pytest.mark.parametrize("side", [181, 183, 255])
-def test_the_largest_boxes_of_a_saturated_picture(kernels: Kernels, side: int) -> None:
+def test_the_largest_boxes_of_a_saturated_picture(kernels, side):
     """Their sums need all of 32 bits."""
     gray16 = np.full((260, 260), 255 * 256, np.uint16)
     assert (kernels.quantize(gray16, Quantization(1, 256, side)) == 255).all()
@@ -119,7 +118,7 @@ def test_the_largest_boxes_of_a_saturated_picture(kernels: Kernels, side: int) -
 
 @fast
 @pytest.mark.parametrize("by", [DIFFERENCE, RATIO, FRAME])
-def test_levels_by_their_definition(kernels: Kernels, by: str) -> None:
+def test_levels_by_their_definition(kernels, by):
     """Boxes cut out one by one."""
     gray16 = 256 * paint("gradient", (12, 15), 14, 3, 0).astype(np.uint16)
     gray16 += np.random.default_rng(2).integers(0, 256, gray16.shape, np.uint16)
@@ -142,7 +141,7 @@ def test_levels_by_their_definition(kernels: Kernels, by: str) -> None:
 
 
 @fast
-def test_each_option_has_an_effect(kernels: Kernels) -> None:
+def test_each_option_has_an_effect(kernels):
     gray16 = kernels.resized_gray16(paint("noise", (200, 300, 3), 1, 0, 0), 50, 80)
     usual = Quantization(2, 64, 3, 21)
     others = [(2.1, 64, 3, 21), (2, 63, 3, 21), (2, 64, 1, 21), (2, 64, 3, 23), (2, 64, 3, 0)]
@@ -153,7 +152,7 @@ def test_each_option_has_an_effect(kernels: Kernels) -> None:
 
 
 @fast
-def test_a_fall_of_light_is_taken_away(kernels: Kernels) -> None:
+def test_a_fall_of_light_is_taken_away(kernels):
     """A step of half a grey level under a ramp of 60: lost in whole levels, plain here."""
     ramp = np.linspace(20, 80, 360)[None, :] + np.zeros((271, 1))
     ramp[100:140, 150:200] += 0.5
@@ -165,7 +164,7 @@ def test_a_fall_of_light_is_taken_away(kernels: Kernels) -> None:
 
 
 @fast
-def test_a_brighter_lamp_changes_nothing_by_frame(kernels: Kernels) -> None:
+def test_a_brighter_lamp_changes_nothing_by_frame(kernels):
     gray16 = 100 * np.random.default_rng(3).integers(20, 120, (60, 80), np.uint16)
     brighter = gray16 * np.uint16(4)
     for gain in (8, 0.7):
@@ -183,7 +182,7 @@ def test_a_brighter_lamp_changes_nothing_by_frame(kernels: Kernels) -> None:
         *(np.zeros((3, 4, 3), np.uint16), np.zeros((0, 4), np.uint16)),
     ],
 )
-def test_no_gray16_picture(kernels: Kernels, gray16: np.ndarray) -> None:
+def test_no_gray16_picture(kernels, gray16):
     with pytest.raises((TypeError, ValueError)):
         kernels.quantize(gray16, Quantization(1))
 
@@ -191,7 +190,7 @@ def test_no_gray16_picture(kernels: Kernels, gray16: np.ndarray) -> None:
 @fast
 @examples(60)
 @given(drawn=pictures(), threads=THREADS)
-def test_level_counts(kernels: Kernels, drawn: tuple[Image, object], threads: int) -> None:
+def test_level_counts(kernels, drawn, threads):
     gray, grid = drawn
     found = kernels.level_counts(gray, grid, threads)
     assert np.array_equal(found, REFERENCE.level_counts(gray, grid))

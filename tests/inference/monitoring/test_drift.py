@@ -68,7 +68,7 @@ class Sea:
             self.give(features)
 
 
-def test_it_tells_once_and_once_more_when_it_is_over() -> None:
+def test_it_tells_once_and_once_more_when_it_is_over():
     sea = Sea()
     sea.frames(60)
     assert sea.told == [] and not sea.monitor.state.out
@@ -88,7 +88,7 @@ def test_it_tells_once_and_once_more_when_it_is_over() -> None:
     assert not sea.monitor.state.out
 
 
-def test_the_distance_is_that_of_the_last_frames() -> None:
+def test_the_distance_is_that_of_the_last_frames():
     sea = Sea()
     sea.frames(3 * WINDOW + 2, shift=0.4)
     model = distribution()
@@ -101,7 +101,7 @@ def test_the_distance_is_that_of_the_last_frames() -> None:
     assert sea.monitor.state.limit == pytest.approx(0.3)
 
 
-def test_the_order_of_a_window_s_frames_and_patches_does_not_matter() -> None:
+def test_the_order_of_a_window_s_frames_and_patches_does_not_matter():
     one, other = Sea(), Sea()
     one.frames(WINDOW, shift=0.4)
     rng = np.random.default_rng(3)
@@ -110,7 +110,7 @@ def test_the_order_of_a_window_s_frames_and_patches_does_not_matter() -> None:
     assert one.monitor.distances == other.monitor.distances != {}
 
 
-def test_on_the_limit_it_does_not_tell_again_and_again() -> None:
+def test_on_the_limit_it_does_not_tell_again_and_again():
     sea = Sea()
     # So many of the patches are beyond all of training: that is the distance; the limit is 0.3.
     for part in [0.28, *[0.32, 0.29] * 8]:
@@ -123,7 +123,7 @@ def test_on_the_limit_it_does_not_tell_again_and_again() -> None:
     assert [event.name for event in sea.told] == ["drift", "drift_over"]
 
 
-def test_nothing_is_said_before_the_window_is_full() -> None:
+def test_nothing_is_said_before_the_window_is_full():
     sea = Sea()
     assert sea.monitor.state == DriftState(known=True, window_frames=WINDOW)
     sea.frames(WINDOW - 1, shift=9)
@@ -133,7 +133,7 @@ def test_nothing_is_said_before_the_window_is_full() -> None:
     assert [event.name for event in sea.told] == ["drift"]
 
 
-def test_another_model_begins_anew() -> None:
+def test_another_model_begins_anew():
     sea = Sea()
     sea.frames(WINDOW, shift=9)
     assert sea.monitor.state.out
@@ -148,7 +148,7 @@ def test_another_model_begins_anew() -> None:
 
 
 @pytest.mark.parametrize("model", [None, Model(distribution=None)])
-def test_without_a_distribution_drift_is_not_known(model: Any) -> None:
+def test_without_a_distribution_drift_is_not_known(model):
     sea = Sea()
     sea.monitor.set_model(model)
     sea.frames(3 * WINDOW, shift=9)
@@ -156,7 +156,7 @@ def test_without_a_distribution_drift_is_not_known(model: Any) -> None:
     assert not sea.monitor.state.known
 
 
-def test_frames_without_features_are_passed_over() -> None:
+def test_frames_without_features_are_passed_over():
     sea = Sea()
     for _ in range(WINDOW):
         sea.give(None)
@@ -167,7 +167,7 @@ def test_frames_without_features_are_passed_over() -> None:
     assert sea.monitor.state.frames == WINDOW
 
 
-def test_a_trained_model_knows_its_own_mission_and_not_a_blurred_one(tiny: Any, tiny_bundle: Any):
+def test_a_trained_model_knows_its_own_mission_and_not_a_blurred_one(tiny, tiny_bundle):
     """Through the real detector: no drift on the frames it learnt from."""
     bundle = read_bundle(tiny_bundle)
     assert bundle.distribution.window_frames == 4 and bundle.distribution.stretches == 8

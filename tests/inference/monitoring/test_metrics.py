@@ -4,7 +4,6 @@ import socket
 import sys
 import time
 import urllib.request
-from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -33,13 +32,13 @@ parser = pytest.importorskip("prometheus_client.parser")
 
 
 @pytest.fixture(autouse=True)
-def soon_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+def soon_closed(monkeypatch):
     monkeypatch.setattr(metrics_module._QuietServer, "timeout", 0.02)
     monkeypatch.setattr(metrics_module, "_JOIN_S", 0.2)
 
 
 @pytest.fixture
-def serve() -> Iterator[Callable[..., Metrics]]:
+def serve():
     """Metrics on a free port."""
     opened: list[Metrics] = []
 
@@ -113,7 +112,7 @@ def test_a_run_s_numbers_are_all_there(
         sender.close()
 
 
-def test_counters_by_reason_and_histograms_are_exact(hand_clock, serve) -> None:
+def test_counters_by_reason_and_histograms_are_exact(hand_clock, serve):
     counts = RunCounts(hand_clock)
     metrics = serve(counts, hand_clock)
     frame = Frame(1, 1.0, None, None, missed=3)
@@ -137,7 +136,7 @@ def test_counters_by_reason_and_histograms_are_exact(hand_clock, serve) -> None:
     assert found["tokt_last_verdict_age_seconds",] == found["tokt_up_seconds",] == 2.5
 
 
-def test_the_model_and_what_becomes_of_it(hand_clock: Any, serve: Callable[..., Metrics]) -> None:
+def test_the_model_and_what_becomes_of_it(hand_clock, serve):
     counts = RunCounts(hand_clock)
     metrics = serve(counts, hand_clock)
     model = {"label": "reef/7", "sha256": "ab" * 32}
@@ -154,7 +153,7 @@ def test_the_model_and_what_becomes_of_it(hand_clock: Any, serve: Callable[..., 
     assert not [key for key in scrape(metrics) if key[0] == "tokt_model_info"]
 
 
-def test_what_other_parts_count_is_asked_of_them(hand_clock: Any, serve: Callable[..., Metrics]):
+def test_what_other_parts_count_is_asked_of_them(hand_clock, serve):
     left, right = CameraCounts(incomplete=2), CameraCounts(captured=5, unpaired=4, lost=1)
     state = DriftState(True, 60, 50, True, "lbp_3", 0.5, 0.25)
     recorded = {"clips": 2, "frames": 30, "dropped": 1, "written_bytes": 5000}
@@ -176,7 +175,7 @@ def test_what_other_parts_count_is_asked_of_them(hand_clock: Any, serve: Callabl
     assert found["tokt_recorder_bytes_removed_total",] == 400
 
 
-def test_what_is_said_while_a_page_is_written_is_not_said_in_the_future(hand_clock: Any) -> None:
+def test_what_is_said_while_a_page_is_written_is_not_said_in_the_future(hand_clock):
     counts = RunCounts(hand_clock)
     silence = unknown_verdict(Fault(Reason.NO_FRAME, "no frame has come yet"))
     ages = []
@@ -200,7 +199,7 @@ def test_clients_that_say_nothing_or_hang_up_stop_neither_the_server_nor_its_end
     assert capfd.readouterr().err == ""
 
 
-def test_what_a_user_can_get_wrong(hand_clock: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_user_can_get_wrong(hand_clock, monkeypatch):
     assert parse_metrics("9108") == ("127.0.0.1", 9108)
     assert parse_metrics("0.0.0.0:9108") == ("0.0.0.0", 9108)
     for text in ("", "0", "70000", "here", "::"):

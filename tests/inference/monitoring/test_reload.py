@@ -2,9 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -23,7 +21,7 @@ from tokt.models.store.store import Store
 
 
 @pytest.fixture
-def make_bundle(bundle_file: Path) -> Callable[[str], Bundle]:
+def make_bundle(bundle_file):
     content = read_bundle(bundle_file).content
 
     def make(version: str) -> Bundle:
@@ -33,7 +31,7 @@ def make_bundle(bundle_file: Path) -> Callable[[str], Bundle]:
 
 
 @pytest.fixture
-def store(tmp_path: Path, make_bundle: Callable[[str], Bundle]) -> Store:
+def store(tmp_path, make_bundle):
     made = Store(tmp_path / "store")
     made.deploy(make_bundle("1"))
     return made
@@ -63,7 +61,7 @@ class Watched:
         return [f"{event.name}: {event.words}" for event in self.watch.exchange()]
 
 
-def test_a_new_model_is_put_between_frames_and_told(store, make_bundle, hand_clock) -> None:
+def test_a_new_model_is_put_between_frames_and_told(store, make_bundle, hand_clock):
     watched = Watched(store, hand_clock)
     assert watched.look() == [] and watched.checks == 0
     store.deploy(make_bundle("2"))
@@ -90,7 +88,7 @@ def test_a_damaged_one_is_refused_once_and_tried_again_later(store, make_bundle,
     assert len(watched.look()) == 1 and watched.put == ["noise/2"]
 
 
-def test_the_active_one_takes_its_copy_s_place_once_it_is_made_good(store: Store, hand_clock: Any):
+def test_the_active_one_takes_its_copy_s_place_once_it_is_made_good(store, hand_clock):
     active = store.active()
     store.bundle_file(active.sha256).write_bytes(b"damaged")
     watched = Watched(store, hand_clock, copy_of=active)
@@ -109,7 +107,7 @@ def test_the_fault_of_one_that_became_active_meanwhile_is_not_the_other_s(
     assert watched.look() == []
 
 
-def test_a_damaged_pointer_changes_nothing(store: Store, hand_clock: Any) -> None:
+def test_a_damaged_pointer_changes_nothing(store, hand_clock):
     watched = Watched(store, hand_clock)
     (store.path / "active").write_text("{")
     told = watched.look()
@@ -117,14 +115,14 @@ def test_a_damaged_pointer_changes_nothing(store: Store, hand_clock: Any) -> Non
     assert watched.look() == [] and watched.put == []
 
 
-def test_one_that_does_not_fit_the_run_is_refused(store, make_bundle, hand_clock) -> None:
+def test_one_that_does_not_fit_the_run_is_refused(store, make_bundle, hand_clock):
     watched = Watched(store, hand_clock, misfit="its frames are 480 px wide")
     store.deploy(make_bundle("2"))
     assert "refused: its frames are 480 px wide" in watched.look()[0]
     assert watched.put == []
 
 
-def test_one_that_kills_its_checks_is_refused(store, make_bundle, monkeypatch) -> None:
+def test_one_that_kills_its_checks_is_refused(store, make_bundle, monkeypatch):
     for python, words in (("/bin/false", "died with exit code 1"), ("/none", "cannot be run")):
         monkeypatch.setattr("tokt.inference.monitoring.reload.sys.executable", python)
         assert words in check_in_child(store).fault

@@ -6,7 +6,6 @@ import os
 import re
 import sys
 import time
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -33,12 +32,12 @@ DARK = unknown_verdict(Fault(Reason.DARK, "too dark: \x1b[2J\nmean 3"))
 
 
 @pytest.fixture
-def counts(hand_clock: Any) -> RunCounts:
+def counts(hand_clock):
     return RunCounts(hand_clock)
 
 
 @pytest.fixture
-def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[int], tuple[int, Any]]]:
+def terminal(monkeypatch):
     """Open a terminal of so many columns: the end that shows, and the stream that is written to."""
     monkeypatch.setenv("TERM", "xterm-256color")
     monkeypatch.delenv("NO_COLOR", raising=False)
@@ -86,7 +85,7 @@ def tell(counts: RunCounts, verdict: Verdict, seq: int = 1, **more: Any) -> None
     counts.judged(Frame(seq, 1.0, None, None), Judgement(verdict), report)
 
 
-def test_a_trend_that_is_sure_and_a_time_to_contact_are_shown(counts: RunCounts, hand_clock: Any):
+def test_a_trend_that_is_sure_and_a_time_to_contact_are_shown(counts, hand_clock):
     growing = replace(OBSTACLE, trend="growing", trend_confidence=0.95, expansion_contact_s=7.6)
     tell(counts, replace(growing, distance_m=None))
     assert "obstacle growing, contact in 8 s" in text_of(counts, hand_clock)
@@ -107,7 +106,7 @@ def text_of(counts: RunCounts, clock: Any, columns: int = 500, **more: Any) -> s
         return line.rendered(console, columns)
 
 
-def test_the_line_tells_what_matters(counts: RunCounts, hand_clock: Any) -> None:
+def test_the_line_tells_what_matters(counts, hand_clock):
     assert text_of(counts, hand_clock) == "waiting for the first frame"
     counts.event(Event(0.0, "start", "", {"model": {"label": "reef/7", "sha256": "ab"}}))
     tell(counts, CLEAR, age_ms=10.2)
@@ -122,7 +121,7 @@ def test_the_line_tells_what_matters(counts: RunCounts, hand_clock: Any) -> None
     assert text.endswith("no frame")
 
 
-def test_warnings_stand_until_they_are_over(counts: RunCounts, hand_clock: Any) -> None:
+def test_warnings_stand_until_they_are_over(counts, hand_clock):
     tell(counts, OBSTACLE)
     recorder = SimpleNamespace(frames=12, fault="")
     for name in ("left", "right"):
@@ -139,7 +138,7 @@ def test_warnings_stand_until_they_are_over(counts: RunCounts, hand_clock: Any) 
     assert "NOT recording: no space" in text
 
 
-def test_it_fits_the_terminal_and_nothing_moves_the_cursor(counts: RunCounts, hand_clock: Any):
+def test_it_fits_the_terminal_and_nothing_moves_the_cursor(counts, hand_clock):
     tell(counts, DARK, age_ms=5.0)
     whole = text_of(counts, hand_clock)
     assert whole.isprintable() and "?[2J?mean 3" in whole
@@ -148,7 +147,7 @@ def test_it_fits_the_terminal_and_nothing_moves_the_cursor(counts: RunCounts, ha
         assert whole.startswith(cut.rstrip()) and len(cut) <= max(1, columns - 1)
 
 
-def test_one_line_is_rewritten_and_events_stand_above_it(terminal) -> None:
+def test_one_line_is_rewritten_and_events_stand_above_it(terminal):
     shown, stream = terminal(60)
     counts = RunCounts(SYSTEM_CLOCK)
     line = StatusLine(counts, SYSTEM_CLOCK, stream)
@@ -177,7 +176,7 @@ def test_one_line_is_rewritten_and_events_stand_above_it(terminal) -> None:
     assert screen(text + shown_text(shown))[1:] == [""]
 
 
-def test_a_terminal_that_is_held_keeps_nobody_waiting(terminal, monkeypatch) -> None:
+def test_a_terminal_that_is_held_keeps_nobody_waiting(terminal, monkeypatch):
     monkeypatch.setattr(status_line, "_JOIN_S", 0.2)
     shown, stream = terminal(60)  # nobody reads its other end
     counts = RunCounts(SYSTEM_CLOCK)
@@ -194,7 +193,7 @@ def test_a_terminal_that_is_held_keeps_nobody_waiting(terminal, monkeypatch) -> 
             return
 
 
-def test_elsewhere_only_events_are_lines() -> None:
+def test_elsewhere_only_events_are_lines():
     read, write = os.pipe()
     counts = RunCounts(SYSTEM_CLOCK)
     with os.fdopen(write, "w") as stream:
@@ -214,13 +213,13 @@ def begin(stream: Any, counts: RunCounts) -> None:
     line.close()
 
 
-def test_a_stream_that_is_no_file_gets_lines(counts: RunCounts) -> None:
+def test_a_stream_that_is_no_file_gets_lines(counts):
     stream = io.StringIO()
     begin(stream, counts)
     assert stream.getvalue() == "00:00:00Z it begins\n"
 
 
-def test_a_dumb_terminal_gets_lines_too(terminal, monkeypatch, counts) -> None:
+def test_a_dumb_terminal_gets_lines_too(terminal, monkeypatch, counts):
     shown, stream = terminal(60)
     monkeypatch.setenv("TERM", "dumb")
     tell(counts, replace(CLEAR, method="disparity"))
@@ -228,7 +227,7 @@ def test_a_dumb_terminal_gets_lines_too(terminal, monkeypatch, counts) -> None:
     assert shown_text(shown) == "00:00:00Z it begins\r\n"
 
 
-def test_a_reader_that_has_gone_is_no_error(capfd, counts) -> None:
+def test_a_reader_that_has_gone_is_no_error(capfd, counts):
     read, write = os.pipe()
     os.close(read)
     with os.fdopen(write, "w") as stream:

@@ -83,7 +83,7 @@ class Kept:
 
 
 @pytest.fixture
-def keep(tmp_path: Path, hand_clock: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
+def keep(tmp_path, hand_clock, monkeypatch):
     monkeypatch.setattr(watchdog, "time", hand_clock)
     kept: list[Kept] = []
 
@@ -96,7 +96,7 @@ def keep(tmp_path: Path, hand_clock: Any, monkeypatch: pytest.MonkeyPatch) -> An
         one.end()
 
 
-def test_a_runtime_that_is_killed_is_back_at_once(keep: Callable[..., Kept]) -> None:
+def test_a_runtime_that_is_killed_is_back_at_once(keep):
     kept = keep("tell('READY=1')" + LOOP)
     for life in (1, 2, 3):
         kept.wait_for(life)
@@ -109,7 +109,7 @@ def test_a_runtime_that_is_killed_is_back_at_once(keep: Callable[..., Kept]) -> 
     assert kept.end() == 0
 
 
-def test_a_runtime_that_hangs_is_killed(keep: Callable[..., Kept]) -> None:
+def test_a_runtime_that_hangs_is_killed(keep):
     hangs = "signal.signal(signal.SIGTERM, signal.SIG_IGN)\ntell('READY=1')\n"
     kept = keep(f"{hangs}if life == 0: time.sleep(600)" + LOOP)
     kept.wait_until_ready()
@@ -119,7 +119,7 @@ def test_a_runtime_that_hangs_is_killed(keep: Callable[..., Kept]) -> None:
     assert not psutil.pid_exists(kept.lives()[-1][0])
 
 
-def test_one_that_never_gets_ready_is_killed_too(keep: Callable[..., Kept]) -> None:
+def test_one_that_never_gets_ready_is_killed_too(keep):
     kept = keep("time.sleep(600)")
     kept.wait_for(1)
     assert "did not get ready" in kept.lose_patience()
@@ -127,13 +127,13 @@ def test_one_that_never_gets_ready_is_killed_too(keep: Callable[..., Kept]) -> N
 
 
 @pytest.mark.parametrize(("program", "code"), [("sys.exit(2)", 2), ("tell('READY=1')", 0)])
-def test_what_a_user_wrote_wrong_and_one_that_has_done_its_work_end_it(keep, program, code) -> None:
+def test_what_a_user_wrote_wrong_and_one_that_has_done_its_work_end_it(keep, program, code):
     kept = keep(program)
     kept.thread.join(MAX_S)
     assert kept.codes == [code] and len(kept.lives()) == 1
 
 
-def test_the_same_code_after_it_has_worked_does_not(keep: Callable[..., Kept]) -> None:
+def test_the_same_code_after_it_has_worked_does_not(keep):
     waits = "while life == 0 and not go_on.exists(): time.sleep(0.002)\n"
     kept = keep(f"tell('READY=1')\n{waits}if life == 0: sys.exit(2)" + LOOP)
     kept.wait_until_ready()
@@ -142,14 +142,14 @@ def test_the_same_code_after_it_has_worked_does_not(keep: Callable[..., Kept]) -
     assert "exit code 2" in kept.lines[0]
 
 
-def test_one_that_has_done_its_work_and_cannot_end_is_not_started_again(keep: Callable[..., Kept]):
+def test_one_that_has_done_its_work_and_cannot_end_is_not_started_again(keep):
     kept = keep("tell('READY=1'); tell('STOPPING=1'); time.sleep(600)")
     until(lambda: kept.dog._finished)
     kept.pass_time(lambda: not kept.thread.is_alive())
     assert kept.codes == [0] and len(kept.lives()) == 1
 
 
-def test_what_the_one_before_said_is_no_sign_of_the_next(keep: Callable[..., Kept]) -> None:
+def test_what_the_one_before_said_is_no_sign_of_the_next(keep):
     late = "signs.sendto(f'{first} READY=1'.encode(), ('127.0.0.1', int(port)))"
     token = "name = sys.argv[1] + '.token'\nif life == 0: open(name, 'w').write(token); sys.exit(1)"
     kept = keep(f"{token}\nfirst = open(name).read()\n{late}\nsaid.touch()\ntime.sleep(600)")
@@ -159,7 +159,7 @@ def test_what_the_one_before_said_is_no_sign_of_the_next(keep: Callable[..., Kep
     kept.wait_for(3)
 
 
-def test_a_runtime_that_cannot_be_started_is_tried_again(tmp_path, monkeypatch) -> None:
+def test_a_runtime_that_cannot_be_started_is_tried_again(tmp_path, monkeypatch):
     starts: list[str] = []
 
     def start(dog: Watchdog, where: str) -> subprocess.Popen[bytes]:
@@ -174,7 +174,7 @@ def test_a_runtime_that_cannot_be_started_is_tried_again(tmp_path, monkeypatch) 
     assert lines == ["the runtime cannot be started: Cannot allocate memory; started again (1)"]
 
 
-def test_signs_of_others_are_none(keep: Callable[..., Kept]) -> None:
+def test_signs_of_others_are_none(keep):
     kept = keep("token = 'guessed'\ntell('READY=1')\nsaid.touch()" + LOOP)
     until(kept.said.exists)
     assert "did not get ready" in kept.lose_patience()
@@ -183,7 +183,7 @@ def test_signs_of_others_are_none(keep: Callable[..., Kept]) -> None:
 
 @pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="systemd's socket is a unix one")
 @pytest.mark.parametrize("abstract", [False, True])
-def test_systemd_hears_the_words_of_sd_notify(tmp_path: Path, hand_clock: Any, abstract: bool):
+def test_systemd_hears_the_words_of_sd_notify(tmp_path, hand_clock, abstract):
     if abstract and sys.platform != "linux":
         pytest.skip("only Linux has abstract names")
     name = f"@tokt-{os.getpid()}" if abstract else str(tmp_path / "notify")
@@ -202,7 +202,7 @@ def test_systemd_hears_the_words_of_sd_notify(tmp_path: Path, hand_clock: Any, a
     notifier.close()
 
 
-def test_without_anyone_to_tell_nothing_is_told(hand_clock: Any) -> None:
+def test_without_anyone_to_tell_nothing_is_told(hand_clock):
     for environ in ({}, {"NOTIFY_SOCKET": "/nowhere/at/all"}, {"TOKT_WATCHDOG": "no port"}):
         notifier = Notifier(hand_clock, environ)
         notifier.ready()
@@ -211,14 +211,14 @@ def test_without_anyone_to_tell_nothing_is_told(hand_clock: Any) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="who the parent is tells it on POSIX only")
-def test_a_runtime_whose_watchdog_died_while_it_started_knows_it(hand_clock: Any) -> None:
+def test_a_runtime_whose_watchdog_died_while_it_started_knows_it(hand_clock):
     for pid, orphaned in ((os.getppid(), False), (os.getpid(), True)):
         notifier = Notifier(hand_clock, {"TOKT_WATCHDOG": f"9:x:{pid}"})
         assert notifier.orphaned is orphaned
         notifier.close()
 
 
-def test_a_runtime_whose_watchdog_has_died_knows_it() -> None:
+def test_a_runtime_whose_watchdog_has_died_knows_it():
     program = """
 import os, subprocess, sys
 os.environ["TOKT_WATCHDOG"] = f"9:x:{os.getpid()}"

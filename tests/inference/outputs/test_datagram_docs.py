@@ -52,7 +52,7 @@ def report(verdict: Verdict) -> Report:
 
 
 @pytest.mark.parametrize("page", [UDP, LABVIEW], ids=["udp", "labview"])
-def test_v1_examples_are_bytes_we_send(page: str) -> None:
+def test_v1_examples_are_bytes_we_send(page):
     examples = lines_of(page, "status :")
     assert examples
     for example in examples:
@@ -63,7 +63,7 @@ def test_v1_examples_are_bytes_we_send(page: str) -> None:
 
 
 @pytest.mark.parametrize("page", [UDP, LABVIEW], ids=["udp", "labview"])
-def test_v2_examples_decode_to_every_key(page: str) -> None:
+def test_v2_examples_decode_to_every_key(page):
     examples = lines_of(page, "{")
     assert len(examples) >= 2
     for example in examples:
@@ -78,7 +78,7 @@ def test_v2_examples_decode_to_every_key(page: str) -> None:
 WORDS = {int: "whole number", float: "number", str: "text", list: "array"}
 
 
-def test_the_table_of_keys_is_that_of_the_code() -> None:
+def test_the_table_of_keys_is_that_of_the_code():
     """What a field means stands in the docs alone; the other columns are made here."""
     made = []
     for each in V2_FIELDS:
@@ -91,7 +91,7 @@ def test_the_table_of_keys_is_that_of_the_code() -> None:
     assert [row[0] for row in made] == sent
 
 
-def test_a_log_line_s_own_keys_and_the_metrics_are_in_their_tables() -> None:
+def test_a_log_line_s_own_keys_and_the_metrics_are_in_their_tables():
     named = [name for row in rows(OBSERVABILITY, "key") for name in row[0].split(", ")]
     assert named == [*(each.name for each in LOG_ONLY), "decision_values"]
     metrics = OBSERVABILITY.split("\n## Metrics\n")[1].split("\n## ")[0]
@@ -99,7 +99,7 @@ def test_a_log_line_s_own_keys_and_the_metrics_are_in_their_tables() -> None:
         assert each.metric in re.findall(r"\w+", metrics) or not each.metric
 
 
-def test_every_reason_is_in_the_table() -> None:
+def test_every_reason_is_in_the_table():
     codes = [row[0] for row in rows(UDP, "reason | what it says")]
     assert sorted(codes) == sorted(Reason)
 
@@ -123,13 +123,13 @@ def scan(data: bytes) -> tuple[int, tuple[int, int, int, float], bytes]:
     return count, values, data[consumed.value :]
 
 
-def test_the_format_string_is_one_labview_takes() -> None:
+def test_the_format_string_is_one_labview_takes():
     assert scan_format().startswith("%.;") and len(scan_format()) <= 255
     assert [row[2] for row in rows(LABVIEW, "output")] == ["-1", "0", "0", "NaN"]
     assert len(re.findall(r"%[df]", scan_format())) == 4
 
 
-def test_the_format_string_reads_the_example() -> None:
+def test_the_format_string_reads_the_example():
     (example,) = {line for line in lines_of(LABVIEW, "status :")}
     assert scan(example.encode()) == (4, (1, -120, -35, 12.3456789012), b"")
 
@@ -140,7 +140,7 @@ def test_the_format_string_reads_the_example() -> None:
     st.integers(-(2**31), 2**31 - 1),
     st.floats(0, 255),
 )
-def test_the_format_string_reads_every_v1_datagram(status: int, x: int, y: int, mean: float):
+def test_the_format_string_reads_every_v1_datagram(status, x, y, mean):
     data = encode_v1(Verdict(status, x, y, None, mean, None, "texture", None))
     assert data is not None and len(data) <= 120
     assert scan(data) == (4, (status, x, y, float(f"{mean:.12g}")), b"")
@@ -156,13 +156,13 @@ def test_the_format_string_reads_every_v1_datagram(status: int, x: int, y: int, 
         b"Xpos : ,0,  Ypos : , 0 , meanValue : ,0",
     ],
 )
-def test_what_does_not_fit_leaves_status_unknown(data: bytes) -> None:
+def test_what_does_not_fit_leaves_status_unknown(data):
     count, values, _ = scan(data)
     assert count < 4 and values[0] == -1
 
 
 @pytest.mark.parametrize("cut", range(1, 71))
-def test_a_cut_datagram_is_noticed_or_has_lost_digits_of_the_mean_only(cut: int) -> None:
+def test_a_cut_datagram_is_noticed_or_has_lost_digits_of_the_mean_only(cut):
     (example,) = {line for line in lines_of(LABVIEW, "status :")}
     count, values, _ = scan(example.encode()[:-cut])
     # The mean has no mark at its end; status, Xpos and Ypos are whole wherever it was reached.
@@ -190,12 +190,12 @@ def unflattened(data: bytes) -> dict[str, Any]:
     return cluster
 
 
-def test_the_cluster_has_the_keys_of_a_datagram() -> None:
+def test_the_cluster_has_the_keys_of_a_datagram():
     sent = list(report(unknown_verdict(Fault(Reason.DARK, "dark"))).fields())
     assert [row[0] for row in rows(LABVIEW, "label")] == sent
 
 
-def test_the_cluster_takes_the_examples_and_null_is_never_clear() -> None:
+def test_the_cluster_takes_the_examples_and_null_is_never_clear():
     obstacle, heartbeat = (unflattened(line.encode()) for line in lines_of(LABVIEW, "{"))
     assert (obstacle["status"], obstacle["x"], obstacle["distance_m"]) == (1, -120, 4.63)
     assert obstacle["box"] == [264, 130, 72, 81] and obstacle["model"] == ""
@@ -205,7 +205,7 @@ def test_the_cluster_takes_the_examples_and_null_is_never_clear() -> None:
     assert defaults["status"] == "-1" and defaults["distance_m"] == "NaN"
 
 
-def test_the_elements_said_never_to_be_null_are_none() -> None:
+def test_the_elements_said_never_to_be_null_are_none():
     said = re.search(r"((?:`\w+`(?:, | and ))+`\w+`) are never\s+null", LABVIEW)
     names = re.findall(r"\w+", said[1].replace(" and ", " "))
     assert names == ["status", "v", "seq", "method", "health", "reason"]
@@ -214,7 +214,7 @@ def test_the_elements_said_never_to_be_null_are_none() -> None:
         assert all(one.fields()[name] is not None for name in names)
 
 
-def test_no_v2_datagram_is_larger_than_labview_reads() -> None:
+def test_no_v2_datagram_is_larger_than_labview_reads():
     assert f"wire {MAX_SIZE}" in LABVIEW
     far = -1.2345678901234567e-300
     for letter in ("a", '"', "\x07", "\U0001f40b"):  # the last is two escapes of six characters
@@ -231,14 +231,14 @@ def test_no_v2_datagram_is_larger_than_labview_reads() -> None:
         assert letter != "a" or len(health) == HEALTH_BYTES
 
 
-def test_a_name_of_ascii_is_whole() -> None:
+def test_a_name_of_ascii_is_whole():
     label = "n" * 100 + "/" + '"' * 100
     fields = decode(encode_v2(report(Verdict(0, 0, 0, None, 0.0, None, "texture", label))))
     assert fields["model"] == label
 
 
 @pytest.mark.parametrize("page", [UDP, LABVIEW], ids=["udp", "labview"])
-def test_the_example_s_anchor_is_what_its_box_and_mean_come_to(page: str) -> None:
+def test_the_example_s_anchor_is_what_its_box_and_mean_come_to(page):
     (example,) = (decode(line.encode()) for line in lines_of(page, "{") if '"status":1' in line)
     verdict = Verdict(
         *(1, example["x"], example["y"], tuple(example["box"]), example["mean"], None),
@@ -250,7 +250,7 @@ def test_the_example_s_anchor_is_what_its_box_and_mean_come_to(page: str) -> Non
     assert example["trend"] == GROWING and wholly_in_view(verdict)
 
 
-def test_the_reference_decoder_of_the_page_works() -> None:
+def test_the_reference_decoder_of_the_page_works():
     (program,) = (block for block in blocks(LABVIEW) if block.startswith("from tokt"))
     found: dict[str, Any] = {}
     exec(program.replace("\ndecode(", "\nfields = decode("), found)

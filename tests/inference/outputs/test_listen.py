@@ -44,13 +44,13 @@ FINE, ANEW, OLD = (0, False, False), (0, True, False), (0, False, True)
         ((10, 12, 11, 12, 13), [FINE, (1, False, False), OLD, OLD, FINE]),
     ],
 )
-def test_gaps_are_lost_and_a_restart_or_an_overtaken_one_is_no_loss(numbers, expected) -> None:
+def test_gaps_are_lost_and_a_restart_or_an_overtaken_one_is_no_loss(numbers, expected):
     watch = SenderMonitor(0.0, None)
     heard = [watch.heard("a", v2(seq), 0.0) for seq in numbers]
     assert [(one.lost, one.restarted, one.overtaken) for one in heard] == expected
 
 
-def test_each_sender_is_counted_by_itself() -> None:
+def test_each_sender_is_counted_by_itself():
     watch = SenderMonitor(0.0, None)
     for seq in (1, 2, 3):
         watch.heard("a", v2(seq), 0.0)
@@ -60,7 +60,7 @@ def test_each_sender_is_counted_by_itself() -> None:
     assert watch.heard("a", v2(4), 0.0).lost == 0
 
 
-def test_v1_and_garbage_have_no_number() -> None:
+def test_v1_and_garbage_have_no_number():
     watch = SenderMonitor(0.0, None)
     assert watch.heard("a", V1, 0.0).lost is None
     assert watch.heard("a", v2(7), 0.0).lost == 0
@@ -69,14 +69,14 @@ def test_v1_and_garbage_have_no_number() -> None:
 
 
 @given(st.sets(st.integers(1, 60), min_size=1))
-def test_what_did_not_come_is_lost(arrived: set[int]) -> None:
+def test_what_did_not_come_is_lost(arrived):
     watch = SenderMonitor(0.0, None)
     for seq in sorted(arrived):
         watch.heard("a", v2(seq), 0.0)
     assert watch.lost == max(arrived) - min(arrived) + 1 - len(arrived)
 
 
-def test_silence_is_told_once_and_when_it_ends() -> None:
+def test_silence_is_told_once_and_when_it_ends():
     watch = SenderMonitor(10.0, 1.5)
     assert watch.silences(11.4) == []
     (nobody,) = watch.silences(11.5)
@@ -92,13 +92,13 @@ def test_silence_is_told_once_and_when_it_ends() -> None:
     assert [one.sender for one in watch.silences(101.6)] == ["a"]
 
 
-def test_without_a_time_out_silence_is_not_told() -> None:
+def test_without_a_time_out_silence_is_not_told():
     watch = SenderMonitor(0.0, None)
     watch.heard("a", v2(1), 1.0)
     assert watch.silences(1e6) == []
 
 
-def test_many_senders_fill_no_memory() -> None:
+def test_many_senders_fill_no_memory():
     watch = SenderMonitor(0.0, 1.0)
     for number in range(MAX_SENDERS + 10):
         watch.heard(f"s{number}", v2(1), float(number) / 1000)
@@ -107,14 +107,14 @@ def test_many_senders_fill_no_memory() -> None:
 
 
 @given(st.text(max_size=40), st.text(max_size=20))
-def test_no_sender_moves_the_cursor(health: str, model: str) -> None:
+def test_no_sender_moves_the_cursor(health, model):
     verdict = Verdict(0, 0, 0, None, 0.0, None, "texture", model, health)
     heard = SenderMonitor(0.0, None).heard("a", encode_v2(Report(1, 1, 0.0, 1.0, verdict)), 0.0)
     assert as_words(heard).isprintable()
     assert json.loads(as_json(heard))["health"] == health
 
 
-def test_a_line_says_what_was_odd() -> None:
+def test_a_line_says_what_was_odd():
     watch = SenderMonitor(0.0, None)
     unknown = unknown_verdict(Fault(Reason.DARK, "left: too dark"))
     first = watch.heard("1.2.3.4:5", encode_v2(Report(1, 1, None, 2.0, unknown, 3.0)), 0.0)
@@ -127,7 +127,7 @@ def test_a_line_says_what_was_odd() -> None:
     assert as_words(watch.heard("1.2.3.4:5", v2(1), 0.0)).endswith("[counts anew]")
 
 
-def test_listen_hears_two_senders_on_a_real_socket(closed_port: int) -> None:
+def test_listen_hears_two_senders_on_a_real_socket(closed_port):
     heard: list[ReceivedDatagram] = []
     with bound_socket() as one, bound_socket() as two:
 
@@ -146,7 +146,7 @@ def test_listen_hears_two_senders_on_a_real_socket(closed_port: int) -> None:
     assert watch.lost == 1 + 9 + 19
 
 
-def test_the_command_tells_silence_and_loss(closed_port) -> None:
+def test_the_command_tells_silence_and_loss(closed_port):
     process = start_tokt("listen", "--port", closed_port, "--timeout", "0.3", "--json")
     assert "listening" in process.stderr.readline()
     nobody = json.loads(process.stdout.readline())
@@ -167,7 +167,7 @@ def test_the_command_tells_silence_and_loss(closed_port) -> None:
     assert (process.returncode, out, err) == (0, "", "2 datagrams are missing\n")
 
 
-def test_a_trend_is_shown_in_words() -> None:
+def test_a_trend_is_shown_in_words():
     cues = {"trend": "growing", "trend_confidence": 0.962, "expansion_contact_s": 10.37}
     verdict = Verdict(1, 3, 4, None, 9.0, None, "texture", "m/1", **cues, anchor_size=-0.363)
     datagram = encode_v2(Report(1, 1, 0.0, 1.0, verdict))

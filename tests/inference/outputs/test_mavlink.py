@@ -4,8 +4,6 @@ import math
 import os
 import socket
 import sys
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -79,7 +77,7 @@ class Link:
 
 
 @pytest.fixture
-def link(receiver: socket.socket, hand_clock: Any) -> Iterator[Callable[..., Link]]:
+def link(receiver, hand_clock):
     opened: list[Link] = []
 
     def open_link(**options: Any) -> Link:
@@ -108,7 +106,7 @@ def as_ardupilot(sectors: list[int], least: int, most: int) -> dict[int, float]:
     return faces
 
 
-def test_what_is_left_in_the_picture_is_left_of_the_vehicle(link: Callable[..., Link]) -> None:
+def test_what_is_left_in_the_picture_is_left_of_the_vehicle(link):
     wire = link()
     left, right = seen(LEFT), seen(RIGHT)
     assert left.x > 0  # v1 and v2: steer to the right
@@ -121,7 +119,7 @@ def test_what_is_left_in_the_picture_is_left_of_the_vehicle(link: Callable[..., 
     assert ahead_of(wire.sectors(seen(AHEAD)), -10, 10) == [UNKNOWN, 99, 99, 99, UNKNOWN]
 
 
-def test_sectors_are_of_the_body_and_five_degrees_wide(link: Callable[..., Link]) -> None:
+def test_sectors_are_of_the_body_and_five_degrees_wide(link):
     message = link().says(seen(AHEAD))["OBSTACLE_DISTANCE"]
     assert (message.frame, message.increment, message.increment_f) == (12, 5, 5.0)
     assert (message.angle_offset, message.min_distance) == (0.0, 1)
@@ -132,7 +130,7 @@ def test_sectors_are_of_the_body_and_five_degrees_wide(link: Callable[..., Link]
     ("method", "most"),
     [("disparity", 1060), ("texture+disparity", 1060), ("pushbroom", 800), ("texture", 100)],
 )
-def test_clear_reaches_as_far_as_was_measured(link: Callable[..., Link], method: str, most: int):
+def test_clear_reaches_as_far_as_was_measured(link, method, most):
     said = link().says(seen(None, method))
     sectors = said["OBSTACLE_DISTANCE"]
     assert sectors.max_distance == most
@@ -143,7 +141,7 @@ def test_clear_reaches_as_far_as_was_measured(link: Callable[..., Link], method:
     assert (ahead.current_distance, ahead.max_distance) == (most + 1, most)
 
 
-def test_a_measured_obstacle_is_at_its_distance(link: Callable[..., Link]) -> None:
+def test_a_measured_obstacle_is_at_its_distance(link):
     said = link().says(seen(LEFT, "disparity", 4.567))
     sectors = said["OBSTACLE_DISTANCE"]
     assert ahead_of(sectors.distances, -30, -20) == [456, 456, 456]
@@ -155,20 +153,20 @@ def test_a_measured_obstacle_is_at_its_distance(link: Callable[..., Link]) -> No
     assert ahead.vertical_fov == pytest.approx(2 * math.atan(271 / 360 * math.tan(math.pi / 6)))
 
 
-def test_an_obstacle_without_a_distance_is_at_the_assumed_one(link: Callable[..., Link]) -> None:
+def test_an_obstacle_without_a_distance_is_at_the_assumed_one(link):
     for options, assumed in (({}, 99), ({"assumed_m": 2.5}, 249)):
         said = link(**options).says(seen(AHEAD))
         assert said["DISTANCE_SENSOR"].current_distance == assumed
         assert ahead_of(said["OBSTACLE_DISTANCE"].distances, -5, 5) == [assumed] * 3
 
 
-def test_a_box_of_an_unknown_picture_is_anywhere_in_view(link: Callable[..., Link]) -> None:
+def test_a_box_of_an_unknown_picture_is_anywhere_in_view(link):
     verdict = Verdict(1, 5, 5, (0, 0, 10, 10), 9.0, 3.0, "disparity", None)
     sectors = link().sectors(verdict)
     assert ahead_of(sectors, -30, 30) == [300] * 13 and sectors.count(UNKNOWN) == 59
 
 
-def test_unknown_is_silence_and_a_heartbeat(link: Callable[..., Link], hand_clock: Any) -> None:
+def test_unknown_is_silence_and_a_heartbeat(link, hand_clock):
     wire = link()
     first = wire.says(DARK)
     assert list(first) == ["HEARTBEAT"]
@@ -177,20 +175,20 @@ def test_unknown_is_silence_and_a_heartbeat(link: Callable[..., Link], hand_cloc
     assert wire.says(DARK) == {} and wire.sender.unsaid == 2
 
 
-def test_unknown_as_a_message_is_unknown_everywhere(link: Callable[..., Link]) -> None:
+def test_unknown_as_a_message_is_unknown_everywhere(link):
     said = link(unknown=WhenUnknown.MESSAGE).says(DARK)
     assert set(said) == {"HEARTBEAT", "OBSTACLE_DISTANCE"}
     assert set(said["OBSTACLE_DISTANCE"].distances) == {UNKNOWN}
 
 
-def test_the_messages_can_be_chosen(link: Callable[..., Link]) -> None:
+def test_the_messages_can_be_chosen(link):
     for messages in (Messages.OBSTACLE_DISTANCE, Messages.DISTANCE_SENSOR):
         assert set(link(messages=messages).says(seen(None))) == {"HEARTBEAT", messages.name}
     alone = link(messages=Messages.DISTANCE_SENSOR, unknown=WhenUnknown.MESSAGE)
     assert set(alone.says(DARK)) == {"HEARTBEAT"}
 
 
-def test_the_heartbeat_comes_once_a_second_and_tells_the_state(link, hand_clock) -> None:
+def test_the_heartbeat_comes_once_a_second_and_tells_the_state(link, hand_clock):
     wire = link(system=7, component=191)
     states = []
     silent = unknown_verdict(Fault(Reason.NO_FRAME, "no frame has come yet"))
@@ -207,7 +205,7 @@ def test_the_heartbeat_comes_once_a_second_and_tells_the_state(link, hand_clock)
     assert (beat.get_srcSystem(), beat.get_srcComponent()) == (7, 191)
 
 
-def test_times_count_from_boot_and_never_step_back(link: Callable[..., Link], hand_clock: Any):
+def test_times_count_from_boot_and_never_step_back(link, hand_clock):
     wire = link()
     said = wire.says(seen(None), 40.0)
     assert said["OBSTACLE_DISTANCE"].time_usec == 99_960_000
@@ -219,7 +217,7 @@ def test_times_count_from_boot_and_never_step_back(link: Callable[..., Link], ha
     assert wire.says(seen(None))["DISTANCE_SENSOR"].time_boot_ms == 5000
 
 
-def test_messages_are_numbered_for_the_receiver(link: Callable[..., Link]) -> None:
+def test_messages_are_numbered_for_the_receiver(link):
     wire = link()
     numbers = [message.get_seq() for _ in range(2) for message in wire.says(seen(None)).values()]
     assert numbers == [0, 1, 2, 3, 4]
@@ -273,7 +271,7 @@ def test_unknown_is_never_no_obstacle_and_an_obstacle_always_one(
 
 
 @given(st.integers(0, 359), st.integers(1, 360), st.floats(10, 170))
-def test_an_obstacle_s_sectors_hold_all_of_its_box(x0: int, width: int, fov_deg: float) -> None:
+def test_an_obstacle_s_sectors_hold_all_of_its_box(x0, width, fov_deg):
     lens = Lens.of_fov_deg(fov_deg)
     verdict = Verdict(1, 0, 0, (x0, 0, width, 9), 9.0, 3.0, "disparity", None, mask_size=(271, 360))
     ranges = ranges_of(verdict, lens, 1.0)
@@ -281,7 +279,7 @@ def test_an_obstacle_s_sectors_hold_all_of_its_box(x0: int, width: int, fov_deg:
         assert ranges.sectors[round(lens.angle_deg(float(column)) / 5) % 72] == 300
 
 
-def test_sectors_of_a_range_of_angles() -> None:
+def test_sectors_of_a_range_of_angles():
     assert sectors_touching(-1, 1) == [0]
     assert sectors_touching(-7, 3) == [71, 0, 1]
     assert sectors_within(-7.5, 7.5) == [71, 0, 1]
@@ -289,7 +287,7 @@ def test_sectors_of_a_range_of_angles() -> None:
     assert sectors_within(-2, 2) == []
 
 
-def test_the_lens_of_a_calibration_is_its_left_camera_s() -> None:
+def test_the_lens_of_a_calibration_is_its_left_camera_s():
     K = np.array([[1000.0, 0, 599.5], [0, 1000, 500], [0, 0, 1]])
     other, straight = np.diag([9.0, 9.0, 1.0]), np.zeros(5)
     calibration = StereoCalibration(
@@ -302,7 +300,7 @@ def test_the_lens_of_a_calibration_is_its_left_camera_s() -> None:
     refuses("--camera-fov-deg", lens_of, None, None)
 
 
-def test_angles_of_view_and_options_that_are_none() -> None:
+def test_angles_of_view_and_options_that_are_none():
     for fov_deg in (0, 9.9, 171, -60, math.nan):
         refuses("field of view", Lens.of_fov_deg, fov_deg)
     for assumed_m in (0.0, math.nan):
@@ -311,7 +309,7 @@ def test_angles_of_view_and_options_that_are_none() -> None:
     refuses("component is numbered", MavlinkOptions, LENS, component=256)
 
 
-def test_devices() -> None:
+def test_devices():
     assert parse_device("udpout:192.168.2.2:14550") == ("192.168.2.2", 14550)
     assert parse_device(" udpout:[::1]:9 ") == ("::1", 9)
     for text in ("192.168.2.2:14550", "udpin:0.0.0.0:14550", "tcp:1.2.3.4:5", "/dev/ttyUSB0", ""):
@@ -319,19 +317,20 @@ def test_devices() -> None:
     refuses("not an address", parse_device, "udpout:here")
 
 
-def test_a_receiver_that_is_not_there_costs_nothing(closed_port: int) -> None:
-    sender = MavlinkSender("127.0.0.1", closed_port, MavlinkOptions(LENS), HandClock())
-    refused = MavlinkSender("255.255.255.255", 9, MavlinkOptions(LENS), HandClock())
+def test_a_receiver_that_is_not_there_costs_nothing(closed_port):
+    clock = HandClock()
+    sender = MavlinkSender("127.0.0.1", closed_port, MavlinkOptions(LENS), clock)
+    refused = MavlinkSender("255.255.255.255", 9, MavlinkOptions(LENS), clock)
     for _ in range(10):
         sender.send(Report(1, 1, 0.0, 1.0, seen(AHEAD)))
         refused.send(Report(1, 1, 0.0, 1.0, seen(AHEAD)))
-    assert sender.sent + sender.failed == 21  # a heartbeat and ten times two
+    assert sender.sent + sender.failed == 21 and clock.slept == []  # a heartbeat and ten times two
     assert (refused.sent, refused.failed) == (0, 21) and refused.last_error
     sender.close()
     refused.close()
 
 
-def test_without_pymavlink_the_extra_is_named(tmp_path: Path) -> None:
+def test_without_pymavlink_the_extra_is_named(tmp_path):
     (tmp_path / "pymavlink.py").write_text("raise ImportError('not here')\n")
     program = (
         "from tokt.features.common.errors import ToktError\n"

@@ -23,7 +23,7 @@ from tokt.inference.outputs.udp import (
 )
 from tokt.inference.policy.temporal_cues import TRENDS
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.report import FIRST, V2_FIELDS, Report, ReportField
+from tokt.inference.report import FIRST, V2_FIELDS, Report
 from tokt.inference.verdict import Verdict, unknown_verdict
 
 positions = st.integers(-100_000, 100_000)
@@ -47,7 +47,7 @@ def parse_v1_by_the_design(datagram: bytes) -> tuple[int, int, int, float]:
     return int(status), int(x), int(y), float(mean)
 
 
-def test_v1_is_the_design_example_byte_for_byte() -> None:
+def test_v1_is_the_design_example_byte_for_byte():
     expected = b"status : , 1  ,Xpos : ,-120,  Ypos : , -35 , meanValue : ,12.3456789012"
     assert encode_v1(a_verdict()) == expected
     nothing = b"status : , 0  ,Xpos : ,0,  Ypos : , 0 , meanValue : ,0"
@@ -55,7 +55,7 @@ def test_v1_is_the_design_example_byte_for_byte() -> None:
 
 
 @given(st.sampled_from([0, 1]), positions, positions, means)
-def test_an_independent_parser_reads_v1_over_a_real_socket(status, x, y, mean) -> None:
+def test_an_independent_parser_reads_v1_over_a_real_socket(status, x, y, mean):
     with bound_socket() as receiver:
         sender = UdpSender(*receiver.getsockname(), 1)
         sender.send(Report(1, 1, 0.0, 1.0, a_verdict(status, x, y, mean)))
@@ -65,7 +65,7 @@ def test_an_independent_parser_reads_v1_over_a_real_socket(status, x, y, mean) -
     assert got[3] == pytest.approx(mean, rel=1e-11, abs=0)
 
 
-def test_v1_says_nothing_about_unknown() -> None:
+def test_v1_says_nothing_about_unknown():
     assert encode_v1(unknown_verdict(DARK)) is None
     assert encode_v1(a_verdict(mean=math.nan)) is None
     sender = UdpSender("127.0.0.1", 9, 1)
@@ -74,20 +74,20 @@ def test_v1_says_nothing_about_unknown() -> None:
     assert (sender.sent, sender.unsaid) == (0, 1)
 
 
-def test_v2_says_minus_one_about_unknown() -> None:
+def test_v2_says_minus_one_about_unknown():
     fields = decode(encode_v2(Report(5, 17, 1.5, 2.0, unknown_verdict(DARK))))
     assert fields["status"] == -1 and fields["health"] == "dark" and fields["x"] is None
     assert fields["reason"] == "dark"
 
 
-def test_a_heartbeat_before_the_first_frame_has_no_time() -> None:
+def test_a_heartbeat_before_the_first_frame_has_no_time():
     silent = unknown_verdict(Fault(Reason.NO_FRAME, "no frame has come yet"))
     fields = decode(encode_v2(Report(1, None, None, None, silent)))
     assert (fields["status"], fields["reason"]) == (-1, "no_frame")
     assert (fields["t"], fields["latency_ms"], fields["age_ms"]) == (None, None, None)
 
 
-def test_v2_has_the_fields_of_the_design() -> None:
+def test_v2_has_the_fields_of_the_design():
     fields = json.loads(encode_v2(Report(1, 1, 0.0, 1.0, a_verdict())))
     assert " ".join(fields) == (
         "v seq t status x y box mean distance_m method model latency_ms health "
@@ -97,7 +97,7 @@ def test_v2_has_the_fields_of_the_design() -> None:
 
 
 @given(st.sampled_from([0, 1]), positions, positions, means)
-def test_v1_round_trip(status: int, x: int, y: int, mean: float) -> None:
+def test_v1_round_trip(status, x, y, mean):
     data = encode_v1(a_verdict(status, x, y, mean))
     fields = decode(data)
     assert (fields["v"], fields["status"], fields["x"], fields["y"]) == (1, status, x, y)
@@ -131,7 +131,7 @@ def test_v1_round_trip(status: int, x: int, y: int, mean: float) -> None:
     any_float,
     any_or_none,
 )
-def test_v2_round_trip_never_holds_what_json_cannot(verdict, t, latency_ms, age_ms) -> None:
+def test_v2_round_trip_never_holds_what_json_cannot(verdict, t, latency_ms, age_ms):
     data = encode_v2(Report(3, 4, t, latency_ms, verdict, age_ms))
     figures = data.split(b'"method"')[0]
     assert b"NaN" not in figures and b"Infinity" not in figures
@@ -169,7 +169,7 @@ def with_changes(changes: dict[str, Any], overflows: str) -> bytes:
         st.sampled_from(["1e999", "Infinity", "NaN"]),
     )
 )
-def test_any_bytes_are_the_contract_s_finite_fields_or_refused(data: bytes) -> None:
+def test_any_bytes_are_the_contract_s_finite_fields_or_refused(data):
     try:
         fields = decode(data)
     except ToktError:
@@ -181,13 +181,13 @@ def test_any_bytes_are_the_contract_s_finite_fields_or_refused(data: bytes) -> N
 
 
 @pytest.mark.parametrize("extra", [b"1e999", b"-1e999", b"[[1e999]]", b'{"a": 1e999}'])
-def test_what_the_contract_does_not_name_is_left_out(extra: bytes) -> None:
+def test_what_the_contract_does_not_name_is_left_out(extra):
     data = json.dumps(good).encode()[:-1] + b', "speed": ' + extra + b"}"
     assert decode(data) == good
 
 
 @given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode))
-def test_garbage_is_refused_in_one_way(data: bytes) -> None:
+def test_garbage_is_refused_in_one_way(data):
     refuses("", decode, data)
 
 
@@ -210,14 +210,14 @@ def test_garbage_is_refused_in_one_way(data: bytes) -> None:
         "anchor_x": [[0.5]],
     }.items(),
 )
-def test_v2_outside_the_contract_is_refused(name: str, values: list[Any]) -> None:
+def test_v2_outside_the_contract_is_refused(name, values):
     decode(json.dumps(good).encode())
     for value in values:
         refuses("not a tokt datagram", decode, json.dumps({**good, name: value}).encode())
 
 
 @pytest.mark.parametrize("each", V2_FIELDS, ids=[each.name for each in V2_FIELDS])
-def test_a_datagram_holds_to_each_row_of_the_table(each: ReportField) -> None:
+def test_a_datagram_holds_to_each_row_of_the_table(each):
     def is_read(**change: Any) -> bool:
         fields = {name: value for name, value in {**good, **change}.items() if value is not ...}
         try:
@@ -231,12 +231,12 @@ def test_a_datagram_holds_to_each_row_of_the_table(each: ReportField) -> None:
 
 
 @pytest.mark.parametrize("later", list(good)[13:])
-def test_an_older_sender_need_not_know_what_came_later(later: str) -> None:
+def test_an_older_sender_need_not_know_what_came_later(later):
     old = {name: value for name, value in good.items() if name != later}
     assert decode(json.dumps(old).encode()) == {**good, later: None}
 
 
-def test_a_reason_of_a_newer_sender_is_passed_on() -> None:
+def test_a_reason_of_a_newer_sender_is_passed_on():
     fields = decode(json.dumps({**good, "reason": "kraken"}).encode())
     assert fields["reason"] == "kraken"
 
@@ -252,22 +252,22 @@ def test_a_reason_of_a_newer_sender_is_passed_on() -> None:
         b"status : , 1  ,Xpos : ,0,  Ypos : , 0 , meanValue : ,1\n",
     ],
 )
-def test_hostile_datagrams_are_refused(data: bytes) -> None:
+def test_hostile_datagrams_are_refused(data):
     refuses("", decode, data)
 
 
-def test_addresses() -> None:
+def test_addresses():
     assert parse_address("192.168.1.73:1130") == ("192.168.1.73", 1130)
     assert parse_address("[::1]:9") == ("::1", 9)
     for text in ("", "host", "host:", ":1", "h:0", "h:65536", "a:b:1", "h:1x"):
         refuses("not an address", parse_address, text)
 
 
-def test_an_unknown_host_is_told_at_the_start() -> None:
+def test_an_unknown_host_is_told_at_the_start():
     refuses("cannot be found", UdpSender, "no-such-host.invalid", 1130, 1)
 
 
-def test_what_the_network_refuses_is_counted() -> None:
+def test_what_the_network_refuses_is_counted():
     # A datagram to a broadcast address is refused (EACCES) without asking for it first.
     sender = UdpSender("255.255.255.255", 9, 1)
     for _ in range(3):
@@ -277,7 +277,7 @@ def test_what_the_network_refuses_is_counted() -> None:
     assert sender.last_error
 
 
-def test_a_receiver_may_have_a_format_of_its_own() -> None:
+def test_a_receiver_may_have_a_format_of_its_own():
     assert parse_receiver("10.0.0.1:1130", 1) == Receiver("10.0.0.1", 1130, 1)
     assert parse_receiver("v2@10.0.0.1:1130", 1) == Receiver("10.0.0.1", 1130, 2)
     assert parse_receiver("v1@[::1]:9", 2) == Receiver("::1", 9, 1)
@@ -287,7 +287,7 @@ def test_a_receiver_may_have_a_format_of_its_own() -> None:
         refuses("not an address", parse_receiver, text, 1)
 
 
-def test_receivers_fail_each_for_itself(receiver: socket.socket, closed_port: int) -> None:
+def test_receivers_fail_each_for_itself(receiver, closed_port):
     # One the system refuses to send to, one whose host answers "port unreachable" (ICMP), and one
     # that is there: the last gets everything, in order and without delay.
     refused = UdpSender("255.255.255.255", 9, 2)

@@ -39,30 +39,30 @@ def errors(rows: slice, cols: slice, size: float = 0.1) -> AnchorErrors:
         (slice(1, 3), slice(1, 4), 0.24, -0.5, -0.6, 0.25),
     ],
 )
-def test_errors_have_signs_against_the_way_to_steer(rows, cols, held, x, y, share) -> None:
+def test_errors_have_signs_against_the_way_to_steer(rows, cols, held, x, y, share):
     found, verdict = errors(rows, cols, held), seen(rows, cols)
     assert found.x == pytest.approx(x, abs=0.01) and found.y == pytest.approx(y, abs=0.02)
     assert found.size == pytest.approx(0.5 * math.log(share), abs=0.01)
     assert verdict.x * x < 0 and verdict.y * y < 0
 
 
-def test_in_the_centre_and_of_the_size_is_no_error() -> None:
+def test_in_the_centre_and_of_the_size_is_no_error():
     assert errors(slice(3, 7), slice(4, 6), 0.08) == pytest.approx((0, 0, 0), abs=0.01)
 
 
-def test_twice_the_distance_is_the_log_of_two() -> None:
+def test_twice_the_distance_is_the_log_of_two():
     near, far = errors(slice(2, 8), slice(2, 8)), errors(slice(2, 5), slice(2, 5))
     assert near.size - far.size == pytest.approx(math.log(2), abs=0.002)
 
 
-def test_nothing_seen_has_no_errors() -> None:
+def test_nothing_seen_has_no_errors():
     anchor = Anchor(0.1)
     assert anchor.errors(seen(slice(0, 0), slice(0, 0))) == AnchorErrors()
     assert anchor.errors(unknown_verdict(Fault(Reason.DARK, "dark"))) == AnchorErrors()
 
 
 @pytest.mark.parametrize("size", [0.0, -0.1, 0.009, 0.91, 10.0, math.nan, math.inf])
-def test_a_share_that_cannot_be_held_is_refused(size: float) -> None:
+def test_a_share_that_cannot_be_held_is_refused(size):
     refuses(r"0\.01 to 0\.9", Anchor, size)
 
 
@@ -70,7 +70,7 @@ sides = st.integers(1, 400)
 
 
 @given(sides, sides, st.data())
-def test_any_mask_has_errors_within_their_bounds(height: int, width: int, data: Any) -> None:
+def test_any_mask_has_errors_within_their_bounds(height, width, data):
     mask = np.zeros((height, width), np.uint8)
     y0, x0 = data.draw(st.integers(0, height - 1)), data.draw(st.integers(0, width - 1))
     y1, x1 = data.draw(st.integers(y0 + 1, height)), data.draw(st.integers(x0 + 1, width))
@@ -115,13 +115,13 @@ def held(commands, start, size) -> np.ndarray:
 
 
 @pytest.mark.parametrize("start", [(0.6, 0.2, 4.0), (-0.4, -0.2, 2.0), (0.0, 0.3, 7.0)])
-def test_the_page_s_controller_holds_the_object(start: tuple[float, float, float]) -> None:
+def test_the_page_s_controller_holds_the_object(start):
     x, y, z = held(commands_of_the_page(), start, 0.1)
     wanted_m = math.sqrt(math.pi * 0.25 / (0.1 * HEIGHT * WIDTH)) * 600
     assert abs(x) < 0.12 and abs(y) < 0.12 and z == pytest.approx(wanted_m, rel=0.15)
 
 
-def test_the_page_s_pid_blocks_act_the_same_way() -> None:
+def test_the_page_s_pid_blocks_act_the_same_way():
     """A PID block's output is its gain times setpoint (0) less process variable."""
     axes = dict(map(reversed, re.findall(r"`(-?anchor_\w+)` for (\w+)", LABVIEW)))
     told = {"status": 1, "anchor_x": 0.11, "anchor_y": -0.23, "anchor_size": 0.37}
@@ -131,7 +131,7 @@ def test_the_page_s_pid_blocks_act_the_same_way() -> None:
     assert outputs == pytest.approx(commands_of_the_page()(told))
 
 
-def test_with_a_wrong_sign_it_would_not() -> None:
+def test_with_a_wrong_sign_it_would_not():
     def wrong(told: dict[str, Any]) -> tuple[float, float, float]:
         surge, sway, heave = commands_of_the_page()(told)
         return -surge, sway, heave
@@ -139,7 +139,7 @@ def test_with_a_wrong_sign_it_would_not() -> None:
     assert abs(held(wrong, (0.2, 0.1, 4.0), 0.1)[2] - 3.0) > 1.0
 
 
-def test_nothing_seen_commands_nothing() -> None:
+def test_nothing_seen_commands_nothing():
     told = {"status": -1, "anchor_x": None, "anchor_y": None, "anchor_size": None}
     assert commands_of_the_page()(told) == (0.0, 0.0, 0.0)
     assert commands_of_the_page()({**told, "status": 0}) == (0.0, 0.0, 0.0)

@@ -62,7 +62,7 @@ STATUS = {"obstacle": 1, "clear": 0, "unknown": -1, "raises": -1}
 
 @pytest.mark.parametrize("texture", ANSWERS)
 @pytest.mark.parametrize("disparity", ANSWERS)
-def test_unknown_never_becomes_clear(texture: str, disparity: str) -> None:
+def test_unknown_never_becomes_clear(texture, disparity):
     first, second = Says("texture", ANSWERS[texture]), Says("disparity", ANSWERS[disparity])
     known = [STATUS[answer] for answer in (texture, disparity) if STATUS[answer] >= 0]
 
@@ -79,18 +79,18 @@ def test_unknown_never_becomes_clear(texture: str, disparity: str) -> None:
 
 
 @pytest.mark.parametrize(("texture", "status"), [("clear", -1), ("obstacle", 1), ("unknown", -1)])
-def test_either_is_not_clear_against_a_sign_of_danger(texture: str, status: int) -> None:
+def test_either_is_not_clear_against_a_sign_of_danger(texture, status):
     verdict = EitherPolicy(Says("texture", ANSWERS[texture]), WARNS).judge(FRAME).verdict
     assert verdict.status == status
     assert "disparity: the frames do not match" in verdict.health
 
 
-def test_fallback_asks_disparity_only_where_texture_cannot_judge() -> None:
+def test_fallback_asks_disparity_only_where_texture_cannot_judge():
     assert FallbackPolicy(Says("texture", mask()), WARNS).judge(FRAME).verdict.status == 0
     assert FallbackPolicy(Says("texture", "dark"), WARNS).judge(FRAME).verdict.status == -1
 
 
-def test_a_picture_in_memory_is_judged_like_a_frame(noise_scorer, draw_frame) -> None:
+def test_a_picture_in_memory_is_judged_like_a_frame(noise_scorer, draw_frame):
     image = draw_frame([(2, 3)])
     judged = judge_image(noise_scorer, image)
     expected = SinglePolicy(TextureDetector(noise_scorer)).judge(Frame(9, 8.0, image, None))
@@ -101,13 +101,13 @@ def test_a_picture_in_memory_is_judged_like_a_frame(noise_scorer, draw_frame) ->
     assert "TypeError" in judge_image(noise_scorer, image).verdict.health
 
 
-def test_what_a_detector_raises_is_told_in_one_line() -> None:
+def test_what_a_detector_raises_is_told_in_one_line():
     verdict = SinglePolicy(Says("texture", ANSWERS["raises"])).judge(FRAME).verdict
     assert verdict.health == "the texture detector failed: ZeroDivisionError: division by zero"
     assert verdict.method == "none" and verdict.model is None
 
 
-def test_only_exceptions_are_guarded() -> None:
+def test_only_exceptions_are_guarded():
     class Interrupted(Says):
         def detect(self, frame: Frame) -> Detection:
             raise KeyboardInterrupt
@@ -116,7 +116,7 @@ def test_only_exceptions_are_guarded() -> None:
         SinglePolicy(Interrupted("texture", None)).judge(FRAME)
 
 
-def test_either_joins_the_masks() -> None:
+def test_either_joins_the_masks():
     policy = EitherPolicy(Says("texture", mask(3, 4)), Says("disparity", mask(80)))
     verdict = policy.judge(FRAME).verdict
     assert verdict.box == (3, 10, 78, 10)
@@ -124,13 +124,13 @@ def test_either_joins_the_masks() -> None:
     assert (verdict.model, verdict.distance_m) == ("m/1", 2.5)
 
 
-def test_the_method_is_the_detector_that_judged() -> None:
+def test_the_method_is_the_detector_that_judged():
     verdict = FallbackPolicy(Says("texture", "dark"), Says("disparity", mask(1, 2))).judge(FRAME)
     assert verdict.verdict.method == "disparity" and verdict.verdict.model is None
     assert verdict.verdict.health == "texture: dark"
 
 
-def test_a_late_clear_is_left_to_disparity_and_a_late_obstacle_is_one() -> None:
+def test_a_late_clear_is_left_to_disparity_and_a_late_obstacle_is_one():
     def late(texture: Any, disparity: Any) -> Verdict:
         detectors = Says("texture", texture), Says("disparity", disparity)
         return FallbackPolicy(*detectors, Seconds(1.0)).judge(FRAME).verdict
@@ -143,7 +143,7 @@ def test_a_late_clear_is_left_to_disparity_and_a_late_obstacle_is_one() -> None:
     assert (verdict.status, verdict.method, verdict.health) == (1, "texture", "late: 1000 ms")
 
 
-def test_speed_and_contact_reach_the_verdict() -> None:
+def test_speed_and_contact_reach_the_verdict():
     class Measures(Says):
         def detect(self, frame: Frame) -> Detection:
             return replace(super().detect(frame), closing_m_s=0.5, contact_s=5.0)
@@ -154,7 +154,7 @@ def test_speed_and_contact_reach_the_verdict() -> None:
         assert (verdict.distance_m, verdict.closing_m_s, verdict.contact_s) == (2.5, 0.5, 5.0)
 
 
-def test_what_stereo_has_no_use_for_is_refused() -> None:
+def test_what_stereo_has_no_use_for_is_refused():
     for options, message in (
         ({"algorithm": "dense"}, "unknown stereo 'dense'"),
         ({"algorithm": "pushbroom", "scale": 0.25}, "a scale of its own"),
@@ -169,7 +169,7 @@ def broken_model() -> Any:
     raise ToktError("bundle x.tokt: a hash does not match")
 
 
-def test_fallback_goes_on_without_a_model_and_says_so() -> None:
+def test_fallback_goes_on_without_a_model_and_says_so():
     policy = assemble("fallback", broken_model, STEREO).policy
     health = policy.judge(FRAME).verdict.health
     assert health.startswith("texture: no model: bundle x.tokt: a hash does not match; ")
@@ -191,16 +191,16 @@ def test_fallback_goes_on_without_a_model_and_says_so() -> None:
         ("unknown policy 'both'", "both", NoiseScorer, STEREO),
     ],
 )
-def test_what_a_policy_lacks_or_has_no_use_for_is_refused(words, name, load, stereo) -> None:
+def test_what_a_policy_lacks_or_has_no_use_for_is_refused(words, name, load, stereo):
     refuses(words, assemble, name, load, stereo)
 
 
-def test_fallback_without_anything_to_fall_back_on(noise_scorer: Any) -> None:
+def test_fallback_without_anything_to_fall_back_on(noise_scorer):
     policy = assemble("fallback", lambda: noise_scorer, None).policy
     assert "there is no stereo calibration" in policy.judge(FRAME).verdict.health
 
 
-def test_the_names_are_fixed(noise_scorer: Any) -> None:
+def test_the_names_are_fixed(noise_scorer):
     kinds = {"disparity": SinglePolicy, "either": EitherPolicy, "fallback": FallbackPolicy}
     for name, kind in kinds.items():
         load = None if name == "disparity" else lambda: noise_scorer
@@ -208,7 +208,7 @@ def test_the_names_are_fixed(noise_scorer: Any) -> None:
         assert isinstance(policy, TemporalCues) and isinstance(policy.policy, kind)
 
 
-def test_threads_reach_the_detector_and_are_at_least_one() -> None:
+def test_threads_reach_the_detector_and_are_at_least_one():
     assert assemble("texture", NoiseScorer, None, threads=3).texture.detector.threads == 3
     for threads in (0, -1):
         refuses("at least one thread", assemble, "texture", NoiseScorer, None, threads)

@@ -1,8 +1,5 @@
 """Policies on the sea trial's own frames: each loss of a part, and what is said then."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -22,12 +19,12 @@ TOWER, WATER = 180, 50
 
 
 @pytest.fixture(scope="module")
-def stereo(calibration_path: Path) -> StereoSetup:
+def stereo(calibration_path):
     return StereoSetup(load_calibration(calibration_path))
 
 
 @pytest.fixture(scope="module")
-def pair(mission: Path) -> Callable[[int], Frame]:
+def pair(mission):
     opened = open_mission(mission)
 
     def read(number: int) -> Frame:
@@ -47,7 +44,7 @@ class Sees(NoiseScorer):
 
 
 @pytest.fixture
-def policy(stereo: StereoSetup) -> Callable[[str], Policy]:
+def policy(stereo):
     def build(name: str) -> Policy:
         load = None if name == "disparity" else Sees
         return assemble(name, load, None if name == "texture" else stereo).policy
@@ -59,7 +56,7 @@ POLICIES = ("texture", "disparity", "either", "fallback")
 
 
 @pytest.mark.parametrize("name", POLICIES)
-def test_the_tower_is_an_obstacle_and_the_water_clear(name, policy, pair) -> None:
+def test_the_tower_is_an_obstacle_and_the_water_clear(name, policy, pair):
     judge = policy(name)
     assert judge.judge(pair(WATER)).verdict.status == CLEAR
     verdict = judge.judge(pair(TOWER)).verdict
@@ -79,7 +76,7 @@ def test_the_tower_is_an_obstacle_and_the_water_clear(name, policy, pair) -> Non
         ("fallback", OBSTACLE, "texture"),
     ],
 )
-def test_without_the_right_camera(name, tower, method, policy, pair) -> None:
+def test_without_the_right_camera(name, tower, method, policy, pair):
     gone = Fault(Reason.CAMERA_LOST, "the right camera is gone")
     frame = Frame(TOWER, 0.0, pair(TOWER).left, None, NO_FAULT, gone)
     verdict = policy(name).judge(frame).verdict
@@ -90,14 +87,14 @@ def test_without_the_right_camera(name, tower, method, policy, pair) -> None:
 
 @pytest.mark.parametrize("name", POLICIES)
 @pytest.mark.parametrize("number", [TOWER, WATER])
-def test_a_dark_left_camera_is_unknown_whatever_the_policy(name, number, policy, pair) -> None:
+def test_a_dark_left_camera_is_unknown_whatever_the_policy(name, number, policy, pair):
     seen = pair(number)
     frame = Frame(number, 0.0, seen.left // 32, seen.right)
     verdict = policy(name).judge(frame).verdict
     assert verdict.status == UNKNOWN and "dark" in verdict.health
 
 
-def test_a_killed_model_file_leaves_disparity(bundle_file, tmp_path, stereo, pair) -> None:
+def test_a_killed_model_file_leaves_disparity(bundle_file, tmp_path, stereo, pair):
     killed = tmp_path / "killed.tokt"
     killed.write_bytes(bundle_file.read_bytes()[:-200])
     judge = assemble("fallback", lambda: read_bundle(killed), stereo).policy
@@ -108,7 +105,7 @@ def test_a_killed_model_file_leaves_disparity(bundle_file, tmp_path, stereo, pai
     assert judge.judge(pair(WATER)).verdict.status == CLEAR
 
 
-def test_a_right_frame_of_another_moment_is_unknown_to_stereo_alone(policy, pair, mission) -> None:
+def test_a_right_frame_of_another_moment_is_unknown_to_stereo_alone(policy, pair, mission):
     other = read_image(mission / "Right" / f"tokt1_R_{TOWER - 10}.jpg")
     frame = Frame(TOWER, 0.0, pair(TOWER).left, other)
     assert policy("disparity").judge(frame).verdict.status == UNKNOWN

@@ -60,7 +60,7 @@ class Dive:
 
 
 @pytest.mark.parametrize("method", ["texture", "disparity", "pushbroom", "texture+disparity"])
-def test_every_method_has_a_trend(method: str) -> None:
+def test_every_method_has_a_trend(method):
     found = Dive().approach(0, 21, method=method)
     assert found.trend == "growing" and found.trend_confidence is not None
     assert found.trend_confidence >= 0.9
@@ -68,7 +68,7 @@ def test_every_method_has_a_trend(method: str) -> None:
     assert (found.anchor_x, found.anchor_y, found.anchor_size) == (None, None, None)
 
 
-def test_the_verdict_is_otherwise_the_policy_s_and_v1_is_the_same() -> None:
+def test_the_verdict_is_otherwise_the_policy_s_and_v1_is_the_same():
     dive = Dive(anchor=Anchor(0.1))
     found, plain = dive.approach(0, 21), obstacle(20)
     assert found.trend is not None and found.anchor_size is not None
@@ -78,7 +78,7 @@ def test_the_verdict_is_otherwise_the_policy_s_and_v1_is_the_same() -> None:
     assert found == replace(plain, **more, expansion_contact_s=found.expansion_contact_s)
 
 
-def test_unknown_and_clear_have_none_and_leave_the_means_before_them() -> None:
+def test_unknown_and_clear_have_none_and_leave_the_means_before_them():
     dive = Dive(anchor=Anchor(0.1))
     dive.approach(0, 16)
     for verdict in (DARK, NOTHING):
@@ -86,20 +86,20 @@ def test_unknown_and_clear_have_none_and_leave_the_means_before_them() -> None:
     assert dive.approach(18, 21).expansion_contact_s == pytest.approx(5.0, abs=0.1)
 
 
-def test_a_heartbeat_has_none() -> None:
+def test_a_heartbeat_has_none():
     fields = Report(3, None, 1.0, None, DARK).fields()
     names = ("trend", "trend_confidence", "expansion_contact_s", "anchor_x", "anchor_size")
     assert [fields[name] for name in names] == [None] * 5
 
 
-def test_frames_without_times_have_no_trend() -> None:
+def test_frames_without_times_have_no_trend():
     dive = Dive(anchor=Anchor(0.1))
     for index in range(21):
         found = dive.judge(obstacle(index), timed=False)
     assert found.trend is None and found.anchor_size is not None
 
 
-def test_another_method_begins_anew() -> None:
+def test_another_method_begins_anew():
     dive = Dive()
     assert dive.approach(0, 16).trend == "growing"
     assert dive.judge(obstacle(16, method="disparity", mean=80.0)).trend is None
@@ -109,7 +109,7 @@ def test_another_method_begins_anew() -> None:
     assert dive.approach(24, 26).trend == "growing"
 
 
-def test_an_exchange_of_the_model_begins_anew_even_for_the_same_one() -> None:
+def test_an_exchange_of_the_model_begins_anew_even_for_the_same_one():
     detector, again = (object() for _ in range(2))
     slot = ReloadableTextureDetector(detector)  # type: ignore[arg-type]
     dive = Dive(texture=slot)
@@ -125,13 +125,13 @@ def test_an_exchange_of_the_model_begins_anew_even_for_the_same_one() -> None:
     "box",
     [(0, 100, 50, 50), (100, 0, 50, 50), (300, 100, 60, 50), (100, 220, 50, 50), (10, 100, 50, 50)],
 )
-def test_what_touches_the_edge_is_not_in_whole(box: tuple[int, int, int, int]) -> None:
+def test_what_touches_the_edge_is_not_in_whole(box):
     assert wholly_in_view(obstacle(0)) and not wholly_in_view(obstacle(0, box=box))
     found = Dive().approach(0, 21, box=box)
     assert found.trend == "growing" and found.expansion_contact_s is None
 
 
-def test_patches_next_to_the_edge_s_are_in_whole() -> None:
+def test_patches_next_to_the_edge_s_are_in_whole():
     assert wholly_in_view(obstacle(0, box=(36, 27, 288, 216)))  # all but the outer ones
     assert not wholly_in_view(obstacle(0, box=(36, 27, 288, 243)))  # the lowest ends at 270 of 271
     assert not wholly_in_view(obstacle(0, box=None)) and not wholly_in_view(
@@ -139,7 +139,7 @@ def test_patches_next_to_the_edge_s_are_in_whole() -> None:
     )
 
 
-def test_where_the_right_camera_does_not_see_it_is_cut_off() -> None:
+def test_where_the_right_camera_does_not_see_it_is_cut_off():
     # 2200 px, 0.3 m, 1360 px wide: at 2 m the left quarter of the picture is blind.
     blind_m = StereoSetup(PLAIN).blind_m
     assert blind_m == pytest.approx(2200 * 0.3 / 1360)
@@ -153,7 +153,7 @@ def test_where_the_right_camera_does_not_see_it_is_cut_off() -> None:
 
 
 @pytest.mark.parametrize("name", ["texture", "disparity", "either", "fallback"])
-def test_every_policy_is_followed(name: str, noise_scorer: Any) -> None:
+def test_every_policy_is_followed(name, noise_scorer):
     stereo = None if name == "texture" else StereoSetup(PLAIN)
     load = None if name == "disparity" else lambda: noise_scorer
     policy = assemble(name, load, stereo, anchor=Anchor(0.2)).policy

@@ -51,13 +51,13 @@ def approach(n: int, contact_s: float, last_mean: float = 40.0) -> list[float | 
 
 
 @pytest.mark.parametrize("contact_s", [2.0, 5.0, 12.0])
-def test_an_even_approach_is_exact(contact_s: float) -> None:
+def test_an_even_approach_is_exact(contact_s):
     found = after(approach(20, contact_s))
     assert found.trend == GROWING and found.contact_s == pytest.approx(contact_s, abs=0.02)
     assert found.confidence is not None and 0.9 < found.confidence <= 1
 
 
-def test_irregular_times_change_nothing() -> None:
+def test_irregular_times_change_nothing():
     times = LATER + np.cumsum(np.random.default_rng(0).uniform(0.02, 0.5, 40))
     watch = TrendEstimator()
     for t_s in times:
@@ -66,13 +66,13 @@ def test_irregular_times_change_nothing() -> None:
     assert found.trend == GROWING and found.contact_s == pytest.approx(4.0, abs=0.1)
 
 
-def test_what_goes_away_shrinks_and_has_no_contact() -> None:
+def test_what_goes_away_shrinks_and_has_no_contact():
     found = after(approach(20, 3.0)[::-1])
     assert (found.trend, found.contact_s) == (SHRINKING, None)
     assert found.confidence is not None and found.confidence > 0.9
 
 
-def test_what_stays_is_steady_and_has_no_contact() -> None:
+def test_what_stays_is_steady_and_has_no_contact():
     found = after([12 * PATCH_MEAN] * 20)
     assert (found.trend, found.contact_s) == (STEADY, None)
     assert found.confidence is not None and found.confidence > 0.9
@@ -81,19 +81,19 @@ def test_what_stays_is_steady_and_has_no_contact() -> None:
     assert small.confidence is None or small.confidence < 0.8
 
 
-def test_a_growth_slower_than_the_steady_band_is_steady() -> None:
+def test_a_growth_slower_than_the_steady_band_is_steady():
     slow = [60 * math.exp(0.4 * STEADY_PER_S * STEP_S * index) for index in range(20)]
     fast = [60 * math.exp(2.0 * STEADY_PER_S * STEP_S * index) for index in range(20)]
     assert after(list(slow)).trend == STEADY and after(list(fast)).trend == GROWING
 
 
-def test_too_few_means_or_too_short_a_time_have_no_trend() -> None:
+def test_too_few_means_or_too_short_a_time_have_no_trend():
     assert after(approach(module.MIN_SLOTS - 1, 4.0), step_s=0.5) == Trend()
     assert after(approach(6, 4.0)) == Trend()  # 1.25 s
     assert after(approach(7, 4.0)).trend == GROWING
 
 
-def test_a_status_that_flickers_has_no_trend_itself_but_leaves_the_means() -> None:
+def test_a_status_that_flickers_has_no_trend_itself_but_leaves_the_means():
     means = approach(20, 5.0)
     for gone, nothing in ((9, 0.0), (10, None), (14, 0.0), (17, None)):
         means[gone] = nothing
@@ -103,14 +103,14 @@ def test_a_status_that_flickers_has_no_trend_itself_but_leaves_the_means() -> No
         assert after([*means, nothing]) == Trend()
 
 
-def test_a_long_time_without_anything_starts_anew() -> None:
+def test_a_long_time_without_anything_starts_anew():
     missed = math.ceil(module.GAP_S / STEP_S)
     means = approach(20, 5.0)
     assert after([*means, *[0.0] * (missed - 1), 41.0]).trend == GROWING
     assert after([*means, *[0.0] * missed, 41.0]) == Trend()
 
 
-def test_two_frames_of_one_tick_of_the_clock_leave_the_means() -> None:
+def test_two_frames_of_one_tick_of_the_clock_leave_the_means():
     watch = TrendEstimator()
     for index, mean in enumerate(approach(20, 5.0)):
         found = [watch.add(LATER + index * STEP_S, mean) for _ in range(2)]
@@ -121,7 +121,7 @@ def test_two_frames_of_one_tick_of_the_clock_leave_the_means() -> None:
 
 
 @pytest.mark.parametrize("t_s", [LATER, LATER + 3.0, math.nan, -math.inf, math.inf, 1e308])
-def test_time_that_does_not_go_on_starts_anew(t_s: float) -> None:
+def test_time_that_does_not_go_on_starts_anew(t_s):
     watch = TrendEstimator()
     for index, mean in enumerate(approach(20, 5.0)):
         watch.add(LATER + index * STEP_S, mean)
@@ -131,7 +131,7 @@ def test_time_that_does_not_go_on_starts_anew(t_s: float) -> None:
     assert found[2] == Trend() and found[-1].trend == SHRINKING
 
 
-def test_what_is_cut_off_by_the_edge_has_a_trend_but_no_contact() -> None:
+def test_what_is_cut_off_by_the_edge_has_a_trend_but_no_contact():
     means = approach(20, 5.0)
     found = after(means, whole=False)
     assert (found.trend, found.contact_s) == (GROWING, None)
@@ -147,7 +147,7 @@ def test_what_is_cut_off_by_the_edge_has_a_trend_but_no_contact() -> None:
     assert given_[10 + SLOTS].contact_s is not None
 
 
-def test_one_frame_that_is_cut_off_is_enough() -> None:
+def test_one_frame_that_is_cut_off_is_enough():
     watch = TrendEstimator()
     for index in range(40):  # two frames in a slot
         mean = 1000.0 / (10.0 - 0.125 * index) ** 2
@@ -155,13 +155,13 @@ def test_one_frame_that_is_cut_off_is_enough() -> None:
     assert found.trend == GROWING and found.contact_s is None
 
 
-def test_a_full_picture_has_no_trend() -> None:
+def test_a_full_picture_has_no_trend():
     full = SATURATED_MEAN + 1
     assert after([full] * 20) == Trend()
     assert after([*approach(20, 5.0, 200.0), full]) == Trend()
 
 
-def test_nothing_older_than_the_horizon_has_a_part() -> None:
+def test_nothing_older_than_the_horizon_has_a_part():
     rng = np.random.default_rng(3)
     times = LATER + np.cumsum(rng.uniform(0.05, 0.4, 120))
     means = rng.integers(0, 30, len(times)) * PATCH_MEAN
@@ -192,7 +192,7 @@ numbers = st.floats(allow_nan=True, allow_infinity=True)
         max_size=60,
     )
 )
-def test_nothing_raises_and_memory_is_bounded(points: list[tuple[float, float, bool]]) -> None:
+def test_nothing_raises_and_memory_is_bounded(points):
     watch = TrendEstimator()
     t_s = LATER
     for step_s, mean, whole in points:
@@ -261,7 +261,7 @@ def truth(rate_per_s: float) -> str:
 
 
 @pytest.fixture(scope="module")
-def answers() -> list[tuple[str, Trend]]:
+def answers():
     """Truth and answer of 900 curves: a third each quite steady, of any slope, and of nearly none,
     where it is hardest.
     """
@@ -271,14 +271,14 @@ def answers() -> list[tuple[str, Trend]]:
 
 
 @pytest.mark.parametrize("word", TRENDS)
-def test_a_confidence_of_nine_tenths_is_wrong_in_at_most_a_tenth(word, answers) -> None:
+def test_a_confidence_of_nine_tenths_is_wrong_in_at_most_a_tenth(word, answers):
     said = [(true, found) for true, found in answers if found.trend == word]
     sure = [true for true, found in said if (found.confidence or 0) >= 0.9]
     assert len(sure) >= 80
     assert sum(true != word for true in sure) / len(sure) <= 0.10
 
 
-def test_a_confidence_is_about_how_often_it_is_right(answers: list[tuple[str, Trend]]) -> None:
+def test_a_confidence_is_about_how_often_it_is_right(answers):
     for least, most in ((0.5, 0.7), (0.7, 0.9), (0.9, 1.01)):
         told = [
             (true == found.trend, found.confidence)
@@ -301,7 +301,7 @@ def test_a_confidence_is_about_how_often_it_is_right(answers: list[tuple[str, Tr
         (STEADY_PER_S, (GROWING,), 0.17),  # on the border itself either word is a guess
     ],
 )
-def test_no_truth_is_often_taken_for_another(rate_per_s, wrong, most) -> None:
+def test_no_truth_is_often_taken_for_another(rate_per_s, wrong, most):
     rng = np.random.default_rng(6)
     found = [answer(curve(rng, rate_per_s)) for _ in range(150)]
     for word in wrong:
@@ -309,7 +309,7 @@ def test_no_truth_is_often_taken_for_another(rate_per_s, wrong, most) -> None:
         assert sure / len(found) <= most
 
 
-def test_a_slope_through_few_means_is_less_sure() -> None:
+def test_a_slope_through_few_means_is_less_sure():
     """Student's distribution, and not the normal one: five means have three degrees of freedom."""
     rng = np.random.default_rng(10)
     found = [answer(curve(rng, STEADY_PER_S, 8, fps=1.2)) for _ in range(500)]
@@ -319,14 +319,14 @@ def test_a_slope_through_few_means_is_less_sure() -> None:
 
 
 @pytest.mark.parametrize(("patches", "least_share"), [(5, 0.5), (12, 0.7), (30, 0.9)])
-def test_steady_curves_are_steady(patches: int, least_share: float) -> None:
+def test_steady_curves_are_steady(patches, least_share):
     rng = np.random.default_rng(7)
     words = Counter(answer(curve(rng, 0.0, patches)).trend for _ in range(100))
     assert words[STEADY] / words.total() >= least_share
     assert words[GROWING] + words[SHRINKING] <= words.total() / 3
 
 
-def test_what_only_moves_sideways_is_steady() -> None:
+def test_what_only_moves_sideways_is_steady():
     """A disc that sways over the borders of patches; a patch counts that it covers a tenth of."""
     rng = np.random.default_rng(11)
     y, x = (np.mgrid[0:100, 0:100] + 0.5) / 10
@@ -345,7 +345,7 @@ def test_what_only_moves_sideways_is_steady() -> None:
 
 
 @pytest.mark.parametrize(("rate_per_s", "least_share"), [(0.1, 0.15), (0.2, 0.75), (0.4, 0.95)])
-def test_growth_is_found(rate_per_s: float, least_share: float) -> None:
+def test_growth_is_found(rate_per_s, least_share):
     """The other half of being honest: a way that never dares to say it would pass all else."""
     rng = np.random.default_rng(8)
     found = [answer(curve(rng, rate_per_s, 15)) for _ in range(100)]
@@ -354,7 +354,7 @@ def test_growth_is_found(rate_per_s: float, least_share: float) -> None:
 
 
 @pytest.mark.parametrize(("rate_per_s", "spread"), [(0.2, 0.35), (0.4, 0.21)])
-def test_the_time_to_contact_is_right_within_its_spread(rate_per_s: float, spread: float) -> None:
+def test_the_time_to_contact_is_right_within_its_spread(rate_per_s, spread):
     rng = np.random.default_rng(9)
     ratios = []
     for _ in range(100):

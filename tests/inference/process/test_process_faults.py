@@ -8,7 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -75,7 +75,7 @@ class Ship:
 
 
 @pytest.fixture
-def ship(tmp_path: Path, bundle_file: Path, receiver: socket.socket) -> Iterator[Ship]:
+def ship(tmp_path, bundle_file, receiver):
     (tmp_path / "dive").mkdir()
     for number in range(1, 401):
         picture = draw([(4, 4)] if number % 20 < 5 else [(1, 1)], number)
@@ -86,7 +86,7 @@ def ship(tmp_path: Path, bundle_file: Path, receiver: socket.socket) -> Iterator
     opened.close()
 
 
-def test_a_run_at_sea(ship: Ship) -> None:
+def test_a_run_at_sea(ship):
     assert ship.until(lambda one: one["status"] == 1)["model"] == "noise/7"
 
     again = ship.killed()

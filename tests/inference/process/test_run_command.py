@@ -30,7 +30,7 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     return done
 
 
-def test_a_run_sends_logs_and_sums_up(make_mission, bundle_file, receiver, tmp_path) -> None:
+def test_a_run_sends_logs_and_sums_up(make_mission, bundle_file, receiver, tmp_path):
     folder = make_mission([[], [(4, 4)], [], [(2, 7)]])
     port = receiver.getsockname()[1]
     log = tmp_path / "log.jsonl"
@@ -112,7 +112,7 @@ def test_a_file_s_run_under_a_watchdog_is_that_of_its_command_line(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_ends_cleanly(make_mission, bundle_file, closed_port, tmp_path, number) -> None:
+def test_ctrl_c_ends_cleanly(make_mission, bundle_file, closed_port, tmp_path, number):
     log = tmp_path / "log.jsonl"
     process = start_tokt(
         *("run", "--bundle", bundle_file, "--source", make_mission([[(1, 1)]] * 200)),
@@ -165,7 +165,7 @@ def test_ctrl_c_ends_cleanly(make_mission, bundle_file, closed_port, tmp_path, n
         (["--bundle", "B", "--pixel-format", "RGB8"], "choose from Mono8, BayerRG8"),
     ],
 )
-def test_mistakes_are_one_line(make_mission, bundle_file, run_tokt, arguments, message) -> None:
+def test_mistakes_are_one_line(make_mission, bundle_file, run_tokt, arguments, message):
     given = [str(bundle_file) if word == "B" else word for word in arguments]
     ran = run_tokt("run", "--source", make_mission([[]]), *given)
     assert ran.code == 2
@@ -173,7 +173,7 @@ def test_mistakes_are_one_line(make_mission, bundle_file, run_tokt, arguments, m
     assert message in ran.err and ran.out == ""
 
 
-def test_threads_change_no_verdict(make_mission, bundle_file, tmp_path, closed_port) -> None:
+def test_threads_change_no_verdict(make_mission, bundle_file, tmp_path, closed_port):
     folder = make_mission([[], [(4, 4), (9, 9)], [(0, 0)]])
     logs = []
     for threads in (1, 2):
@@ -223,7 +223,7 @@ def test_a_run_without_its_model_goes_on_with_disparity(
     assert tower["health"].startswith("texture: no model")
 
 
-def test_listen_shows_each_datagram_and_stops_at_a_count(closed_port: int) -> None:
+def test_listen_shows_each_datagram_and_stops_at_a_count(closed_port):
     process = start_tokt("listen", "--port", closed_port, "--count", "3", "--json")
     assert "listening" in process.stderr.readline()
     v1 = b"status : , 1  ,Xpos : ,-120,  Ypos : , -35 , meanValue : ,12.3456789012"
@@ -236,7 +236,7 @@ def test_listen_shows_each_datagram_and_stops_at_a_count(closed_port: int) -> No
     assert shown[0]["x"] == -120 and "not a tokt datagram" in shown[1]["error"]
 
 
-def test_listen_ends_quietly_when_its_reader_does(closed_port, monkeypatch) -> None:
+def test_listen_ends_quietly_when_its_reader_does(closed_port, monkeypatch):
     monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)  # as a user's shell has it
     process = start_tokt("listen", "--port", closed_port)
     process.stderr.readline()
@@ -249,7 +249,7 @@ def test_listen_ends_quietly_when_its_reader_does(closed_port, monkeypatch) -> N
     assert process.stderr.read() == ""
 
 
-def test_listen_ends_cleanly_and_says_when_the_port_is_taken(closed_port: int) -> None:
+def test_listen_ends_cleanly_and_says_when_the_port_is_taken(closed_port):
     process = start_tokt("listen", "--port", closed_port)
     process.stderr.readline()
     second = tokt("listen", "--port", closed_port)

@@ -20,14 +20,14 @@ def kept(trigger, verdict_at, seconds) -> list[float]:
     return [now for now in times if trigger.should_keep(now, verdict_at(now))]
 
 
-def test_a_detection_is_kept_with_what_comes_after() -> None:
+def test_a_detection_is_kept_with_what_comes_after():
     trigger = ClipTrigger(ClipPadding(2, 1))
     times = kept(trigger, lambda now: OBSTACLE if 5 <= now < 6 or now == 6.5 else CLEAR, 20)
     assert times == [t / 10 for t in range(50, 76)]
     assert (trigger.clip, trigger.cause) == (1, "obstacle")
 
 
-def test_two_detections_far_apart_are_two_moments() -> None:
+def test_two_detections_far_apart_are_two_moments():
     trigger = ClipTrigger(ClipPadding(0, 0))
     opened = [
         (now, trigger.clip)
@@ -37,7 +37,7 @@ def test_two_detections_far_apart_are_two_moments() -> None:
     assert opened == [(1.0, 1), (3.0, 2), (10.0, 3)]
 
 
-def test_hours_before_a_wall_are_a_frame_a_second() -> None:
+def test_hours_before_a_wall_are_a_frame_a_second():
     trigger = ClipTrigger(ClipPadding(2, 2))
     times = kept(trigger, lambda now: OBSTACLE, 100)
     full = sum(t <= MAX_S for t in times)
@@ -47,7 +47,7 @@ def test_hours_before_a_wall_are_a_frame_a_second() -> None:
 
 
 @pytest.mark.parametrize("verdict", [DARK, RULE])
-def test_a_doubt_is_kept_when_it_begins(verdict: Verdict) -> None:
+def test_a_doubt_is_kept_when_it_begins(verdict):
     trigger = ClipTrigger(ClipPadding(2, 1))
     assert kept(trigger, lambda now: CLEAR if now < 5 else verdict, 200) == [
         t / 10 for t in range(50, 61)
@@ -55,17 +55,17 @@ def test_a_doubt_is_kept_when_it_begins(verdict: Verdict) -> None:
     assert trigger.cause == verdict.reason.value
 
 
-def test_a_doubt_that_comes_and_goes_is_kept_once_a_minute() -> None:
+def test_a_doubt_that_comes_and_goes_is_kept_once_a_minute():
     trigger = ClipTrigger(ClipPadding(2, 0))
     kept(trigger, lambda now: DARK if now % 2 < 1 else CLEAR, 3 * REST_S + 1)
     assert trigger.clip == 4
 
 
-def test_what_has_no_picture_is_no_cause() -> None:
+def test_what_has_no_picture_is_no_cause():
     assert kept(ClipTrigger(ClipPadding()), lambda now: LOST, 10) == []
 
 
-def test_a_moment_can_be_asked_for() -> None:
+def test_a_moment_can_be_asked_for():
     trigger = ClipTrigger(ClipPadding(1, 1))
     times = []
     for tenth in range(1300):
@@ -77,6 +77,6 @@ def test_a_moment_can_be_asked_for() -> None:
     assert trigger.cause == "drift"
 
 
-def test_what_a_user_can_get_wrong() -> None:
+def test_what_a_user_can_get_wrong():
     for around in ((-1, 0), (0, 31), (float("nan"), 0)):
         refuses("0 to 30 s", ClipPadding, *around)

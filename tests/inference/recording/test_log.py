@@ -10,7 +10,6 @@ import time
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -36,7 +35,7 @@ def write(path: Path, first: int, last: int, rotation: LogRotation | None = SMAL
     return log
 
 
-def test_files_step_on_and_the_oldest_goes(tmp_path: Path) -> None:
+def test_files_step_on_and_the_oldest_goes(tmp_path):
     path = tmp_path / "run.jsonl"
     log = write(path, 100, 199)
     names = {p.name for p in tmp_path.iterdir()}
@@ -47,7 +46,7 @@ def test_files_step_on_and_the_oldest_goes(tmp_path: Path) -> None:
     assert log.failed == 0
 
 
-def test_a_line_longer_than_a_file_is_kept_whole(tmp_path: Path) -> None:
+def test_a_line_longer_than_a_file_is_kept_whole(tmp_path):
     log = JsonLines(tmp_path / "run.jsonl", SMALL)
     for n in range(3):
         log.write({"n": n, "long": "x" * 300})
@@ -55,13 +54,13 @@ def test_a_line_longer_than_a_file_is_kept_whole(tmp_path: Path) -> None:
     assert numbers(tmp_path / "run.jsonl") == [0, 1, 2]
 
 
-def test_without_rotation_there_is_one_file(tmp_path: Path) -> None:
+def test_without_rotation_there_is_one_file(tmp_path):
     write(tmp_path / "run.jsonl", 0, 500, rotation=None)
     assert [p.name for p in tmp_path.iterdir()] == ["run.jsonl"]
     assert numbers(tmp_path / "run.jsonl") == list(range(501))
 
 
-def test_files_of_others_with_similar_names_are_left_alone(tmp_path: Path) -> None:
+def test_files_of_others_with_similar_names_are_left_alone(tmp_path):
     others = [tmp_path / name for name in ("run.2016.jsonl", "run.events.jsonl", "run.4.jsonl")]
     for other in others:
         other.write_text('{"n": -1}\n')
@@ -71,7 +70,7 @@ def test_files_of_others_with_similar_names_are_left_alone(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("renames", range(5))
-def test_a_step_that_dies_after_any_rename_loses_no_line(renames, tmp_path, monkeypatch) -> None:
+def test_a_step_that_dies_after_any_rename_loses_no_line(renames, tmp_path, monkeypatch):
     path, roomy = tmp_path / "run.jsonl", LogRotation(SMALL.max_mb, keep=20)
     write(path, 100, 130, roomy)  # 4 files
     whole, done = Path.replace, 0
@@ -95,7 +94,7 @@ def test_a_step_that_dies_after_any_rename_loses_no_line(renames, tmp_path, monk
     assert numbers(path) == list(range(100, 181))
 
 
-def test_a_step_that_cannot_be_goes_on_in_the_same_file(tmp_path, monkeypatch) -> None:
+def test_a_step_that_cannot_be_goes_on_in_the_same_file(tmp_path, monkeypatch):
     path = tmp_path / "run.jsonl"
 
     def refused(self: Path, target: Path) -> Path:
@@ -118,7 +117,7 @@ for n in range(int(sys.argv[2]), 10**9):
 """
 
 
-def test_a_killed_process_loses_nothing_but_what_it_had_not_said(tmp_path: Path) -> None:
+def test_a_killed_process_loses_nothing_but_what_it_had_not_said(tmp_path):
     path, after = tmp_path / "run.jsonl", 100_000
     rng = random.Random(5)
     for _ in range(3):
@@ -135,7 +134,7 @@ def test_a_killed_process_loses_nothing_but_what_it_had_not_said(tmp_path: Path)
             (path if n == 0 else older_file(path, n)).unlink(missing_ok=True)
 
 
-def test_a_log_that_is_written_meanwhile_is_read_without_a_gap(tmp_path: Path) -> None:
+def test_a_log_that_is_written_meanwhile_is_read_without_a_gap(tmp_path):
     path = tmp_path / "run.jsonl"
     log = JsonLines(path, LogRotation(0.01, 8))
     log.write({"n": 0})
@@ -159,7 +158,7 @@ def test_a_log_that_is_written_meanwhile_is_read_without_a_gap(tmp_path: Path) -
         log.close()
 
 
-def test_damaged_lines_are_told_and_a_torn_end_is_not(tmp_path: Path) -> None:
+def test_damaged_lines_are_told_and_a_torn_end_is_not(tmp_path):
     path = tmp_path / "run.jsonl"
     older = older_file(path, 1)
     older.write_bytes(b'{"n":1}\n{"n":\n[]\n{"n":2}')
@@ -171,7 +170,7 @@ def test_damaged_lines_are_told_and_a_torn_end_is_not(tmp_path: Path) -> None:
     assert str(gaps[2]) == f"{path} line 2: damaged"
 
 
-def test_a_log_is_added_to_after_a_torn_line(tmp_path: Path) -> None:
+def test_a_log_is_added_to_after_a_torn_line(tmp_path):
     path = tmp_path / "run.jsonl"
     path.write_bytes(b'{"n":1}\n{"n')
     write(path, 2, 3, None)
@@ -180,7 +179,7 @@ def test_a_log_is_added_to_after_a_torn_line(tmp_path: Path) -> None:
 
 @settings(max_examples=scaled(40))
 @given(st.lists(st.binary(max_size=12), max_size=6), st.integers(0, 40))
-def test_whatever_is_in_the_file_reading_goes_on(parts: list[bytes], cut: int) -> None:
+def test_whatever_is_in_the_file_reading_goes_on(parts, cut):
     with TemporaryDirectory() as folder:
         path = Path(folder) / "run.jsonl"
         path.write_bytes(b"\n".join([*parts, b""])[:cut] + b'\n{"n":1}\n')
@@ -204,7 +203,7 @@ print(json.dumps([failed, log.failed, log.last_error]))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs RLIMIT_FSIZE")
-def test_a_disk_that_was_full_is_written_again_and_says_what_is_missing(tmp_path: Path) -> None:
+def test_a_disk_that_was_full_is_written_again_and_says_what_is_missing(tmp_path):
     path = tmp_path / "run.jsonl"
     failed, failed_later, _ = json.loads(run_python("-c", _FULL, path).stdout)
     gaps: list[LogGap] = []
@@ -218,7 +217,7 @@ def test_a_disk_that_was_full_is_written_again_and_says_what_is_missing(tmp_path
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full (Linux)")
-def test_a_full_disk_is_counted() -> None:
+def test_a_full_disk_is_counted():
     log = JsonLines("/dev/full")
     for n in range(3):
         log.write({"n": n})
@@ -226,7 +225,7 @@ def test_a_full_disk_is_counted() -> None:
 
 
 @pytest.mark.parametrize("value", [{"n": float("nan")}, {"n": {1, 2}}])
-def test_what_is_no_json_is_counted_and_no_error(value: dict[str, Any], tmp_path: Path) -> None:
+def test_what_is_no_json_is_counted_and_no_error(value, tmp_path):
     path = tmp_path / "run.jsonl"
     log = JsonLines(path)
     log.write(value)
@@ -237,7 +236,7 @@ def test_what_is_no_json_is_counted_and_no_error(value: dict[str, Any], tmp_path
     assert gaps[0].words.startswith("lines that could not be written here: 1 (not JSON")
 
 
-def test_a_folder_that_went_and_came_back_is_written_again(tmp_path: Path) -> None:
+def test_a_folder_that_went_and_came_back_is_written_again(tmp_path):
     folder = tmp_path / "disk"
     folder.mkdir()
     log = JsonLines(folder / "run.jsonl", SMALL)
@@ -255,7 +254,7 @@ def test_a_folder_that_went_and_came_back_is_written_again(tmp_path: Path) -> No
     assert len(found) + log.failed == 35
 
 
-def test_what_a_user_can_get_wrong(tmp_path: Path) -> None:
+def test_what_a_user_can_get_wrong(tmp_path):
     refuses(r"log .* cannot be written", JsonLines, tmp_path / "none" / "log.jsonl")
     refuses("does not exist", lambda: list(read_log(tmp_path / "none.jsonl")))
     for rotation in ({"max_mb": 0}, {"max_mb": float("nan")}, {"keep": 0}, {"keep": 100}):

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +77,7 @@ class Sea:
 
 
 @pytest.fixture
-def sea(tmp_path: Path, hand_clock: Any) -> Callable[..., Sea]:
+def sea(tmp_path, hand_clock):
     """A recorder into ``tmp_path / "rec"`` with frames to see."""
 
     def start(around=(0.375, 0.25), disk=ROOMY, run="run-1", **more) -> Sea:
@@ -121,7 +120,7 @@ def check_whole(folder: Path, bound_mb: float | None = None) -> list[int]:
     return numbers
 
 
-def test_frames_around_a_detection_are_a_mission(sea: Callable[..., Sea], tmp_path: Path) -> None:
+def test_frames_around_a_detection_are_a_mission(sea, tmp_path):
     told: list[Event] = []
     at_sea = sea(tell=told.append)
     at_sea.tell("start", policy="texture")
@@ -149,7 +148,7 @@ def test_frames_around_a_detection_are_a_mission(sea: Callable[..., Sea], tmp_pa
     assert (at_sea.recorder.frames, at_sea.recorder.dropped, at_sea.recorder.clips) == (7, 0, 1)
 
 
-def test_a_frame_without_a_picture_is_told_and_one_camera_is_enough(sea, tmp_path) -> None:
+def test_a_frame_without_a_picture_is_told_and_one_camera_is_enough(sea, tmp_path):
     at_sea = sea()
     at_sea.see(OBSTACLE, 2, right_fault=UNPAIRED)
     torn = Fault(Reason.INCOMPLETE, "the left frame is torn")
@@ -162,7 +161,7 @@ def test_a_frame_without_a_picture_is_told_and_one_camera_is_enough(sea, tmp_pat
     assert last["left"] == {"reason": "incomplete", "words": str(torn)}
 
 
-def test_without_a_detection_there_is_no_folder(sea: Callable[..., Sea], tmp_path: Path) -> None:
+def test_without_a_detection_there_is_no_folder(sea, tmp_path):
     at_sea = sea()
     at_sea.tell("start")
     at_sea.see(CLEAR, 50)
@@ -170,7 +169,7 @@ def test_without_a_detection_there_is_no_folder(sea: Callable[..., Sea], tmp_pat
     assert [path.name for path in (tmp_path / "rec").iterdir()] == [".recording.lock"]
 
 
-def test_a_new_model_keeps_its_place_among_the_frames_before_a_detection(sea, tmp_path) -> None:
+def test_a_new_model_keeps_its_place_among_the_frames_before_a_detection(sea, tmp_path):
     at_sea = sea(around=(0.5, 0))
     at_sea.see(CLEAR, 2)
     at_sea.tell("model", label="reef/8")
@@ -182,7 +181,7 @@ def test_a_new_model_keeps_its_place_among_the_frames_before_a_detection(sea, tm
     assert found == [1, 2, "model", 3, 4, 5]
 
 
-def test_drift_and_a_challenger_that_differs_open_moments(sea: Callable[..., Sea], tmp_path: Path):
+def test_drift_and_a_challenger_that_differs_open_moments(sea, tmp_path):
     at_sea = sea(around=(0.125, 0.125))
     at_sea.see(CLEAR, 5)
     at_sea.tell("drift")
@@ -192,7 +191,7 @@ def test_drift_and_a_challenger_that_differs_open_moments(sea: Callable[..., Sea
     assert at_sea.end() == [5, 6, 7, 10, 11, 12]
 
 
-def test_the_oldest_moments_of_the_run_make_room(sea: Callable[..., Sea], tmp_path: Path) -> None:
+def test_the_oldest_moments_of_the_run_make_room(sea, tmp_path):
     at_sea = sea(around=(0.125, 0.125), disk=DiskLimits(0.5, 0))
     at_sea.tell("start")
     folder = at_sea.folder
@@ -213,7 +212,7 @@ def test_the_oldest_moments_of_the_run_make_room(sea: Callable[..., Sea], tmp_pa
     assert recorder.dropped == 0 and recorder.fault == "" and recorder.removed_bytes > 0
 
 
-def test_a_moment_that_fills_the_folder_is_not_removed_for_itself(sea, tmp_path) -> None:
+def test_a_moment_that_fills_the_folder_is_not_removed_for_itself(sea, tmp_path):
     at_sea = sea(disk=DiskLimits(0.2, 0))
     at_sea.see(OBSTACLE, 40)
     numbers = at_sea.end(bound_mb=0.2)
@@ -221,7 +220,7 @@ def test_a_moment_that_fills_the_folder_is_not_removed_for_itself(sea, tmp_path)
     assert at_sea.recorder.dropped == 40 - len(numbers) and at_sea.recorder.fault == NO_ROOM
 
 
-def test_earlier_recordings_are_never_touched(sea, tmp_path, hand_clock) -> None:
+def test_earlier_recordings_are_never_touched(sea, tmp_path, hand_clock):
     before = tmp_path / "rec" / "run-0" / "Left" / "run-0_L_1.png"
     before.parent.mkdir(parents=True)
     before.write_bytes(bytes(900_000))
@@ -245,7 +244,7 @@ def test_earlier_recordings_are_never_touched(sea, tmp_path, hand_clock) -> None
     assert told[-1].words == "frames are recorded again"
 
 
-def test_the_disk_keeps_its_reserve(sea: Callable[..., Sea], tmp_path: Path) -> None:
+def test_the_disk_keeps_its_reserve(sea, tmp_path):
     at_sea = sea(disk=DiskLimits(100, reserve_mb=1e12))
     at_sea.see(OBSTACLE, 3)
     at_sea.recorder.close()
@@ -276,7 +275,7 @@ def test_a_slow_disk_costs_frames_and_neither_memory_nor_the_loop(sea, tmp_path,
     assert judged == numbers == list(range(8, 8 + len(numbers)))
 
 
-def test_frames_before_a_detection_are_bounded_in_memory(sea: Callable[..., Sea], tmp_path: Path):
+def test_frames_before_a_detection_are_bounded_in_memory(sea, tmp_path):
     at_sea = sea(around=(30, 0), memory_mb=0.1)
     at_sea.see(CLEAR, 200)
     assert at_sea.recorder._before_bytes <= 1e5
@@ -284,7 +283,7 @@ def test_frames_before_a_detection_are_bounded_in_memory(sea: Callable[..., Sea]
     assert at_sea.end()[0] > 190
 
 
-def test_numbers_that_come_again_are_left_out(sea: Callable[..., Sea], tmp_path: Path) -> None:
+def test_numbers_that_come_again_are_left_out(sea, tmp_path):
     at_sea = sea()
     at_sea.see(OBSTACLE, 3)
     at_sea.written(3)
@@ -297,7 +296,7 @@ def test_numbers_that_come_again_are_left_out(sea: Callable[..., Sea], tmp_path:
     assert at_sea.recorder.dropped == 2
 
 
-def test_a_recording_that_is_taken_away_begins_anew(sea: Callable[..., Sea], tmp_path: Path):
+def test_a_recording_that_is_taken_away_begins_anew(sea, tmp_path):
     at_sea = sea(around=(0, 0))
     at_sea.tell("start")
     at_sea.see(OBSTACLE, 3)
@@ -311,7 +310,7 @@ def test_a_recording_that_is_taken_away_begins_anew(sea: Callable[..., Sea], tmp
         assert next(iter(read_recording(tmp_path / "rec" / run)))["event"] == "start"
 
 
-def test_a_recording_that_is_taken_away_within_a_frame_has_its_head_again(tmp_path: Path) -> None:
+def test_a_recording_that_is_taken_away_within_a_frame_has_its_head_again(tmp_path):
     recording = RecordingFolder(tmp_path / "run-1", "run-1")
     recording.tell({"event": "start"})
 
@@ -329,7 +328,7 @@ def test_a_recording_that_is_taken_away_within_a_frame_has_its_head_again(tmp_pa
     assert [path.name for path in (tmp_path / "run-1" / "Left").iterdir()] == ["run-1_L_3.png"]
 
 
-def test_one_process_records_into_a_folder(sea, tmp_path, hand_clock) -> None:
+def test_one_process_records_into_a_folder(sea, tmp_path, hand_clock):
     first = sea()
     refuses("another tokt", sea, run="run-2")
     first.recorder.close()
@@ -340,7 +339,7 @@ def test_one_process_records_into_a_folder(sea, tmp_path, hand_clock) -> None:
         refuses("", DiskLimits, *limits)
 
 
-def test_what_is_no_recording_is_told(tmp_path: Path) -> None:
+def test_what_is_no_recording_is_told(tmp_path):
     refuses("holds no recording", lambda: list(read_recording(tmp_path)))
     for text, words in (
         ("", "does not begin"),
@@ -351,7 +350,7 @@ def test_what_is_no_recording_is_told(tmp_path: Path) -> None:
         refuses(words, lambda: list(read_recording(tmp_path)))
 
 
-def test_a_recording_of_format_1_is_read(tmp_path: Path) -> None:
+def test_a_recording_of_format_1_is_read(tmp_path):
     line = {"seq": 3, "status": 1, "frame": 9, "judged": 3, "moment": 1, "files": {}}
     text = json.dumps({"recording": 1, "run": "run-1"}) + "\n" + json.dumps(line) + "\n"
     (tmp_path / "recording.jsonl").write_text(text + '{"seq": 4, "fra')
@@ -398,7 +397,7 @@ def at_sea_process(program: str, *arguments: object) -> subprocess.Popen[str]:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
-def test_a_kill_at_any_moment_leaves_a_recording(tmp_path: Path) -> None:
+def test_a_kill_at_any_moment_leaves_a_recording(tmp_path):
     rng = random.Random(3)
     for run in ("run-1", "run-2"):
         bound_mb = 0.35 * int(run[-1])
@@ -414,7 +413,7 @@ def test_a_kill_at_any_moment_leaves_a_recording(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs RLIMIT_FSIZE")
-def test_a_full_disk_is_counted_and_recording_goes_on_when_it_is_not(tmp_path: Path) -> None:
+def test_a_full_disk_is_counted_and_recording_goes_on_when_it_is_not(tmp_path):
     process = at_sea_process(_FULL, tmp_path, "run-1", 100, 0)
     out, _ = process.communicate(timeout=MAX_S)
     full, after = out.splitlines()

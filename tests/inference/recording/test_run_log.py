@@ -3,7 +3,6 @@
 import json
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -53,7 +52,7 @@ def test_a_frame_s_line_has_what_was_sent_and_what_was_seen(
     assert second["right"] == {"reason": "missing", "words": str(frames[1].right_fault)}
 
 
-def test_heartbeats_and_events_have_their_lines(tmp_path: Path) -> None:
+def test_heartbeats_and_events_have_their_lines(tmp_path):
     log = RunLog(tmp_path / "a.jsonl", "run-x")
     log.event(Event(1.5, "start", "it begins", {"policy": "texture"}))
     log.heartbeat(Report(1, None, None, None, NOTHING))
@@ -67,7 +66,7 @@ def test_heartbeats_and_events_have_their_lines(tmp_path: Path) -> None:
     assert list(read_log(tmp_path / "a.events.jsonl")) == [{**start, "policy": "texture"}, model]
 
 
-def test_values_that_are_not_finite_cost_no_line(tmp_path: Path) -> None:
+def test_values_that_are_not_finite_cost_no_line(tmp_path):
     log = RunLog(tmp_path / "a.jsonl", "run-x", values=True)
     values = np.array([[math.nan], [1 / 3], [math.inf]])
     fault = Fault(Reason.NOT_FINITE, "decision values are not finite")
@@ -81,7 +80,7 @@ def test_values_that_are_not_finite_cost_no_line(tmp_path: Path) -> None:
     assert line["t"] is line["latency_ms"] is None and log.failed == 0
 
 
-def test_both_files_step_on(tmp_path: Path) -> None:
+def test_both_files_step_on(tmp_path):
     log = RunLog(tmp_path / "a.jsonl", "run-x", LogRotation(0.002, 2))
     for seq in range(1, 60):
         log.heartbeat(Report(seq, None, None, None, NOTHING))
@@ -95,7 +94,7 @@ def test_both_files_step_on(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full (Linux)")
-def test_lines_of_both_files_that_cannot_be_written_are_counted(tmp_path: Path) -> None:
+def test_lines_of_both_files_that_cannot_be_written_are_counted(tmp_path):
     (tmp_path / "a.jsonl").symlink_to("/dev/full")
     log = RunLog(tmp_path / "a.jsonl", "run-x")
     log.heartbeat(Report(1, None, None, None, NOTHING))
@@ -103,18 +102,18 @@ def test_lines_of_both_files_that_cannot_be_written_are_counted(tmp_path: Path) 
     assert log.failed == 2 and log.last_error == "No space left on device"
 
 
-def test_a_log_that_cannot_be_opened_is_told(tmp_path: Path) -> None:
+def test_a_log_that_cannot_be_opened_is_told(tmp_path):
     (tmp_path / "a.events.jsonl").mkdir()
     refuses(r"a\.events\.jsonl cannot be written", RunLog, tmp_path / "a.jsonl", "run-x")
 
 
-def test_runs_have_ids_of_their_own_though_the_clock_stands(hand_clock: Any) -> None:
+def test_runs_have_ids_of_their_own_though_the_clock_stands(hand_clock):
     ids = {new_run_id(hand_clock) for _ in range(50)}
     assert len(ids) == 50
     assert all(name.startswith("run-19700112-134820-") for name in ids)
 
 
-def test_a_log_of_before_there_were_reasons_is_read(tmp_path: Path) -> None:
+def test_a_log_of_before_there_were_reasons_is_read(tmp_path):
     line = {"v": 2, "seq": 1, "t": 1.0, "status": 0, "health": "ok", "frame": 17}
     (tmp_path / "old.jsonl").write_text(json.dumps(line) + "\n")
     assert list(read_log(tmp_path / "old.jsonl")) == [line]

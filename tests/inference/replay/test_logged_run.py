@@ -59,7 +59,7 @@ def read(log: Path) -> list[LoggedFrame]:
     return list(open_run(log).frames())
 
 
-def test_a_start_reads_back_as_it_was() -> None:
+def test_a_start_reads_back_as_it_was():
     rig, poses = UsedFile("/rig.yml", "0" * 64), UsedFile("/poses.csv", "1" * 64)
     start = replace(STARTED, live=True, limits=Limits(0.3, 0.7, 9), calibration=rig, odometry=poses)
     rest = {"pixel_format": "BayerRG8", "frame_rule": {"hits": 1}, "record": "/rec"}
@@ -68,7 +68,7 @@ def test_a_start_reads_back_as_it_was() -> None:
     assert RunStart.from_fields(fields, "a log") == start
 
 
-def test_the_first_format_of_a_start_is_still_read() -> None:
+def test_the_first_format_of_a_start_is_still_read():
     first = {
         "event": "start", "format_version": 1, "source": "/dive", "policy": "texture",
         "live": False, "limits": {"stale_s": 0.5, "heartbeat_s": 0.5, "frozen_repeats": 5},
@@ -82,7 +82,7 @@ def test_the_first_format_of_a_start_is_still_read() -> None:
     assert start.anchor is None
 
 
-def test_yesterday_s_line_is_read_with_what_it_has(tmp_path: Path) -> None:
+def test_yesterday_s_line_is_read_with_what_it_has(tmp_path):
     log = log_of(tmp_path, [FRAME, {**TODAY, "seq": 2}], [BEGIN])
     yesterday, today = read(log)
     added = set(VERDICT) - set(yesterday.verdict)
@@ -90,7 +90,7 @@ def test_yesterday_s_line_is_read_with_what_it_has(tmp_path: Path) -> None:
     assert today.verdict["trend"] == "growing"
 
 
-def test_a_frame_s_line_is_read_with_its_model_and_what_follows_what(tmp_path: Path) -> None:
+def test_a_frame_s_line_is_read_with_its_model_and_what_follows_what(tmp_path):
     event = {"event": "model", "label": "new/1", "sha256": "cd" * 32, "run": "r", "seq": 2}
     told = {"event": "recording", "frame": 17, "run": "r", "seq": 1}
     # The heartbeat of the other thread was said after frame 4, and its line is before it.
@@ -108,7 +108,7 @@ def test_a_frame_s_line_is_read_with_its_model_and_what_follows_what(tmp_path: P
 
 @settings(max_examples=scaled(60))
 @given(ms=st.floats(0, 1e7, allow_nan=False))
-def test_milliseconds_become_the_seconds_they_were_made_of(ms: float) -> None:
+def test_milliseconds_become_the_seconds_they_were_made_of(ms):
     seconds = _seconds({"age_ms": 1000 * ms}, "age_ms", 1000.0)
     assert seconds is not None and 1000 * seconds == 1000 * ms
 
@@ -122,7 +122,7 @@ JSON = st.recursive(
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("log")
 
 
@@ -135,7 +135,7 @@ def shadow_shown(log: Path) -> None:
 
 @settings(max_examples=scaled(30))
 @given(data=st.data())
-def test_any_value_anywhere_is_read_or_refused(folder: Path, data: st.DataObject) -> None:
+def test_any_value_anywhere_is_read_or_refused(folder, data):
     lines = [BEGIN, TODAY, *SHADOW]
     place = data.draw(st.integers(0, len(lines) - 1))
     changed = dict(lines[place])

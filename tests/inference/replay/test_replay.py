@@ -50,18 +50,18 @@ SCENES = [[], [(4, 4)], [(4, 4)], [], [(2, 7)], [], [], [(4, 4), (5, 5)], [(5, 5
 
 
 @pytest.fixture
-def ruled(bundle_file: Path, tmp_path: Path) -> Path:
+def ruled(bundle_file, tmp_path):
     """A model whose rule looks at three frames."""
     return variant(bundle_file, tmp_path / "ruled.tokt", rule=TWO_OF_THREE)
 
 
 @pytest.fixture
-def log(tmp_path: Path) -> Path:
+def log(tmp_path):
     return tmp_path / "run.jsonl"
 
 
 @pytest.fixture
-def logged(make_mission: Mission, log: Path) -> Mission:
+def logged(make_mission, log):
     """Log a model's run over scenes; the folder of its frames."""
 
     def run(scenes: list[Any], bundle: Path, **start: Any) -> Path:
@@ -80,7 +80,7 @@ def replayed(*arguments: object, code: int = 0) -> dict[str, Any]:
     return dict(json.loads(ran.out))
 
 
-def test_the_same_bundle_gives_the_same_verdicts(make_mission, ruled, log) -> None:
+def test_the_same_bundle_gives_the_same_verdicts(make_mission, ruled, log):
     folder = make_mission(SCENES)
     (folder / "Left" / "t_L_6.jpg").unlink()
     (folder / "Left" / "t_L_9.jpg").write_bytes(b"no picture")
@@ -95,7 +95,7 @@ def test_the_same_bundle_gives_the_same_verdicts(make_mission, ruled, log) -> No
     assert replayed(log, "--bundle", ruled)["model"] == "the run's own"
 
 
-def test_another_bundle_differs_where_it_sees_otherwise(logged, bundle_file, tmp_path, log) -> None:
+def test_another_bundle_differs_where_it_sees_otherwise(logged, bundle_file, tmp_path, log):
     logged(SCENES, bundle_file)
     blind = variant(bundle_file, tmp_path / "blind.tokt", threshold=10.0)
     found = replayed(log, "--bundle", blind, code=1)
@@ -158,7 +158,7 @@ def test_a_model_that_was_exchanged_is_exchanged_at_the_same_frame(
     assert stretches == [(4, 5), (6, 6), (8, 8)]
 
 
-def test_lines_that_are_lost_leave_what_comes_after_unknown(logged, ruled, log) -> None:
+def test_lines_that_are_lost_leave_what_comes_after_unknown(logged, ruled, log):
     for _ in range(2):
         logged(SCENES, ruled)
     first = lines(log)[0]["run"]
@@ -197,7 +197,7 @@ def scene(x: int | None, depth_px: int = 200) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory, bundle_file: Path) -> Any:
+def rig(tmp_path_factory, bundle_file):
     """Seven pairs of an approach, a model that can judge them, and the calibration."""
     folder = tmp_path_factory.mktemp("rig")
     for number, x in enumerate([None, *range(700, 646, -9)], 1):
@@ -211,7 +211,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory, bundle_file: Path) -> Any:
 
 
 @pytest.mark.parametrize("policy", ["either", "fallback"])
-def test_pairs_late_durations_and_speeds_come_out_the_same(policy, rig, hand_clock, log) -> None:
+def test_pairs_late_durations_and_speeds_come_out_the_same(policy, rig, hand_clock, log):
     folder, bundle, calibration = rig
     stereo = StereoSetup(load_calibration(calibration))
     start = stereo_start(texture_start(folder, bundle), policy, used_file(calibration))
@@ -228,7 +228,7 @@ def test_pairs_late_durations_and_speeds_come_out_the_same(policy, rig, hand_clo
     assert found["same"] and found["compared"] == 7, found
 
 
-def test_a_run_that_began_without_a_model_comes_out_the_same(rig, log) -> None:
+def test_a_run_that_began_without_a_model_comes_out_the_same(rig, log):
     folder, bundle, calibration = rig
     model, stereo = read_bundle(bundle), StereoSetup(load_calibration(calibration))
     fault = "bundle x.tokt: truncated"
@@ -260,7 +260,7 @@ def log_approach(folder: Path, bundle: Path, log: Path, clock: Any, switch: Any 
 
 
 @pytest.fixture
-def approach(make_mission: Mission) -> Path:
+def approach(make_mission):
     folder = make_mission([[] if index in (9, 13) else at for index, at in enumerate(APPROACH)])
     (folder / "Left" / "t_L_12.jpg").write_bytes(b"no picture")
     return folder
@@ -349,7 +349,7 @@ def test_a_recording_is_compared_where_enough_of_it_is_known(
     assert found["status_differs"] > 0 and found["not_compared"] == before
 
 
-def test_a_calibration_that_is_another_one_is_refused(rig, tmp_path, log) -> None:
+def test_a_calibration_that_is_another_one_is_refused(rig, tmp_path, log):
     folder, bundle, calibration = rig
     own = tmp_path / "rig.yml"
     shutil.copy(calibration, own)
@@ -401,7 +401,7 @@ def test_old_frames_overload_and_a_frozen_camera_in_real_time(
     assert found["same"] and found["compared"] == len(reasons), found
 
 
-def test_other_software_is_told(logged, bundle_file, log) -> None:
+def test_other_software_is_told(logged, bundle_file, log):
     logged([[]], bundle_file, software={"tokt": "0.0.9", "kernels": "numpy"})
     ran = call_tokt("replay", log)
     assert ran.code == 0 and "tokt 0.0.9" in ran.err and "kernels numpy" in ran.err

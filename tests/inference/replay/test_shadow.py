@@ -59,7 +59,7 @@ def shadowed(model: Bundle, challenger: Challenger, folder: Path, log: Path) -> 
     return run
 
 
-def test_the_same_model_agrees_on_every_frame(make_mission, bundle_file, tmp_path) -> None:
+def test_the_same_model_agrees_on_every_frame(make_mission, bundle_file, tmp_path):
     folder, log = make_mission(SCENES), tmp_path / "shadow.jsonl"
     (folder / "Left" / "t_L_6.jpg").write_bytes(b"no picture")
     model = read_bundle(bundle_file)
@@ -207,7 +207,7 @@ def test_in_real_time_one_that_hangs_or_cannot_be_started_is_told(
     assert [event.name for event in told.take()] == ["shadow_failed"] * 2
 
 
-def test_policy_disparity_has_no_challenger(bundle_file: Path) -> None:
+def test_policy_disparity_has_no_challenger(bundle_file):
     refuses("uses no model", Challenger.of, read_bundle(bundle_file), "disparity")
 
 
@@ -225,7 +225,7 @@ START = {
 }  # fmt: skip
 
 
-def test_episodes_bridge_short_gaps_and_tell_who_begins_earlier(tmp_path: Path) -> None:
+def test_episodes_bridge_short_gaps_and_tell_who_begins_earlier(tmp_path):
     champion = [*range(5, 10), *range(15, 20), *range(40, 45)]
     theirs = [*range(7, 21), *range(38, 41), *range(70, 72)]
     frames = [line(n, int(n in champion), int(n in theirs)) for n in range(1, 81)]
@@ -239,7 +239,7 @@ def test_episodes_bridge_short_gaps_and_tell_who_begins_earlier(tmp_path: Path) 
     assert (latency["median"], latency["max"]) == (50.5, 90.0)
 
 
-def test_what_is_no_shadow_log_is_one_clear_line(tmp_path: Path):
+def test_what_is_no_shadow_log_is_one_clear_line(tmp_path):
     path = tmp_path / "s.jsonl"
     for words, values in (
         ("does not exist", []),

@@ -5,7 +5,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -54,7 +53,7 @@ FRAMES = st.tuples(NUMBERS, TIMES, PICTURES, PICTURES, st.integers(0, 1_000_000)
 
 @settings(max_examples=scaled(25))
 @given(frames=st.lists(FRAMES, max_size=4), cut=st.integers(1, 50))
-def test_what_is_sent_is_what_comes(frames: list, cut: int) -> None:  # type: ignore[type-arg]
+def test_what_is_sent_is_what_comes(frames, cut):  # type: ignore[type-arg]
     data = b"".join(encode_frame(*frame) for frame in frames)
     came = received(*(data[at : at + cut] for at in range(0, len(data), cut)))
     assert len(came) == len(frames)
@@ -90,18 +89,18 @@ def header(**changes: object) -> bytes:
         ],
     ],
 )
-def test_what_is_no_frame_ends_the_run(sent: bytes, words: str) -> None:
+def test_what_is_no_frame_ends_the_run(sent, words):
     refuses(words, received, sent)
 
 
-def test_nobody_there() -> None:
+def test_nobody_there():
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
     text = f"stream:127.0.0.1:{port}"
     refuses(f"nobody sends frames at {text}", StreamSource, text, SYSTEM_CLOCK)
 
 
-def test_stop_ends_a_wait() -> None:
+def test_stop_ends_a_wait():
     with socket.create_server(("127.0.0.1", 0)) as server:
         source = StreamSource(f"stream:127.0.0.1:{server.getsockname()[1]}", SYSTEM_CLOCK)
         with closing(source), server.accept()[0] as connection:
@@ -121,12 +120,12 @@ def test_stop_ends_a_wait() -> None:
         (["--watchdog"], "--watchdog is not for a stream"),
     ],
 )
-def test_options_that_would_do_nothing(options, words) -> None:
+def test_options_that_would_do_nothing(options, words):
     ran = call_tokt("run", "--source", "stream:127.0.0.1:9", "--bundle", "x.tokt", *options)
     assert ran.code == 2 and words in ran.err
 
 
-def test_the_real_runtime_answers_each_frame_with_its_time(bundle_file: Path) -> None:
+def test_the_real_runtime_answers_each_frame_with_its_time(bundle_file):
     """In lock step: no frame is sent before the verdict on the one before has come."""
     rng = np.random.default_rng(1)
     with socket.create_server(("127.0.0.1", 0)) as server, bound_socket() as receiver:

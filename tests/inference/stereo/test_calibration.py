@@ -1,5 +1,4 @@
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ PARTS |= {"T_mm": np.array([[-300.0], [1.0], [2.0]]), "image_width": 640, "image
 
 
 @pytest.fixture
-def write(tmp_path: Path) -> Callable[..., Path]:
+def write(tmp_path):
     def write_calibration(name: str = "c.yml", **changes: Any) -> Path:
         parts = {key: value for key, value in {**PARTS, **changes}.items() if value is not None}
         return store_parts(tmp_path / name, parts)
@@ -28,7 +27,7 @@ def write(tmp_path: Path) -> Callable[..., Path]:
 
 
 @pytest.mark.parametrize("name", ["c.yml", "c.json"])
-def test_a_calibration_is_read(write: Callable[..., Path], name: str) -> None:
+def test_a_calibration_is_read(write, name):
     calibration = load_calibration(write(name))
     assert calibration.frame_size == (640, 480)
     assert calibration.D2.shape == (5,) and calibration.T_mm.shape == (3, 1)
@@ -59,14 +58,14 @@ turned = cv2.Rodrigues(np.array([0.0, 0.3, 0.0]))[0]
         ({"format_version": 2}, "a newer tokt"),
     ],
 )
-def test_what_is_wrong_is_said(write: Callable[..., Path], changes: dict[str, Any], message: str):
+def test_what_is_wrong_is_said(write, changes, message):
     refuses(message, load_calibration, write(**changes))
 
 
 @pytest.mark.parametrize(
     "content", [b"", b"{", b"hello", b"%YAML:1.0\n---\nK1: [", b"\xff\x00\x01"]
 )
-def test_other_files_are_refused(tmp_path: Path, content: bytes) -> None:
+def test_other_files_are_refused(tmp_path, content):
     path = tmp_path / "c.yml"
     path.write_bytes(content)
     refuses("calibration", load_calibration, path)
@@ -95,7 +94,7 @@ BARREL = np.array([-0.9, 0.0, 0.0, 0.0, 0.0])  # r (1 - 0.9 r^2) turns back at r
         ({"T_mm": None, "T": np.array([-300.0, 0, 0])}, "no unit: it is taken for millimetres"),
     ],
 )
-def test_what_is_odd_is_said(write, changes, words) -> None:
+def test_what_is_odd_is_said(write, changes, words):
     described = read_calibration(write(**changes))
     assert described.usable() is described.calibration
     found = [oddity for oddity in described.oddities if words and re.search(words, oddity)]
@@ -105,7 +104,7 @@ def test_what_is_odd_is_said(write, changes, words) -> None:
         assert oddities(described.calibration) == described.oddities
 
 
-def test_a_distortion_folds_where_cv2_says_so() -> None:
+def test_a_distortion_folds_where_cv2_says_so():
     radius = np.linspace(0, 1, 2000)
     points = np.stack([radius, 0 * radius, 0 * radius + 1], axis=1)
     seen, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), CAMERA, BARREL)
@@ -114,14 +113,14 @@ def test_a_distortion_folds_where_cv2_says_so() -> None:
 
 
 @pytest.mark.mission
-def test_the_mission_s_calibration(calibration_path: Path) -> None:
+def test_the_mission_s_calibration(calibration_path):
     calibration = load_calibration(calibration_path)
     assert calibration.frame_size == (1360, 1024)
     assert np.linalg.norm(calibration.T_mm) == pytest.approx(305.47, abs=0.01)
 
 
 @pytest.mark.mission
-def test_the_thesis_s_printed_table_is_described_and_refused(calibration_path: Path) -> None:
+def test_the_thesis_s_printed_table_is_described_and_refused(calibration_path):
     path = calibration_path.with_name("calibration_thesis.json")
     described = read_calibration(path)
     assert described.form == "printed table (JSON)" and len(described.refusals) == 3

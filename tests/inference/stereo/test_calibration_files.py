@@ -1,9 +1,7 @@
 """Every text form of a calibration file, written here as its tool writes it."""
 
 import json
-from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -74,7 +72,7 @@ THESIS = {
 @pytest.mark.parametrize(
     ("text", "size"), [(OF_YESTERDAY, (1360, 1024)), (VERSION_1, (1400, 1040))]
 )
-def test_files_of_earlier_versions_are_read(tmp_path: Path, text: str, size: tuple[int, int]):
+def test_files_of_earlier_versions_are_read(tmp_path, text, size):
     (tmp_path / "c.yml").write_text(text)
     calibration = load_calibration(tmp_path / "c.yml")
     assert calibration.frame_size == size
@@ -83,7 +81,7 @@ def test_files_of_earlier_versions_are_read(tmp_path: Path, text: str, size: tup
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
-def test_bouguet_s_screen_output(tmp_path: Path, encoding: str) -> None:
+def test_bouguet_s_screen_output(tmp_path, encoding):
     (tmp_path / "c.txt").write_bytes(BOUGUET_SCREEN.encode(encoding))
     described = read_calibration(tmp_path / "c.txt")
     found = replace(described.calibration, frame_size=(640, 480))
@@ -105,7 +103,7 @@ def test_bouguet_s_screen_output(tmp_path: Path, encoding: str) -> None:
     assert seen.ravel() == pytest.approx([u, v], abs=1e-9)
 
 
-def test_bouguet_s_script_with_a_size_and_skew(tmp_path: Path) -> None:
+def test_bouguet_s_script_with_a_size_and_skew(tmp_path):
     (tmp_path / "c.m").write_text(
         "% a comment: fc_left = [ 1 1 ];\nfc_left = [ 600 ; 600 ];\ncc_left=[320 ...\n 240];\n"
         "alpha_c_left = 0.01;\nkc_left = [0.1;0.2;0.001;0.002];\nfc_right = [ 600 ; 600 ];\n"
@@ -119,7 +117,7 @@ def test_bouguet_s_script_with_a_size_and_skew(tmp_path: Path) -> None:
     assert any("skew 6 px is left out" in oddity for oddity in described.oddities)
 
 
-def test_the_thesis_s_printed_form(tmp_path: Path) -> None:
+def test_the_thesis_s_printed_form(tmp_path):
     (tmp_path / "c.json").write_text(json.dumps(THESIS))
     described = read_calibration(tmp_path / "c.json")
     found = described.calibration
@@ -144,7 +142,7 @@ def test_the_thesis_s_printed_form(tmp_path: Path) -> None:
         ({"rotation_vector_rad": [1e300, 0, 0]}, "beyond 1e"),
     ],
 )
-def test_printed_tables_that_are_wrong(tmp_path: Path, change: Mapping[str, Any], message: str):
+def test_printed_tables_that_are_wrong(tmp_path, change, message):
     (tmp_path / "c.json").write_text(json.dumps({**THESIS, **change}))
     refuses(message, load_calibration, tmp_path / "c.json")
 
@@ -156,7 +154,7 @@ def test_printed_tables_that_are_wrong(tmp_path: Path, change: Mapping[str, Any]
         {"K1": "cameraMatrix1", "D1": "distCoeffs1", "K2": "cameraMatrix2", "D2": "distCoeffs2"},
     ],
 )
-def test_other_names_and_plain_lists(tmp_path: Path, names: dict[str, str]) -> None:
+def test_other_names_and_plain_lists(tmp_path, names):
     parts = {"K1": [[600, 0, 319.5], [0, 600, 239.5], [0, 0, 1]], "D1": [0.1, 0.2, 0, 0, 0.3]}
     parts |= {"K2": parts["K1"], "D2": [0, 0, 0, 0], "R": np.eye(3).tolist(), "T_mm": [-300, 0, 0]}
     content = {names.get(name, name): value for name, value in parts.items()}
@@ -168,19 +166,19 @@ def test_other_names_and_plain_lists(tmp_path: Path, names: dict[str, str]) -> N
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("m", 1000), ("Meters", 1000), ("cm", 10)])
-def test_units_are_read(tmp_path: Path, unit: str, factor: float) -> None:
+def test_units_are_read(tmp_path, unit, factor):
     text = VERSION_1.replace("T_mm:", "T:").replace("[ -305.5, 1.5, 2. ]", "[ -0.5, 0., 0. ]")
     (tmp_path / "c.yml").write_text(text + f'units: "{unit}"\n')
     found = load_calibration(tmp_path / "c.yml").T_mm
     assert found.ravel().tolist() == [-0.5 * factor, 0, 0]
 
 
-def test_only_commands_read_matlab_s_binary_files(tmp_path: Path) -> None:
+def test_only_commands_read_matlab_s_binary_files(tmp_path):
     (tmp_path / "c.dat").write_bytes(b"MATLAB 5.0 MAT-file, Platform: PCWIN64" + bytes(100))
     refuses("a MATLAB file", load_calibration, tmp_path / "c.dat")
 
 
-def test_what_nests_too_deep_or_is_too_large_is_refused(tmp_path: Path) -> None:
+def test_what_nests_too_deep_or_is_too_large_is_refused(tmp_path):
     for text in ("[" * 200_000, '{"a":' * 200_000, "<a>" * 100_000, "a" * (1 << 20) + "a"):
         (tmp_path / "c.json").write_text(text)
         refuses("", load_calibration, tmp_path / "c.json")
@@ -189,7 +187,7 @@ def test_what_nests_too_deep_or_is_too_large_is_refused(tmp_path: Path) -> None:
     refuses("has no K1", load_calibration, tmp_path / "c.yml")
 
 
-def test_oddities_are_said_on_standard_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_oddities_are_said_on_standard_error(tmp_path, capsys):
     (tmp_path / "c.yml").write_text(OF_YESTERDAY)
     read_calibration_file(tmp_path / "c.yml")
     assert capsys.readouterr().err.endswith("frames' size: taken for 1360x1024\n")
@@ -234,7 +232,7 @@ def bouguet(calibration: StereoCalibration) -> str:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("calibrations")
 
 
@@ -246,7 +244,7 @@ written = settings(max_examples=scaled(12))
 @pytest.mark.parametrize("name", ["c.yml", "c.json", "c.xml", "c.m"])
 @given(calibrations(), words)
 @written
-def test_what_is_written_is_read_to_the_last_digit(folder, name, calibration, note) -> None:
+def test_what_is_written_is_read_to_the_last_digit(folder, name, calibration, note):
     path = folder / name
     if name == "c.m":
         path.write_text(bouguet(calibration))
@@ -262,7 +260,7 @@ def test_what_is_written_is_read_to_the_last_digit(folder, name, calibration, no
 
 @given(calibrations(), st.data())
 @settings(max_examples=scaled(25))
-def test_damaged_files_are_refused_or_read_never_worse(folder, calibration, data) -> None:
+def test_damaged_files_are_refused_or_read_never_worse(folder, calibration, data):
     name = data.draw(st.sampled_from(["d.yml", "d.json", "d.xml", "d.m", "printed.json"]))
     path = folder / name
     texts = {"d.m": bouguet(calibration), "printed.json": json.dumps(THESIS)}
@@ -284,7 +282,7 @@ def test_damaged_files_are_refused_or_read_never_worse(folder, calibration, data
 
 @given(calibrations(), st.sampled_from(PARTS), st.data())
 @written
-def test_no_form_takes_a_number_that_is_not_finite(folder, calibration, part, data) -> None:
+def test_no_form_takes_a_number_that_is_not_finite(folder, calibration, part, data):
     name = data.draw(st.sampled_from(["n.yml", "n.json", "n.xml", "n.m"]))
     array = getattr(calibration, part).copy()
     place = 2 if part.startswith("K") else data.draw(st.integers(0, array.size - 1))
@@ -298,7 +296,7 @@ def test_no_form_takes_a_number_that_is_not_finite(folder, calibration, part, da
     refuses("not finite", read_calibration, path)
 
 
-def test_a_calibration_file_appears_whole_or_not_at_all(tmp_path: Path) -> None:
+def test_a_calibration_file_appears_whole_or_not_at_all(tmp_path):
     (tmp_path / "c.yml").write_text(VERSION_1)
     known = load_calibration(tmp_path / "c.yml")
     refuses("ends in", write_calibration, tmp_path / "c.txt", known)
@@ -310,12 +308,12 @@ def test_a_calibration_file_appears_whole_or_not_at_all(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("wrong", ["   colz: 3", "   cols: 0", "   cols: 2", "   cols: 2.5", ""])
-def test_a_matrix_that_would_end_opencv_s_own_reader(tmp_path: Path, wrong: str) -> None:
+def test_a_matrix_that_would_end_opencv_s_own_reader(tmp_path, wrong):
     (tmp_path / "c.yml").write_text(OF_YESTERDAY.replace("   cols: 3", wrong, 1))
     refuses("K1", load_calibration, tmp_path / "c.yml")
 
 
-def test_frames_larger_than_any_camera_s_are_refused(tmp_path: Path) -> None:
+def test_frames_larger_than_any_camera_s_are_refused(tmp_path):
     text = VERSION_1.replace("image_width: 1400", "image_width: 100000")
     (tmp_path / "c.yml").write_text(text)
     refuses("the frame size is 100000x1040", load_calibration, tmp_path / "c.yml")

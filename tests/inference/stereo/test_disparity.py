@@ -1,6 +1,5 @@
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -28,7 +27,7 @@ DEPTH_M = 3.3
 
 
 @pytest.fixture
-def plain() -> DisparityDetector:
+def plain():
     return DisparityDetector(PLAIN, Grid())
 
 
@@ -44,7 +43,7 @@ def pair(x: int, y: int = 350, disparity_px: int = DISPARITY_PX) -> tuple[np.nda
     return left.round().astype(np.uint8), right.round().astype(np.uint8)
 
 
-def test_a_square_is_found_where_it_is_at_its_distance(plain: DisparityDetector) -> None:
+def test_a_square_is_found_where_it_is_at_its_distance(plain):
     found = plain.detect(Frame(1, 0.0, *pair(700)))
     assert found.mask is not None and found.mask.shape == (271, 360)
     assert found.distance_m == pytest.approx(DEPTH_M, rel=0.01)
@@ -56,7 +55,7 @@ def test_a_square_is_found_where_it_is_at_its_distance(plain: DisparityDetector)
     assert np.abs(corners - expected).max() <= 24  # half a block, in pixels at full size
 
 
-def test_the_left_edge_is_searched_as_far_as_the_right_camera_sees(plain: DisparityDetector):
+def test_the_left_edge_is_searched_as_far_as_the_right_camera_sees(plain):
     found = plain.detect(Frame(1, 0.0, *pair(230)))  # its right view starts at 30
     assert found.mask is not None and found.mask[:, : 400 * 360 // WIDTH].any()
 
@@ -68,7 +67,7 @@ def sea() -> np.ndarray:
     return left
 
 
-def test_a_saturated_pair_can_show_an_obstacle_but_is_never_clear(plain: DisparityDetector) -> None:
+def test_a_saturated_pair_can_show_an_obstacle_but_is_never_clear(plain):
     left, right = pair(700, y=650)
     left[:600], right[:600] = 255, 255
     found = plain.detect(Frame(1, 0.0, left, right))
@@ -78,13 +77,13 @@ def test_a_saturated_pair_can_show_an_obstacle_but_is_never_clear(plain: Dispari
     assert found.mask is None and "saturated" in found.fault
 
 
-def test_an_even_sea_is_clear(plain: DisparityDetector) -> None:
+def test_an_even_sea_is_clear(plain):
     left = sea()
     found = plain.detect(Frame(1, 0.0, left, left.copy()))
     assert found.mask is not None and not found.mask.any() and found.distance_m is None
 
 
-def test_texture_that_matches_nowhere_is_unknown_not_clear(plain: DisparityDetector) -> None:
+def test_texture_that_matches_nowhere_is_unknown_not_clear(plain):
     left, right = pair(700)
     found = plain.detect(Frame(1, 0.0, left, np.ascontiguousarray(right[::-1])))
     assert found.mask is None and "do not match" in found.fault and found.vetoes_clear
@@ -109,12 +108,12 @@ EVERYWHERE, THIRD = slice(None), slice(WIDTH // 3, 2 * WIDTH // 3)
 
 @pytest.mark.parametrize("columns", [EVERYWHERE, THIRD])
 @pytest.mark.parametrize("depth_m", [1.0, 1.4])
-def test_what_is_nearer_than_is_searched_is_unknown_not_clear(depth_m, columns, plain) -> None:
+def test_what_is_nearer_than_is_searched_is_unknown_not_clear(depth_m, columns, plain):
     found = plain.detect(Frame(1, 0.0, *plane(depth_m, columns)))
     assert found.mask is None and "something too near" in found.fault and found.vetoes_clear
 
 
-def test_something_too_near_before_a_wall_is_told_beside_the_walls_distance(plain) -> None:
+def test_something_too_near_before_a_wall_is_told_beside_the_walls_distance(plain):
     wall = plane(6.0, EVERYWHERE)
     alone = plain.detect(Frame(1, 0.0, *wall))
     near_x = (THIRD.start, THIRD.start - round(CAMERA[0, 0] * 0.3 / 1.0))
@@ -127,7 +126,7 @@ def test_something_too_near_before_a_wall_is_told_beside_the_walls_distance(plai
     assert not alone.note and "something may be nearer" in both.note
 
 
-def test_too_little_light_for_texture_is_no_open_water(plain: DisparityDetector) -> None:
+def test_too_little_light_for_texture_is_no_open_water(plain):
     noise = np.random.default_rng(6).integers(0, 3, (4, HEIGHT, WIDTH), np.uint8)
     left, right = (view // 4 + noise[side] for side, view in enumerate(pair(700)))
     found = plain.detect(Frame(1, 0.0, left, right))
@@ -137,7 +136,7 @@ def test_too_little_light_for_texture_is_no_open_water(plain: DisparityDetector)
     assert found.mask is None and "too dim" in found.fault and not found.vetoes_clear
 
 
-def test_a_damaged_pair_can_show_an_obstacle_but_is_never_clear(plain: DisparityDetector) -> None:
+def test_a_damaged_pair_can_show_an_obstacle_but_is_never_clear(plain):
     left, right = pair(700, y=100)
     rng = np.random.default_rng(5)
     for view in (left, right):
@@ -156,7 +155,7 @@ def test_a_damaged_pair_can_show_an_obstacle_but_is_never_clear(plain: Disparity
     assert not found.vetoes_clear
 
 
-def test_an_unfit_right_frame_is_unknown(plain: DisparityDetector) -> None:
+def test_an_unfit_right_frame_is_unknown(plain):
     left, right = pair(700)
     blank = {"right: the frame is blank": Frame(1, 0.0, sea(), np.full_like(right, 90))}
     for word, frame in {**unfit_pairs(left, right), **blank}.items():
@@ -182,7 +181,7 @@ def test_a_calibration_with_which_hardly_anything_is_searched_is_refused(changes
 
 @pytest.mark.parametrize("scale", [0.05, 0.2, 0.25, 0.5, 1.0])
 @pytest.mark.parametrize("baseline_mm", [5.0, 60.0, 300.0, 305.5])
-def test_all_depths_are_searched_and_none_behind_infinity(baseline_mm: float, scale: float) -> None:
+def test_all_depths_are_searched_and_none_behind_infinity(baseline_mm, scale):
     shift = np.array([[-baseline_mm], [0.0], [0.0]])
     rectifier = Rectifier(replace(PLAIN, T_mm=shift), scale)
     smallest, count = disparity_range(rectifier)
@@ -191,7 +190,7 @@ def test_all_depths_are_searched_and_none_behind_infinity(baseline_mm: float, sc
 
 
 @pytest.fixture(scope="module")
-def real(calibration_path: Path) -> DisparityDetector:
+def real(calibration_path):
     return DisparityDetector(load_calibration(calibration_path), Grid())
 
 
@@ -200,7 +199,7 @@ def matched(detector, mission, left, right, turn=False) -> Matches:
 
 
 @pytest.mark.mission
-def test_control_another_right_frame_leaves_no_match(mission: Path, real: DisparityDetector):
+def test_control_another_right_frame_leaves_no_match(mission, real):
     assert matched(real, mission, 180, 180).valid.mean() > 0.2
     for other in (50, 170, 175, 183, 186, 200):
         assert matched(real, mission, 180, other).valid.mean() <= 0.003
@@ -208,19 +207,19 @@ def test_control_another_right_frame_leaves_no_match(mission: Path, real: Dispar
 
 
 @pytest.mark.mission
-def test_control_a_wrong_pair_is_unknown(mission: Path, real: DisparityDetector) -> None:
+def test_control_a_wrong_pair_is_unknown(mission, real):
     found = real.detect(Frame(180, 0.0, *sea_trial_pair(mission, 180, 170)))
     assert found.mask is None and "do not match" in found.fault
 
 
 @pytest.mark.mission
-def test_ocean_frames_have_no_match(mission: Path, real: DisparityDetector) -> None:
+def test_ocean_frames_have_no_match(mission, real):
     for number in range(1, 100, 7):
         assert not matched(real, mission, number, number).valid.any()
 
 
 @pytest.mark.mission
-def test_the_tower_is_an_obstacle_at_its_measured_depth(mission: Path, real: DisparityDetector):
+def test_the_tower_is_an_obstacle_at_its_measured_depth(mission, real):
     for number, depth_m in ((142, 9.6), (170, 5.1), (186, 1.84), (205, 4.8)):
         found = matched(real, mission, number, number)
         median = real.rectifier.focal_baseline_px_m / np.median(found.disparity_px[found.valid])
@@ -230,7 +229,7 @@ def test_the_tower_is_an_obstacle_at_its_measured_depth(mission: Path, real: Dis
         assert 0.9 * depth_m < detection.distance_m < 1.03 * depth_m
 
 
-def test_a_few_matches_are_no_status_and_are_told(plain: DisparityDetector) -> None:
+def test_a_few_matches_are_no_status_and_are_told(plain):
     left, right = sea(), sea()
     speck = np.array([[12, 0], [0, 12]], np.uint8).repeat(8, axis=0).repeat(8, axis=1)
     left[400:416, 720:736] += speck
@@ -240,7 +239,7 @@ def test_a_few_matches_are_no_status_and_are_told(plain: DisparityDetector) -> N
     assert found.note == "too few matches for a status, at 3.3 m"
 
 
-def test_the_blind_margin_is_not_searched(plain: DisparityDetector) -> None:
+def test_the_blind_margin_is_not_searched(plain):
     left, right = pair(700)
     searched = plain.match(left, right).searched
     # Half size, without rotation: the right view begins where the smallest disparity leads.
@@ -248,13 +247,13 @@ def test_the_blind_margin_is_not_searched(plain: DisparityDetector) -> None:
 
 
 @pytest.mark.parametrize(("matcher", "scale"), [("sgbm", 0.5), ("bm", 1.0), ("bm", 0.25)])
-def test_other_matchers_and_scales_measure_the_same(matcher: str, scale: float) -> None:
+def test_other_matchers_and_scales_measure_the_same(matcher, scale):
     detector = DisparityDetector(PLAIN, Grid(), matcher, scale)
     found = detector.detect(Frame(1, 0.0, *pair(700)))
     assert found.distance_m == pytest.approx(DEPTH_M, rel=0.02)
 
 
-def test_every_kernel_measures_the_same() -> None:
+def test_every_kernel_measures_the_same():
     left, right = pair(700)
     one, two = (
         DisparityDetector(PLAIN, Grid(), kernels=kernels).match(left, right)
@@ -264,7 +263,7 @@ def test_every_kernel_measures_the_same() -> None:
     assert np.array_equal(one.valid, two.valid) and one.valid.any()
 
 
-def test_closing_speed_needs_times_that_mean_something() -> None:
+def test_closing_speed_needs_times_that_mean_something():
     detectors = [DisparityDetector(PLAIN, Grid()) for _ in range(2)]
     rng = np.random.default_rng(7)
     for number in range(12):
@@ -292,20 +291,20 @@ def approach(n: int, closing_m_s: float = 0.5, from_m: float = 8.0) -> list[floa
     return [from_m - closing_m_s * STEP_S * index for index in range(n)]
 
 
-def test_an_even_approach_is_exact() -> None:
+def test_an_even_approach_is_exact():
     found = after(approach(30))
     assert found.closing_m_s == pytest.approx(0.5, abs=1e-9)
     assert found.contact_s == pytest.approx((8.0 - 0.5 * 2.9) / 0.5, abs=1e-6)
 
 
-def test_irregular_times_change_nothing() -> None:
+def test_irregular_times_change_nothing():
     times = np.cumsum(np.random.default_rng(0).uniform(0.02, 0.3, 40))
     speed = ClosingSpeed()
     found = [speed.add(float(t), 9.0 - 0.4 * float(t)) for t in times][-1]
     assert found.closing_m_s == pytest.approx(0.4, abs=1e-9)
 
 
-def test_the_stated_error_of_the_speed_holds() -> None:
+def test_the_stated_error_of_the_speed_holds():
     rng = np.random.default_rng(1)
     full, least = [], []
     for _ in range(200):
@@ -320,38 +319,38 @@ def test_the_stated_error_of_the_speed_holds() -> None:
     assert np.mean(full) == pytest.approx(0.5, abs=0.005)
 
 
-def test_a_retreat_is_negative_and_has_no_contact() -> None:
+def test_a_retreat_is_negative_and_has_no_contact():
     found = after(approach(30, closing_m_s=-0.3, from_m=2.0))
     assert found.closing_m_s == pytest.approx(-0.3, abs=1e-9)
     assert found.contact_s is None
 
 
-def test_standing_still_has_no_contact() -> None:
+def test_standing_still_has_no_contact():
     found = after(approach(30, closing_m_s=module.MIN_CLOSING_M_S * 0.9))
     assert found.closing_m_s is not None
     assert found.contact_s is None
 
 
-def test_too_few_points_or_too_short_a_time_give_no_speed() -> None:
+def test_too_few_points_or_too_short_a_time_give_no_speed():
     whole = math.ceil(module.MIN_SPAN_S / STEP_S)
     assert after(approach(whole)) == Closing()
     assert after(approach(whole + 1)).closing_m_s is not None
     assert after(approach(module.MIN_POINTS - 1), step_s=0.5) == Closing()
 
 
-def test_a_missed_distance_gives_no_speed_itself_but_leaves_the_line() -> None:
+def test_a_missed_distance_gives_no_speed_itself_but_leaves_the_line():
     distances = approach(30)
     assert after([*distances, None]) == Closing()
     distances[20:24] = [None] * 4
     assert after(distances).closing_m_s == pytest.approx(0.5, abs=1e-9)
 
 
-def test_a_long_gap_starts_anew() -> None:
+def test_a_long_gap_starts_anew():
     missed = math.ceil(module.GAP_S / STEP_S)
     assert after([*approach(30), *[None] * missed, 3.0]) == Closing()
 
 
-def test_stray_distances_are_dropped() -> None:
+def test_stray_distances_are_dropped():
     distances = approach(30)
     for stray in (8, 15, 22, 28):
         distances[stray] = 2.0
@@ -360,18 +359,18 @@ def test_stray_distances_are_dropped() -> None:
     assert after(distances[:30]) == Closing()
 
 
-def test_a_jump_that_stays_starts_a_new_line() -> None:
+def test_a_jump_that_stays_starts_a_new_line():
     jumped = [*approach(30), *approach(12, closing_m_s=0.2, from_m=3.0)]
     assert after(jumped[:32]) == Closing()
     assert after(jumped).closing_m_s == pytest.approx(0.2, abs=1e-9)
 
 
-def test_distances_that_only_jump_give_no_speed() -> None:
+def test_distances_that_only_jump_give_no_speed():
     assert after([float(2 + 5 * (index % 2) + index % 7) for index in range(60)]) == Closing()
 
 
 @pytest.mark.parametrize("t_s", [1.0, 2.9, math.nan, -math.inf, math.inf])
-def test_time_that_does_not_go_on_starts_anew(t_s: float) -> None:
+def test_time_that_does_not_go_on_starts_anew(t_s):
     speed = ClosingSpeed()
     for index, distance in enumerate(approach(30)):
         speed.add(index * STEP_S, distance)
@@ -387,7 +386,7 @@ numbers = st.floats(allow_nan=True, allow_infinity=True, width=32)
 
 @settings(max_examples=scaled(60))
 @given(st.lists(st.tuples(numbers | st.integers(0, 9), st.none() | numbers | st.floats(0, 9))))
-def test_nothing_raises_and_contact_only_lies_ahead(points: list[tuple[float, float]]) -> None:
+def test_nothing_raises_and_contact_only_lies_ahead(points):
     speed = ClosingSpeed()
     for t_s, distance in points:
         found = speed.add(t_s, distance)

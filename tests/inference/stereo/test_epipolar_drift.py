@@ -1,7 +1,5 @@
 """The row offset of a pair of views, and the correction that follows it."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -62,7 +60,7 @@ def measured(right: View, found: Matches | None = None) -> EpipolarOffset:
 
 
 @pytest.mark.parametrize("too_high_px", [0.0, 1.0, -2.2, 4.0, -6.0])
-def test_an_offset_is_measured_in_pixels_of_the_full_resolution(too_high_px: float) -> None:
+def test_an_offset_is_measured_in_pixels_of_the_full_resolution(too_high_px):
     offset = measured(right_of(LEFT, too_high_px))
     assert offset.px == pytest.approx(too_high_px, abs=0.15)
     assert offset.spread_px < 0.2
@@ -71,13 +69,13 @@ def test_an_offset_is_measured_in_pixels_of_the_full_resolution(too_high_px: flo
 
 
 @pytest.mark.parametrize("turn_deg", [1.0, -1.0])
-def test_a_turn_is_measured_with_its_sign(turn_deg: float) -> None:
+def test_a_turn_is_measured_with_its_sign(turn_deg):
     offset = measured(right_of(LEFT, 0.5, turn_deg))
     assert offset.turn_deg == pytest.approx(turn_deg, abs=0.15)
     assert offset.turned
 
 
-def test_a_turn_is_not_told_from_a_narrow_strip() -> None:
+def test_a_turn_is_not_told_from_a_narrow_strip():
     assert not measured(right_of(LEFT, 0.5, 1.0), matches(slice(200, 216))).turned
 
 
@@ -91,17 +89,17 @@ def test_a_turn_is_not_told_from_a_narrow_strip() -> None:
     ],
     ids=["none", "few", "at the upper edge", "outside the right view"],
 )
-def test_too_few_matches_measure_nothing(found: Matches) -> None:
+def test_too_few_matches_measure_nothing(found):
     assert epipolar_offset(LEFT, right_of(LEFT), found, SCALE) is None
 
 
-def test_views_smaller_than_a_patch_measure_nothing() -> None:
+def test_views_smaller_than_a_patch_measure_nothing():
     tiny = np.ones((6, 9), bool)
     found = Matches(np.full(tiny.shape, 2, np.float32), tiny, tiny, tiny)
     assert epipolar_offset(LEFT[:6, :9], LEFT[:6, :9], found, SCALE) is None
 
 
-def test_flat_views_measure_nothing() -> None:
+def test_flat_views_measure_nothing():
     flat = np.full_like(LEFT, 30)
     assert epipolar_offset(flat, flat, matches(), SCALE) is None
 
@@ -115,7 +113,7 @@ def follow(drift: EpipolarDriftCorrection, true_px: float, pairs: int) -> list[f
     return found
 
 
-def test_the_correction_reaches_an_offset_slowly_and_stays_there() -> None:
+def test_the_correction_reaches_an_offset_slowly_and_stays_there():
     corrections = follow(EpipolarDriftCorrection(), 4.0, 20)
     assert not any(corrections[: epipolar_drift.SETTLED_PAIRS - 1])
     assert np.abs(np.diff([0.0, *corrections])).max() <= epipolar_drift.STEP_PX + 1e-9
@@ -123,7 +121,7 @@ def test_the_correction_reaches_an_offset_slowly_and_stays_there() -> None:
     assert len(set(corrections[-5:])) == 1
 
 
-def test_the_correction_keeps_its_limit_and_its_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_correction_keeps_its_limit_and_its_memory(monkeypatch):
     monkeypatch.setattr(epipolar_drift, "LIMIT_PX", 2.0)
     drift = EpipolarDriftCorrection()
     assert follow(drift, 5.0, 40)[-1] == 2.0
@@ -131,11 +129,11 @@ def test_the_correction_keeps_its_limit_and_its_memory(monkeypatch: pytest.Monke
     assert len(drift._recent) == epipolar_drift.REMEMBERED_PAIRS
 
 
-def test_a_small_offset_is_left_alone() -> None:
+def test_a_small_offset_is_left_alone():
     assert follow(EpipolarDriftCorrection(), 0.8 * epipolar_drift.STILL_PX, 20)[-1] == 0.0
 
 
-def test_a_wrong_right_frame_leaves_the_correction() -> None:
+def test_a_wrong_right_frame_leaves_the_correction():
     drift = EpipolarDriftCorrection()
     settled = follow(drift, 3.0, 20)[-1]
     for seed in range(1, 31):
@@ -144,14 +142,14 @@ def test_a_wrong_right_frame_leaves_the_correction() -> None:
     assert drift.settled
 
 
-def test_a_turned_view_leaves_the_correction() -> None:
+def test_a_turned_view_leaves_the_correction():
     drift = EpipolarDriftCorrection()
     for _ in range(20):
         drift.add(LEFT, right_of(LEFT, 3.0, 1.0), matches(), SCALE)
     assert drift.px == 0.0
 
 
-def test_a_camera_out_of_step_leaves_the_correction_and_is_told_by_the_variation() -> None:
+def test_a_camera_out_of_step_leaves_the_correction_and_is_told_by_the_variation():
     drift = EpipolarDriftCorrection()
     for too_high in 2.5 * np.sin(np.arange(40)):  # the vehicle heaves
         drift.add(LEFT, right_of(LEFT, float(too_high)), matches(), SCALE)
@@ -160,7 +158,7 @@ def test_a_camera_out_of_step_leaves_the_correction_and_is_told_by_the_variation
     assert drift.variation_px is not None and drift.variation_px > 1.0
 
 
-def test_one_pair_off_the_others_is_told_by_its_deviation_and_moves_nothing() -> None:
+def test_one_pair_off_the_others_is_told_by_its_deviation_and_moves_nothing():
     drift = EpipolarDriftCorrection()
     settled = follow(drift, 2.0, 15)[-1]
     assert drift.deviation_px == pytest.approx(0.0, abs=0.2)
@@ -172,7 +170,7 @@ def test_one_pair_off_the_others_is_told_by_its_deviation_and_moves_nothing() ->
 
 
 @pytest.mark.mission
-def test_on_the_sea_trial(mission: Path, calibration_path: Path) -> None:
+def test_on_the_sea_trial(mission, calibration_path):
     """Injected offsets are found, and the next frame's right view moves nothing."""
     detector = DisparityDetector(load_calibration(calibration_path), Grid())
     rectifier = detector.rectifier

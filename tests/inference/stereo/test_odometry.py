@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -24,7 +22,7 @@ quaternions = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(
 
 
 @given(st.dictionaries(st.integers(0, 10**6), st.tuples(numbers, numbers, numbers, quaternions)))
-def test_what_is_written_is_read(written: dict) -> None:
+def test_what_is_written_is_read(written):
     lines, turned = [], {}
     for frame, (x, y, z, quaternion) in written.items():
         w, *axis = unit = np.array(quaternion) / np.linalg.norm(quaternion)
@@ -53,7 +51,7 @@ fields = st.sampled_from(["0", "1", "nan", "inf", "-1", "1e999", "x", "", "\x00"
         ),
     )
 )
-def test_any_other_text_is_refused_in_one_line(text: str) -> None:
+def test_any_other_text_is_refused_in_one_line(text):
     try:
         read = parse_odometry(text, "o.csv")
     except ToktError as error:
@@ -78,11 +76,11 @@ def test_any_other_text_is_refused_in_one_line(text: str) -> None:
         (f"6,0,{STILL}", "line 3: frame 6 comes twice"),
     ],
 )
-def test_a_malformed_line_is_named(line: str, words: str) -> None:
+def test_a_malformed_line_is_named(line, words):
     refuses(words, parse_odometry, poses(f"6,0,{STILL}", line), "o.csv")
 
 
-def test_a_file_is_read_or_refused(tmp_path: Path) -> None:
+def test_a_file_is_read_or_refused(tmp_path):
     path = tmp_path / "o.csv"
     path.write_text("\ufeff" + poses(f" 6 , 0 ,{STILL}", "", f"9,1,{STILL}"), "utf-8")
     assert set(load_odometry(path)) == {6, 9}
@@ -92,7 +90,7 @@ def test_a_file_is_read_or_refused(tmp_path: Path) -> None:
     refuses("does not begin with the line frame,t,", parse_odometry, "frame;t", "o.csv")
 
 
-def test_motion_is_the_way_back_into_the_moved_camera() -> None:
+def test_motion_is_the_way_back_into_the_moved_camera():
     half = np.sqrt(0.5)
     read = parse_odometry(poses("1,0,10,20,30,1,0,0,0", f"2,1,10,20,31,{half},0,{half},0"), "o.csv")
     # 1 m forward, then a quarter turn to the right: what was 3 m ahead is 2 m to the left.
@@ -100,7 +98,7 @@ def test_motion_is_the_way_back_into_the_moved_camera() -> None:
     assert moved == pytest.approx(np.array([[-2.0, 0.5, 0.0]]))
 
 
-def test_an_even_motion_is_the_sum_of_its_parts() -> None:
+def test_an_even_motion_is_the_sum_of_its_parts():
     turn = "0.9,0.3,0.1,-0.3"  # of length 1
     read = parse_odometry(poses("1,0,1,2,3,1,0,0,0", f"2,1,2,2,5,{turn}"), "o.csv")
     whole = motion_between(read[1], read[2])

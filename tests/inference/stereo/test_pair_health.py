@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import cv2
@@ -53,22 +52,22 @@ SEEN = matches(textured=0.3, matched=0.2)
 GOOD = EpipolarOffset(0.2, 0.3, 0.1, 0.05, 0.95)
 
 
-def test_open_water_and_a_true_pair_have_no_fault() -> None:
+def test_open_water_and_a_true_pair_have_no_fault():
     assert pair_fault(water(), water(45), OPEN_WATER, None) is None
     assert pair_fault(water(), water(45), SEEN, GOOD) is None
 
 
-def test_texture_that_does_not_match_is_a_sign_of_danger() -> None:
+def test_texture_that_does_not_match_is_a_sign_of_danger():
     fault = pair_fault(water(), water(), matches(textured=0.3, matched=0.02), None)
     assert fault == PairFault(MISFIT, vetoes_clear=True)
 
 
-def test_texture_where_the_right_camera_cannot_see_is_no_misfit() -> None:
+def test_texture_where_the_right_camera_cannot_see_is_no_misfit():
     assert pair_fault(water(), water(), matches(textured=0.3, searched=False), None) is None
 
 
 @pytest.mark.parametrize("rows", [slice(None), slice(HEIGHT // 2, None), slice(HEIGHT // 2)])
-def test_a_covered_camera_is_named_in_open_water(rows: slice) -> None:
+def test_a_covered_camera_is_named_in_open_water(rows):
     bright, covered = water(30), water(30)
     covered[rows] = water(3)[rows]
     left = pair_fault(covered, bright, OPEN_WATER, None)
@@ -80,7 +79,7 @@ def test_a_covered_camera_is_named_in_open_water(rows: slice) -> None:
     assert pair_fault(bright, covered, SEEN, None).vetoes_clear
 
 
-def test_what_the_right_camera_alone_sees_is_not_clear() -> None:
+def test_what_the_right_camera_alone_sees_is_not_clear():
     fault = pair_fault(water(), with_texture(water(), slice(60, 160)), OPEN_WATER, None)
     assert "the right view shows" in fault.reason
     assert fault.vetoes_clear
@@ -91,14 +90,14 @@ def test_what_the_right_camera_alone_sees_is_not_clear() -> None:
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_a_view_too_dim_for_texture_leaves_only_an_obstacle_standing(side: str) -> None:
+def test_a_view_too_dim_for_texture_leaves_only_an_obstacle_standing(side):
     views = (water(9), water(20)) if side == "left" else (water(20), water(9))
     fault = judge(PairHealth(), *views, EpipolarDriftCorrection())
     assert f"the {side} view is too dim" in fault.reason
     assert fault.matches_stand and not fault.vetoes_clear
 
 
-def test_texture_without_a_match_near_by_leaves_only_an_obstacle_standing() -> None:
+def test_texture_without_a_match_near_by_leaves_only_an_obstacle_standing():
     valid, textured = np.zeros((2, HEIGHT, WIDTH), bool)
     textured[:, 20:] = valid[:, 100:] = True
     seen = replace(SEEN, valid=valid, textured=textured)
@@ -116,7 +115,7 @@ def test_texture_without_a_match_near_by_leaves_only_an_obstacle_standing() -> N
         (replace(GOOD, turn_deg=-1.0), "-1.0 degrees"),
     ],
 )
-def test_rows_that_do_not_agree(offset: EpipolarOffset, told: str) -> None:
+def test_rows_that_do_not_agree(offset, told):
     fault = pair_fault(water(), water(), SEEN, offset)
     assert fault.vetoes_clear
     assert "rows" in fault.reason and told in fault.reason
@@ -127,7 +126,7 @@ def judge(health, left, right, drift) -> PairFault | None:
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_a_frozen_camera_is_named(side: str) -> None:
+def test_a_frozen_camera_is_named(side):
     health, drift = PairHealth(), EpipolarDriftCorrection()
     for number in range(3):
         views = {"left": water(seed=number), "right": water(seed=100 + number)}
@@ -141,7 +140,7 @@ def test_a_frozen_camera_is_named(side: str) -> None:
     assert judge(health, water(seed=50), water(seed=51), drift) is None
 
 
-def test_a_repeated_pair_and_a_view_without_noise_are_not_frozen() -> None:
+def test_a_repeated_pair_and_a_view_without_noise_are_not_frozen():
     health, drift = PairHealth(), EpipolarDriftCorrection()
     flat = np.full_like(water(), 30)
     for left, right in ((water(seed=1), water(seed=2)),) * 6:
@@ -150,7 +149,7 @@ def test_a_repeated_pair_and_a_view_without_noise_are_not_frozen() -> None:
         assert judge(health, water(seed=number), flat, drift) is None
 
 
-def test_both_cameras_frozen_are_no_open_water() -> None:
+def test_both_cameras_frozen_are_no_open_water():
     health, drift = PairHealth(), EpipolarDriftCorrection()
     faults = [judge(health, water(seed=1), water(seed=2), drift) for _ in range(8)]
     assert faults[:6] == [None] * 6
@@ -193,7 +192,7 @@ RIGHT = LEFT + 100
         (LEFT, RIGHT[::-1], MISFIT),
     ],
 )
-def test_the_cause_of_a_misfit_is_found_with_one_matching_a_pair(left, right, told) -> None:
+def test_the_cause_of_a_misfit_is_found_with_one_matching_a_pair(left, right, told):
     matched: list[tuple[Frame, Frame]] = []
 
     def match(one: Frame, other: Frame) -> Matches:
@@ -209,7 +208,7 @@ def test_the_cause_of_a_misfit_is_found_with_one_matching_a_pair(left, right, to
     assert len(matched) <= len(pair_health.CAUSES)
 
 
-def test_a_pair_that_fits_forgets_the_cause_and_other_faults_are_left_as_they_are() -> None:
+def test_a_pair_that_fits_forgets_the_cause_and_other_faults_are_left_as_they_are():
     health, misfit = PairHealth(), PairFault(MISFIT, vetoes_clear=True)
     assert "swapped" in health.explained(misfit, LEFT, RIGHT, lambda *_: SEEN).reason
     assert health.judge(water(), water(seed=1), SEEN, GOOD, EpipolarDriftCorrection()) is None
@@ -223,7 +222,7 @@ Run = Callable[[list[tuple[int, int]]], list[str]]
 
 
 @pytest.fixture(scope="module")
-def judged(mission: Path, calibration_path: Path) -> Run:
+def judged(mission, calibration_path):
     """Judge pairs (left number, right number) of the sea trial; a negative number is the other
     camera's frame. Returns each pair's reason, empty where there is none."""
     detector = DisparityDetector(load_calibration(calibration_path), Grid())
@@ -249,13 +248,13 @@ def judged(mission: Path, calibration_path: Path) -> Run:
 
 
 @pytest.mark.mission
-def test_true_pairs_of_the_sea_trial_have_no_fault(judged: Run) -> None:
+def test_true_pairs_of_the_sea_trial_have_no_fault(judged):
     numbers = [*range(1, 100, 14), *range(141, 190, 4), *range(190, 246, 8)]
     assert judged([(number, number) for number in numbers]) == [""] * len(numbers)
 
 
 @pytest.mark.mission
-def test_wrong_pairs_of_the_sea_trial_have_their_reason(judged: Run) -> None:
+def test_wrong_pairs_of_the_sea_trial_have_their_reason(judged):
     assert judged([(180, 50)]) == [MISFIT]
     assert judged([(-180, -180)]) == ["the left and right cameras are swapped"]
     assert "the right view shows" in judged([(50, 180)])[0]

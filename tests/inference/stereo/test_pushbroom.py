@@ -1,5 +1,4 @@
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -55,7 +54,7 @@ EMPTY = (sea().round().astype(np.uint8),) * 2
 
 
 @pytest.fixture
-def detector() -> PushbroomDetector:
+def detector():
     return PushbroomDetector(PLAIN, Grid())
 
 
@@ -73,7 +72,7 @@ def is_clear(found: Detection) -> bool:
 
 
 @pytest.mark.parametrize("distance_m", [*DISTANCES_M, 3.9, 6.25])
-def test_what_stands_at_a_distance_is_found_where_it_is(detector, distance_m) -> None:
+def test_what_stands_at_a_distance_is_found_where_it_is(detector, distance_m):
     found = detector.detect(Frame(1, 0.0, *draw(distance_m)))
     assert found.distance_m == pytest.approx(distance_m, rel=0.03)
     square = np.array([X, Y, X + SQUARE_PX, Y + SQUARE_PX])
@@ -82,13 +81,13 @@ def test_what_stands_at_a_distance_is_found_where_it_is(detector, distance_m) ->
 
 
 @pytest.mark.parametrize("distance_m", [1.5, 2.4, 5.0, 12.0])
-def test_what_stands_elsewhere_is_not_found_and_not_called_clear(detector, distance_m) -> None:
+def test_what_stands_elsewhere_is_not_found_and_not_called_clear(detector, distance_m):
     found = detector.detect(Frame(1, 0.0, *draw(distance_m)))
     assert found.mask is None and found.vetoes_clear
     assert found.fault.startswith("something is in view, but at none of 8, 6, 4, 3 and 2 m")
 
 
-def test_an_even_sea_is_clear_and_the_note_says_what_that_means(detector: PushbroomDetector):
+def test_an_even_sea_is_clear_and_the_note_says_what_that_means(detector):
     found = detector.detect(Frame(1, 0.0, *EMPTY))
     assert is_clear(found) and "sees only at" in found.note
 
@@ -112,14 +111,14 @@ def test_what_matches_at_other_disparities_as_well_is_no_hit(detector, texture, 
     assert detector.look(*between).any()
 
 
-def test_a_wrong_right_frame_gives_no_hit(detector: PushbroomDetector) -> None:
+def test_a_wrong_right_frame_gives_no_hit(detector):
     left, right = draw(4.0)
     assert detector.look(left, right).any()
     assert not detector.look(left, np.ascontiguousarray(right[::-1])).any()
     assert not detector.look(left, EMPTY[1]).any()
 
 
-def test_an_obstacle_is_remembered_for_some_frames_as_it_was(detector: PushbroomDetector) -> None:
+def test_an_obstacle_is_remembered_for_some_frames_as_it_was(detector):
     first = detector.detect(Frame(1, 0.0, *draw(4.0)))
     then = detector.detect(Frame(2, 0.0, *EMPTY))
     assert then.distance_m == first.distance_m and (corners(then) == corners(first)).all()
@@ -136,7 +135,7 @@ def poses(*lines: str) -> Odometry:
     return parse_odometry("\n".join(["frame,t,x_m,y_m,z_m,qw,qx,qy,qz", *lines]), "test")
 
 
-def test_odometry_carries_an_obstacle_to_where_it_is_now() -> None:
+def test_odometry_carries_an_obstacle_to_where_it_is_now():
     # 1.5 m forward in three frames, one without a pose; then a turn of 60 degrees to the right.
     ahead = [f"{frame},0,5,5,{z_m},1,0,0,0" for frame, z_m in ((1, 5), (2, 5.5), (4, 6.5))]
     path = poses(*ahead, "5,0,5,5,6.5,.86602,0,.5,0")
@@ -154,14 +153,14 @@ def test_odometry_carries_an_obstacle_to_where_it_is_now() -> None:
     assert is_clear(detector.detect(Frame(5, 0.0, *EMPTY)))
 
 
-def test_what_was_passed_is_forgotten() -> None:
+def test_what_was_passed_is_forgotten():
     path = poses("1,0,0,0,0,1,0,0,0", "2,0,0,0,4.5,1,0,0,0", "3,0,0,0,0,1,0,0,0")
     detector = PushbroomDetector(PLAIN, Grid(), odometry=path)
     detector.detect(Frame(1, 0.0, *draw(4.0)))
     assert is_clear(detector.detect(Frame(2, 0.0, *EMPTY)))
 
 
-def test_what_was_met_before_the_poses_came_back_is_still_ahead() -> None:
+def test_what_was_met_before_the_poses_came_back_is_still_ahead():
     """1 m a frame, and the first and last pose only: seen on the way at 4 m, now 3 m away."""
     path = poses("1,0,0,0,0,1,0,0,0", "5,0,0,0,4,1,0,0,0")
     detector = PushbroomDetector(PLAIN, Grid(), odometry=path)
@@ -171,7 +170,7 @@ def test_what_was_met_before_the_poses_came_back_is_still_ahead() -> None:
     assert found.distance_m == pytest.approx(3.0, rel=0.03)
 
 
-def test_what_is_remembered_but_has_become_too_small_is_not_clear() -> None:
+def test_what_is_remembered_but_has_become_too_small_is_not_clear():
     path = poses("1,0,0,0,0,1,0,0,0", "2,0,0,0,-6,1,0,0,0")
     detector = PushbroomDetector(PLAIN, Grid(), odometry=path)
     small = cv2.resize(np.random.default_rng(8).uniform(20, 120, (12, 12)), (60, 60))
@@ -186,7 +185,7 @@ def noise(seed: int, light: float = 1.0) -> np.ndarray:
     return (light * sea() + rng.normal(0, 2, (HEIGHT, WIDTH))).round().clip(0).astype(np.uint8)
 
 
-def test_a_camera_that_sees_nothing_makes_no_clear(detector: PushbroomDetector) -> None:
+def test_a_camera_that_sees_nothing_makes_no_clear(detector):
     tower = draw(1.5)[1]  # before the right camera alone
     assert is_clear(detector.detect(Frame(1, 0.0, noise(1), noise(2))))
     frozen = detector.detect(Frame(2, 0.0, noise(1), noise(3)))
@@ -198,7 +197,7 @@ def test_a_camera_that_sees_nothing_makes_no_clear(detector: PushbroomDetector) 
     assert is_clear(detector.detect(Frame(5, 0.0, noise(7), noise(8))))
 
 
-def test_an_unfit_pair_is_unknown_unless_it_shows_an_obstacle(detector: PushbroomDetector) -> None:
+def test_an_unfit_pair_is_unknown_unless_it_shows_an_obstacle(detector):
     for words, frame in unfit_pairs(*EMPTY).items():
         found = detector.detect(frame)
         assert found.mask is None and words in found.fault and not found.vetoes_clear
@@ -218,12 +217,12 @@ def test_an_unfit_pair_is_unknown_unless_it_shows_an_obstacle(detector: Pushbroo
         ((40.0,), "cannot look at 40 m"),
     ],
 )
-def test_distances_that_cannot_be_are_refused(distances_m: tuple[float, ...], words: str) -> None:
+def test_distances_that_cannot_be_are_refused(distances_m, words):
     refuses(words, PushbroomDetector, PLAIN, Grid(), distances_m)
 
 
 @pytest.mark.parametrize("size", [(97, 61), (361, 271), (640, 203)])
-def test_frames_of_any_size_gray_or_colour(size: tuple[int, int]) -> None:
+def test_frames_of_any_size_gray_or_colour(size):
     width, height = size
     camera = np.array([[1.6 * width, 0, width / 2], [0, 1.6 * width, height / 2], [0, 0, 1]])
     small = replace(PLAIN, K1=camera, K2=camera, frame_size=size)
@@ -237,7 +236,7 @@ def test_frames_of_any_size_gray_or_colour(size: tuple[int, int]) -> None:
 
 
 @pytest.fixture(scope="module")
-def real(calibration_path: Path) -> PushbroomDetector:
+def real(calibration_path):
     return PushbroomDetector(load_calibration(calibration_path), Grid())
 
 
@@ -247,7 +246,7 @@ def look(detector, mission, left, right, turn=False) -> np.ndarray:
 
 
 @pytest.mark.mission
-def test_the_tower_is_met_as_it_crosses_each_distance(mission: Path, real: PushbroomDetector):
+def test_the_tower_is_met_as_it_crosses_each_distance(mission, real):
     # Frames with even numbers: the settings were chosen on the odd ones.
     met = {150: 8, 166: 6, 176: 4, 180: 3, 184: 2, 194: 3, 198: 4}
     for number, distance_m in met.items():
@@ -260,7 +259,7 @@ def test_the_tower_is_met_as_it_crosses_each_distance(mission: Path, real: Pushb
 
 
 @pytest.mark.mission
-def test_controls_and_open_water_give_no_hit(mission: Path, real: PushbroomDetector) -> None:
+def test_controls_and_open_water_give_no_hit(mission, real):
     for number in range(2, 100, 12):
         assert not look(real, mission, number, number).any()
     for other in (50, 170, 188, 200):

@@ -107,7 +107,7 @@ alike, unfit = st.sampled_from(sorted(ALIKE)), st.sampled_from(sorted(UNFIT))
 @pytest.mark.parametrize("kind", DETECTORS)
 @given(st.sampled_from(SIZES), alike, alike)
 @settings(max_examples=scaled(12))
-def test_a_pair_is_judged_however_it_lies_in_memory(kind, size, left, right) -> None:
+def test_a_pair_is_judged_however_it_lies_in_memory(kind, size, left, right):
     first, second = pair(size)
     plain = detector(kind, size).detect(Frame(1, 0.0, first, second))
     found = detector(kind, size).detect(Frame(1, 0.0, ALIKE[left](first), ALIKE[right](second)))
@@ -133,7 +133,7 @@ class Texture:
 @pytest.mark.parametrize("kind", DETECTORS)
 @given(st.sampled_from(SIZES), st.tuples(alike | unfit, alike | unfit), st.booleans())
 @settings(max_examples=scaled(30))
-def test_any_pair_has_a_verdict_and_an_unfit_one_is_unknown(kind, size, names, judges) -> None:
+def test_any_pair_has_a_verdict_and_an_unfit_one_is_unknown(kind, size, names, judges):
     ways = [(ALIKE | UNFIT)[name] for name in names]
     pictures = [way(picture) for way, picture in zip(ways, pair(size), strict=True)]
     frame = Frame(1, 0.0, *pictures)
@@ -158,7 +158,7 @@ def test_any_pair_has_a_verdict_and_an_unfit_one_is_unknown(kind, size, names, j
 @pytest.mark.parametrize("kind", DETECTORS)
 @given(st.lists(st.tuples(alike, unfit, st.booleans()), max_size=8))
 @settings(max_examples=scaled(8))
-def test_a_good_pair_is_an_obstacle_whatever_came_before_it(kind, before) -> None:
+def test_a_good_pair_is_an_obstacle_whatever_came_before_it(kind, before):
     judge = SinglePolicy(detector(kind, SIZES[0])).judge
     for number, (fit, unfit, right_is_unfit) in enumerate(before):
         left, right = pair(SIZES[0], number)
@@ -231,7 +231,7 @@ def test_both_views_see_a_point_in_one_row_with_the_disparity_of_its_depth(rig, 
 
 @given(rigs(), scales, st.integers(0, 1000))
 @few
-def test_points_in_metres_are_where_both_cameras_see_them(rig, scale, seed) -> None:
+def test_points_in_metres_are_where_both_cameras_see_them(rig, scale, seed):
     rectifier = Rectifier(rig, scale)
     rng = np.random.default_rng(seed)
     width, height = rectifier.size
@@ -252,7 +252,7 @@ def test_points_in_metres_are_where_both_cameras_see_them(rig, scale, seed) -> N
 
 @given(rigs(), st.sampled_from([0.5, 1.0]), st.floats(-4, 4))
 @few
-def test_the_views_show_what_the_points_say(rig: StereoCalibration, scale: float, shift_px: float):
+def test_the_views_show_what_the_points_say(rig, scale, shift_px):
     rectifier = Rectifier(rig, scale)
     width, height = rig.frame_size
     across = np.arange(width, dtype=np.uint8)[None].repeat(height, axis=0)
@@ -270,7 +270,7 @@ def test_the_views_show_what_the_points_say(rig: StereoCalibration, scale: float
 
 @given(rigs(), st.sampled_from([(90, 120), (61, 77)]))
 @few
-def test_a_mask_of_the_view_is_moved_to_the_left_frame(rig, shape) -> None:
+def test_a_mask_of_the_view_is_moved_to_the_left_frame(rig, shape):
     rectifier = Rectifier(rig)
     width, height = rectifier.size
     view = np.arange(1, width + 1, dtype=np.uint8)[None].repeat(height, axis=0)
@@ -285,7 +285,7 @@ def test_a_mask_of_the_view_is_moved_to_the_left_frame(rig, shape) -> None:
     assert not found[beyond].any()
 
 
-def test_the_detectors_of_one_calibration_agree_on_the_mask_s_size() -> None:
+def test_the_detectors_of_one_calibration_agree_on_the_mask_s_size():
     size = SIZES[0]
     frame = Frame(1, 0.0, *pair(size))
     masks = [detector(kind, size).detect(frame).mask for kind in DETECTORS]

@@ -1,5 +1,3 @@
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -17,7 +15,7 @@ from tokt.inference.texture.detector import TextureDetector
 from tokt.models.bundle.bundle import read_bundle
 
 
-def test_the_mask_is_the_grid_painted(noise_scorer: Any, draw_frame: Callable[..., np.ndarray]):
+def test_the_mask_is_the_grid_painted(noise_scorer, draw_frame):
     picture = draw_frame([(2, 3), (7, 9)])
     found = TextureDetector(noise_scorer).detect(Frame(1, 0.0, picture, None))
     obstacle = np.zeros((10, 10), bool)
@@ -26,7 +24,7 @@ def test_the_mask_is_the_grid_painted(noise_scorer: Any, draw_frame: Callable[..
     assert found.model == "noise/1" and found.fault == ""
 
 
-def test_a_real_bundle_is_a_scorer(bundle_file: Path, draw_frame: Callable[..., np.ndarray]):
+def test_a_real_bundle_is_a_scorer(bundle_file, draw_frame):
     bundle = read_bundle(bundle_file)
     picture = draw_frame([(2, 3)], seed=5)
     found = TextureDetector(bundle).detect(Frame(1, 0.0, picture, None))
@@ -38,7 +36,7 @@ def test_a_real_bundle_is_a_scorer(bundle_file: Path, draw_frame: Callable[..., 
     np.testing.assert_array_equal(bundle.model.decision_values(described), found.decision_values)
 
 
-def test_the_scorer_gets_the_picture_that_was_checked(noise_scorer: Any) -> None:
+def test_the_scorer_gets_the_picture_that_was_checked(noise_scorer):
     given: list[Any] = []
     features = noise_scorer.features
 
@@ -60,13 +58,13 @@ def test_the_scorer_gets_the_picture_that_was_checked(noise_scorer: Any) -> None
     assert len(given) == 2
 
 
-def test_no_frame_is_unknown_with_the_source_s_reason(noise_scorer: Any) -> None:
+def test_no_frame_is_unknown_with_the_source_s_reason(noise_scorer):
     truncated = Fault(Reason.UNREADABLE, "a.jpg is truncated")
     found = TextureDetector(noise_scorer).detect(Frame(1, 0.0, None, None, truncated))
     assert found.mask is None and found.fault == "a.jpg is truncated"
 
 
-def test_values_that_are_not_finite_are_unknown(noise_scorer, draw_frame) -> None:
+def test_values_that_are_not_finite_are_unknown(noise_scorer, draw_frame):
     noise_scorer.values_of = lambda features: np.full((100, 1), np.nan)
     found = TextureDetector(noise_scorer).detect(Frame(1, 0.0, draw_frame([]), None))
     assert found.mask is None and "not finite" in found.fault
@@ -85,7 +83,7 @@ def test_values_that_are_not_finite_are_unknown(noise_scorer, draw_frame) -> Non
         (64, 48, False),
     ],
 )
-def test_frames_unlike_the_training_frames_are_unknown(noise_scorer, width, height, fit) -> None:
+def test_frames_unlike_the_training_frames_are_unknown(noise_scorer, width, height, fit):
     noise_scorer.frame_sizes = ((480, 640), (1024, 1360))
     found = TextureDetector(noise_scorer).detect(Frame(1, 0.0, noisy(60, 9, height, width), None))
     assert (found.mask is not None) == fit
@@ -93,7 +91,7 @@ def test_frames_unlike_the_training_frames_are_unknown(noise_scorer, width, heig
     assert found.fault == ("" if fit else fault)
 
 
-def test_frames_narrower_than_the_grid_are_unknown_unless_learnt_from(noise_scorer: Any) -> None:
+def test_frames_narrower_than_the_grid_are_unknown_unless_learnt_from(noise_scorer):
     frame = Frame(1, 0.0, noisy(60, 9, 240, 320), None)
     noise_scorer.frame_sizes = ((300, 400),)
     assert "320x240" in TextureDetector(noise_scorer).detect(frame).fault
@@ -118,7 +116,7 @@ def noisy(mean: float, sigma: float, height: int = 200, width: int = 300) -> np.
         (np.zeros((200, 300, 4), np.uint8), "8-bit"),
     ],
 )
-def test_frames_that_cannot_be_judged(picture: np.ndarray, word: str) -> None:
+def test_frames_that_cannot_be_judged(picture, word):
     assert word in frame_fault(picture)
 
 
@@ -132,24 +130,24 @@ def hot_pixels(share: float, depth: tuple[int, ...]) -> np.ndarray:
 
 @pytest.mark.parametrize("depth", [(), (3,)])
 @pytest.mark.parametrize("share", [0.0003, 0.0006])
-def test_hot_pixels_do_not_light_a_black_frame(share: float, depth: tuple[int, ...]) -> None:
+def test_hot_pixels_do_not_light_a_black_frame(share, depth):
     assert "dark" in frame_fault(hot_pixels(share, depth))
 
 
 @pytest.mark.parametrize(("mean", "sigma"), [(251, 8), (255, 25), (258, 40)])
-def test_noise_does_not_hide_saturation(mean: float, sigma: float) -> None:
+def test_noise_does_not_hide_saturation(mean, sigma):
     assert "saturated" in frame_fault(noisy(mean, sigma, 1024, 1360))
 
 
 @pytest.mark.parametrize("shape", [(1, 4000), (3, 4000, 3), (400_000, 400)])
-def test_a_frame_without_a_resize_is_a_fault_and_no_exception(shape: tuple[int, ...]) -> None:
+def test_a_frame_without_a_resize_is_a_fault_and_no_exception(shape):
     assert "cannot be looked at" in frame_fault(np.zeros(shape, np.uint8))
 
 
 @pytest.mark.parametrize("width", [360, 361, 800])
 @pytest.mark.parametrize("grid", [Grid(), Grid(7, 5), Grid(20, 20, 720), Grid(1, 1, None)])
 @pytest.mark.parametrize("covered", [True, False])
-def test_the_check_is_the_same_with_a_picture_at_hand(width: int, grid: Grid, covered: bool):
+def test_the_check_is_the_same_with_a_picture_at_hand(width, grid, covered):
     picture = noisy(60, 9, width * 2 // 3, width)
     if covered:
         picture[width // 3 :, : width // 2] = 60
@@ -158,14 +156,14 @@ def test_the_check_is_the_same_with_a_picture_at_hand(width: int, grid: Grid, co
     assert ("patches are blank" in fault) == covered
 
 
-def test_a_picture_of_another_width_is_not_what_is_looked_at() -> None:
+def test_a_picture_of_another_width_is_not_what_is_looked_at():
     picture, black = noisy(60, 9, 480, 640), np.zeros((360, 480), np.uint8)
     assert frame_fault(picture, black, Grid(10, 10, 480)) == ""
     # Narrower than the patches were measured on: looked at as it is, and not enlarged.
     assert frame_fault(noisy(60, 9), black, Grid()) == ""
 
 
-def test_a_dim_frame_can_be_judged() -> None:
+def test_a_dim_frame_can_be_judged():
     assert frame_fault(noisy(12, 3)) == ""
 
 
@@ -178,18 +176,18 @@ def with_blank_patches(count: int, grey: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("grey", [0, 60, 128, 249])
-def test_blank_patches_are_damage(grey: int) -> None:
+def test_blank_patches_are_damage(grey):
     assert frame_fault(with_blank_patches(2, grey)) == ""
     fault = "3 of 100 patches are blank: the picture is damaged or covered"
     assert frame_fault(with_blank_patches(3, grey)) == fault
 
 
 @pytest.mark.parametrize("grey", [250, 255])
-def test_a_close_bright_object_is_no_damage(grey: int) -> None:
+def test_a_close_bright_object_is_no_damage(grey):
     assert frame_fault(with_blank_patches(10, grey)) == ""
 
 
-def test_ready_cut_patches_are_too_small_to_look_for_blanks_in() -> None:
+def test_ready_cut_patches_are_too_small_to_look_for_blanks_in():
     frame = noisy(60, 9, 27, 36)
     frame[:9] = 60
     assert frame_fault(frame) == ""
@@ -197,7 +195,7 @@ def test_ready_cut_patches_are_too_small_to_look_for_blanks_in() -> None:
 
 @pytest.mark.mission
 @pytest.mark.parametrize("part", [0.2, 0.5, 0.9])
-def test_a_jpeg_that_lost_its_tail_but_has_an_end_marker_is_refused(mission: Path, part: float):
+def test_a_jpeg_that_lost_its_tail_but_has_an_end_marker_is_refused(mission, part):
     data = (mission / "Left" / "tokt1_L_180.jpg").read_bytes()
     frame = decode_image(data[: int(part * len(data))] + b"\xff\xd9", "cut.jpg")
     assert "the picture is damaged" in frame_fault(frame)
@@ -205,7 +203,7 @@ def test_a_jpeg_that_lost_its_tail_but_has_an_end_marker_is_refused(mission: Pat
 
 @pytest.mark.mission
 @pytest.mark.parametrize("suffix", [".bmp", ".ppm", ".tiff"])
-def test_a_picture_with_zeroed_data_is_refused(mission: Path, suffix: str) -> None:
+def test_a_picture_with_zeroed_data_is_refused(mission, suffix):
     frame = read_image(mission / "Left" / "tokt1_L_180.jpg")
     plain = [cv2.IMWRITE_TIFF_COMPRESSION, 1] if suffix == ".tiff" else []
     data = bytearray(cv2.imencode(suffix, frame, plain)[1].tobytes())
@@ -215,7 +213,7 @@ def test_a_picture_with_zeroed_data_is_refused(mission: Path, suffix: str) -> No
 
 
 @pytest.mark.mission
-def test_every_frame_of_the_sea_trial_can_be_judged(mission: Path) -> None:
+def test_every_frame_of_the_sea_trial_can_be_judged(mission):
     paths = sorted(mission.glob("*/*.jpg"))
     assert len(paths) == 492
     assert {frame_fault(read_image(path)) for path in paths} == {""}

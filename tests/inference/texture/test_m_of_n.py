@@ -56,7 +56,7 @@ STEPS = st.tuples(VALUES | st.just(ValueError("broken")), st.sampled_from([0, 0,
     st.lists(STEPS, max_size=10),
     st.data(),
 )
-def test_verdicts_are_the_rule_s(window, least, now, steps, data) -> None:
+def test_verdicts_are_the_rule_s(window, least, now, steps, data):
     rule = MofNRule(0.5, least, data.draw(st.integers(1, window)), window, now)
     policy = SinglePolicy(TextureDetector(Script(rule, [answer for answer, _ in steps])))
     state = MofNState(rule)
@@ -79,14 +79,14 @@ def test_verdicts_are_the_rule_s(window, least, now, steps, data) -> None:
         assert told == (scores is not None and decided)
 
 
-def test_each_run_starts_anew() -> None:
+def test_each_run_starts_anew():
     rule = MofNRule(m=2, n=2)
     for _ in range(2):
         policy = SinglePolicy(TextureDetector(Script(rule, [[1, -1, -1, -1]] * 2)))
         assert [policy.judge(frame).verdict.status for frame in frames([0, 0])] == [-1, 1]
 
 
-def test_one_patch_of_a_fine_grid_is_no_status_for_the_rule_either() -> None:
+def test_one_patch_of_a_fine_grid_is_no_status_for_the_rule_either():
     """Its mean is below the thesis's limit: what v1 calls 0 is no alarm."""
     few, many = np.full(900, -1.0), np.full(900, -1.0)
     few[7], many[7:9] = 1, 1
@@ -108,7 +108,7 @@ class Says:
 
 @pytest.mark.parametrize("policy", [EitherPolicy, FallbackPolicy])
 @pytest.mark.parametrize(("white", "status"), [(False, UNKNOWN), (True, OBSTACLE)])
-def test_no_other_detector_s_clear_stands_against_a_waiting_alarm(policy, white, status) -> None:
+def test_no_other_detector_s_clear_stands_against_a_waiting_alarm(policy, white, status):
     texture = TextureDetector(Script(MofNRule(m=2, n=3), [[1, 1, 1, 1]]))
     verdict = policy(texture, Says(white)).judge(frames([0])[0]).verdict
     assert verdict.status == status
@@ -145,7 +145,7 @@ def test_the_loop_applies_the_rule_across_a_frame_that_cannot_be_read(
     assert heard == [b"0", b"1", b"1", b"0", b"1"]
 
 
-def test_a_source_counts_missing_frames_in_the_mission_s_own_step(make_mission, hand_clock) -> None:
+def test_a_source_counts_missing_frames_in_the_mission_s_own_step(make_mission, hand_clock):
     folder = make_mission([[]] * 6)
     for camera, letter in (("Left", "L"), ("Right", "R")):
         for number in range(6, 0, -1):

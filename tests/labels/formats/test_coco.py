@@ -98,7 +98,10 @@ def test_a_label_corrected_elsewhere_and_a_box_drawn_over(tmp_path, reading, wri
         (lambda v: v["annotations"][0].update(category_id=8), "is that of no category"),
         (lambda v: v["annotations"].insert(0, "box"), "annotation 1 is not an object"),
         (lambda v: v["annotations"][1].update(score="high"), "score 'high' is not a number"),
-        (lambda v: v["annotations"][0].update(attributes={"tokt_format": {}}), "not a whole num"),
+        (
+            lambda v: v["annotations"][0].update(attributes={"tokt_format": {}}),
+            "not a whole number",
+        ),
     ],
 )
 def test_mistakes_are_one_line(tmp_path, reading, change, message):

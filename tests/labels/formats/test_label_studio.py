@@ -85,7 +85,7 @@ def _result(value):
         (lambda v: _result(v)["value"].update(x=None), "result 1: x None is not a number"),
         (lambda v: _result(v)["value"].update(x=float("inf")), "x inf is not a number"),
         (lambda v: _result(v)["value"].update(rectanglelabels=[{}]), "is not text"),
-        (lambda v: _result(v)["value"].update(rectanglelabels=["fish"]), r"class 'fish' \(1"),
+        (lambda v: _result(v)["value"].update(rectanglelabels=["fish"]), "unknown class 'fish'"),
         (lambda v: _result(v).update(meta={"tokt_format": 1}), "no tokt_mission beside"),
     ],
 )

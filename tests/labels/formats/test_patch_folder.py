@@ -114,7 +114,10 @@ def test_nothing_is_written_over_and_nothing_half(tmp_path, folder, writing):
     refuses("is there already", write_patch_folder, folder / MANIFEST, CELLS, writing)
     for wrong, message in (
         ([*CELLS, said("ocean", 9, 9, annotator="bob")], "by ann and by bob.*--annotator"),
-        ([*CELLS, said(grid=Grid(2, 2, None))], "grids 10x10@360, 2x2@native: .* by --grid"),
+        (
+            [*CELLS, said(grid=Grid(2, 2, None))],
+            "grids 10x10@360, 2x2@native: choose one by --grid",
+        ),
         ([*CELLS, replace(said(), mission="wreck")], "missions dive, wreck"),
         ([said(frame=4)], "no patch could be written; 1 label left out: .* has no such frames"),
     ):
@@ -155,9 +158,8 @@ def test_unreadable_frames_are_counted(tmp_path, dive, writing):
 
 def test_folders_without_our_manifest(tmp_path, reading):
     (tmp_path / "reef").mkdir()
-    refuses(
-        f"no {MANIFEST}: .* belong to no frame .*--patches", read_patch_folder, tmp_path, reading
-    )
+    words = f"no {MANIFEST}: .* belong to no frame .*--patches DIR"
+    refuses(words, read_patch_folder, tmp_path, reading)
     for text, message in (
         ("", "not JSON"),
         ("[]", "the manifest is not an object"),

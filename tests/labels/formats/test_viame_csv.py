@@ -151,7 +151,7 @@ def test_another_class_is_a_label_by_hand_and_no_confirmed_suggestion(
         ('"0,dive_L_3.png,0', "line 1: unexpected end of data"),
         ("0,dive_L_3.png,0,10,10,0,0,1,-1,reef,1", "1 box left out: without area"),
         ("0,dive_L_3.png,0,900,0,999,50,1,-1,reef,1", "1 box left out: outside the frame"),
-        ("0,other_L_3.png,0,0,0,50,50,1,-1,reef,1", "1 image not of .* 'other_L_3.png'"),
+        ("0,other_L_3.png,0,0,0,50,50,1,-1,reef,1", "1 image not of the mission, .* 'other_L"),
         ("0,dive_L_3.png,0,0,0,50,50,1,-1", r"unknown class '' \(1\)"),
         ("0,d.png,0,0,0,9,9,1,-1,reef,1,(atr) tokt_format 1", "no tokt_mission beside tokt_format"),
         ("0,d.png,0,0,0,9,9,1,-1,reef,1,(atr) tokt_format 9", "a newer tokt wrote it"),

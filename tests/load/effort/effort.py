@@ -2,7 +2,6 @@
 
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,8 +13,7 @@ from tests.load.page.tab import Tab
 from tests.load.program import label_server
 from tokt.cli.output import progress, say
 from tokt.features.frames.grid import DEFAULT_GRID
-from tokt.features.frames.mission import LEFT, Mission, format_frames
-from tokt.labels.record import LabelRecord
+from tokt.features.frames.mission import LEFT, format_frames
 from tokt.labels.store.store import FILE_NAME, LabelStore
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 
@@ -72,14 +70,7 @@ class LabellingEffort:
         }
 
 
-def measure_effort(
-    mission: Mission,
-    records: Sequence[LabelRecord],
-    most: int | None,
-    ways: Sequence[Workflow],
-    halves: int,
-    browser: Any,
-) -> tuple[list[LabellingEffort], list[dict[str, Any]]]:
+def measure_effort(mission, records, most, ways, halves, browser):
     """Train on each half and label the other in a browser; the efforts, and what the halves were.
 
     The records are one annotator's labels of the mission. Of 1 or 2 `halves` `most` of the frames

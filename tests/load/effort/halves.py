@@ -8,7 +8,7 @@ from pathlib import Path
 from tokt.cli.output import progress
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
-from tokt.features.frames.mission import LEFT, Mission
+from tokt.features.frames.mission import LEFT
 from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.registry.registry import Registry
@@ -78,9 +78,7 @@ def two_halves(numbers: Sequence[int]) -> list[Half]:
     return halves
 
 
-def train_on(
-    mission: Mission, records: Sequence[LabelRecord], half: Half, folder: Path
-) -> tuple[str, Path]:
+def train_on(mission, records, half, folder) -> tuple[str, Path]:
     """Train as ``tokt train`` does, and export the bundle; the extractor's name, and the bundle."""
     plan, _ = plan_from_missions(
         "half",

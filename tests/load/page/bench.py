@@ -105,9 +105,7 @@ def _records(mission: Mission, labels: Path | None) -> list[LabelRecord]:
     return labels_of_mission(mission, read, DEFAULT_GRID, only=True)[0]
 
 
-def _measure_times(
-    mission: Mission, extent: PageBenchSize, folder: Path, browser: Any
-) -> list[Timing]:
+def _measure_times(mission, extent, folder, browser) -> list[Timing]:
     """Make a long mission of links and measure the page on it, empty and fully labelled."""
     say(f"-- a mission of {extent.frames} frames")
     copy_frames(mission, mission.frames()[:MAX_PICTURES], folder / "pictures")
@@ -126,9 +124,7 @@ def _measure_times(
     ]
 
 
-def _page_times(
-    mission: Path, workspace: Path, extent: PageBenchSize, browser: Any, once: bool
-) -> list[Timing]:
+def _page_times(mission, workspace, extent, browser, once) -> list[Timing]:
     """The times on a mission, and `once` those to which labels make no difference."""
     repeats = extent.repeats
     with label_server(mission, workspace, "--annotator", _ANNOTATOR) as url:

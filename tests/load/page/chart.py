@@ -1,6 +1,6 @@
 """The labelling page's bench as one chart: times against what is asked, and actions."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,7 @@ _ROOM = 3.0
 """Axis length over the longest bar: room for the figures at its end."""
 
 
-def label_chart_png(
-    times: Sequence[Timing], efforts: Sequence[LabellingEffort], about: Mapping[str, Any]
-) -> bytes:
+def label_chart_png(times, efforts, about) -> bytes:
     """Bars of the 95th percentiles with what is asked, and of the actions with and without.
 
     `about` holds ``machine``, ``mission`` and ``browser`` as in the bench's JSON.

@@ -17,8 +17,6 @@ from tokt.features.common.arrays import F64
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.store.store import Store
 
-from .plan import SoakSize
-
 _CUT = 100
 _SCRAPE_S = 5.0
 _LOOK_S = 0.05
@@ -63,9 +61,7 @@ class Attendant:
     over its labels; `settled` says that every model was taken over or refused that was to be.
     """
 
-    def __init__(
-        self, pid: int, port: int, exchanges: Iterator[str | None], extent: SoakSize
-    ) -> None:
+    def __init__(self, pid, port, exchanges, extent) -> None:
         self.samples: list[dict[str, Any]] = []
         self.metrics: Counter[str] = Counter()
         self.settled = True

@@ -2,9 +2,7 @@
 
 import json
 import socket
-import subprocess
 import time
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -91,9 +89,7 @@ class LiveRuns:
         what = "from SIGKILL of the runtime to the first datagram of the next one"
         return Timing(NAME, what, times, ASKED_MS, WORST)
 
-    def _running(
-        self, heard: socket.socket, *options: object
-    ) -> AbstractContextManager[subprocess.Popen[str]]:
+    def _running(self, heard, *options):
         fixed = ["--policy", "texture", "--udp", f"v2@127.0.0.1:{heard.getsockname()[1]}"]
         fixed += ["--store", self._folder / "store", "--source", self._folder / "dive"]
         return program("run", *fixed, *options, said=self._folder / "said")

@@ -3,7 +3,7 @@
 import json
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -67,12 +67,7 @@ def bare_run(folder: Path, extent: SoakSize, model: Bundle) -> Run:
     return _run(folder, extent, ["--bundle", folder / "soak.tokt"])
 
 
-def _run(
-    folder: Path,
-    extent: SoakSize,
-    options: Sequence[object],
-    attendant_of: Callable[[int], Attendant] | None = None,
-) -> Run:
+def _run(folder, extent, options, attendant_of=None) -> Run:
     kinds, said = plan(extent.frames), folder / "said"
     settle_s = _SETTLE_S / (extent.frames - extent.last_exchange)
     with closing(Feeder(kinds)) as feeder:

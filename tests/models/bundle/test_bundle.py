@@ -6,8 +6,6 @@ import pickle
 import random
 import tracemalloc
 import zipfile
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -24,14 +22,7 @@ from tokt.features.common.canonical import canonical_json
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import PLAIN_IMAGE
 from tokt.features.frames.grid import Grid
-from tokt.models.bundle.bundle import (
-    Bundle,
-    BundleContent,
-    Golden,
-    bundle_bytes,
-    bundle_from_bytes,
-    read_bundle,
-)
+from tokt.models.bundle.bundle import Bundle, Golden, bundle_bytes, bundle_from_bytes, read_bundle
 from tokt.models.operating_point import MofNRule, OperatingPoint
 
 BYTES = st.integers(0, 255)
@@ -85,17 +76,17 @@ def refuse(data: bytes, words: str = ".") -> str:
 
 
 @pytest.fixture(scope="module")
-def content(make_content: Callable[..., BundleContent]) -> BundleContent:
+def content(make_content):
     return make_content()
 
 
 @pytest.fixture(scope="module")
-def data(content: BundleContent) -> bytes:
+def data(content):
     return bundle_bytes(content)
 
 
 @pytest.fixture(scope="module")
-def members(data: bytes) -> Members:
+def members(data):
     return unpack(data)
 
 
@@ -127,7 +118,7 @@ def test_round_trip(extractor, classes, make_content, tmp_path):
         np.testing.assert_allclose(values, expected, rtol=0, atol=1e-9)
 
 
-def test_same_content_same_bytes(make_content: Callable[..., BundleContent], data: bytes) -> None:
+def test_same_content_same_bytes(make_content, data):
     again = make_content()
     provenance, trained_on = dict(reversed(again.provenance.items())), again.trained_on[::-1].copy()
     shuffled = dataclasses.replace(again, provenance=provenance, trained_on=trained_on)
@@ -135,7 +126,7 @@ def test_same_content_same_bytes(make_content: Callable[..., BundleContent], dat
     assert bundle_bytes(make_content(1)) != data
 
 
-def test_layout(data: bytes) -> None:
+def test_layout(data):
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         infos = archive.infolist()
     names = ["manifest.json", "weights.npz", "golden.npz", "lineage.npz", "card.md"]
@@ -144,7 +135,7 @@ def test_layout(data: bytes) -> None:
     assert {info.compress_type for info in infos} == {zipfile.ZIP_STORED}
 
 
-def test_nan_in_the_metrics_is_not_written(content: BundleContent) -> None:
+def test_nan_in_the_metrics_is_not_written(content):
     with pytest.raises(ValueError):
         bundle_bytes(dataclasses.replace(content, metrics={"f1": float("nan")}))
 
@@ -159,7 +150,7 @@ def zip_metadata(data: bytes) -> list[int]:
     return [offset for offset, byte in enumerate(inside) if not byte]
 
 
-def test_a_changed_byte_is_refused_or_changes_nothing(data: bytes) -> None:
+def test_a_changed_byte_is_refused_or_changes_nothing(data):
     truth = fingerprint(read(data))
     chance = random.Random(4)
     structure = zip_metadata(data)
@@ -184,7 +175,7 @@ def test_a_changed_byte_is_refused_or_changes_nothing(data: bytes) -> None:
 
 @settings(max_examples=scaled(150))
 @given(st.lists(st.tuples(st.floats(0, 1, exclude_max=True), BYTES), min_size=2, max_size=6))
-def test_several_changed_bytes(data: bytes, edits: list[tuple[float, int]]) -> None:
+def test_several_changed_bytes(data, edits):
     structure = zip_metadata(data)
     edited = bytearray(data)
     for where, value in edits:
@@ -196,18 +187,18 @@ def test_several_changed_bytes(data: bytes, edits: list[tuple[float, int]]) -> N
     assert fingerprint(bundle) == fingerprint(read(data))
 
 
-def test_every_prefix_is_refused(data: bytes) -> None:
+def test_every_prefix_is_refused(data):
     for end in range(len(data)):
         refuses("", read, data[:end])
 
 
 @settings(max_examples=scaled(100))
 @given(st.sampled_from([b"", b"PK\x03\x04", b"PK\x05\x06" + bytes(18)]), st.binary(max_size=200))
-def test_junk_is_refused(head: bytes, junk: bytes) -> None:
+def test_junk_is_refused(head, junk):
     refuse(head + junk)
 
 
-def test_not_a_bundle(tmp_path: Path) -> None:
+def test_not_a_bundle(tmp_path):
     refuses("No such file", read_bundle, tmp_path / "none.tokt")
     refuses("", read_bundle, tmp_path)
     (tmp_path / "notes.tokt").write_text("not a zip")
@@ -223,7 +214,7 @@ def test_not_a_bundle(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["weights.npz", "golden.npz", "lineage.npz", "card.md"])
-def test_members_added_removed_renamed_exchanged(members: Members, name: str) -> None:
+def test_members_added_removed_renamed_exchanged(members, name):
     rest = {key: value for key, value in members.items() if key != name}
     refuse(pack(rest), "unknown or missing members")
     refuse(pack({**rest, f"x{name}": members[name]}), "unknown or missing members")
@@ -235,19 +226,19 @@ def test_members_added_removed_renamed_exchanged(members: Members, name: str) ->
     refuse(rehash({**members, "more": b""}))
 
 
-def test_a_member_twice(members: Members) -> None:
+def test_a_member_twice(members):
     buffer = io.BytesIO(pack(members))
     with zipfile.ZipFile(buffer, "a") as archive, pytest.warns(UserWarning, match="Duplicate"):
         archive.writestr("card.md", members["card.md"])
     refuse(buffer.getvalue(), "twice")
 
 
-def test_compressed(members: Members) -> None:
+def test_compressed(members):
     for way in (zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA):
         refuse(pack(members, way), "compressed")
 
 
-def test_a_bomb_is_refused_before_it_unfolds(members: Members) -> None:
+def test_a_bomb_is_refused_before_it_unfolds(members):
     bomb = io.BytesIO()
     with (
         zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive,
@@ -262,7 +253,7 @@ def test_a_bomb_is_refused_before_it_unfolds(members: Members) -> None:
     tracemalloc.stop()
 
 
-def test_a_large_member_is_refused(members: Members) -> None:
+def test_a_large_member_is_refused(members):
     refuse(pack({**members, "card.md": bytes((64 << 20) + 1)}), "too large")
 
 
@@ -279,14 +270,14 @@ MANIFEST_EDITS: list[tuple[str, Any]] = [
 
 
 @pytest.mark.parametrize(("key", "value"), MANIFEST_EDITS)
-def test_an_edited_manifest(members: Members, key: str, value: Any) -> None:
+def test_an_edited_manifest(members, key, value):
     manifest = json.loads(members["manifest.json"])
     manifest[key] = value
     edited = pack({**members, "manifest.json": json.dumps(manifest).encode()})
     refuse(edited, "manifest has been edited")
 
 
-def test_an_edited_member_with_its_hash_but_not_the_manifests(members: Members) -> None:
+def test_an_edited_member_with_its_hash_but_not_the_manifests(members):
     manifest = json.loads(members["manifest.json"])
     card = b"# the best model there is\n"
     manifest["members"]["card.md"] = hashlib.sha256(card).hexdigest()
@@ -294,7 +285,7 @@ def test_an_edited_member_with_its_hash_but_not_the_manifests(members: Members) 
     refuse(pack(edited), "manifest has been edited")
 
 
-def test_hash_of_the_wrong_kind(members: Members) -> None:
+def test_hash_of_the_wrong_kind(members):
     manifest = json.loads(members["manifest.json"])
     for wrong in (None, 1, [], "", manifest["manifest_sha256"].upper()):
         edited = json.dumps({**manifest, "manifest_sha256": wrong}).encode()
@@ -304,7 +295,7 @@ def test_hash_of_the_wrong_kind(members: Members) -> None:
     refuse(pack({**members, "manifest.json": infinite}), "manifest has been edited")
 
 
-def test_manifest_entries_added_or_missing(members: Members) -> None:
+def test_manifest_entries_added_or_missing(members):
     refuse(rehash(members, {"note": "x"}), "unknown or missing entries")
     manifest = json.loads(members["manifest.json"])
     for key in set(manifest) - {"manifest_sha256", "members", "format_version"}:
@@ -312,7 +303,7 @@ def test_manifest_entries_added_or_missing(members: Members) -> None:
         refuse(rehash({**members, "manifest.json": less.encode()}), "unknown or missing entries")
 
 
-def test_format_versions(members: Members) -> None:
+def test_format_versions(members):
     assert "newer than this tokt" in refuse(rehash(members, {"format_version": 4}))
     # Whatever else a newer format changes, that is what is said.
     assert "newer" in refuse(pack({"manifest.json": b'{"format_version": 4}', "x": b""}))
@@ -376,21 +367,21 @@ def test_a_huge_grid_allocates_nothing(members, rows, cols, width):
     tracemalloc.stop()
 
 
-def test_a_moved_threshold(members: Members) -> None:
+def test_a_moved_threshold(members):
     """Every hash is right and the decision values are the same; the verdicts are not."""
     moved = arrays_of(members["weights.npz"])["thresholds"] + 1e3
     edited = with_arrays(members, "weights.npz", thresholds=moved)
     refuse(edited, "golden frame 0 gives other obstacle patches")
 
 
-def test_moved_weights(members: Members) -> None:
+def test_moved_weights(members):
     arrays = arrays_of(members["weights.npz"])
     refuse(with_arrays(members, "weights.npz", bias=arrays["bias"] + 1e-6), "golden frame 0")
     refuse(with_arrays(members, "weights.npz", weights=-arrays["weights"]), "golden frame 0")
     read(with_arrays(members, "weights.npz", bias=arrays["bias"] + 1e-11))
 
 
-def test_moved_golden_values(members: Members) -> None:
+def test_moved_golden_values(members):
     values = arrays_of(members["golden.npz"])["decision_values"]
     for change in (1e-6, -1e-6, np.nan, np.inf):
         edited = values.copy()
@@ -402,7 +393,7 @@ def test_moved_golden_values(members: Members) -> None:
     refuse(with_arrays(members, "golden.npz", obstacle=flags), "golden frame 1 gives other")
 
 
-def test_golden_values_of_another_shape(members: Members) -> None:
+def test_golden_values_of_another_shape(members):
     golden = arrays_of(members["golden.npz"])
     values, flags = golden["decision_values"], golden["obstacle"]
     for shape in ((2, 12, 1), (2, 6, 2)):
@@ -425,7 +416,7 @@ def png(image: Any) -> bytes:
     ],
     ids=["flat", "low", "thin", "cut", "junk"],
 )
-def test_golden_frames_that_cannot_be_judged(members: Members, frame: bytes) -> None:
+def test_golden_frames_that_cannot_be_judged(members, frame):
     golden = arrays_of(members["golden.npz"])
     arrays = {name: golden[name][:1] for name in ("decision_values", "obstacle")}
     arrays |= {"frames": np.frombuffer(frame, np.uint8), "sizes": np.array([len(frame)])}
@@ -433,7 +424,7 @@ def test_golden_frames_that_cannot_be_judged(members: Members, frame: bytes) -> 
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_weights_that_overflow(members: Members) -> None:
+def test_weights_that_overflow(members):
     weights = np.full_like(arrays_of(members["weights.npz"])["weights"], 1.7e308)
     bias = np.full(1, 1.7e308)
     refuse(with_arrays(members, "weights.npz", weights=weights, bias=bias), "golden frame 0")
@@ -469,7 +460,7 @@ WRONG_ARRAYS: list[tuple[str, str, Any]] = [
 
 
 @pytest.mark.parametrize(("member", "name", "array"), WRONG_ARRAYS)
-def test_wrong_arrays(members: Members, member: str, name: str, array: Any) -> None:
+def test_wrong_arrays(members, member, name, array):
     refuse(with_arrays(members, member, **{name: array}))
 
 
@@ -482,7 +473,7 @@ class Harm:
         return setattr, (Harm, "done", True)
 
 
-def test_pickles_are_never_loaded(members: Members) -> None:
+def test_pickles_are_never_loaded(members):
     arrays: dict[str, Any] = arrays_of(members["weights.npz"])
     arrays["weights"] = np.array([[Harm()] * 12], object)
     refuse(rehash({**members, "weights.npz": npz(arrays)}), r"weights\.npz")
@@ -514,14 +505,14 @@ def header(text: str) -> bytes:
     ],
     ids=range(11),
 )
-def test_wrong_npy_members(members: Members, member: bytes) -> None:
+def test_wrong_npy_members(members, member):
     refuse(rehash({**members, "weights.npz": member}), r"weights\.npz")
     for name in ("weights", "bias", "thresholds"):
         inner = {**unpack(members["weights.npz"]), f"{name}.npy": member}
         refuse(rehash({**members, "weights.npz": pack(inner)}), r"weights\.npz")
 
 
-def test_a_card_that_is_not_text(members: Members) -> None:
+def test_a_card_that_is_not_text(members):
     refuse(rehash({**members, "card.md": b"\xff\xfe"}))
 
 
@@ -535,7 +526,7 @@ def test_the_extractor_must_fit_the_weights(content, make_content):
     assert content.grid == Grid(2, 3, 36)
 
 
-def test_a_film_is_not_read_into_memory(tmp_path: Path) -> None:
+def test_a_film_is_not_read_into_memory(tmp_path):
     film = tmp_path / "dive.mp4"
     with film.open("wb") as handle:
         handle.truncate(1 << 40)
@@ -550,13 +541,13 @@ def test_a_film_is_not_read_into_memory(tmp_path: Path) -> None:
         ((("reef", True), ("sand", True)), "would always warn"),
     ],
 )
-def test_a_model_that_cannot_guard_says_so(make_content, classes, fault) -> None:
+def test_a_model_that_cannot_guard_says_so(make_content, classes, fault):
     bundle = bundle_from_bytes(bundle_bytes(make_content(classes=classes)), "x")
     assert fault in bundle.deployment_fault and bool(fault) == bool(bundle.deployment_fault)
     assert bundle.frame_sizes == ((32, 48),)
 
 
-def test_large_decision_values_are_held_to_their_own_scale(make_content) -> None:
+def test_large_decision_values_are_held_to_their_own_scale(make_content):
     """Unscaled features give values in the thousands: 1e-9 of those, and no more."""
     content = make_content()
     larger = {
@@ -580,12 +571,12 @@ def test_a_name_that_no_datagram_or_terminal_should_carry(members, key, text):
     assert refuses(r"is not a name|is not JSON", bundle_from_bytes, data, "b.tokt").isprintable()
 
 
-def test_half_a_surrogate_pair_anywhere_is_refused(members: Members) -> None:
+def test_half_a_surrogate_pair_anywhere_is_refused(members):
     """It is JSON, yet `tokt store` could not print it."""
     refuse(rehash(members, {"provenance": {"dataset": "\udfff"}}), "is not JSON")
 
 
-def test_golden_frames_that_say_they_are_huge_or_are_many(make_content) -> None:
+def test_golden_frames_that_say_they_are_huge_or_are_many(make_content):
     content = make_content()
     golden = content.golden
     png = bytearray(golden.frames[0])
@@ -608,7 +599,7 @@ def test_a_header_that_numpy_warns_of_is_refused_without_a_warning(members, recw
     assert not recwarn.list
 
 
-def test_a_member_of_many_directory_entries_is_not_read_for_each(members: Members) -> None:
+def test_a_member_of_many_directory_entries_is_not_read_for_each(members):
     """Entries that point at the same bytes cost a file nothing; reading each would take days."""
     data = bytearray(pack(members))
     end = data.rindex(b"PK\x05\x06")

@@ -56,7 +56,7 @@ def _values() -> Any:
 
 
 @pytest.mark.parametrize("stamp", [(1980, 1, 1, 0, 0, 0), (2016, 4, 20, 12, 30, 0)])
-def test_format_1_loads(stamp: tuple[int, int, int, int, int, int]) -> None:
+def test_format_1_loads(stamp):
     values = _values()
     threshold = float(values.mean())
     png = cv2.imencode(".png", _frame())[1].tobytes()
@@ -95,7 +95,7 @@ def test_format_1_loads(stamp: tuple[int, int, int, int, int, int]) -> None:
     assert bundle.operating_point == OperatingPoint(MofNRule(0.0, 1, 1, 1), {})
 
 
-def test_a_file_of_format_1_loads_and_is_the_same_model_in_this_format() -> None:
+def test_a_file_of_format_1_loads_and_is_the_same_model_in_this_format():
     """Written by the commit before format 2, with three classes."""
     data = (Path(__file__).parent / "bundle_of_format_1.zip").read_bytes()
 

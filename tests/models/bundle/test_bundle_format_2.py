@@ -11,7 +11,7 @@ from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes
 from tokt.models.operating_point import MofNRule, OperatingPoint
 
 
-def test_a_file_of_format_2_loads_and_is_the_same_model_in_this_format() -> None:
+def test_a_file_of_format_2_loads_and_is_the_same_model_in_this_format():
     """Written by the commit before format 3, with three classes and a frame rule."""
     data = (Path(__file__).parent / "bundle_of_format_2.zip").read_bytes()
 

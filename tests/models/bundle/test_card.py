@@ -55,7 +55,7 @@ PROVENANCE = {"mlflow_run_id": "abc", "dataset": "dive@12", "missions": {"d": 99
 PROVENANCE |= {"label_counts": {"ocean": 900, "tower": 100}}
 
 
-def test_card_states_what_was_measured() -> None:
+def test_card_states_what_was_measured():
     card = model_card("tower/3", RECIPE, PROVENANCE)
     assert card.startswith("# tower/3\n")
     for line in (
@@ -99,7 +99,7 @@ def test_card_states_what_was_measured() -> None:
     assert len(card.splitlines()) < 100, "two pages"
 
 
-def test_a_recipe_of_version_1_has_a_card_too() -> None:
+def test_a_recipe_of_version_1_has_a_card_too():
     old = {key: value for key, value in RECIPE.items() if key != "operating_point"}
     frames = {"false_status": 3, "ocean_frames": 99, "false_status_frames": []}
     old["metrics"] = {**RECIPE["metrics"], "frames": frames}
@@ -109,6 +109,6 @@ def test_a_recipe_of_version_1_has_a_card_too() -> None:
     assert "| open-ocean frames with a false status | 3 of 99 |" in card
 
 
-def test_card_is_the_same_at_each_export() -> None:
+def test_card_is_the_same_at_each_export():
     first = model_card("tower/3", RECIPE, {"a": 1, "b": 2})
     assert first == model_card("tower/3", RECIPE, {"b": 2, "a": 1})

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,13 +10,7 @@ import pytest
 
 from tests.calls import refuses
 from tokt.features.frames.image_file import decode_image
-from tokt.models.bundle.bundle import (
-    Bundle,
-    BundleContent,
-    bundle_bytes,
-    bundle_from_bytes,
-    read_bundle,
-)
+from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes, read_bundle
 from tokt.models.bundle.override_obstacle_classes import override_obstacle_classes
 from tokt.models.operating_point import MofNRule
 from tokt.models.store.store import Store
@@ -44,7 +37,7 @@ def write_taxonomy(path: Path, **flags: bool) -> Path:
 
 
 @pytest.fixture(scope="module")
-def three(make_content: Callable[..., BundleContent]) -> Bundle:
+def three(make_content):
     content = replace(make_content(4, classes=THREE), metrics=METRICS)
     return bundle_from_bytes(bundle_bytes(content), "three")
 

@@ -155,8 +155,8 @@ def test_aliases_move(workspace, run_tokt):
     assert registry.find("tiny-lbp@challenger").version == "1"
     assert registry.find("tiny-lbp").version == "2"  # the newest
     listed = json.loads(run_tokt("models", "list", "--json", *where).out)["models"]
-    found = {item["version"]: item["aliases"] for item in listed}
-    assert found == {"2": ["champion"], "1": ["challenger"]}
+    found = [(item["version"], item["aliases"]) for item in listed]
+    assert found == [("2", ["champion"]), ("1", ["challenger"])]  # the newest first
 
 
 def _model_id(registry: Registry) -> str:

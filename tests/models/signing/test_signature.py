@@ -26,13 +26,7 @@ from tokt.models.bundle.bundle import (
     with_signature,
 )
 from tokt.models.bundle.signature import signature_from_bytes, signed_message
-from tokt.models.signing.keys import (
-    PublicKey,
-    SigningKey,
-    read_public_key,
-    read_signing_key,
-    write_key_pair,
-)
+from tokt.models.signing.keys import PublicKey, read_public_key, read_signing_key, write_key_pair
 from tokt.models.store.health import store_summary
 from tokt.models.store.last_good import load_running
 from tokt.models.store.store import Store
@@ -58,7 +52,7 @@ def with_member(bundle: Bundle, **edit: Any) -> bytes:
 
 
 @pytest.fixture
-def guarded(store: Store, keys: dict[str, SigningKey], signed: dict[str, Bundle]) -> Store:
+def guarded(store, keys, signed):
     """A store that trusts ``boat`` and runs ``a/1``."""
     store.trust(keys["boat"].public, "boat", "sea trial")
     store.deploy(signed["a"])
@@ -118,7 +112,7 @@ def test_the_signature_is_of_the_manifest_and_of_nothing_else(keys, signed):
         assert not key.signed(manifest, dataclasses.replace(signature, value=bytes(value)))
 
 
-def test_a_signature_of_format_1_is_accepted() -> None:
+def test_a_signature_of_format_1_is_accepted():
     found = signature_from_bytes(SIGNATURE_OF_FORMAT_1.encode(), "old")
     assert found.key_id == PublicKey(PUBLIC_KEY).id
     assert PublicKey(PUBLIC_KEY).signed(MANIFEST, found)
@@ -138,7 +132,7 @@ VALUE = json.loads(SIGNATURE_OF_FORMAT_1)
     + [json.dumps({**VALUE, "signature": VALUE["signature"].upper()})],
     ids=str.__len__,
 )
-def test_a_damaged_signature_is_refused(text: str, bundles: dict[str, Bundle]) -> None:
+def test_a_damaged_signature_is_refused(text, bundles):
     data = pack({**unpack(bundles["a"].data), "signature.json": text.encode("latin-1")})
     refuses(r"signature is (damaged|not of the algorithm)", bundle_from_bytes, data, "file")
 
@@ -151,7 +145,7 @@ NESTED = st.recursive(
 
 
 @given(st.binary(max_size=300) | NESTED.map(lambda value: json.dumps(value).encode()))
-def test_no_signature_member_makes_another_error(data: bytes) -> None:
+def test_no_signature_member_makes_another_error(data):
     refuses("", signature_from_bytes, data, "file")
 
 
@@ -201,7 +195,7 @@ def test_a_bundle_that_brings_its_own_key(guarded, bundles, keys):
     refused(guarded, signed.data, "does not trust")
 
 
-def test_a_downgrade_to_an_older_format(guarded: Store, signed: dict[str, Bundle]) -> None:
+def test_a_downgrade_to_an_older_format(guarded, signed):
     """Format 1 knows no operating point: the same weights would judge otherwise."""
     members = unpack(signed["b"].data)
     manifest = json.loads(members["manifest.json"])
@@ -216,25 +210,25 @@ def test_a_downgrade_to_an_older_format(guarded: Store, signed: dict[str, Bundle
 
 
 @pytest.mark.parametrize("digits", [0, 2, 64, 126, 130])
-def test_a_truncated_signature(guarded: Store, signed: dict[str, Bundle], digits: int) -> None:
+def test_a_truncated_signature(guarded, signed, digits):
     cut = (signed["b"].signature.value.hex() * 2)[:digits]
     unread(guarded, with_member(signed["b"], signature=cut), "signature is damaged")
 
 
 @pytest.mark.parametrize("name", ["none", "", "ED25519", "ed25519ph", "hmac", None, 0])
-def test_another_algorithm(signed: dict[str, Bundle], name: Any) -> None:
+def test_another_algorithm(signed, name):
     data = with_member(signed["b"], algorithm=name)
     refuses("not of the algorithm ed25519", bundle_from_bytes, data, "file")
 
 
-def test_a_newer_signature_format(signed: dict[str, Bundle]) -> None:
+def test_a_newer_signature_format(signed):
     members = unpack(signed["b"].data)
     value = {"format_version": 2, "of": "tomorrow"}
     data = pack({**members, "signature.json": json.dumps(value).encode()})
     refuses("update tokt on this machine", bundle_from_bytes, data, "file")
 
 
-def test_the_signature_stripped(guarded: Store, signed: dict[str, Bundle]) -> None:
+def test_the_signature_stripped(guarded, signed):
     members = unpack(signed["b"].data)
     del members["signature.json"]
     refused(guarded, pack(members), "not signed")
@@ -250,7 +244,7 @@ def test_two_signatures(guarded, bundles, keys):
         unread(guarded, data, "a member is in it twice")
 
 
-def test_archives_made_to_trip_the_reader(bundles: dict[str, Bundle]) -> None:
+def test_archives_made_to_trip_the_reader(bundles):
     """Read before any signature is: no other error, and no more memory than the file takes."""
     data = bundles["a"].data
     start = int.from_bytes(data[-6:-2], "little")  # of the directory, as its end says
@@ -323,6 +317,12 @@ def test_a_key_that_is_trusted_no_more(guarded, keys, signed, bundles):
     assert guarded.active().label == "c/3"
     event = guarded.trusted_keys().events[-1]
     assert (event.action, event.name, event.reason) == ("distrust", "boat", "laptop lost")
+
+
+def test_a_name_edited_by_hand_is_printable_in_what_distrusts_it(guarded, keys):
+    file = guarded.path / "keys.json"
+    file.write_text(file.read_text().replace('"boat"', r'"a\nb\u001b[2J"'))
+    assert guarded.distrust(keys["boat"].public.id).name == "a b?[2J"
 
 
 def test_the_last_key_distrusted_opens_nothing(guarded, keys, signed, bundles):
@@ -411,14 +411,38 @@ def test_a_lost_keys_file_does_not_open_the_store(guarded, keys, bundles):
     assert guarded.active().name == "a"
 
 
-KEYS_OF_FORMAT_1 = """{"format_version": 1, "events": [
-{"action": "trust", "key_id": "KEY_ID", "public_key": "PUBLIC_KEY", "name": "boat", \
-"time": "2026-02-01T08:00:00+00:00", "who": "chief", "reason": "b\\u00f8lge"},
-{"action": "accept unsigned", "key_id": "", "public_key": "", "name": "", \
-"time": "2026-02-01T09:00:00+00:00", "who": "chief", "reason": ""},
-{"action": "trust", "key_id": "KEY_ID", "public_key": "PUBLIC_KEY", "name": "boat", \
-"time": "2026-02-01T10:00:00+00:00", "who": "chief", "reason": ""}
-]}
+KEYS_OF_FORMAT_1 = """{
+  "format_version": 1,
+  "events": [
+    {
+      "action": "trust",
+      "key_id": "KEY_ID",
+      "public_key": "PUBLIC_KEY",
+      "name": "boat",
+      "time": "2026-02-01T08:00:00+00:00",
+      "who": "chief",
+      "reason": "b\\u00f8lge"
+    },
+    {
+      "action": "accept unsigned",
+      "key_id": "",
+      "public_key": "",
+      "name": "",
+      "time": "2026-02-01T09:00:00+00:00",
+      "who": "chief",
+      "reason": ""
+    },
+    {
+      "action": "trust",
+      "key_id": "KEY_ID",
+      "public_key": "PUBLIC_KEY",
+      "name": "boat",
+      "time": "2026-02-01T10:00:00+00:00",
+      "who": "chief",
+      "reason": ""
+    }
+  ]
+}
 """
 HISTORY_OF_FORMAT_2 = """\
 {"number": 1, "action": "deploy", "sha256": "SHA256", "name": "a", "version": "1", \
@@ -482,7 +506,7 @@ def test_without_cryptography_a_store_with_keys_refuses(guarded, signed, tmp_pat
 # --- key files
 
 
-def test_keygen_never_replaces_a_file(tmp_path: Path) -> None:
+def test_keygen_never_replaces_a_file(tmp_path):
     pair = write_key_pair(tmp_path / "k.key")
     assert [pair.private_file.name, pair.public_file.name] == ["k.key", "k.pub"]
     assert stat.S_IMODE(pair.private_file.stat().st_mode) == 0o600 and not pair.exposed
@@ -500,7 +524,7 @@ def test_keygen_never_replaces_a_file(tmp_path: Path) -> None:
     refuses("No such file", write_key_pair, tmp_path / "none" / "k")
 
 
-def test_a_key_with_a_passphrase(tmp_path: Path) -> None:
+def test_a_key_with_a_passphrase(tmp_path):
     pair = write_key_pair(tmp_path / "k", "bølge 7")
     assert b"ENCRYPTED" in pair.private_file.read_bytes()
     assert read_signing_key(pair.private_file, lambda: "bølge 7").public == pair.public
@@ -509,12 +533,12 @@ def test_a_key_with_a_passphrase(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("passphrase", ["x" * 5000, "\udcf8"])
-def test_a_passphrase_that_cannot_be_used(passphrase: str, tmp_path: Path) -> None:
+def test_a_passphrase_that_cannot_be_used(passphrase, tmp_path):
     refuses("this passphrase cannot be used", write_key_pair, tmp_path / "k", passphrase)
     assert not list(tmp_path.iterdir())
 
 
-def test_two_keys_in_a_file(key_files: dict[str, Path], tmp_path: Path) -> None:
+def test_two_keys_in_a_file(key_files, tmp_path):
     """Only the first would be trusted, without a word."""
     both = tmp_path / "both.pub"
     public = [file.with_suffix(".pub").read_bytes() for file in key_files.values()]
@@ -522,13 +546,13 @@ def test_two_keys_in_a_file(key_files: dict[str, Path], tmp_path: Path) -> None:
     refuses("more than one key", read_public_key, both)
 
 
-def test_a_key_s_file_named_in_another_encoding(store: Store, keys: dict[str, SigningKey]) -> None:
+def test_a_key_s_file_named_in_another_encoding(store, keys):
     store.trust(keys["boat"].public, "b\udcf8t", "b\udcf8lge")
     (event,) = store.trusted_keys().events
     assert (event.name, event.reason) == ("b?t", "b?lge")
 
 
-def test_files_that_are_no_keys(key_files: dict[str, Path], tmp_path: Path) -> None:
+def test_files_that_are_no_keys(key_files, tmp_path):
     private = key_files["boat"]
     refuses("this is a private key", read_public_key, private)
     refuses("not a private key", read_signing_key, private.with_suffix(".pub"), lambda: "")
@@ -549,7 +573,7 @@ def test_files_that_are_no_keys(key_files: dict[str, Path], tmp_path: Path) -> N
         refuses(r"not a public key|far too large", read_public_key, tmp_path / "junk")
 
 
-def test_the_format_1_bundle_can_be_signed(keys: dict[str, SigningKey], store: Store) -> None:
+def test_the_format_1_bundle_can_be_signed(keys, store):
     """A format older than the signature, with bytes that another tokt wrote."""
     data = (Path(__file__).parents[1] / "bundle" / "bundle_of_format_1.zip").read_bytes()
     bundle = keys["boat"].sign(bundle_from_bytes(data, "old"), "old")

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.calls import run_python
-from tokt.models.bundle.bundle import Bundle, read_bundle
+from tokt.models.bundle.bundle import read_bundle
 from tokt.models.signing.keys import read_public_key
 from tokt.models.store.health import store_findings
 from tokt.models.store.last_good import remember_good
@@ -23,7 +23,7 @@ SLIM = (
 
 
 @pytest.fixture
-def files(tmp_path: Path, bundles: dict[str, Bundle]) -> dict[str, Path]:
+def files(tmp_path, bundles):
     """Bundle files of the three models."""
     found = {name: tmp_path / f"{name}.tokt" for name in bundles}
     for name, file in found.items():

@@ -2,7 +2,6 @@
 
 import json
 import os
-from pathlib import Path
 
 import pytest
 
@@ -16,7 +15,7 @@ from tokt.models.store.store import Store
 
 
 @pytest.fixture
-def store(store: Store, bundles: dict[str, Bundle]) -> Store:
+def store(store, bundles):
     """One that went from ``a/1`` over ``b/2`` to ``c/3``, each of which a runtime has used."""
     for name in "abc":
         store.deploy(bundles[name])
@@ -36,7 +35,7 @@ def runs(store: Store) -> tuple[str, str]:
     return bundle.label, "\n".join(notes)
 
 
-def test_a_sound_store_runs_its_active_model_without_a_note(store: Store) -> None:
+def test_a_sound_store_runs_its_active_model_without_a_note(store):
     assert load_running(store)[1] == []
     assert runs(store) == ("c/3", "")
     store.last_good_file.write_bytes(b"damaged")
@@ -54,7 +53,7 @@ def test_a_damaged_active_bundle_runs_from_the_copy(store, bundles):
     assert store_summary(store)["starts_with"]["label"] == "c/3"
 
 
-def test_then_the_earlier_ones_newest_first(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_then_the_earlier_ones_newest_first(store, bundles):
     store.last_good_file.unlink()
     damage(store, bundles["c"])
     assert runs(store)[0] == "b/2"
@@ -72,7 +71,7 @@ def test_the_copy_of_what_ran_last_comes_before_what_never_ran(store, bundles):
     assert runs(store)[0] == "a/1"
 
 
-def test_a_damaged_copy_is_passed_over(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_a_damaged_copy_is_passed_over(store, bundles):
     damage(store, bundles["c"])
     whole = bundles["c"].data
     for data in (b"", whole[:-1], whole[:500] + b"\x00" + whole[501:], whole + b"x"):
@@ -100,7 +99,7 @@ def test_never_a_model_that_was_rolled_back_from(store, bundles, to):
     assert runs(store)[0] == "c/3", "a person took it again"
 
 
-def test_nor_one_that_an_undo_would_reach_again(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_nor_one_that_an_undo_would_reach_again(store, bundles):
     """a b c a, and back from a: a stands further down the stack as well."""
     store.deploy(bundles["a"])
     remember_good(store, bundles["a"])
@@ -114,7 +113,7 @@ def test_nor_one_that_an_undo_would_reach_again(store: Store, bundles: dict[str,
     assert "a/1" not in refuses("", load_running, store), "not even tried"
 
 
-def test_nor_one_left_by_a_jump(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_nor_one_left_by_a_jump(store, bundles):
     store.rollback(to="a/1")
     for name in "bc":
         remember_good(store, bundles[name])
@@ -162,7 +161,7 @@ def test_a_damaged_pointer_and_the_line_of_the_rollback_torn(store, bundles):
     refuses("history line 4 is damaged", load_running, store)
 
 
-def test_a_lost_pointer(store: Store) -> None:
+def test_a_lost_pointer(store):
     (store.path / "active").unlink()
     label, notes = runs(store)
     assert label == "c/3" and "the active pointer is gone" in notes
@@ -189,7 +188,7 @@ def test_what_a_damaged_history_does_not_say_is_not_taken(store, bundles):
     refuses("not one of the models to go back to", load_running, store)
 
 
-def test_a_history_whose_lines_are_out_of_order_is_not_gone_back_in(store: Store) -> None:
+def test_a_history_whose_lines_are_out_of_order_is_not_gone_back_in(store):
     history = store.path / "history.jsonl"
     lines = history.read_text().splitlines(keepends=True)
     history.write_text("".join(reversed(lines)))
@@ -199,7 +198,7 @@ def test_a_history_whose_lines_are_out_of_order_is_not_gone_back_in(store: Store
     assert store_summary(store)["starts_with"] is None
 
 
-def test_a_history_of_a_newer_tokt(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_a_history_of_a_newer_tokt(store, bundles):
     with (store.path / "history.jsonl").open("a") as handle:
         handle.write('{"format_version": 9}\n')
     damage(store, bundles["c"])
@@ -261,7 +260,7 @@ def test_a_process_checks_the_active_bundle(store, bundles, capsys):
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs a named pipe to hang on")
-def test_a_check_that_hangs_ends_itself(tmp_path: Path) -> None:
+def test_a_check_that_hangs_ends_itself(tmp_path):
     os.mkfifo(tmp_path / "active")
     program = """
 import faulthandler, runpy
@@ -274,11 +273,11 @@ runpy.run_module("tokt.models.store.check_active", run_name="__main__")
 
 
 @pytest.mark.parametrize("arguments", [(), ("none",), ("none", "more")])
-def test_nothing_to_check(arguments: tuple[str, ...], tmp_path: Path) -> None:
+def test_nothing_to_check(arguments, tmp_path):
     assert main([str(tmp_path / name) for name in arguments]) == 2
 
 
-def test_golden_false_leaves_out_nothing_else(bundles: dict[str, Bundle]) -> None:
+def test_golden_false_leaves_out_nothing_else(bundles):
     """Another model's golden values pass without their step; an edited byte does not."""
     members = unpack(bundles["a"].data)
     members["golden.npz"] = unpack(bundles["b"].data)["golden.npz"]

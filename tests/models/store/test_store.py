@@ -34,7 +34,7 @@ def check_consistent(store: Store) -> None:
     assert (active.sha256, active.label) == (history[-1].sha256, history[-1].label)
 
 
-def test_deploy_and_roll_back(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_deploy_and_roll_back(store, bundles):
     first = store.deploy(bundles["a"], " first\n sea trial ")
     assert (first.number, first.action, first.label) == (1, "deploy", "a/1")
     assert first.reason == "first sea trial"
@@ -49,7 +49,7 @@ def test_deploy_and_roll_back(store: Store, bundles: dict[str, Bundle]) -> None:
     check_consistent(store)
 
 
-def test_history_content(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_history_content(store, bundles):
     store.deploy(bundles["a"], "åpen\u2028line")
     store.deploy(bundles["c"])
     entries = Store(store.path).history()
@@ -106,7 +106,7 @@ def test_rollback_goes_to_what_was_active(store, bundles, steps, active):
 
 
 @pytest.mark.parametrize("steps", ["a", "a a", "a b <", "a b b <", "a b < a", "a b c < <"])
-def test_no_earlier_model(store: Store, bundles: dict[str, Bundle], steps: str) -> None:
+def test_no_earlier_model(store, bundles, steps):
     follow(store, bundles, steps)
     before = story(store)
     refuses("no earlier model", store.rollback)
@@ -114,7 +114,7 @@ def test_no_earlier_model(store: Store, bundles: dict[str, Bundle], steps: str) 
     check_consistent(store)
 
 
-def test_no_store_and_an_empty_one(store: Store) -> None:
+def test_no_store_and_an_empty_one(store):
     refuses("does not exist", store.active)
     for action in (lambda: store_summary(store), store.rollback):
         refuses(r"store .*store does not exist", action)
@@ -133,7 +133,7 @@ def test_no_store_and_an_empty_one(store: Store) -> None:
     refuses("no earlier model", store.rollback)
 
 
-def test_a_store_that_is_a_file(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_a_store_that_is_a_file(store, bundles):
     store.path.parent.mkdir()
     store.path.write_text("not a folder")
     for action in (store.active, store.active_entry, store.history, store.rollback):
@@ -162,7 +162,7 @@ def test_a_damaged_version_is_refused_and_made_good(store, bundles):
     check_consistent(store)
 
 
-def test_torn_last_line(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_torn_last_line(store, bundles):
     """Every length that a killed writer can leave of its line, and what power loss leaves."""
     follow(store, bundles, "a b")
     file = store.path / "history.jsonl"
@@ -185,7 +185,7 @@ def test_torn_last_line(store: Store, bundles: dict[str, Bundle]) -> None:
         (store.path / "active").write_text(json.dumps(json.loads(whole[start:])))
 
 
-def test_a_damaged_line_before_the_last(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_a_damaged_line_before_the_last(store, bundles):
     follow(store, bundles, "a b")
     file = store.path / "history.jsonl"
     lines = file.read_text().splitlines()
@@ -210,7 +210,7 @@ def test_a_damaged_line_before_the_last(store: Store, bundles: dict[str, Bundle]
     assert store.rollback().name == "b"
 
 
-def test_no_rollback_across_a_lost_line(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_no_rollback_across_a_lost_line(store, bundles):
     follow(store, bundles, "a b c")
     file = store.path / "history.jsonl"
     lines = file.read_bytes().splitlines(keepends=True)
@@ -222,7 +222,7 @@ def test_no_rollback_across_a_lost_line(store: Store, bundles: dict[str, Bundle]
     refuses("no earlier model", store.rollback)  # it was b, not a
 
 
-def test_nor_across_a_second_lost_line(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_nor_across_a_second_lost_line(store, bundles):
     """After the first one there are fewer lines than numbers were given."""
     follow(store, bundles, "a b c")
     file = store.path / "history.jsonl"
@@ -235,7 +235,7 @@ def test_nor_across_a_second_lost_line(store: Store, bundles: dict[str, Bundle])
     refuses("no earlier model", store.rollback)  # it was a, not c
 
 
-def test_history_lost(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_history_lost(store, bundles):
     store.deploy(bundles["a"])
     (store.path / "history.jsonl").unlink()
     check_consistent(store)
@@ -244,7 +244,7 @@ def test_history_lost(store: Store, bundles: dict[str, Bundle]) -> None:
     check_consistent(store)
 
 
-def test_interrupted_between_pointer_and_history(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_interrupted_between_pointer_and_history(store, bundles):
     store.deploy(bundles["a"])
     before = (store.path / "history.jsonl").read_bytes()
     store.deploy(bundles["b"])
@@ -279,7 +279,7 @@ ACTIVE |= {"time": "2026-01-01T00:00:00+00:00", "reason": "", "format_version": 
     + [json.dumps({**ACTIVE, "format_version": 0}), json.dumps({**ACTIVE, "sha256": "../../x"})],
     ids=lambda text: text[:40],
 )
-def test_damaged_pointer(store: Store, bundles: dict[str, Bundle], text: str) -> None:
+def test_damaged_pointer(store, bundles, text):
     store.path.mkdir(parents=True)
     (store.path / "active").write_text(text)
     for action in (store.active, store.history, store.rollback):
@@ -294,7 +294,7 @@ def test_damaged_pointer(store: Store, bundles: dict[str, Bundle], text: str) ->
     check_consistent(store)
 
 
-def test_a_damaged_pointer_costs_no_history(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_a_damaged_pointer_costs_no_history(store, bundles):
     follow(store, bundles, "a b")
     (store.path / "active").write_bytes(b"\xff\x00")
     found = store_summary(store)
@@ -307,7 +307,7 @@ def test_a_damaged_pointer_costs_no_history(store: Store, bundles: dict[str, Bun
     assert store.rollback().name == "b"
 
 
-def test_pointer_and_last_line_damaged(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_pointer_and_last_line_damaged(store, bundles):
     follow(store, bundles, "a b")
     for file in ("active", "history.jsonl"):
         whole = (store.path / file).read_bytes()
@@ -319,7 +319,7 @@ def test_pointer_and_last_line_damaged(store: Store, bundles: dict[str, Bundle])
     refuses("no earlier model", store.rollback)
 
 
-def test_pointer_that_is_not_text_or_not_a_file(store: Store) -> None:
+def test_pointer_that_is_not_text_or_not_a_file(store):
     store.path.mkdir(parents=True)
     (store.path / "active").write_bytes(b"\xff\xfe\x00")
     refuses("active pointer", store.active)
@@ -328,7 +328,7 @@ def test_pointer_that_is_not_text_or_not_a_file(store: Store) -> None:
     refuses("active pointer", store.active)
 
 
-def test_newer_format(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_newer_format(store, bundles):
     store.deploy(bundles["a"])
     newer = json.dumps({"format_version": 3, "who": {"knows": "what"}})
     history = (store.path / "history.jsonl").read_text()
@@ -346,23 +346,30 @@ def test_newer_format(store: Store, bundles: dict[str, Bundle]) -> None:
     assert not store.bundle_file(bundles["b"].sha256).exists()
 
 
-YESTERDAY_ACTIVE = """\
-{"number": 3, "action": "rollback", "sha256": "SHA_A", "name": "a", "version": "1", \
-"time": "2026-02-03T10:00:30+00:00", "who": "pilot", "reason": "false alarms over sand", \
-"format_version": 1}
+YESTERDAY_ACTIVE = """{
+  "number": 3,
+  "action": "rollback",
+  "sha256": "SHA_A",
+  "name": "a",
+  "version": "1",
+  "time": "2026-02-03T10:00:30+00:00",
+  "who": "pilot",
+  "reason": "false alarms over sand",
+  "format_version": 1
+}
 """
-YESTERDAY_HISTORY = (
-    """\
+YESTERDAY_HISTORY = """\
 {"number": 1, "action": "deploy", "sha256": "SHA_A", "name": "a", "version": "1", \
 "time": "2026-02-01T08:00:00+00:00", "who": "pilot", "reason": "", "format_version": 1}
 {"number": 2, "action": "deploy", "sha256": "SHA_B", "name": "b", "version": "2", \
 "time": "2026-02-03T09:59:00+00:00", "who": "chief", "reason": "b\\u00f8lge", "format_version": 1}
+{"number": 3, "action": "rollback", "sha256": "SHA_A", "name": "a", "version": "1", \
+"time": "2026-02-03T10:00:30+00:00", "who": "pilot", "reason": "false alarms over sand", \
+"format_version": 1}
 """
-    + YESTERDAY_ACTIVE
-)
 
 
-def test_a_store_of_format_1_loads(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_a_store_of_format_1_loads(store, bundles):
     for name in "ab":
         file = store.bundle_file(bundles[name].sha256)
         file.parent.mkdir(parents=True)
@@ -379,7 +386,7 @@ def test_a_store_of_format_1_loads(store: Store, bundles: dict[str, Bundle]) -> 
     check_consistent(store)
 
 
-def test_leftovers_go_with_the_next_activation(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_leftovers_go_with_the_next_activation(store, bundles):
     store.deploy(bundles["a"])
     folders = (store.path, store.bundle_file(bundles["a"].sha256).parent)
     for age in (0, 48 * 3600):
@@ -544,13 +551,13 @@ def test_a_reason_typed_in_another_encoding(store, bundles, monkeypatch):
     check_consistent(store)
 
 
-def test_a_folder_where_the_bundle_belongs(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_a_folder_where_the_bundle_belongs(store, bundles):
     store.bundle_file(bundles["a"].sha256).mkdir(parents=True)
     refuses("a folder is in its place", store.deploy, bundles["a"])
     assert store.active_entry() is None
 
 
-def test_half_a_surrogate_pair_is_a_damaged_entry(store: Store, bundles: dict[str, Bundle]) -> None:
+def test_half_a_surrogate_pair_is_a_damaged_entry(store, bundles):
     """It is JSON, yet `tokt store` could not print it."""
     store.deploy(next(iter(bundles.values())), "first")
     active = store.path / "active"

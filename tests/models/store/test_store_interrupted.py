@@ -10,7 +10,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -88,12 +88,12 @@ COMMANDS = ["deploy", "rollback", "trust", "distrust", "accept unsigned"]
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def place(tmp_path_factory):
     return tmp_path_factory.mktemp("interrupted")
 
 
 @pytest.fixture(scope="module")
-def run(place: Path, signed: dict[str, Bundle], key_files: dict[str, Path]) -> Iterator[Run]:
+def run(place, signed, key_files):
     """Run a command in the store, killed at a step if one is given; gives the exit code."""
     for name, bundle in signed.items():
         (place / f"{name}.tokt").write_bytes(bundle.data)
@@ -103,7 +103,7 @@ def run(place: Path, signed: dict[str, Bundle], key_files: dict[str, Path]) -> I
 
 
 @pytest.fixture
-def store(place: Path, signed: dict[str, Bundle], keys: dict[str, SigningKey]) -> Iterator[Store]:
+def store(place, signed, keys):
     """A store that went from ``a/1`` to ``b/2``, which is running."""
     store = Store(place / "store")
     for name in "ab":
@@ -161,7 +161,7 @@ def test_killed_at_every_step(store, keys, signed, run, place, name):
     assert step > 3 and False in seen
 
 
-def test_killed_during_the_very_first_deployment(store: Store, run: Run) -> None:
+def test_killed_during_the_very_first_deployment(store, run):
     for step in range(1, 60):
         shutil.rmtree(store.path)
         code = run("deploy", step)
@@ -210,7 +210,7 @@ def test_a_disk_that_fills_up_before_the_line_in_the_history(store, signed, monk
     assert store.path.joinpath("history.jsonl").read_bytes().count(b"\n") == 4
 
 
-def test_reading_writes_nothing(store: Store, signed: dict[str, Bundle]) -> None:
+def test_reading_writes_nothing(store, signed):
     """Neither a file nor a time stamp: a runtime works from a folder it may only read."""
     remember_good(store, signed["b"])
 

@@ -1,6 +1,5 @@
 """What the baselines' tests share: a rendered mission, and how well a mask fits the truth."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +35,7 @@ class Dive:
 
 
 @pytest.fixture(scope="session")
-def dive(tmp_path_factory: pytest.TempPathFactory) -> Dive:
+def dive(tmp_path_factory):
     """Twenty pairs 360 wide; not to be changed."""
     folder = tmp_path_factory.mktemp("baselines") / "dive"
     simulate_mission(folder, seed=1, n_frames=N_FRAMES, width=360, jobs=1)
@@ -55,14 +54,14 @@ def cut(picture: NDArray[np.uint8]) -> NDArray[np.int64]:
 
 
 @pytest.fixture(autouse=True)
-def cut_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def cut_once(monkeypatch):
     """Pictures that several tests cut into superpixels are cut once."""
     for module in (slic, lab_colour):
         monkeypatch.setattr(module, "superpixels", cut)
 
 
 @pytest.fixture(scope="session")
-def finds_tower(dive: Dive) -> Callable[[Any], bool]:
+def finds_tower(dive):
     """Whether a method's mask is on the tower, and empty where there is none."""
 
     def finds(method: Any) -> bool:

@@ -1,8 +1,5 @@
 """Left, centre and right of the disparity map."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -53,9 +50,7 @@ def pair_with(x: int, width: int, depth_m: float) -> tuple[NDArray[np.uint8], ND
         (250, 180, 8.0, 0, 0),  # in the centre, and far
     ],
 )
-def test_the_centre_decides_and_the_emptier_side_is_the_way(
-    x: int, width: int, depth_m: float, status: int, side: int
-) -> None:
+def test_the_centre_decides_and_the_emptier_side_is_the_way(x, width, depth_m, status, side):
     judged = Thirds(PLAIN).judge(*pair_with(x, width, depth_m), 0.0)
     assert judged.verdict.status == status
     assert np.sign(judged.verdict.x) == side
@@ -66,15 +61,13 @@ def test_the_centre_decides_and_the_emptier_side_is_the_way(
 @pytest.mark.parametrize(
     ("near_m", "blocked", "status"), [(4.0, 0.01, 0), (5.0, 0.01, 1), (5.0, 0.99, 0)]
 )
-def test_near_is_a_distance(
-    near_m: float, blocked: float, status: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_near_is_a_distance(near_m, blocked, status, monkeypatch):
     monkeypatch.setattr(mean_disparity, "NEAR_M", near_m)
     monkeypatch.setattr(mean_disparity, "BLOCKED", blocked)
     assert Thirds(PLAIN).judge(*pair_with(250, 180, 4.5), 0.0).verdict.status == status
 
 
-def test_one_frame_is_refused_and_a_wrong_pair_is_never_clear() -> None:
+def test_one_frame_is_refused_and_a_wrong_pair_is_never_clear():
     left, right = pair_with(250, 180, 3.0)
     with pytest.raises(ToktError, match="two cameras"):
         Thirds(PLAIN).judge(left, None, 0.0)
@@ -84,7 +77,7 @@ def test_one_frame_is_refused_and_a_wrong_pair_is_never_clear() -> None:
     assert unknown.verdict.health
 
 
-def test_rendered_tower(dive: Any, finds_tower: Callable[[Any], bool]) -> None:
+def test_rendered_tower(dive, finds_tower):
     calibration = load_calibration(dive.folder / "calibration.yml")
     assert finds_tower(Thirds(calibration))
     turned = Thirds(calibration)

@@ -1,6 +1,5 @@
 """The baselines on the real mission: water is water, and the tower is seen where they say."""
 
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -17,7 +16,7 @@ WATER, NEAR = 46, 178
 """Frames: open water, and the tower a few metres away and coming nearer."""
 
 
-def test_superpixels_and_growing_keypoints(mission_dir: Path) -> None:
+def test_superpixels_and_growing_keypoints(mission_dir):
     mission = open_mission(mission_dir)
     texture = SlicTexture.train(
         mission.read(1), rendered_other_image(), describe_lbp_10_5, "lbp_10_5"

@@ -1,7 +1,5 @@
 """Keypoints that grow."""
 
-from typing import Any
-
 import cv2
 import numpy as np
 import pytest
@@ -25,7 +23,7 @@ def seen_at(scale: float) -> NDArray[np.uint8]:
 
 
 @pytest.mark.parametrize("scale", [1.0, 1.2, 1.3, 1.5, 0.8])
-def test_how_much_larger_a_place_became(scale: float) -> None:
+def test_how_much_larger_a_place_became(scale):
     middle = np.array([(SIDE - 1) / 2] * 2)
     found = enlargement(seen_at(1.0), middle, seen_at(scale), middle, 25)
     assert found == pytest.approx(max(scale, 1.0))
@@ -39,17 +37,17 @@ def statuses(method: SizeChange, scales: list[float]) -> list[int]:
     ]
 
 
-def test_only_what_comes_nearer_is_an_obstacle() -> None:
+def test_only_what_comes_nearer_is_an_obstacle():
     assert statuses(SizeChange(back=1), [1.0, 1.3, 1.0]) == [-1, 1, 0]
 
 
-def test_frames_are_held_against_those_before() -> None:
+def test_frames_are_held_against_those_before():
     """By the third frame nothing grew since the second, but all of it since the first."""
     assert statuses(SizeChange(back=2), [1.0, 1.3, 1.3]) == [-1, -1, 1]
     assert statuses(SizeChange(back=1), [1.0, 1.3, 1.3]) == [-1, 1, 0]
 
 
-def test_time_to_contact_and_where() -> None:
+def test_time_to_contact_and_where():
     method = SizeChange(back=1)
     method.judge(seen_at(1.0), None, 10.0)
     judged = method.judge(seen_at(1.3), None, 12.0)
@@ -59,7 +57,7 @@ def test_time_to_contact_and_where() -> None:
     assert judged.mask.any()
 
 
-def test_rendered_approach_and_retreat(dive: Any) -> None:
+def test_rendered_approach_and_retreat(dive):
     method = SizeChange(back=1)
     found = {}
     for number in range(12, 18):

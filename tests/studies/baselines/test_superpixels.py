@@ -11,7 +11,6 @@ from skimage.segmentation import slic
 
 from tokt.features.common.errors import ToktError
 from tokt.studies.baselines import slic as slic_module
-from tokt.studies.baselines.baseline import Baseline
 from tokt.studies.baselines.lab_colour import LabColour, labelled_example
 from tokt.studies.baselines.slic import SlicTexture, outline_boxes, resized_bgr, superpixels
 from tokt.studies.baselines.thesis_models import thesis_classifier
@@ -28,7 +27,7 @@ def dark_noise() -> NDArray[np.uint8]:
     return np.random.default_rng(2).integers(3, 9, SMALL, np.uint8)
 
 
-def test_noise_of_a_dark_frame_draws_no_outlines() -> None:
+def test_noise_of_a_dark_frame_draws_no_outlines():
     """As in the library of the thesis's time; today's, left to itself, follows the noise."""
     flat = superpixels(np.full(SMALL, 6, np.uint8))
     assert (superpixels(dark_noise()) == flat).mean() > 0.95
@@ -36,7 +35,7 @@ def test_noise_of_a_dark_frame_draws_no_outlines() -> None:
     assert (today == flat).mean() < 0.8
 
 
-def test_outlines_follow_an_edge() -> None:
+def test_outlines_follow_an_edge():
     picture = np.full(SMALL, 20, np.uint8)
     picture[:, 67:] = 200
     cut = superpixels(picture, sigma_px=1.0)
@@ -55,7 +54,7 @@ class _Odd:
         return np.full(len(rows), self.asked % 2)
 
 
-def test_a_superpixel_is_judged_by_the_whole_rectangle_around_it() -> None:
+def test_a_superpixel_is_judged_by_the_whole_rectangle_around_it():
     frame = cv2.resize(rendered_other_image()[:271, :360], (360, 271))
     frame = np.dstack([frame, frame[::-1], frame[:, ::-1]])
     seen: list[NDArray[np.uint8]] = []
@@ -81,7 +80,7 @@ def test_a_superpixel_is_judged_by_the_whole_rectangle_around_it() -> None:
     assert (mask == expected).all()
 
 
-def test_training_widens_the_rectangles_as_the_program_did(monkeypatch: Any) -> None:
+def test_training_widens_the_rectangles_as_the_program_did(monkeypatch):
     sizes: list[tuple[int, ...]] = []
 
     def describe(patch: NDArray[np.uint8]) -> NDArray[np.float64]:
@@ -98,7 +97,7 @@ def test_training_widens_the_rectangles_as_the_program_did(monkeypatch: Any) -> 
     assert (24, 24) in sizes
 
 
-def test_a_rectangle_without_features_is_ocean() -> None:
+def test_a_rectangle_without_features_is_ocean():
     def nothing(patch: NDArray[np.uint8]) -> NDArray[np.float64]:
         return np.full(13, np.nan)
 
@@ -109,7 +108,7 @@ def test_a_rectangle_without_features_is_ocean() -> None:
         SlicTexture.train(frame, frame, nothing, "none")
 
 
-def test_the_classifier_is_fitted_as_the_grids() -> None:
+def test_the_classifier_is_fitted_as_the_grids():
     """By the dual problem, as the library of 2016 did: another solver gives other weights."""
     images = [np.random.default_rng(n).integers(0, 9 * n, SMALL, np.uint8) for n in (1, 2)]
     rows: list[NDArray[np.float64]] = []
@@ -130,16 +129,12 @@ def shuffled_lbp() -> Callable[[NDArray[np.uint8]], NDArray[np.float64]]:
 
 
 @pytest.mark.parametrize("describe", [describe_lbp_10_5, describe_haralick])
-def test_texture_of_superpixels_finds_the_tower(
-    dive: Any, finds_tower: Callable[[Baseline], bool], describe: Any
-) -> None:
+def test_texture_of_superpixels_finds_the_tower(dive, finds_tower, describe):
     method = SlicTexture.train(dive.left(1), rendered_other_image(), describe, "texture")
     assert finds_tower(method)
 
 
-def test_texture_with_shuffled_features_does_not(
-    dive: Any, finds_tower: Callable[[Baseline], bool]
-) -> None:
+def test_texture_with_shuffled_features_does_not(dive, finds_tower):
     broken = SlicTexture.train(dive.left(1), rendered_other_image(), shuffled_lbp(), "shuffled")
     assert not finds_tower(broken)
 
@@ -147,9 +142,7 @@ def test_texture_with_shuffled_features_does_not(
 LEARNT = (1, 12, 14)
 
 
-def test_colour_of_superpixels_finds_the_tower_only_if_truly_labelled(
-    dive: Any, finds_tower: Callable[[Baseline], bool]
-) -> None:
+def test_colour_of_superpixels_finds_the_tower_only_if_truly_labelled(dive, finds_tower):
     examples = [(dive.left(n), dive.tower(n).astype(np.int8)) for n in LEARNT]
     assert finds_tower(LabColour.train(examples))
     false = [(frame, truth[:, ::-1]) for frame, truth in examples]
@@ -157,7 +150,7 @@ def test_colour_of_superpixels_finds_the_tower_only_if_truly_labelled(
     assert not finds_tower(LabColour.train(false))
 
 
-def test_colour_learnt_from_two_images() -> None:
+def test_colour_learnt_from_two_images():
     blue, gray = np.zeros((68, 90, 3), np.uint8), np.full((68, 90, 3), 90, np.uint8)
     blue[:] = (60, 30, 15)
     method = LabColour.train_on_two(blue, gray)
@@ -171,7 +164,7 @@ def test_colour_learnt_from_two_images() -> None:
     assert judged.verdict.x < 0
 
 
-def test_colour_examples_that_teach_nothing_are_refused() -> None:
+def test_colour_examples_that_teach_nothing_are_refused():
     frame = np.full((271, 360, 3), 20, np.uint8)
     water = labelled_example(frame, np.zeros(GRID.n_patches, np.int8))
     unknown = labelled_example(frame, np.full(GRID.n_patches, -1, np.int8))

@@ -1,6 +1,6 @@
 """What the tests of tokt reproduce share: one small rendered mission, and coarse figures."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import BinaryIO
 
@@ -17,7 +17,7 @@ FRAMES = 16
 
 
 @pytest.fixture(scope="session")
-def reproduce_mission(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def reproduce_mission(tmp_path_factory):
     """A rendered mission with labels and calibration; not to be changed."""
     folder = tmp_path_factory.mktemp("reproduce") / "dive"
     simulate_mission(folder, seed=1, n_frames=FRAMES, width=360, jobs=1)
@@ -25,7 +25,7 @@ def reproduce_mission(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def context_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., StudyContext]:
+def context_of(tmp_path_factory):
     """A context of a mission, in one process and with two frames for slow methods.
 
     What is in `given`, by property, is not computed; the rest are options of the request.
@@ -44,13 +44,13 @@ def context_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., StudyC
 
 
 @pytest.fixture(scope="session")
-def reproduced(reproduce_mission: Path, context_of: Callable[..., StudyContext]) -> StudyContext:
+def reproduced(reproduce_mission, context_of):
     """The rendered mission's context; not to be changed."""
     return context_of(reproduce_mission)
 
 
 @pytest.fixture(autouse=True)
-def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+def coarse(monkeypatch):
     """Figures are drawn, coarsely: fine ones take most of the time of what makes them."""
 
     def save(figure: Figure, buffer: BinaryIO, **_: object) -> None:

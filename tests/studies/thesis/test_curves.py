@@ -1,9 +1,8 @@
 """Curves by frame: each method's own, ours held out, and what they are scored with."""
 
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -58,7 +57,7 @@ def judged_by_kernels(model: ThesisModel, frame: NDArray[np.uint8]) -> ThesisTex
 
 
 @pytest.fixture(scope="module")
-def judged(reproduced: StudyContext) -> list[Any]:
+def judged(reproduced):
     """Features and sizes of the frames on the way to the curves, which are made here."""
     kept: list[Any] = []
     own = mission_models.held_out_texture
@@ -77,11 +76,11 @@ def judged(reproduced: StudyContext) -> list[Any]:
 
 
 @pytest.fixture(scope="module")
-def curves(reproduced: StudyContext, judged: list[Any]) -> Curves:
+def curves(reproduced, judged):
     return reproduced.curves
 
 
-def test_each_curve_is_its_own_methods(reproduced: StudyContext, curves: Curves) -> None:
+def test_each_curve_is_its_own_methods(reproduced, curves):
     frame = reproduced.left(12)
     means = {}
     for name, model in reproduced.thesis.items():
@@ -92,15 +91,13 @@ def test_each_curve_is_its_own_methods(reproduced: StudyContext, curves: Curves)
     assert len(set(means.values())) == len(means), "curves of other methods would not be noticed"
 
 
-def test_what_was_learnt_from_is_not_scored(reproduced: StudyContext, curves: Curves) -> None:
+def test_what_was_learnt_from_is_not_scored(reproduced, curves):
     assert reproduced.ocean.frame == 1
     assert 1 not in curves.mean.index
     assert 1 not in reproduced.spread()
 
 
-def test_a_file_that_is_a_frame_is_not_scored(
-    reproduce_mission: Path, context_of: Callable[..., StudyContext], tmp_path: Path
-) -> None:
+def test_a_file_that_is_a_frame_is_not_scored(reproduce_mission, context_of, tmp_path):
     copy = tmp_path / "elsewhere.jpg"
     shutil.copy(reproduce_mission / "Left" / "sim_L_5.jpg", copy)
     context = context_of(reproduce_mission, ocean=copy)
@@ -108,14 +105,14 @@ def test_a_file_that_is_a_frame_is_not_scored(
     assert 1 in context.scored
 
 
-def test_slow_methods_judge_the_sample_alone(reproduced: StudyContext, curves: Curves) -> None:
+def test_slow_methods_judge_the_sample_alone(reproduced, curves):
     there = curves.mean["slic_lbp_10_5"].dropna().index.tolist()
     assert there == reproduced.spread()
     assert curves.methods["slic_lbp_10_5"].sampled
     assert "sample of 2 frames" in curves.methods["slic_lbp_10_5"].words
 
 
-def test_the_distance_is_the_scenes(reproduced: StudyContext, curves: Curves) -> None:
+def test_the_distance_is_the_scenes(reproduced, curves):
     truth = reproduced.mission.path / "depth" / "L_12.png"
     depth = cv2.imread(str(truth), cv2.IMREAD_UNCHANGED) / 1000.0
     found = curves.distance_m[12]
@@ -123,9 +120,7 @@ def test_the_distance_is_the_scenes(reproduced: StudyContext, curves: Curves) ->
     assert curves.status.loc[12, TOKT_STEREO] == 1
 
 
-def test_shuffled_features_lose(
-    reproduced: StudyContext, judged: list[Any], curves: Curves
-) -> None:
+def test_shuffled_features_lose(reproduced, judged, curves):
     found = pooled_score(curves.patches[TOKT_TEXTURE], reproduced.truths).f1
     rng = np.random.default_rng(1)
     features, sizes = judged
@@ -135,9 +130,7 @@ def test_shuffled_features_lose(
     assert (pooled_score(broken.patches, reproduced.truths).f1 or 0.0) < found / 2
 
 
-def test_no_model_judges_what_it_learnt_from(
-    reproduced: StudyContext, judged: list[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_model_judges_what_it_learnt_from(reproduced, judged, monkeypatch):
     number_of = {id(tables[0]): number for number, tables in judged[0].items()}
     datasets, learnt, checked = [], {}, []
     make, teach, values = (
@@ -168,7 +161,7 @@ def test_no_model_judges_what_it_learnt_from(
     assert sorted(checked) == reproduced.scored
 
 
-def test_a_frame_without_labels_is_judged_from_afar() -> None:
+def test_a_frame_without_labels_is_judged_from_afar():
     patches = pd.DataFrame({"frame": [1, 1, 20, 20, 40, 40, 60, 60]})
     dataset = type("D", (), {"patches": patches})()
     folds = [
@@ -180,9 +173,7 @@ def test_a_frame_without_labels_is_judged_from_afar() -> None:
     assert judges == {1: 0, 4: 0, 20: 1, 21: 1}
 
 
-def test_colours_never_learn_from_their_own_half(
-    reproduced: StudyContext, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_colours_never_learn_from_their_own_half(reproduced, monkeypatch):
     learnt: list[list[int]] = []
 
     def example(frame: Any, truth: Any) -> int:
@@ -204,12 +195,12 @@ def test_colours_never_learn_from_their_own_half(
         assert all(other // found.block_frames != number // found.block_frames for other in half)
 
 
-def test_frames_of_another_size_have_no_thesis_disparity(curves: Curves) -> None:
+def test_frames_of_another_size_have_no_thesis_disparity(curves):
     assert "disparity" not in curves.methods
     assert any("1360x1024" in why for why in curves.left_out)
 
 
-def test_thesis_disparity_judges_pairs_of_its_size(tmp_path: Path) -> None:
+def test_thesis_disparity_judges_pairs_of_its_size(tmp_path):
     width, height = THESIS_FRAME_SIZE
     rng = np.random.default_rng(1)
     coarse = rng.integers(0, 255, (height // 8, width // 8), np.uint8)
@@ -222,11 +213,8 @@ def test_thesis_disparity_judges_pairs_of_its_size(tmp_path: Path) -> None:
 
 
 def test_a_left_camera_alone_in_gray_without_labels(
-    reproduce_mission: Path,
-    context_of: Callable[..., StudyContext],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    reproduce_mission, context_of, tmp_path, monkeypatch
+):
     monkeypatch.setattr(curve_exhibit, "png_of", lambda figure: b"")
     monkeypatch.setattr(mission_models, "SLIC", ())
     (tmp_path / "gray").mkdir()
@@ -248,9 +236,7 @@ def test_a_left_camera_alone_in_gray_without_labels(
     assert len(exhibit.plots) >= 3
 
 
-def test_a_first_frame_that_cannot_be_read_is_passed_over(
-    reproduce_mission: Path, context_of: Callable[..., StudyContext], tmp_path: Path
-) -> None:
+def test_a_first_frame_that_cannot_be_read_is_passed_over(reproduce_mission, context_of, tmp_path):
     """Where any frame of the mission will do: its size, a model's golden frame."""
     (tmp_path / "1.jpg").write_bytes(b"no picture")
     shutil.copy(reproduce_mission / "Left" / "sim_L_12.jpg", tmp_path / "12.jpg")
@@ -261,9 +247,7 @@ def test_a_first_frame_that_cannot_be_read_is_passed_over(
         context_of(tmp_path).any_left()
 
 
-def test_one_frame_alone_needs_another_ocean_image(
-    reproduce_mission: Path, context_of: Callable[..., StudyContext], tmp_path: Path
-) -> None:
+def test_one_frame_alone_needs_another_ocean_image(reproduce_mission, context_of, tmp_path):
     (tmp_path / "one").mkdir()
     shutil.copy(reproduce_mission / "Left" / "sim_L_12.jpg", tmp_path / "one" / "12.jpg")
     with pytest.raises(ToktError, match=r"one frame.*--ocean"):
@@ -276,7 +260,7 @@ def test_one_frame_alone_needs_another_ocean_image(
     assert found.status["haralick"] == 1
 
 
-def test_the_exhibit_tells_of_each_method(reproduced: StudyContext, curves: Curves) -> None:
+def test_the_exhibit_tells_of_each_method(reproduced, curves):
     exhibit = curve_figures(reproduced)
     assert not any(".." in words for words in exhibit.words)
     for name, model in reproduced.thesis.items():
@@ -302,11 +286,7 @@ def made_up(means: dict[str, list[float]], distance: list[float] | None = None) 
     return Curves(mean, status, methods, {}, near)
 
 
-def test_scores_count_what_the_labels_say(
-    context_of: Callable[..., StudyContext],
-    reproduce_mission: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_scores_count_what_the_labels_say(context_of, reproduce_mission, monkeypatch):
     monkeypatch.setattr(curve_exhibit, "png_of", lambda figure: b"")
     never, always, right = ([0.0] * 16, [9.0] * 16, [0.0] * 7 + [9.0] * 9)
     given = made_up({"never": never, "always": always, "right": right})
@@ -322,7 +302,7 @@ def test_scores_count_what_the_labels_say(
     assert "1 of 3" in claim.found and "ALWAYS" in claim.why and "RIGHT" not in claim.why
 
 
-def test_nearness_follows_the_distance_and_not_another_order() -> None:
+def test_nearness_follows_the_distance_and_not_another_order():
     distance = [9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 2.5, 5.5]
     follows = [1 / d for d in distance]
     curves = made_up({"follows": follows, "against": distance, "flat": [1.0] * 10}, distance)
@@ -335,13 +315,11 @@ def test_nearness_follows_the_distance_and_not_another_order() -> None:
     ("ranks", "agreement"),
     [((0.99, 0.95), "YES"), ((0.99, 0.9), "PARTLY"), ((0.99, 0.5), "NO"), ((-0.99,), "NO")],
 )
-def test_the_worst_correlation_decides(ranks: tuple[float, ...], agreement: str) -> None:
+def test_the_worst_correlation_decides(ranks, agreement):
     assert agreement_with_distance(ranks) is ClaimAgreement[agreement]
 
 
-def test_a_model_that_learnt_from_any_frame_is_told(
-    reproduced: StudyContext, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_model_that_learnt_from_any_frame_is_told(reproduced, monkeypatch):
     """From one that is not in the sample, too; and one that says nothing is not held out."""
     number = 9
     assert number not in reproduced.spread()
@@ -357,6 +335,6 @@ def test_a_model_that_learnt_from_any_frame_is_told(
         assert words in _model_method(reproduced).words
 
 
-def test_highest_is_where_the_curves_are_high_together() -> None:
+def test_highest_is_where_the_curves_are_high_together():
     curves = made_up({"one": [0, 2, 8, 1], "two": [0.0, 0.2, 0.1, 0.0], "zero": [0.0] * 4})
     assert curves.highest() == 3

@@ -3,8 +3,6 @@
 import json
 import re
 import shutil
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -54,9 +52,7 @@ PLANNED = (
 
 
 @pytest.fixture(scope="module")
-def reproduced_files(
-    reproduce_mission: Path, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[Path, dict[str, Any]]:
+def reproduced_files(reproduce_mission, tmp_path_factory):
     out = tmp_path_factory.mktemp("files") / "deep" / "out"
     request = ReproduceRequest(reproduce_mission, out, sample=2, jobs=1)
     lines: list[str] = []
@@ -65,7 +61,7 @@ def reproduced_files(
     return out, found
 
 
-def test_everything_is_written(reproduced_files: tuple[Path, dict[str, Any]]) -> None:
+def test_everything_is_written(reproduced_files):
     out, found = reproduced_files
     names = sorted(str(path.relative_to(out)) for path in out.rglob("*") if path.is_file())
     assert names == ["counted/dots.png", "counted/halves.csv", "report.html", "results.json"]
@@ -75,7 +71,7 @@ def test_everything_is_written(reproduced_files: tuple[Path, dict[str, Any]]) ->
     assert json.loads((out / "results.json").read_text("utf-8")) == found
 
 
-def test_results_have_what_was_found(reproduced_files: tuple[Path, dict[str, Any]]) -> None:
+def test_results_have_what_was_found(reproduced_files):
     _, found = reproduced_files
     assert found["format"] == 1
     assert found["mission"] == {"name": "dive", "frames": 16, "pairs": 16}
@@ -88,7 +84,7 @@ def test_results_have_what_was_found(reproduced_files: tuple[Path, dict[str, Any
     assert any("the mission's frame 1" in line for line in found["about"])
 
 
-def test_the_report_needs_no_other_file(reproduced_files: tuple[Path, dict[str, Any]]) -> None:
+def test_the_report_needs_no_other_file(reproduced_files):
     text = (reproduced_files[0] / "report.html").read_text("utf-8")
     links = re.findall(r'\b(?:href|src)="([^"]*)"', text)
     outside = [link for link in links if not link.startswith(("#", "data:"))]
@@ -101,9 +97,7 @@ def test_the_report_needs_no_other_file(reproduced_files: tuple[Path, dict[str, 
     assert re.search(r'class="partly">agrees in part</td><td>as counted', text)
 
 
-def test_a_run_that_fails_late_leaves_no_results(
-    reproduce_mission: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_that_fails_late_leaves_no_results(reproduce_mission, tmp_path, monkeypatch):
     (tmp_path / "results.json").write_text("{}", "utf-8")
 
     def full(*given: Any) -> None:
@@ -116,7 +110,7 @@ def test_a_run_that_fails_late_leaves_no_results(
     assert not (tmp_path / "results.json").exists()
 
 
-def test_every_exhibit_of_the_task_is_planned() -> None:
+def test_every_exhibit_of_the_task_is_planned():
     sections = " ".join(planned.section for planned in EXHIBITS).lower()
     for figure in ("3.8", "3.10", "3.11", "3.12", "3.16", "3.19", "3.17", "3.20", "3.22", "3.24",
                    "5.1", "5.3", "5.5", "5.6", "5.8", "6.1", "tables 5.1 to 5.4"):  # fmt: skip
@@ -124,21 +118,19 @@ def test_every_exhibit_of_the_task_is_planned() -> None:
     assert len({planned.key for planned in EXHIBITS}) == len(EXHIBITS)
 
 
-def test_a_page_that_cannot_be_made_costs_only_itself(tmp_path: Path) -> None:
+def test_a_page_that_cannot_be_made_costs_only_itself(tmp_path):
     lines: list[str] = []
     run._write_page({"mission": {}, "about": [], "exhibits": []}, tmp_path, lines.append)
     assert len(lines) == 1 and lines[0].startswith("no thesis.md: ")
     assert not (tmp_path / "thesis.md").exists()
 
 
-def test_values_become_plain() -> None:
+def test_values_become_plain():
     values = [pd.NA, float("nan"), True, pd.Series([3]).iloc[0], 0.5, "x"]
     assert [plain(value) for value in values] == [None, None, True, 3, 0.5, "x"]
 
 
-def test_mistakes_are_one_line(
-    reproduce_mission: Path, tmp_path: Path, run_tokt: Callable[..., Any]
-) -> None:
+def test_mistakes_are_one_line(reproduce_mission, tmp_path, run_tokt):
     (tmp_path / "one").mkdir()
     shutil.copy(reproduce_mission / "Left" / "sim_L_2.jpg", tmp_path / "one" / "2.jpg")
     (tmp_path / "file").write_text("", "utf-8")
@@ -164,12 +156,7 @@ def test_mistakes_are_one_line(
         assert not list(tmp_path.rglob("results.json"))
 
 
-def test_json_is_one_object(
-    reproduce_mission: Path,
-    tmp_path: Path,
-    run_tokt: Callable[..., Any],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_json_is_one_object(reproduce_mission, tmp_path, run_tokt, monkeypatch):
     asked: list[ReproduceRequest] = []
 
     def fake(request: ReproduceRequest, say: Any, progress: Any) -> dict[str, Any]:

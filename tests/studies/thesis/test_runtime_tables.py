@@ -47,7 +47,7 @@ def same(one: Any, other: Any) -> bool:
     )
 
 
-def test_stages_add_up_to_the_thesiss_verdict(reproduced: StudyContext) -> None:
+def test_stages_add_up_to_the_thesiss_verdict(reproduced):
     item, frame = encoded(reproduced, 12), reproduced.left(12)
     for model in reproduced.thesis.values():
         laps = Laps()
@@ -59,7 +59,7 @@ def test_stages_add_up_to_the_thesiss_verdict(reproduced: StudyContext) -> None:
         assert used == {"decode", "resize", "features", "predict", REST}
 
 
-def test_stages_of_slic_add_up_to_its_verdict(reproduced: StudyContext) -> None:
+def test_stages_of_slic_add_up_to_its_verdict(reproduced):
     slic = reproduced.superpixel_methods.textures[0]
     laps = Laps()
     method = slic_texture(slic, "LBP")
@@ -70,7 +70,7 @@ def test_stages_of_slic_add_up_to_its_verdict(reproduced: StudyContext) -> None:
         assert laps.seconds[stage] > 0, stage
 
 
-def test_ours_are_timed_as_the_runtime_judges(reproduced: StudyContext) -> None:
+def test_ours_are_timed_as_the_runtime_judges(reproduced):
     bundle = reproduced.tokt_model[0]
     item, left = encoded(reproduced, 12), reproduced.left(12)
     texture = tokt_texture(bundle.extractor, bundle.model).run(item, Laps())
@@ -86,7 +86,7 @@ def test_ours_are_timed_as_the_runtime_judges(reproduced: StudyContext) -> None:
     assert laps.seconds["undistort"] > 0 and laps.seconds["match"] > 0
 
 
-def test_what_takes_longer_shows_in_its_own_row_and_stage(reproduced: StudyContext) -> None:
+def test_what_takes_longer_shows_in_its_own_row_and_stage(reproduced):
     model = reproduced.thesis["lbp_10_5"]
 
     def busy(patch: NDArray[np.uint8]) -> NDArray[np.float64]:
@@ -107,7 +107,7 @@ def test_what_takes_longer_shows_in_its_own_row_and_stage(reproduced: StudyConte
     assert found.method.key == "slow"
 
 
-def test_what_is_inside_a_stage_is_not_counted_twice() -> None:
+def test_what_is_inside_a_stage_is_not_counted_twice():
     def busy() -> None:
         end = time.thread_time() + 0.01
         while time.thread_time() < end:
@@ -140,7 +140,7 @@ def claims_of(found: dict[str, StageTimes]) -> dict[str, Any]:
     return {claim.what.split()[0]: claim for claim in runtime_tables._claims(found)}
 
 
-def test_ratios_are_judged_against_the_printed_ones() -> None:
+def test_ratios_are_judged_against_the_printed_ones():
     ratios = {"slic_lbp_10_5": 19.7, "slic_haralick": 3.0, "lbp_10_5": 1.0, "haralick": 1.726}
     claims = claims_of(made_up({**ratios, "disparity": 1.19}))
     assert {claim.agreement for claim in claims.values()} == {ClaimAgreement.YES}
@@ -156,13 +156,11 @@ def test_ratios_are_judged_against_the_printed_ones() -> None:
     ("ratio", "agreement"),
     [(1.0, "YES"), (1.24, "YES"), (0.81, "YES"), (1.9, "PARTLY"), (0.51, "PARTLY"), (2.1, "NO")],
 )
-def test_agreement(ratio: float, agreement: str) -> None:
+def test_agreement(ratio, agreement):
     assert agreement_of(ratio * 1.19, 1.19) is ClaimAgreement[agreement]
 
 
-def test_the_exhibit_has_each_methods_profile(
-    reproduced: StudyContext, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_exhibit_has_each_methods_profile(reproduced, monkeypatch):
     def timed(methods: list[TimedMethod], frames: Any, progress: Any) -> list[StageTimes]:
         rows = made_up({method.key: 1.0 + at for at, method in enumerate(methods)})
         verdicts = tuple(judge_image(reproduced.tokt_model[0], reproduced.left(12)).verdict

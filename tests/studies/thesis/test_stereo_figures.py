@@ -1,6 +1,5 @@
 """Figures 3.8 to 3.10, 5.1, 6.1 and the trend: on a rendered dive, and with each method broken."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -29,7 +28,7 @@ from tokt.studies.thesis.exhibits import (
     trend_figure,
 )
 from tokt.studies.thesis.exhibits.disparity_figures import KINDS, OWN, exchange
-from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, Exhibit, StudyContext
+from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, Exhibit
 from tokt.studies.thesis.exhibits.synchrony_figure import Rows, offset_of
 from tokt.studies.thesis.exhibits.trend_figure import (
     contact_ratios,
@@ -68,7 +67,7 @@ class Dive:
 
 
 @pytest.fixture(scope="session")
-def dive(tmp_path_factory: pytest.TempPathFactory) -> Dive:
+def dive(tmp_path_factory):
     """Open water, a row of successive frames of the tower, and one from elsewhere."""
     folder = tmp_path_factory.mktemp("stereo-figures") / "dive"
     for side in ("Left", "Right"):
@@ -95,13 +94,13 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Dive:
 
 
 @pytest.fixture
-def context(dive: Dive, context_of: Callable[..., StudyContext]) -> StudyContext:
+def context(dive, context_of):
     """The dive's context, one for each test."""
     return context_of(dive.path)
 
 
 @pytest.fixture
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
+def few(monkeypatch):
     """Fewer frames than on a whole mission."""
     for name, count in (("EXCHANGED_FRAMES", 2), ("MATCHED_FRAMES", 1), ("OPEN_FRAMES", 1)):
         monkeypatch.setattr(disparity_figures, name, count)
@@ -111,9 +110,7 @@ def agreement_of(exhibit: Exhibit, what: str) -> ClaimAgreement:
     return next(claim.agreement for claim in exhibit.claims if claim.what == what)
 
 
-def test_disparity_needs_both_pictures_and_the_thesis_s_does_not(
-    context: StudyContext, dive: Dive, few: None
-) -> None:
+def test_disparity_needs_both_pictures_and_the_thesis_s_does_not(context, dive, few):
     found = disparity_figures.disparity_figures(context)
     numbers = found.numbers
     # A rendered tower is more like itself upside down than the real one is.
@@ -131,9 +128,7 @@ def test_disparity_needs_both_pictures_and_the_thesis_s_does_not(
     assert all(plot.png.startswith(b"\x89PNG") for plot in found.plots)
 
 
-def test_right_frames_that_are_wrong_from_the_start_are_no_stereo(
-    context: StudyContext, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_right_frames_that_are_wrong_from_the_start_are_no_stereo(context, monkeypatch):
     upright = context.right
     monkeypatch.setattr(context, "right", lambda number: upright(number)[::-1].copy())
     monkeypatch.setattr(disparity_figures, "disparity_map", lambda left, right: left[..., 0])
@@ -142,9 +137,7 @@ def test_right_frames_that_are_wrong_from_the_start_are_no_stereo(
     assert rows[rows.right == OWN].ours_matched.max() < 0.0125
 
 
-def test_a_map_that_hangs_on_the_right_frame_is_told_as_one(
-    context: StudyContext, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_map_that_hangs_on_the_right_frame_is_told_as_one(context, monkeypatch):
     def both(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.uint8]:
         return np.where(right[..., 1] > np.median(right), 200, 0).astype(np.uint8)
 
@@ -154,7 +147,7 @@ def test_a_map_that_hangs_on_the_right_frame_is_told_as_one(
     assert ((rows.thesis_changed > 0.05) == (rows.right != OWN)).all()
 
 
-def test_margin_and_cloud_of_a_map() -> None:
+def test_margin_and_cloud_of_a_map():
     stretched = np.zeros((1024, 1360), np.uint8)
     stretched[:, 1250:1260] = 255
     stretched[100:110, 700:710] = 57
@@ -167,7 +160,7 @@ def test_margin_and_cloud_of_a_map() -> None:
     assert set(np.round(points[:, 2], 4)) == {-1.0, -round(57 / 255, 4)}
 
 
-def test_without_a_calibration_it_is_said_what_is_missing(context: StudyContext) -> None:
+def test_without_a_calibration_it_is_said_what_is_missing(context):
     context.__dict__["_cameras"] = (None, "none was given")
     for make in (
         disparity_figures.disparity_figures,
@@ -178,7 +171,7 @@ def test_without_a_calibration_it_is_said_what_is_missing(context: StudyContext)
             make(context)
 
 
-def test_cameras_are_synchronous_and_a_late_one_is_late(context: StudyContext) -> None:
+def test_cameras_are_synchronous_and_a_late_one_is_late(context):
     found = synchrony_figure.synchrony_figure(context)
     numbers = found.numbers
     # Its picture moves by ten rows a frame, the sea trial's by seventy.
@@ -201,7 +194,7 @@ def rows_moved_by(offset: float, seed: int = 3) -> Rows:
 
 
 @pytest.mark.parametrize("true", [-1.0, -0.2, 0.0, 0.5])
-def test_an_offset_is_measured_and_one_that_is_large_is_told(true: float) -> None:
+def test_an_offset_is_measured_and_one_that_is_large_is_told(true):
     found = offset_of(rows_moved_by(true))
     assert abs(found.frames - true) < max(2 * found.half_width, 0.01) < 0.05
     control = replace(found, frames=found.frames + 1)
@@ -210,7 +203,7 @@ def test_an_offset_is_measured_and_one_that_is_large_is_told(true: float) -> Non
     assert synchrony_figure.claim_of(pair).agreement is wanted
 
 
-def test_right_rows_of_other_frames_tell_no_offset() -> None:
+def test_right_rows_of_other_frames_tell_no_offset():
     rows = rows_moved_by(0.0)
     mixed = rows._replace(right=np.random.default_rng(2).permutation(rows.right))
     found = offset_of(mixed)
@@ -220,9 +213,7 @@ def test_right_rows_of_other_frames_tell_no_offset() -> None:
         offset_of(rows.only(rows.frame < 3))
 
 
-def test_superpixels_and_grid_see_the_same_with_one_classifier(
-    context: StudyContext, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_superpixels_and_grid_see_the_same_with_one_classifier(context, monkeypatch):
     monkeypatch.setattr(superpixel_figure, "SLIC", ("lbp_10_5",))
     model = thesis_model("lbp_10_5", context.ocean, context.other)
     slic = SlicTexture.train(context.ocean.image, context.other.image, model.describe, model.name)
@@ -245,7 +236,7 @@ def test_superpixels_and_grid_see_the_same_with_one_classifier(
 @pytest.mark.parametrize(
     ("ratio", "agreement"), [(18.0, "YES"), (12.0, "PARTLY"), (2.7, "NO"), (0.9, "NO")]
 )
-def test_superpixels_are_as_much_slower_as_printed_or_not(ratio: float, agreement: str) -> None:
+def test_superpixels_are_as_much_slower_as_printed_or_not(ratio, agreement):
     summaries = {name: {"slic_over_grid": ratio} for name in superpixel_figure.SLIC}
     claim = superpixel_figure._time_claim(summaries)
     assert claim.agreement is ClaimAgreement[agreement]
@@ -280,7 +271,7 @@ def means(depth_m: dict[int, float], power: float = -2.0) -> pd.DataFrame:
     return pd.DataFrame({"mean": 20 * (depth / 5) ** power, "whole": True}).rename_axis("frame")
 
 
-def test_a_thing_wholly_in_view_has_the_depth_s_trend_and_time() -> None:
+def test_a_thing_wholly_in_view_has_the_depth_s_trend_and_time():
     depth = approach()
     held = trend_against_depth(means(depth), depth, STEP_S)
     found = score(held)
@@ -290,7 +281,7 @@ def test_a_thing_wholly_in_view_has_the_depth_s_trend_and_time() -> None:
     assert contact_ratios(held).median() == pytest.approx(1, abs=0.05)
 
 
-def test_means_of_patches_are_of_judged_frames_and_whole_inside_the_picture() -> None:
+def test_means_of_patches_are_of_judged_frames_and_whole_inside_the_picture():
     inside, cut = np.zeros((2, 10, 10), bool)
     inside[4:6, 4:6] = cut[4:6, :2] = True
     patches = {1: inside.ravel(), 2: cut.ravel(), 3: inside.ravel()}
@@ -303,7 +294,7 @@ def test_means_of_patches_are_of_judged_frames_and_whole_inside_the_picture() ->
     assert seen["whole"].tolist() == [True, False, False, False]
 
 
-def test_a_turned_sign_and_shuffled_depths_are_found_out() -> None:
+def test_a_turned_sign_and_shuffled_depths_are_found_out():
     depth = approach()
     turned = score(trend_against_depth(means(depth, 2.0), depth, STEP_S))
     assert turned["sign_agreement"] == 0 and turned["missed_approach"] > 10
@@ -315,7 +306,7 @@ def test_a_turned_sign_and_shuffled_depths_are_found_out() -> None:
     assert abs(shuffled["rank_correlation"] or 0) < 0.5
 
 
-def test_how_the_depth_changes() -> None:
+def test_how_the_depth_changes():
     t = np.arange(12) * STEP_S
     for speed, trend in ((-0.5, GROWING), (0.5, SHRINKING), (0.02, STEADY)):
         found = depth_trend(t, 5 + speed * (t - t[-1]))
@@ -326,7 +317,7 @@ def test_how_the_depth_changes() -> None:
     assert depth_trend(t[-3:], np.full(3, 5.0)) is None
 
 
-def test_stereo_gives_the_true_depths_to_hold_against(context: StudyContext, dive: Dive) -> None:
+def test_stereo_gives_the_true_depths_to_hold_against(context, dive):
     assert context.calibration is not None
     frames = [OPEN[0], *ROW[:3]]
     seen, depth = means_of_stereo(context, context.calibration, frames)
@@ -336,7 +327,7 @@ def test_stereo_gives_the_true_depths_to_hold_against(context: StudyContext, div
 
 
 @pytest.fixture
-def followed(context: StudyContext, monkeypatch: pytest.MonkeyPatch) -> Callable[[float], Exhibit]:
+def followed(context, monkeypatch):
     """The trend's exhibit of a dive whose mean goes with a power of the depth."""
     depth = approach()
 
@@ -353,9 +344,7 @@ def followed(context: StudyContext, monkeypatch: pytest.MonkeyPatch) -> Callable
     return make
 
 
-def test_the_trend_s_exhibit(
-    followed: Callable[[float], Exhibit], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_trend_s_exhibit(followed, monkeypatch):
     what = "a growing mean is a thing that comes nearer"
     found = followed(-2.0)
     assert found.numbers["disparity_sign_agreement"] == 1
@@ -371,7 +360,7 @@ def test_the_trend_s_exhibit(
     assert agreement_of(turned, "the mean value is a relative distance") is ClaimAgreement.NO
 
 
-def test_what_leaves_the_picture_has_no_time_to_contact() -> None:
+def test_what_leaves_the_picture_has_no_time_to_contact():
     depth = approach()
     held = trend_against_depth(means(depth).assign(whole=False), depth, STEP_S)
     assert contact_ratios(held).empty

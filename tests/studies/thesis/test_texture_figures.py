@@ -67,7 +67,7 @@ def _curves(context: StudyContext) -> Curves:
 
 
 @pytest.fixture(scope="session")
-def context(reproduced: StudyContext, context_of: Callable[..., StudyContext]) -> StudyContext:
+def context(reproduced, context_of):
     """What the exhibits share, with the thesis's models' judgements put in; not to be changed."""
     made = context_of(reproduced.mission.path)
     made.__dict__["curves"] = _curves(made)
@@ -75,25 +75,25 @@ def context(reproduced: StudyContext, context_of: Callable[..., StudyContext]) -
 
 
 @pytest.fixture(autouse=True)
-def undrawn(coarse: None, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+def undrawn(coarse, request, monkeypatch):
     """Figures are put together, but not even coarsely drawn where a test does not ask for it."""
     if "drawn" not in request.fixturenames:
         monkeypatch.setattr(Figure, "savefig", lambda figure, buffer, **_: buffer.write(b"none"))
 
 
 @pytest.fixture
-def drawn() -> None:
+def drawn():
     """Figures are drawn, coarsely."""
 
 
 @pytest.fixture(scope="session")
-def dark_scene() -> DarkScene:
+def dark_scene():
     """The scene of the rendered dark picture."""
     return DarkScene(WIDTH)
 
 
 @pytest.fixture(scope="session")
-def dark_pair(dark_scene: DarkScene) -> DarkPicture:
+def dark_pair(dark_scene):
     """A rendered pair in half the light."""
     return dark_scene.at(0.5)
 
@@ -125,7 +125,7 @@ class TopHalf:
         return BaselineResult(verdict_from_mask(mask, self.name), mask)
 
 
-def test_bins_are_flat_edge_and_corner_as_in_scikit_images_example() -> None:
+def test_bins_are_flat_edge_and_corner_as_in_scikit_images_example():
     """P = 24: two points of the circle around none, a quarter, half, three quarters and all."""
     kinds = bin_kinds(24)
     assert len(kinds) == 26
@@ -138,7 +138,7 @@ def test_bins_are_flat_edge_and_corner_as_in_scikit_images_example() -> None:
     assert [str(kind) for kind in bin_kinds(10)].count("between") == 4
 
 
-def test_distances_of_histograms() -> None:
+def test_distances_of_histograms():
     """0 between equal ones, 1 between those that share no bin, and what lies between."""
     left, right = np.array([[1.0, 0, 0]]), np.array([[0, 0.5, 0.5]])
     assert hellinger(left, left)[0, 0] == 0
@@ -153,7 +153,7 @@ def test_distances_of_histograms() -> None:
     assert confused(mixed, apart[1]) == pytest.approx(1 / 11)
 
 
-def test_scores_of_patches_leave_out_what_is_not_sure() -> None:
+def test_scores_of_patches_leave_out_what_is_not_sure():
     """Precision, recall, F1 and IoU of counts; undefined is not zero."""
     truth = np.array([1, 1, 0, 0, -1], np.int8)
     score = score_patches(np.array([1, 0, 1, 0, 0], bool), truth)
@@ -164,7 +164,7 @@ def test_scores_of_patches_leave_out_what_is_not_sure() -> None:
     assert (nothing.precision, nothing.recall, nothing.f1, nothing.iou) == (None,) * 4
 
 
-def test_a_mask_says_obstacle_from_a_tenth_of_a_patch_on() -> None:
+def test_a_mask_says_obstacle_from_a_tenth_of_a_patch_on():
     """Patches are 36x27: 97.2 pixels are a tenth; less is not scored; a shifted mask differs."""
     mask = white(np.s_[0:27, 0:4], np.s_[27:54, 0:3])
     truth = truth_by_mask(mask, GRID)
@@ -175,7 +175,7 @@ def test_a_mask_says_obstacle_from_a_tenth_of_a_patch_on() -> None:
     assert score_patches(shifted == 1, truth).hits == 0
 
 
-def test_the_thesiss_ypos_is_from_cx_and_the_corrected_one_from_cy() -> None:
+def test_the_thesiss_ypos_is_from_cx_and_the_corrected_one_from_cy():
     """One block low on the right: both centres are right, and only one way up is."""
     mask = white(np.s_[200:241, 250:291])
     both = both_ways(mask)
@@ -188,7 +188,7 @@ def test_the_thesiss_ypos_is_from_cx_and_the_corrected_one_from_cy() -> None:
     assert not both.ypos_opposite
 
 
-def test_the_thesiss_box_is_a_sum_and_the_corrected_one_a_union() -> None:
+def test_the_thesiss_box_is_a_sum_and_the_corrected_one_a_union():
     """Two blocks apart: the sum misses the second; three tall ones leave the frame."""
     mask = white(np.s_[50:71, 40:61], np.s_[150:171, 240:261])
     apart = both_ways(mask)
@@ -202,7 +202,7 @@ def test_the_thesiss_box_is_a_sum_and_the_corrected_one_a_union() -> None:
     assert leaves_frame((0, 0, WIDTH, HEIGHT), HEIGHT, WIDTH) is False
 
 
-def test_the_thesiss_box_starts_no_farther_right_than_the_frame_is_high() -> None:
+def test_the_thesiss_box_starts_no_farther_right_than_the_frame_is_high():
     """Its starting corner takes the height for the width."""
     mask = white(np.s_[100:121, 320:341])
     assert thesis_centre(mask).box == (HEIGHT, 98, 25, 25)
@@ -212,7 +212,7 @@ def test_the_thesiss_box_starts_no_farther_right_than_the_frame_is_high() -> Non
     assert (empty.cx, empty.cy, empty.box, empty.contours) == (0, 0, None, 0)
 
 
-def test_contours_without_area_are_counted_before_the_dilation() -> None:
+def test_contours_without_area_are_counted_before_the_dilation():
     """A line one pixel wide has no area; the program's dilation gives it some."""
     mask = white(np.s_[100, 50:90])
     assert both_ways(mask).without_area == 1
@@ -220,7 +220,7 @@ def test_contours_without_area_are_counted_before_the_dilation() -> None:
 
 
 @pytest.fixture
-def one_photo(monkeypatch: pytest.MonkeyPatch) -> None:
+def one_photo(monkeypatch):
     """Fewer images to choose from, for speed."""
     monkeypatch.setattr(training_image_figures, "_PHOTOS", ("brick",))
 
@@ -237,7 +237,7 @@ def _sound(exhibit: Exhibit) -> None:
         assert not isinstance(value, float) or np.isfinite(value)
 
 
-def test_training_images(context: StudyContext, one_photo: None, drawn: None) -> None:
+def test_training_images(context, one_photo, drawn):
     """Another ocean frame is the nearest to ocean and the worst to learn from."""
     exhibit = training_images(context)
     _sound(exhibit)
@@ -252,9 +252,7 @@ def test_training_images(context: StudyContext, one_photo: None, drawn: None) ->
     assert any(shown in claim.found for claim in exhibit.claims)
 
 
-def test_training_images_without_labels(
-    context: StudyContext, context_of: Callable[..., StudyContext], one_photo: None
-) -> None:
+def test_training_images_without_labels(context, context_of, one_photo):
     """Distances remain; nothing is scored, and nothing is ranked."""
     shared = {name: getattr(context, name) for name in ("structure_frame", "ocean", "other")}
     bare = context_of(context.mission.path, {"labels": None, **shared})
@@ -265,9 +263,7 @@ def test_training_images_without_labels(
     assert "ocean frame" not in set(exhibit.tables[0].frame["image"])
 
 
-def test_patch_histograms(
-    context: StudyContext, drawn: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_patch_histograms(context, drawn, monkeypatch):
     """The models tell the tower's patches from the water's, and not if features are shuffled."""
     exhibit = patch_histograms(context)
     _sound(exhibit)
@@ -285,7 +281,7 @@ def test_patch_histograms(
     assert float(broken.numbers["haralick_model_roc_area"]) < 0.75
 
 
-def test_prediction_dots(context: StudyContext, drawn: None) -> None:
+def test_prediction_dots(context, drawn):
     """The dots agree with the labels, ours are the held-out ones, and the mission is pooled."""
     exhibit = prediction_dots(context)
     _sound(exhibit)
@@ -303,7 +299,7 @@ def test_prediction_dots(context: StudyContext, drawn: None) -> None:
     assert (pooled_score(moved, context.truths).f1 or 0.0) < 0.5
 
 
-def test_centre_and_box(context: StudyContext, drawn: None) -> None:
+def test_centre_and_box(context, drawn):
     """Every frame with status 1 is in the figures, and these follow from its masks."""
     exhibit = centre_and_box(context)
     _sound(exhibit)
@@ -322,9 +318,7 @@ def test_centre_and_box(context: StudyContext, drawn: None) -> None:
     assert list(frame["mask of"])[-1] == "tokt stereo"
 
 
-def test_centre_and_box_of_nothing(
-    context: StudyContext, context_of: Callable[..., StudyContext]
-) -> None:
+def test_centre_and_box_of_nothing(context, context_of):
     """A mission in which no method sees anything has nothing to show, and says why."""
     nothing = Curves(pd.DataFrame(), pd.DataFrame(), {})
     given = {"structure_frame": 1, "thesis": context.thesis, "curves": nothing}
@@ -343,7 +337,7 @@ Judge = Callable[..., Exhibit]
 
 
 @pytest.fixture
-def dark(context: StudyContext, context_of: Callable[..., StudyContext]) -> Judge:
+def dark(context, context_of):
     """Bad lighting by what was asked, with models that are made already."""
     shared = ("curves", "thesis", "ocean", "other", "labels")
     given = {name: getattr(context, name) for name in shared}
@@ -351,9 +345,7 @@ def dark(context: StudyContext, context_of: Callable[..., StudyContext]) -> Judg
     return lambda **asked: bad_lighting(context_of(context.mission.path, given, **asked))
 
 
-def test_bad_lighting_by_a_given_image(
-    context: StudyContext, dark_pair: DarkPicture, tmp_path: Path, dark: Judge
-) -> None:
+def test_bad_lighting_by_a_given_image(context, dark_pair, tmp_path, dark):
     """Scored by the mask given: a mask that is shifted by three patches scores worse."""
     exhibit = dark(**_write(tmp_path, dark_pair, dark_pair.mask))
     assert exhibit.numbers["rendered"] is False
@@ -373,7 +365,7 @@ def test_bad_lighting_by_a_given_image(
     assert float(worse.numbers["haralick_f1"]) < 0.5 * float(exhibit.numbers["haralick_f1"])
 
 
-def test_bad_lighting_of_a_frame_of_the_mission(context: StudyContext, dark: Judge) -> None:
+def test_bad_lighting_of_a_frame_of_the_mission(context, dark):
     """Its labels stand in for a mask, its right picture makes it a pair.
 
     Our texture may not learn from the frames near it, which in so short a mission are all those
@@ -390,18 +382,14 @@ def test_bad_lighting_of_a_frame_of_the_mission(context: StudyContext, dark: Jud
     assert "no labels of both" in table.loc["tokt texture", "not judged"]
 
 
-def test_bad_lighting_refuses_a_mask_of_another_size(
-    dark_pair: DarkPicture, tmp_path: Path, dark: Judge
-) -> None:
+def test_bad_lighting_refuses_a_mask_of_another_size(dark_pair, tmp_path, dark):
     """Which would be a mask of another picture."""
     files = _write(tmp_path, dark_pair, dark_pair.mask[:, :-20])
     with pytest.raises(ToktError, match=r"mask.png is 340x271, its image .*dark.png is 360x271"):
         dark(**files)
 
 
-def test_bad_lighting_without_a_mask_scores_nothing(
-    dark_pair: DarkPicture, tmp_path: Path, dark: Judge
-) -> None:
+def test_bad_lighting_without_a_mask_scores_nothing(dark_pair, tmp_path, dark):
     """Predictions are shown; there is no figure of merit, and a black frame is not clear to us."""
     black = replace(dark_pair, left=np.zeros_like(dark_pair.left))
     files = _write(tmp_path, black, dark_pair.mask)
@@ -413,7 +401,7 @@ def test_bad_lighting_without_a_mask_scores_nothing(
     assert "too dark" in table.loc["tokt texture", "not judged"]
 
 
-def test_bad_lighting_rendered(dark: Judge, drawn: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bad_lighting_rendered(dark, drawn, monkeypatch):
     """Without an image a rendered one with its exact mask, said so, and the lamp going down."""
     monkeypatch.setattr(dark_figures, "_LIGHTS", (1.0, 0.03))
     exhibit = dark()
@@ -428,7 +416,7 @@ def test_bad_lighting_rendered(dark: Judge, drawn: None, monkeypatch: pytest.Mon
     assert "tokt" not in sweep["say clear"][1]
 
 
-def test_a_dark_scene_keeps_its_geometry(dark_scene: DarkScene, dark_pair: DarkPicture) -> None:
+def test_a_dark_scene_keeps_its_geometry(dark_scene, dark_pair):
     """Less light changes the picture and what can be seen, never the mask."""
     darker = dark_scene.at(0.05)
     assert (darker.mask == dark_pair.mask).all()
@@ -441,9 +429,7 @@ def test_a_dark_scene_keeps_its_geometry(dark_scene: DarkScene, dark_pair: DarkP
     assert 1.5 < dark_scene.nearest_m < 6
 
 
-def test_our_model_learns_from_nothing_near_the_picture(
-    context: StudyContext, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_our_model_learns_from_nothing_near_the_picture(context, monkeypatch):
     """A dark frame of the mission itself is held out with its embargo."""
     read: list[int] = []
     decoded: Callable[..., object] = context.decoded
@@ -458,9 +444,7 @@ def test_our_model_learns_from_nothing_near_the_picture(
     assert all(abs(number - 10) > 5 for number in read)
 
 
-def test_our_model_needs_labels_to_learn_from(
-    reproduce_mission: Path, context_of: Callable[..., StudyContext]
-) -> None:
+def test_our_model_needs_labels_to_learn_from(reproduce_mission, context_of):
     """Without them there is no model, and no word of clear."""
     with pytest.raises(ToktError, match="no labels of both"):
         train_on_all_labels(context_of(reproduce_mission, {"labels": None}))

@@ -89,7 +89,7 @@ def results_for(template: str, missing: str = "") -> dict[str, Any]:
     }
 
 
-def test_the_template_has_no_typed_figure() -> None:
+def test_the_template_has_no_typed_figure():
     assert typed_figures(template_text()) == []
 
 
@@ -97,11 +97,11 @@ def test_the_template_has_no_typed_figure() -> None:
     "slipped",
     ["0.42 px off", "23 % of the view", "`0.42`", "figure 3.8 has 12 frames", "in 2026", "19.7x"],
 )
-def test_a_typed_figure_is_found(slipped: str) -> None:
+def test_a_typed_figure_is_found(slipped):
     assert typed_figures(template_text() + slipped)
 
 
-def test_every_figure_of_the_results_is_on_the_page() -> None:
+def test_every_figure_of_the_results_is_on_the_page():
     results = results_for(template_text())
     page = thesis_page(results)
     for exhibit in results["exhibits"]:
@@ -116,7 +116,7 @@ def test_every_figure_of_the_results_is_on_the_page() -> None:
     assert "Why so: it is not so.\n" in page
 
 
-def test_chosen_tables_are_on_the_page_and_no_others() -> None:
+def test_chosen_tables_are_on_the_page_and_no_others():
     results = results_for(template_text())
     page = thesis_page(results)
     for exhibit in results["exhibits"]:
@@ -128,12 +128,12 @@ def test_chosen_tables_are_on_the_page_and_no_others() -> None:
         thesis_page(results)
 
 
-def test_what_the_page_asks_for_is_made() -> None:
+def test_what_the_page_asks_for_is_made():
     made = {planned.key for planned in EXHIBITS}
     assert set(asked(template_text())) | set(QUOTED_TABLES) <= made
 
 
-def test_a_figure_is_written_in_its_form() -> None:
+def test_a_figure_is_written_in_its_form():
     results = results_for("{{ number('a', 'n') }}")
     forms = (
         "{{ number('a', 'n') }}; {{ number('a', 'n', '.2f') }}; {{ number('a', 'n', '.0f', 100) }}"
@@ -156,12 +156,12 @@ def test_a_figure_is_written_in_its_form() -> None:
         ("{{ number('a', 'n' }}", "cannot be made"),
     ],
 )
-def test_an_unknown_placeholder_is_an_error(template: str, said: str, tmp_path: Path) -> None:
+def test_an_unknown_placeholder_is_an_error(template, said, tmp_path):
     with pytest.raises(ToktError, match=said):
         thesis_page(results_for("{{ number('a', 'n') }}"), template)
 
 
-def test_a_figure_that_the_run_lacks_is_an_error_and_writes_nothing(tmp_path: Path) -> None:
+def test_a_figure_that_the_run_lacks_is_an_error_and_writes_nothing(tmp_path):
     results = results_for(template_text())
     numbers = {one["key"]: one["numbers"] for one in results["exhibits"]}
     del numbers["figure-3.22-3.24"]["masks"]
@@ -170,13 +170,13 @@ def test_a_figure_that_the_run_lacks_is_an_error_and_writes_nothing(tmp_path: Pa
     assert not list(tmp_path.iterdir())
 
 
-def test_a_mission_without_pairs_or_labels_has_a_page_too() -> None:
+def test_a_mission_without_pairs_or_labels_has_a_page_too():
     page = thesis_page(results_for(template_text(), missing="needs two cameras"))
     assert "Not made in this run: needs two cameras." in page
     assert "A control shows" not in page
 
 
-def test_an_edited_page_is_found(tmp_path: Path) -> None:
+def test_an_edited_page_is_found(tmp_path):
     write_thesis_page(results_for(template_text()), tmp_path / "thesis.md")
     page = (tmp_path / "thesis.md").read_text(encoding="utf-8")
     assert page_faults(page) == []
@@ -186,7 +186,7 @@ def test_an_edited_page_is_found(tmp_path: Path) -> None:
     assert page_faults(other) == ["it was made from another template"]
 
 
-def test_what_the_page_points_to_is_there() -> None:
+def test_what_the_page_points_to_is_there():
     text = template_text()
     pages = set(re.findall(r"\]\((\w+\.md)\)", text))
     assert pages >= {"udp.md", "stereo.md"}
@@ -197,6 +197,6 @@ def test_what_the_page_points_to_is_there() -> None:
     assert gone == []
 
 
-def test_the_committed_page_is_a_made_one() -> None:
+def test_the_committed_page_is_a_made_one():
     page = (ROOT / "docs" / "thesis.md").read_text(encoding="utf-8")
     assert page_faults(page) == []

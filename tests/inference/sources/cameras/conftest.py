@@ -4,7 +4,6 @@ import platform
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -23,7 +22,7 @@ SHARED = ["-fvisibility=hidden", "-shared", "-fPIC", "-pthread"]
 
 
 @pytest.fixture(scope="session")
-def compiler() -> str:
+def compiler():
     """A C compiler."""
     found = shutil.which("gcc") or shutil.which("cc")
     if found is None or platform.machine() not in FOLDERS or sys.platform != "linux":
@@ -32,7 +31,7 @@ def compiler() -> str:
 
 
 @pytest.fixture(scope="session")
-def vimba_environment(compiler: str, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def vimba_environment(compiler, tmp_path_factory):
     """What a process needs in its environment for pymba to load the simulated library."""
     root = tmp_path_factory.mktemp("vimba")
     library = root / "VimbaC" / "DynamicLib" / FOLDERS[platform.machine()] / "libVimbaC.so"
@@ -45,7 +44,7 @@ def vimba_environment(compiler: str, tmp_path_factory: pytest.TempPathFactory) -
 
 
 @pytest.fixture(scope="module")
-def vimba_library(vimba_environment: dict[str, str]) -> Iterator[Simulator]:
+def vimba_library(vimba_environment):
     """pymba imported into this process, and out of it again: other tests have no SDK."""
     with pytest.MonkeyPatch.context() as patch:
         for name, value in vimba_environment.items():
@@ -57,7 +56,7 @@ def vimba_library(vimba_environment: dict[str, str]) -> Iterator[Simulator]:
 
 
 @pytest.fixture
-def simulator(vimba_library: Simulator) -> Iterator[Simulator]:
+def simulator(vimba_library):
     """Two cameras as they are after switching on."""
     vimba_library.reset()
     yield vimba_library
@@ -65,12 +64,12 @@ def simulator(vimba_library: Simulator) -> Iterator[Simulator]:
 
 
 @pytest.fixture
-def delivered() -> Delivered:
+def delivered():
     return Delivered()
 
 
 @pytest.fixture
-def live(simulator: Simulator) -> Iterator[Callable[..., Live]]:
+def live(simulator):
     """Open cameras by the text a user gives, in Mono8 unless told otherwise."""
     opened: list[CameraSource] = []
 

@@ -6,7 +6,6 @@ import os
 import shutil
 import signal
 import time
-from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -46,7 +45,7 @@ VARIABLE = "GENICAM_GENTL64_PATH"
 
 
 @pytest.fixture(autouse=True)
-def viky(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def viky(monkeypatch):
     """The variable set; and what harvesters makes of Ctrl-C undone, as it is in this process."""
     monkeypatch.setenv(VARIABLE, str(PRODUCERS))
     handler = signal.getsignal(signal.SIGINT)
@@ -55,7 +54,7 @@ def viky(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.fixture
-def producers() -> Iterator[Producers]:
+def producers():
     with opened_producers() as opened:
         yield opened
 

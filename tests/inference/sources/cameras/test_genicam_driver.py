@@ -9,7 +9,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -45,12 +44,12 @@ FRAME |= {"reason": "ok", "words": "", "height": 4, "width": 5, "pixel_format": 
 
 
 @pytest.fixture(autouse=True)
-def viky(monkeypatch: pytest.MonkeyPatch) -> None:
+def viky(monkeypatch):
     monkeypatch.setenv("GENICAM_GENTL64_PATH", str(Path(genicam.__file__).parent))
 
 
 @pytest.fixture
-def open_camera() -> Iterator[Callable[..., GenicamDriver]]:
+def open_camera():
     """A driver that is stopped at the end, whatever happens."""
     drivers: list[GenicamDriver] = []
 
@@ -65,7 +64,7 @@ def open_camera() -> Iterator[Callable[..., GenicamDriver]]:
 
 
 @pytest.fixture
-def instead(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+def instead(monkeypatch):
     """Run a program in the place of a camera's process. It may `say(header, data)`."""
     head = (
         "import json, os, sys, time\n"
@@ -169,7 +168,7 @@ def test_one_camera_from_start_to_stop_and_again(open_camera):
 
 
 @pytest.fixture
-def listed(monkeypatch: pytest.MonkeyPatch) -> None:
+def listed(monkeypatch):
     """Two cameras, without asking the producers again."""
     cameras = tuple(ListedCamera(Place("p", "i", device)) for device in ("red", "green"))
     listing = Listing(("viky.cti",), cameras, ())

@@ -4,7 +4,6 @@ import functools
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
@@ -20,7 +19,7 @@ from tokt.inference.sources.cameras.capture import Capture, Deliver
 from tokt.inference.sources.cameras.live_source import CameraSource
 from tokt.inference.sources.cameras.open import open_camera_source
 
-from .simulated_rig import RATE_HZ, Live, Simulator, seen
+from .simulated_rig import RATE_HZ, seen
 
 
 def is_pair(frame: Frame) -> bool:
@@ -45,7 +44,7 @@ def check(frames: list[Frame]) -> None:
 
 
 @pytest.fixture
-def quick(simulator: Simulator, live: Callable[..., Live]) -> Callable[..., Live]:
+def quick(simulator, live):
     """For tests that do not ask how clocks are compared: twice the rate, and shared clocks.
 
     Their pairs do not depend on when captures arrive, and so not on how busy the machine is.

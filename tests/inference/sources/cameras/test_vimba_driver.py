@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from tokt.inference.reason import Reason
 from tokt.inference.sources.cameras.capture import CameraDriver, Deliver
 from tokt.inference.sources.cameras.vimba.driver import open_drivers
 
-from .simulated_rig import HEIGHT, LEFT_ID, RATE_HZ, RIGHT_ID, WIDTH, Simulator, pattern, seen
+from .simulated_rig import HEIGHT, LEFT_ID, RATE_HZ, RIGHT_ID, WIDTH, pattern, seen
 
 BYTES = {"Mono8": 1, "BGR8": 3, "RGB8": 3, "BayerRG8": 1, "BayerGB8": 1}
 
@@ -26,7 +26,7 @@ MADE: list[CameraDriver] = []
 
 
 @pytest.fixture(autouse=True)
-def stopped(simulator: Simulator) -> Iterator[None]:
+def stopped(simulator):
     """Whatever a test leaves running is stopped: its thread would call a Python that has ended."""
     yield
     while MADE:

@@ -68,6 +68,13 @@ def test_a_lit_tower_is_not_saturated_into_one_white_area():
     assert 250 > upper > lower + 20
 
 
+@pytest.mark.parametrize("amount", [-1, 101])
+def test_an_enhancement_is_0_to_100(amount):
+    for enhance in (enhanced, enhanced_small):
+        with pytest.raises(ValueError, match=f"0 to 100, not {amount}"):
+            enhance(water(), amount)
+
+
 def test_the_amount_says_how_much():
     frame = water(tower=1.0)
     seen = []
