@@ -19,8 +19,12 @@ from .changes import chance, changed_bytes
 
 _WORDS = (0, 1, 2, 8, 9, 12, 14, 20, 45, 93, 99, 255, 0x7FFF, 0x8000, 0xFFFE, 0xFFFF)
 _LONGS = (0, 1, 0xFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFE, 0xFFFFFFFF, 1 << 26, (1 << 26) + 1)
-_FIELDS = {b"PK\3\4": 30, b"PK\1\2": 46, b"PK\5\6": 22}
-"""A zip's three records, and where their fields end (PKWARE's APPNOTE.TXT, 4.3.7 to 4.3.16)."""
+_FIELDS = {
+    b"PK\3\4": "4:H 6:H 8:H 10:H 12:H 14:L 18:L 22:L 26:H 28:H",
+    b"PK\1\2": "4:H 6:H 8:H 10:H 16:L 20:L 24:L 28:H 30:H 32:H 34:H 36:H 38:L 42:L",
+    b"PK\5\6": "4:H 6:H 8:H 10:H 12:L 16:L 20:H",
+}
+"""Fields of a zip's three records, by offset and width (PKWARE's APPNOTE.TXT, 4.3.7 to 4.3.16)."""
 _NAMES = ("../" * 12 + "evil", "/tmp/tokt-fuzz-evil", "C:\\evil", "\0", "", "a\nb")
 _NAMES += ("signature.json", "distribution.npz")
 _BEFORE = ("../", "/", "..\\..\\", "./", "ø", "\ufffe", "__MACOSX/._")
@@ -94,14 +98,14 @@ def changed_zip(members: Mapping[str, bytes], rng: Random) -> bytes:
     found = bytearray(out.getvalue())
     for _ in range(rng.choice((0, 1, 1, 2, 3))):
         record = rng.choice(list(_FIELDS))
-        at, width = rng.randrange(4, _FIELDS[record], 2), rng.choice("HL")
+        at, width = rng.choice(_FIELDS[record].split()).split(":")
         # Not those of a zip that is a member itself: its sum would tell.
         after = rng.randrange(archive.start_dir, len(found))
         begins = [info.header_offset for info in archive.filelist] or [0]
         start = rng.choice(begins) if record == b"PK\3\4" else found.find(record, after)
-        if 0 <= start <= len(found) - at - 4:
+        if 0 <= start <= len(found) - int(at) - 4:
             number = rng.choice((*_WORDS, *_LONGS) if width == "L" else _WORDS)
-            struct.pack_into(f"<{width}", found, start + at, number)
+            struct.pack_into(f"<{width}", found, start + int(at), number)
     data = bytes(found)
     return rng.choice((data, data, data, b"MZ" + data, data + b"\0" * 30, data + data))
 
