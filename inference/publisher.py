@@ -122,8 +122,9 @@ class ReportPublisher:
             if self.live and age_s is not None:
                 verdict = mark_stale(verdict, age_s, judging_s, self.limits.stale_s)
             self._judging_since, self._judged_s = None, now
-            told = frame.number, frame.t, _ms(judging_s), verdict, _ms(age_s), left_out
-            report = Report(self._seq + 1, *told)
+            latency_ms, age_ms = _ms(judging_s), _ms(age_s)
+            seq, number = self._seq + 1, frame.number
+            report = Report(seq, number, frame.t, latency_ms, verdict, age_ms, left_out)
             return self._send(report, now)
 
     def heartbeat(self) -> None:

@@ -25,8 +25,6 @@ from .numpy_pictures import quantize as quantize
 from .numpy_pictures import resized_gray as resized_gray
 from .numpy_pictures import resized_gray16 as resized_gray16
 
-Counts = I64
-
 DETAIL = f"numpy {np.__version__}"
 
 _DIRECTIONS = ((0, 1), (1, 1), (1, 0), (1, -1))
@@ -37,7 +35,7 @@ _CACHED_VALUES = 30_000  # float64 values that a few arrays of fit a core's cach
 
 def lbp_counts(
     gray: U8, grid: Grid, points: int, radius: float, border: str, threads: int = 1
-) -> Counts:
+) -> I64:
     """`Kernels.lbp_counts`, to the last integer."""
     if border == "frame":
         codes = _sampler(points, radius, len(gray), 1, gray.shape[1]).codes(gray[:, None, :])
@@ -58,7 +56,7 @@ def lbp_counts(
     return counts
 
 
-def _histograms(codes: U8, bins: int) -> Counts:
+def _histograms(codes: U8, bins: int) -> I64:
     """One histogram a row of codes."""
     flat = codes + (bins * np.arange(len(codes)))[:, None]
     return np.bincount(flat.ravel(), minlength=len(codes) * bins).reshape(-1, bins)
@@ -252,7 +250,7 @@ def _key_type(n_patches: int) -> type:
     return np.int32 if n_patches < 1 << 13 else np.int64  # narrow keys are sorted faster
 
 
-def _without_zeros(cells: Counts, counts: Counts, n_matrices: int) -> tuple[Counts, Counts]:
+def _without_zeros(cells: I64, counts: I64, n_matrices: int) -> tuple[I64, I64]:
     """Leave out cells of grey level 0, except in patches where a direction has no others."""
     kept = cells & 0xFFFF >= _GREYS
     cells_left = np.bincount(cells[kept] >> 16, minlength=n_matrices).reshape(-1, 4)
@@ -261,7 +259,7 @@ def _without_zeros(cells: Counts, counts: Counts, n_matrices: int) -> tuple[Coun
     return cells[kept], counts[kept]
 
 
-def _surprise(n: Counts, total: Counts) -> F64:
+def _surprise(n: I64, total: I64) -> F64:
     """``n * log2(total / n)`` without loss where n is nearly the total."""
     part = n / total
     most = 2 * n > total
@@ -283,23 +281,23 @@ class _Matrices:
         Number of matrices.
     """
 
-    def __init__(self, cells: Counts, counts: Counts, n: int) -> None:
+    def __init__(self, cells: I64, counts: I64, n: int) -> None:
         self.n = n
         self.matrix = cells >> 16
         self.darker, self.brighter = cells >> 8 & 255, cells & 255
         self.pairs = counts
         self.total = 2 * self._sum(self.matrix, counts)
 
-    def _sum(self, where: Counts, what: NDArray[np.number], size: int = 0) -> Counts:
+    def _sum(self, where: I64, what: NDArray[np.number], size: int = 0) -> I64:
         return np.bincount(where, what, size or self.n).astype(np.int64)
 
-    def _entropy(self, histogram: Counts) -> F64:
+    def _entropy(self, histogram: I64) -> F64:
         """Entropy in bits of each row of counts."""
         row, column = np.nonzero(histogram)
         surprise = _surprise(histogram[row, column], self.total[row])
         return np.bincount(row, surprise, self.n) / self.total
 
-    def _histogram(self, value: Counts, pairs: Counts, size: int) -> Counts:
+    def _histogram(self, value: I64, pairs: I64, size: int) -> I64:
         return self._sum(self.matrix * size + value, pairs, self.n * size).reshape(self.n, size)
 
     def _own_entropy(self) -> F64:
@@ -308,7 +306,7 @@ class _Matrices:
         surprise = _surprise(n, self.total[self.matrix])
         return np.bincount(self.matrix, np.where(diagonal, 1, 2) * surprise, self.n) / self.total
 
-    def features(self, brightest: Counts) -> F64:
+    def features(self, brightest: I64) -> F64:
         """The 13 features of each matrix, shape (n, 13)."""
         total = self.total
         level = self._histogram(self.darker, self.pairs, _GREYS)
@@ -329,7 +327,7 @@ class _Matrices:
         out[:, 12] = np.sqrt(-np.expm1(-2 * np.maximum(shared, 0)))
         return out
 
-    def _moments(self, level: Counts, difference: Counts, sums: Counts, out: F64) -> None:
+    def _moments(self, level: I64, difference: I64, sums: I64, out: F64) -> None:
         """Features 2 to 7, from whole numbers around one next to the mean."""
         total, greys = self.total, np.arange(_GREYS)
         first = level @ greys
@@ -349,7 +347,7 @@ class _Matrices:
         out[:, 6] = sum_spread / total - 4 * shift**2
 
 
-def _difference_variance(difference: Counts, total: Counts, brightest: Counts) -> F64:
+def _difference_variance(difference: I64, total: I64, brightest: I64) -> F64:
     """Variance of P(|i-j|) over all differences that the patch's brightest level allows."""
     values = (brightest + 1)[:, None]
     possible = np.arange(_GREYS) < values
@@ -361,13 +359,13 @@ LINE_STEPS = ((0, 2), (1, 2), (1, 1), (2, 1), (2, 0), (2, -1), (1, -1), (1, -2))
 """Rows and columns from one sample of a line to the next, for each direction."""
 
 
-def _patch_sums(values: NDArray[np.integer], grid: Grid) -> Counts:
+def _patch_sums(values: NDArray[np.integer], grid: Grid) -> I64:
     return np.asarray(grid.cells(values).sum(axis=(1, 2), dtype=np.int64))
 
 
 def lbp_nearest_counts(
     gray: U8, grid: Grid, points: int, radius: float, border: str, threads: int = 1
-) -> Counts:
+) -> I64:
     """`Kernels.lbp_nearest_counts`."""
     size = grid.patch_size(*gray.shape)
     views = gray[None] if border == "frame" else grid.cells(gray)
@@ -392,7 +390,7 @@ def lbp_nearest_counts(
     )
 
 
-def structure_sums(gray: U8, grid: Grid, threads: int = 1) -> Counts:
+def structure_sums(gray: U8, grid: Grid, threads: int = 1) -> I64:
     """`Kernels.structure_sums`."""
     grid.patch_size(*gray.shape)
     # This border rule mirrors a neighbour into the other's place: their difference is 0.
@@ -405,9 +403,7 @@ def structure_sums(gray: U8, grid: Grid, threads: int = 1) -> Counts:
     return np.stack([_patch_sums(product, grid) for product in (gx * gx, gy * gy, gx * gy)], axis=1)
 
 
-def line_sums(
-    gray: U8, grid: Grid, middle: int, samples: Sequence[int], threads: int = 1
-) -> Counts:
+def line_sums(gray: U8, grid: Grid, middle: int, samples: Sequence[int], threads: int = 1) -> I64:
     """`Kernels.line_sums`."""
     height, width = gray.shape
     grid.patch_size(height, width)

@@ -20,7 +20,6 @@ RESAMPLES = 2000
 CONFIDENCE = 0.95
 MAX_BLOCKS = 1000
 _MAX_THRESHOLDS = 4096
-_Counts = F64
 
 
 @dataclass(frozen=True)
@@ -62,20 +61,20 @@ def block_numbers(groups: NDArray[np.object_]) -> tuple[list[str], I64]:
     return [str(name) for name in names], np.asarray(block, np.int64)
 
 
-def obstacle_counts(truth: Bools, said: Bools, block: I64, blocks: int) -> _Counts:
+def obstacle_counts(truth: Bools, said: Bools, block: I64, blocks: int) -> F64:
     """True positives, false positives and false negatives of each block, shape (blocks, 3)."""
     kinds = (said & truth, said & ~truth, ~said & truth)
     return np.stack([np.bincount(block, kind, blocks) for kind in kinds], axis=1)
 
 
-def f1(counts: _Counts) -> F64:
+def f1(counts: F64) -> F64:
     """F1 from true positives, false positives, false negatives in the last axis; NaN of none."""
     hit, false, missed = np.moveaxis(counts, -1, 0)
     total = 2 * hit + false + missed
     return np.where(total > 0, 2 * hit / np.maximum(total, 1), np.nan)
 
 
-def class_counts(targets: I64, predicted: I64, n_classes: int, block: I64, blocks: int) -> _Counts:
+def class_counts(targets: I64, predicted: I64, n_classes: int, block: I64, blocks: int) -> F64:
     """True positives, false positives, false negatives: shape (blocks, n_classes, 3)."""
     parts = [
         obstacle_counts(targets == index, predicted == index, block, blocks)
@@ -84,14 +83,14 @@ def class_counts(targets: I64, predicted: I64, n_classes: int, block: I64, block
     return np.stack(parts, axis=1)
 
 
-def macro_f1(counts: _Counts) -> F64:
+def macro_f1(counts: F64) -> F64:
     """Mean F1 of the classes that are there, from `class_counts`."""
     present = counts[..., 0] + counts[..., 2] > 0
     per_class = np.where(present, np.nan_to_num(f1(counts)), 0.0)
     return np.asarray(per_class.sum(axis=-1) / np.maximum(present.sum(axis=-1), 1))
 
 
-def ranked_counts(truth: Bools, score: F64, block: I64, blocks: int) -> _Counts:
+def ranked_counts(truth: Bools, score: F64, block: I64, blocks: int) -> F64:
     """Obstacle and clear patches between thresholds, best first, shape (blocks, thresholds, 2).
 
     The thresholds are the scores of the obstacle patches, at which alone precision counts for
@@ -112,7 +111,7 @@ def ranked_counts(truth: Bools, score: F64, block: I64, blocks: int) -> _Counts:
     return np.stack(kinds, axis=2)[:, :-1].astype(np.float64)
 
 
-def average_precision(counts: _Counts) -> F64:
+def average_precision(counts: F64) -> F64:
     """Average precision from `ranked_counts` summed over blocks, shape (..., thresholds, 2)."""
     hit, false = counts[..., 0], counts[..., 1]
     hits = hit.cumsum(axis=-1)
@@ -127,12 +126,12 @@ def drawn_blocks(blocks: int, seed: int = 0, resamples: int = RESAMPLES) -> F64:
     return np.asarray(rng.multinomial(blocks, np.full(blocks, 1 / blocks), resamples), np.float64)
 
 
-def summed(draws: F64, counts: _Counts) -> _Counts:
+def summed(draws: F64, counts: F64) -> F64:
     """Counts of each resample, from counts of each block in the first axis."""
     return np.tensordot(draws, counts, axes=1)
 
 
-def spread_of_ap(draws: F64, counts: _Counts) -> F64:
+def spread_of_ap(draws: F64, counts: F64) -> F64:
     """Average precision of each resample; a few at a time, as the counts are many."""
     parts = [average_precision(summed(part, counts)) for part in np.array_split(draws, 20)]
     return np.concatenate(parts)

@@ -29,7 +29,6 @@ FRACTIONS = (0.25, 0.5, 0.75, 1.0)
 REPEATS = 3
 _MAX_VALUES = 600_000  # rows times features of one fit: about 0.1 s
 _MAX_STRETCHES = 16
-_Counts = F64
 _Fit = tuple[tuple[Any, ...], int, I64]
 """What a fit belongs to, its fold, and the blocks that it learns from."""
 _SMALL = 0.01  # a gain that is not worth a day of labelling
@@ -51,7 +50,7 @@ class _Setting:
     names: list[str]
     every: int
 
-    def counts(self, predicted: I64, rows: I64) -> _Counts:
+    def counts(self, predicted: I64, rows: I64) -> F64:
         """What predictions of some rows add to each block's counts."""
         flags = np.asarray(self.dataset.obstacle_flags(), bool)
         targets = self.targets[rows]
@@ -257,11 +256,11 @@ def learning_curve(
     return result
 
 
-def _value(setting: _Setting, counts: _Counts) -> float:
+def _value(setting: _Setting, counts: F64) -> float:
     return float(setting.measure.figure(counts.sum(axis=0)[None])[0])
 
 
-def _points(setting: _Setting, counts: dict[tuple[float, int], _Counts]) -> list[dict[str, Any]]:
+def _points(setting: _Setting, counts: dict[tuple[float, int], F64]) -> list[dict[str, Any]]:
     blocks = np.mean([len(np.unique(setting.block[fold.train])) for fold in setting.folds])
     points = []
     for fraction in FRACTIONS:
@@ -279,7 +278,7 @@ def _points(setting: _Setting, counts: dict[tuple[float, int], _Counts]) -> list
 
 
 def _gain(
-    setting: _Setting, counts: dict[tuple[float, int], _Counts], draws: F64, part: float
+    setting: _Setting, counts: dict[tuple[float, int], F64], draws: F64, part: float
 ) -> dict[str, Any]:
     """What the blocks beyond a part of them brought, with its interval over test blocks."""
     figure = setting.measure.figure

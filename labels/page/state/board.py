@@ -19,7 +19,6 @@ from tokt.labels.store.store import EventRow, LabelStore
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 
 K = TypeVar("K")
-Codes = I16
 FrameName: TypeAlias = tuple[str, int]
 """Camera and number of a frame."""
 
@@ -42,7 +41,7 @@ class Numbering(dict[K, int]):
         self[word] = len(self.words) - 1
         return self[word]
 
-    def codes(self, words: Iterable[K], n: int) -> Codes:
+    def codes(self, words: Iterable[K], n: int) -> I16:
         """The numbers of `n` words."""
         return np.fromiter((self[word] for word in words), np.int16, n)
 
@@ -75,8 +74,8 @@ class LabelEvents:
     """
 
     flat: I64
-    codes: Codes
-    notes: Codes
+    codes: I16
+    notes: I16
     blind: Bools
 
     def of(self, chosen: slice | I64) -> LabelEvents:
@@ -109,11 +108,11 @@ class LabelArray:
     """
 
     def __init__(self, n_frames: int, n_cells: int) -> None:
-        self.labels: Codes = np.zeros((n_frames, n_cells), np.int16)
+        self.labels: I16 = np.zeros((n_frames, n_cells), np.int16)
         self.filled = np.zeros(n_frames, np.int64)
         self.counts = np.zeros(1, np.int64)
         self.event = 0
-        self._notes: Codes | None = None
+        self._notes: I16 | None = None
         self._blind: Bools | None = None
 
     def put(self, said: LabelEvents) -> None:
@@ -417,7 +416,7 @@ class Board:
                 for position, cell in zip(positions.tolist(), cells.tolist(), strict=True)
             ]
 
-    def _difference(self, position: int, cell: int, of_a: Codes, of_b: Codes) -> LabelDifference:
+    def _difference(self, position: int, cell: int, of_a: I16, of_b: I16) -> LabelDifference:
         words, settled = self._labels.words, self._settled.labels[position, cell]
         code_a, code_b = of_a[position, cell], of_b[position, cell]
         by = self._notes.words[self._settled.note(position, cell)] if settled else None

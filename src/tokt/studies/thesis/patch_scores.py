@@ -10,7 +10,6 @@ from tokt.features.common.arrays import U8, Bools
 from tokt.features.frames.grid import Grid
 from tokt.studies.simulation.rendering.patch_labels import MIN_COVERAGE, coverage
 
-Flags = Bools
 Truth = NDArray[np.int8]
 """Of each patch of a frame, (n_patches,): 1 obstacle, 0 clear, -1 unsure or not labelled, which is
 not scored."""
@@ -60,7 +59,7 @@ def _share(part: int, whole: int) -> float | None:
     return part / whole if whole else None
 
 
-def score_patches(said: Flags, truth: Truth) -> PatchScore:
+def score_patches(said: Bools, truth: Truth) -> PatchScore:
     """Count the sure patches; `said` is bool, (n_patches,)."""
     sure = truth >= 0
     said, there = said[sure], truth[sure] == 1
@@ -68,7 +67,7 @@ def score_patches(said: Flags, truth: Truth) -> PatchScore:
     return PatchScore(*(int(one.sum()) for one in counted))
 
 
-def pooled_score(said: Mapping[int, Flags], truths: Mapping[int, Truth]) -> PatchScore:
+def pooled_score(said: Mapping[int, Bools], truths: Mapping[int, Truth]) -> PatchScore:
     """Count the sure patches of the frames that both have."""
     both = [number for number in truths if number in said]
     if not both:
@@ -94,7 +93,7 @@ def truth_by_mask(mask: U8, grid: Grid) -> Truth:
     return np.select([covered >= MIN_COVERAGE, covered == 0], [1, 0], -1).astype(np.int8)
 
 
-def patches_of_mask(mask: U8, grid: Grid) -> Flags:
+def patches_of_mask(mask: U8, grid: Grid) -> Bools:
     """The patches that a method says are an obstacle whose mask is not made by patches.
 
     By the rule of the labels: `MIN_COVERAGE` of the patch is white.

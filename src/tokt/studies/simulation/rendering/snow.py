@@ -19,8 +19,6 @@ from tokt.studies.simulation.scene.water import Water
 from .raycast import View
 from .trajectory import CameraPose
 
-Chosen = Bools
-
 _EXPOSURE_S = 0.03
 _NEAR_M, _FAR_M = 0.25, 3.5
 _ACROSS, _DOWN = (-0.45, 0.65), (-0.33, 0.33)
@@ -71,7 +69,7 @@ def _blur_px(depth: F64, scale: float) -> F64:
     return np.asarray(scale * (2.0 + 7.0 * np.abs(1 / depth - 0.5)))
 
 
-def _hidden(camera: Camera, surfaces: NDArray[Any], where: F64, depth: F64) -> Chosen:
+def _hidden(camera: Camera, surfaces: NDArray[Any], where: F64, depth: F64) -> Bools:
     """Which particles have a surface between them and the camera, by the surfaces' depths."""
     last = np.array([camera.width, camera.height]) - 1
     column, row = np.rint(where.clip(0, last)).astype(np.int64).T

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, fields
 import pandas as pd
 from matplotlib.figure import Figure
 
-from tokt.features.common.arrays import U8
+from tokt.features.common.arrays import U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.inference.frame import Frame
 from tokt.inference.stereo.calibration import StereoCalibration
@@ -25,7 +25,6 @@ from tokt.studies.thesis.methods.curves import (
 )
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
 from tokt.studies.thesis.patch_scores import (
-    Flags,
     PatchScore,
     Truth,
     patches_of_mask,
@@ -74,7 +73,7 @@ class MethodPrediction:
     title: str
     kind: str
     words: str
-    patches: Flags | None = None
+    patches: Bools | None = None
     mask: U8 | None = None
     fault: str = ""
 
@@ -92,7 +91,7 @@ class MethodPrediction:
 
 
 def said_by_patches(
-    name: str, title: str, kind: str, words: str, patches: Flags | str, frame: U8
+    name: str, title: str, kind: str, words: str, patches: Bools | str, frame: U8
 ) -> MethodPrediction:
     """Predictions of a method that judges patches of the grid, or says why it cannot."""
     if isinstance(patches, str):

@@ -10,11 +10,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import U8
+from tokt.features.common.arrays import U8, Bools
 from tokt.inference.verdict import Box
 from tokt.labels.page.state.enhance import DEFAULT_AMOUNT, enhanced, gain
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.patch_scores import Flags, Truth
+from tokt.studies.thesis.patch_scores import Truth
 from tokt.training.evaluation.pictures import CONTRAST_METHOD, figure_png, raise_contrast
 
 SHOWN = (
@@ -99,7 +99,7 @@ def draw_grid(axes: Any, height: int, width: int) -> None:
     axes.vlines(np.arange(GRID.cols + 1) * patch_width - 0.5, -0.5, bottom, **style)
 
 
-def draw_dots(axes: Any, said: Flags, height: int, width: int) -> None:
+def draw_dots(axes: Any, said: Bools, height: int, width: int) -> None:
     """A dot in the middle of each patch: red for *other*, blue for *ocean*."""
     boxes = GRID.boxes(height, width)
     x, y = boxes[:, 2:].mean(axis=1) - 0.5, boxes[:, :2].mean(axis=1) - 0.5

@@ -29,7 +29,6 @@ from .frame_drawing import (
 from .training_image_figures import (
     EXTRACTORS,
     LBP_KEYS,
-    Rows,
     described,
     draw_histogram,
     hellinger,
@@ -114,7 +113,7 @@ def _choose(labels: NDArray[np.int8]) -> tuple[Cells, str]:
     return {"structure": int(there[middle]), "ocean": int(clear[farthest])}, words
 
 
-def _away_from_ocean(key: str, rows: Rows, water: Rows) -> F64:
+def _away_from_ocean(key: str, rows: F64, water: F64) -> F64:
     """How far each patch is from the ocean image's mean: float64, (n_patches,)."""
     if key in LBP_KEYS:
         return np.asarray(hellinger(rows, water.mean(axis=0)[None])[:, 0])
@@ -125,7 +124,7 @@ def _away_from_ocean(key: str, rows: Rows, water: Rows) -> F64:
 
 
 def _told_apart(
-    context: StudyContext, rows: dict[str, Rows], patches: Cells, labels: NDArray[np.int8]
+    context: StudyContext, rows: dict[str, F64], patches: Cells, labels: NDArray[np.int8]
 ) -> pd.DataFrame:
     """How far apart the two patches are, and all labelled ones; index: the extractor's key."""
     water = described(context.ocean.image)
@@ -210,7 +209,7 @@ def _drawn_and_sliced(frame: U8) -> dict[str, float]:
     return found
 
 
-def _tables(haralick: Rows, patches: Cells, told: pd.DataFrame) -> tuple[Table, ...]:
+def _tables(haralick: F64, patches: Cells, told: pd.DataFrame) -> tuple[Table, ...]:
     two = {name: haralick[cell] for name, cell in patches.items()}
     inside = sum(((row >= 0) & (row <= _BINS)).astype(int) for row in two.values())
     features = pd.DataFrame(
@@ -235,7 +234,7 @@ def _tables(haralick: Rows, patches: Cells, told: pd.DataFrame) -> tuple[Table, 
     )
 
 
-def _plots(frame: U8, rows: dict[str, Rows], patches: Cells, number: int) -> tuple[Plot, ...]:
+def _plots(frame: U8, rows: dict[str, F64], patches: Cells, number: int) -> tuple[Plot, ...]:
     return (
         Plot(
             "lbp-patches",
@@ -253,7 +252,7 @@ def _plots(frame: U8, rows: dict[str, Rows], patches: Cells, number: int) -> tup
     )
 
 
-def _lbp_figure(frame: U8, rows: dict[str, Rows], patches: Cells) -> Figure:
+def _lbp_figure(frame: U8, rows: dict[str, F64], patches: Cells) -> Figure:
     figure = Figure(figsize=(10.5, 4.4), layout="constrained")
     axes = figure.subplot_mosaic(
         [["frame", "structure lbp_10_5", "structure lbp_24_8"],
@@ -279,7 +278,7 @@ def _lbp_figure(frame: U8, rows: dict[str, Rows], patches: Cells) -> Figure:
     return figure
 
 
-def _haralick_figure(rows: Rows, patches: Cells) -> Figure:
+def _haralick_figure(rows: F64, patches: Cells) -> Figure:
     figure, (features, values) = new_figure(10.5, 4.2, 1, 2, width_ratios=(1.5, 1))
     place = np.arange(_BINS)
     for shift, (name, cell) in zip((-0.2, 0.2), patches.items(), strict=True):

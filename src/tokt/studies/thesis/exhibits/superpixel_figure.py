@@ -20,8 +20,6 @@ from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import SHOWN, draw_grid, new_figure, png_of, show_frame, show_mask
 from .runtime_tables import agreement_of
 
-Segments = I64
-
 TITLE = "SLIC superpixels against the grid"
 THESIS_RATIO = 20.0
 """By how much the thesis says that SLIC is slower."""
@@ -63,7 +61,7 @@ def superpixel_figure(context: StudyContext) -> Exhibit:
 
 
 def _compared(
-    context: StudyContext, number: int, slic: SlicTexture, model: ThesisModel, cut: Segments
+    context: StudyContext, number: int, slic: SlicTexture, model: ThesisModel, cut: I64
 ) -> dict[str, Any]:
     """One frame by superpixels and by the grid; seconds from the decoded frame to the verdict."""
     left = context.left(number)
@@ -198,7 +196,7 @@ def _frame_table(frames: pd.DataFrame) -> Table:
     return Table("slic_against_grid_frames", "The sample.", table, f"{TITLE}, frame by frame")
 
 
-def _plot(context: StudyContext, shown: pd.DataFrame, segments: Segments) -> Plot:
+def _plot(context: StudyContext, shown: pd.DataFrame, segments: I64) -> Plot:
     number = context.structure_frame
     left = context.left(number)
     figure, axes = new_figure(10.5, 5.9, 2, 1 + len(shown))
@@ -222,7 +220,7 @@ def _plot(context: StudyContext, shown: pd.DataFrame, segments: Segments) -> Plo
     )
 
 
-def _draw_outlines(axes: Any, segments: Segments, height: int, width: int) -> None:
+def _draw_outlines(axes: Any, segments: I64, height: int, width: int) -> None:
     """The superpixels' borders, drawn at twice the grid's width."""
     large = cv2.resize(
         segments.astype(np.int32), (2 * width, 2 * height), interpolation=cv2.INTER_NEAREST

@@ -41,8 +41,6 @@ from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import SHOWN, new_figure, png_of, show_frame
 
-Rows = F64
-
 LBP_KEYS = ("lbp_10_5", "lbp_24_8")
 EXTRACTORS = {one.name: one.extractor for one in FEATURE_SETS}
 """The thesis's features by tokt's kernels: the same integers, and the same figures to 12 digits,
@@ -82,12 +80,12 @@ def bin_kinds(points: int) -> tuple[BinKind, ...]:
     return (*kinds, BinKind.NOT_UNIFORM)
 
 
-def described(picture: U8) -> dict[str, Rows]:
+def described(picture: U8) -> dict[str, F64]:
     """The thesis's features of each patch of a picture, by extractor."""
     return {key: texture.describe(picture, GRID) for key, texture in EXTRACTORS.items()}
 
 
-def hellinger(first: Rows, second: Rows) -> Rows:
+def hellinger(first: F64, second: F64) -> F64:
     """Hellinger distances between histograms: float64, shape (n, m).
 
     0 between equal ones and 1 between those with no bin in common:
@@ -101,13 +99,13 @@ def hellinger(first: Rows, second: Rows) -> Rows:
     return np.asarray(cdist(np.sqrt(first), np.sqrt(second)) / np.sqrt(2.0), np.float64)
 
 
-def chi_square(first: Rows, second: Rows) -> float:
+def chi_square(first: F64, second: F64) -> float:
     """Symmetric chi-square distance of two histograms, 0 to 1: ``sum((p-q)^2 / (p+q)) / 2``."""
     pair = first.astype(np.float32), second.astype(np.float32)
     return float(cv2.compareHist(*pair, cv2.HISTCMP_CHISQR_ALT)) / 4.0
 
 
-def confused(first: Rows, second: Rows) -> float:
+def confused(first: F64, second: F64) -> float:
     """Share of the patches of two images that are nearer to the other image's mean histogram.
 
     0 where the two separate cleanly; about 0.5 where their patches look alike. A tie is
@@ -144,7 +142,7 @@ _CRITERIA = {
 _SCORED_FRAMES = 24
 _PHOTOS = ("brick", "gravel", "grass", "coffee")
 
-Tested = Mapping[int, dict[str, Rows]]
+Tested = Mapping[int, dict[str, F64]]
 """By labelled frame that models are scored on: its features by extractor."""
 
 
@@ -165,7 +163,7 @@ class Image:
     name: str
     words: str
     picture: U8
-    rows: dict[str, Rows]
+    rows: dict[str, F64]
     bright: bool = False
 
 
@@ -262,7 +260,7 @@ def _claims(numbers: dict[str, Any], rank: dict[str, float]) -> tuple[Claim, ...
 
 
 def _numbers(
-    table: pd.DataFrame, rank: dict[str, float], n_tested: int, ocean: Rows, structure: Rows
+    table: pd.DataFrame, rank: dict[str, float], n_tested: int, ocean: F64, structure: F64
 ) -> dict[str, Any]:
     farthest = table.iloc[0]
     numbers: dict[str, Any] = {
@@ -359,7 +357,7 @@ def _row(
     return row
 
 
-def _means_apart(first: Rows, second: Rows) -> float:
+def _means_apart(first: F64, second: F64) -> float:
     """Hellinger distance between the mean histograms of two sets of patches."""
     return float(hellinger(first.mean(axis=0)[None], second.mean(axis=0)[None])[0, 0])
 
@@ -388,7 +386,7 @@ def _histograms(shown: Sequence[Image]) -> Figure:
     return figure
 
 
-def draw_histogram(axes: Any, histogram: Rows, top: float) -> None:
+def draw_histogram(axes: Any, histogram: F64, top: float) -> None:
     """An LBP histogram with the kinds of its bins in colour, cut off at `top`."""
     last = len(histogram) - 1
     axes.bar(range(last + 1), histogram, color=[KIND_COLORS[k] for k in bin_kinds(last - 1)])

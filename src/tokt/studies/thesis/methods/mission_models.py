@@ -34,7 +34,6 @@ from tokt.studies.speed.models import (
     fit_extractor_pair,
 )
 from tokt.studies.thesis.inputs import StudyInputs
-from tokt.studies.thesis.patch_scores import Flags
 from tokt.training.datasets.dataset import DatasetVersion, build_dataset
 from tokt.training.datasets.mission_source import plan_from_missions
 from tokt.training.datasets.splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
@@ -72,7 +71,7 @@ _PENALTY = 1.0
 """C; not searched for, as the picture judged is no part of the mission."""
 
 Tables = Mapping[int, Sequence[F64]]
-JudgeFrame = Callable[[U8], Flags | str]
+JudgeFrame = Callable[[U8], Bools | str]
 Learnt = tuple[list[MofNRule], dict[int, tuple[int, F64]]]
 """By fold its frame rule, chosen inside the training part; by frame its fold and its scores."""
 
@@ -298,7 +297,7 @@ def train_on_all_labels(inputs: StudyInputs, near: int | None = None) -> tuple[s
         f"of preset {PRESET}, C = {_PENALTY:g}, no search)"
     )
 
-    def judge(frame: U8) -> Flags | str:
+    def judge(frame: U8) -> Bools | str:
         fault = frame_fault(frame)
         if fault:
             return str(fault)
