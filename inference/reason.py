@@ -54,6 +54,8 @@ class Reason(StrEnum):
     """Frames before, which the rule needs, are not known."""
     STEREO = "stereo"
     """The two views of a pair do not fit together, or show too little."""
+    DRIFT = "drift"
+    """The picture is unlike those that the model learnt from."""
     NO_MODEL = "no_model"
 
 

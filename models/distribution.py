@@ -110,6 +110,18 @@ class Distribution:
         """The distance of each feature above which it is out of range, shape (dim,)."""
         return self.typical * self.factor
 
+    def out_of_range(self, features: F64) -> float:
+        """The part of the watched features that are out of range in these rows alone, 0 to 1.
+
+        Parameters
+        ----------
+        features : array of float64, shape (n, dim)
+            Of one frame's patches.
+        """
+        limits = self.limits
+        out = ks_distances(bin_counts(features, self.edges), self.counts) > limits
+        return np.count_nonzero(out) / max(np.count_nonzero(limits < 1), 1)
+
     def summary(self) -> dict[str, Any]:
         """The figures behind the limits, as plain JSON; `drift_words` says them."""
         return {
@@ -213,7 +225,8 @@ def drift_words(summary: Mapping[str, Any] | None) -> str:
     return (
         f"The runtime compares the last {summary['window_frames']} judged frames with "
         f"{summary['patches']} training patches, feature by feature (Kolmogorov-Smirnov distance, "
-        f"0 to 1), and warns when one is out of range; verdicts do not depend on it. Limits are "
+        f"0 to 1), and warns when one is out of range. A frame that has most of them out of range "
+        f"by itself is never clear. Limits are "
         f"measured: {summary['factor']:.2f} times each feature's typical distance (median limit "
         f"{summary['median_limit']:.2f}; {summary['watched']} of {summary['features']} are below "
         f"1), the largest that any of {summary['windows']} windows of consecutive training frames "

@@ -2,7 +2,8 @@
 
 A monitor counts the features of the last frames into the bins of the training distribution that
 the bundle holds, and tells when one is further from training than any stretch of training frames
-was from the others (`tokt.models.distribution`). It looks on: no verdict depends on it.
+was from the others (`tokt.models.distribution`). It looks on: what one frame's distances mean for
+its verdict is the texture detector's.
 
 What it cannot see: frames that could not be judged (they have a reason of their own), what the
 extractor does not look at (a model whose features keep their values in other light is right in not

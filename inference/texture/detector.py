@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tokt.features.common.arrays import F64, Bools
+from tokt.features.common.arrays import F64, U8, Bools
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
+from tokt.features.frames.image_file import decode_image
 from tokt.inference.frame import Frame
-from tokt.inference.frame_checks import frame_fault, shape_fault
+from tokt.inference.frame_checks import fine_detail, frame_fault, shape_fault
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.verdict import (
     OBSTACLE,
@@ -34,6 +35,15 @@ ASPECT_TOLERANCE = 0.02
 """Relative difference of width over height: one row more or less is a crop, more another camera."""
 MIN_WIDTH_RATIO, MAX_WIDTH_RATIO = 0.75, 1.33
 """Width over the training frames' width: a sensor's binning or a half-size stream is outside."""
+
+
+OUT_OF_RANGE = 0.5
+"""Part of the features that one frame may have out of range for a clear that is believed. Measured
+with models of half of the sea trial's blocks on the other half: at most 0.03 where the frame is
+clear; 0.62 and more of haze, glow, an offset and an inverted picture."""
+DETAIL_LEFT = 2 / 3
+"""Part of the golden frames' fine detail over 0.5, which is none, that a clear frame must have."""
+_NO_DETAIL, _SOME_DETAIL = 0.5, 0.03
 
 
 def min_mask_patches(grid: Grid, height: int, width: int) -> int:
@@ -141,6 +151,7 @@ class TextureDetector:
         self.scorer = scorer
         self.threads = threads
         self._rule = MofNRun(scorer.operating_point.rule)
+        self._least_detail = _least_detail(scorer)
 
     def detect(self, frame: Frame) -> Detection:
         """Judge the left picture."""
@@ -165,7 +176,27 @@ class TextureDetector:
         if not np.isfinite(values).all():
             words = "the model gave a decision value that is not finite"
             return self._unjudged(Fault(Reason.NOT_FINITE, words))
-        return replace(self._ruled(values, *gray.shape), features=features)
+        found = self._ruled(values, *gray.shape)
+        if found.mask is not None and not found.mask.any():
+            fault = self._unlike_training(frame.left, features)
+            if fault:
+                found = replace(found, mask=None, fault=fault, vetoes_clear=True)
+        return replace(found, features=features)
+
+    def _unlike_training(self, picture: U8, features: F64) -> Fault:
+        """Why the model says nothing where it sees nothing in such a frame, or an empty string."""
+        distribution = self.scorer.distribution
+        if distribution is None:
+            return NO_FAULT
+        out = distribution.out_of_range(features)
+        if out > OUT_OF_RANGE:
+            words = f"{100 * out:.0f} % of the features are unlike the training frames'"
+            return Fault(Reason.DRIFT, words)
+        detail = fine_detail(picture) if self._least_detail > 0 else 1.0
+        if detail < self._least_detail:
+            words = f"the frame is blurred, enlarged or compressed (fine detail {detail:.2f}, "
+            return Fault(Reason.DRIFT, f"{words}{self._least_detail:.2f} needed)")
+        return NO_FAULT
 
     def _ruled(self, values: F64, height: int, width: int) -> Detection:
         """What the decision values of a frame resized to `height` x `width` come to."""
@@ -197,6 +228,15 @@ class TextureDetector:
         sizes = " or ".join(f"{w}x{h}" for h, w in learnt)
         words = f"frames are {width}x{height}, the model learnt from {sizes}"
         return Fault(Reason.WRONG_SIZE, words)
+
+
+def _least_detail(scorer: Bundle) -> float:
+    """The fine detail that a frame needs to be clear; 0 where training frames have none."""
+    if scorer.distribution is None:
+        return 0.0
+    golden = [decode_image(png, "golden frame") for png in scorer.golden.frames]
+    over = min(map(fine_detail, golden)) - _NO_DETAIL
+    return _NO_DETAIL + DETAIL_LEFT * over if over > _SOME_DETAIL else 0.0
 
 
 class ReloadableTextureDetector:

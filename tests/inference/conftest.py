@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,7 +17,8 @@ from tests.models.parts import golden_of
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.quantization import Quantization
-from tokt.models.bundle.bundle import BundleContent, bundle_bytes
+from tokt.models.bundle.bundle import BundleContent, Golden, bundle_bytes
+from tokt.models.distribution import Distribution, bin_counts, quantile_edges
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import OperatingPoint
 
@@ -40,13 +43,15 @@ def calibration_path(mission):
 def draw(patches: list[tuple[int, int]], seed: int = 0) -> NDArray[np.uint8]:
     """A 360x271 gray frame: two striped halves, and noise on the given (row, col) patches.
 
-    No patch is of one grey level, which no camera gives either. The stripes are whole JPEG blocks,
-    so that they survive compression as they are.
+    No patch is of one grey level, or equal in two frames of other seeds, which no camera gives
+    either. What is drawn is whole JPEG blocks, so that it survives compression as it is.
     """
     frame = np.full((271, 360), 30, np.uint8)
     frame[:, 180:] = 45
     frame[np.arange(271) // 8 % 3 == 0] += 4
     rng = np.random.default_rng(seed)
+    blocks = rng.integers(0, 4, (34, 45)) == 0
+    frame += blocks.repeat(8, axis=0).repeat(8, axis=1)[:271]
     for row, col in patches:
         y, x = row * PATCH_HEIGHT, col * PATCH_WIDTH
         noise = rng.integers(10, 120, (PATCH_HEIGHT, PATCH_WIDTH))
@@ -84,6 +89,8 @@ class NoiseScorer:
     frame_sizes: tuple[tuple[int, int], ...] = ((271, 360),)
     images: tuple[Quantization | None, ...] = (None,)
     operating_point: OperatingPoint = OperatingPoint()  # noqa: RUF009 - frozen
+    distribution: Distribution | None = None
+    golden: Golden | None = None
 
     @property
     def model(self) -> NoiseScorer:
@@ -108,6 +115,23 @@ class NoiseScorer:
         return values[:, 0] > 0
 
 
+class LevelScorer(NoiseScorer):
+    """The same with the patches' grey levels beside it, and what they were in the frames learnt."""
+
+    def __init__(self, learnt: Sequence[Any], typical: float = 0.1) -> None:
+        super().__init__()
+        rows = np.vstack([self.features(picture) for picture in learnt])
+        edges = np.array([quantile_edges(column) for column in rows.T])
+        counts, distances = bin_counts(rows, edges), np.full(len(edges), typical)
+        self.distribution = Distribution(edges, counts, distances, 3.5, 20, 9, 4)
+        self.golden = golden_of(learnt[:2], [], [])
+
+    def features(self, frame, pictures=None, threads=1) -> NDArray[np.float64]:
+        cells = self.grid.cells(frame)
+        levels = cells.mean(axis=(1, 2)), cells.min(axis=(1, 2))
+        return np.column_stack([super().features(frame), *levels])
+
+
 @pytest.fixture
 def noise_scorer():
     return NoiseScorer()
@@ -119,7 +143,7 @@ def bundle_file(tmp_path_factory):
     extractor, grid = extractor_named("lbp_10_5_frame"), Grid()
     weights = np.zeros((1, extractor.dim))
     weights[0, 10] = -1.0
-    model = LinearModel(weights, np.array([0.3]), np.zeros(1), ("ocean", "other"), (False, True))
+    model = LinearModel(weights, np.array([0.2]), np.zeros(1), ("ocean", "other"), (False, True))
     frame = draw([(4, 5)])
     values = model.decision_values(extractor.describe(frame, grid))
     golden = golden_of([frame], [values], [model.obstacle_patches(values)])

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -21,11 +22,12 @@ from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy
 from tokt.inference.publisher import Observer
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.recording.run_log import RunLog
+from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import Detection
 from tokt.models.operating_point import MofNRule, OperatingPoint
 
 from ..waiting import MAX_S
-from .conftest import HandClock, NoiseScorer
+from .conftest import HandClock, LevelScorer, NoiseScorer, draw
 from .dive import Dive, Outcome, healthy
 from .live import bound_socket
 
@@ -54,8 +56,8 @@ def finish(dive: Dive) -> Outcome:
     return outcome
 
 
-def noise(mean: float, sigma: float) -> np.ndarray:
-    return np.clip(RNG.normal(mean, sigma, (271, 360)), 0, 255).astype(np.uint8)
+def noise(mean: float, sigma: float, *channels: int) -> np.ndarray:
+    return np.clip(RNG.normal(mean, sigma, (271, 360, *channels)), 0, 255).astype(np.uint8)
 
 
 def cut_off() -> np.ndarray:
@@ -64,11 +66,33 @@ def cut_off() -> np.ndarray:
     return picture
 
 
+def with_band(top: int, bottom: int, grey: int | None = 128) -> np.ndarray:
+    """A band that fills no patch, of one colour or of the row above it."""
+    picture = draw([], 3)
+    picture[top:bottom] = picture[top - 1] if grey is None else grey
+    return picture
+
+
 FRAMES: dict[str, tuple[Reason, Callable[[], np.ndarray] | None]] = {
     "lens covered, lamp out: a dark frame": (Reason.DARK, lambda: noise(2, 1)),
     "glare: a saturated frame": (Reason.SATURATED, lambda: noise(254, 3)),
     "a frame of one grey": (Reason.BLANK, lambda: np.full((271, 360), 90, np.uint8)),
     "the end of a frame zeroed or gray": (Reason.DAMAGED, cut_off),
+    "noise instead of a picture: a covered lens under auto gain": (
+        Reason.BLANK,
+        lambda: noise(12, 4),
+    ),
+    "snow instead of a picture, in colour": (Reason.BLANK, lambda: noise(128, 40, 3)),
+    "haze that leaves a fraction of a grey level": (
+        Reason.BLANK,
+        lambda: cv2.convertScaleAbs(draw([], 3), alpha=0.1, beta=100),
+    ),
+    "a grey band in mid-frame: a lost packet": (Reason.DAMAGED, lambda: with_band(115, 155)),
+    "a band at the bottom: lost packets": (Reason.DAMAGED, lambda: with_band(247, 271, 60)),
+    "rows that repeat the row above: a lost packet, concealed": (
+        Reason.DAMAGED,
+        lambda: with_band(90, 120, None),
+    ),
     "a frame of another size": (Reason.WRONG_SIZE, lambda: noise(60, 9)[:200, :200]),
     "an array that is no picture": (Reason.WRONG_SIZE, lambda: noise(60, 9)[:, :, None]),
     "no such frame": (Reason.MISSING, None),
@@ -90,6 +114,43 @@ def test_a_frame_that_cannot_be_judged(fault):
             dive.give("fault", picture())
     outcome = finish(dive)
     row(fault, outcome, f"frames by reason: {reason.value} +{outcome.summary.reasons[reason]}")
+
+
+def unlike_training() -> dict[str, np.ndarray]:
+    """Clear water as a model did not learn it, by the fault's name."""
+    plain = draw([], 3)
+    return {
+        "haze over a model's frames": cv2.convertScaleAbs(plain, alpha=0.5, beta=50),
+        "glow from below over a model's frames": (
+            plain // 2 + np.linspace(0, 120, 271)[:, None] + RNG.random(plain.shape)
+        ).astype(np.uint8),
+        "black is white, of a model's frames": 255 - plain,
+    }
+
+
+@pytest.mark.parametrize("fault", unlike_training())
+def test_a_picture_that_is_unlike_all_that_the_model_learnt_from(fault):
+    dive = Dive(scorer=LevelScorer([draw([], seed) for seed in range(8)]))
+    with dive.fault_between():
+        dive.give("fault", unlike_training()[fault])
+    row(fault, finish(dive), "frames by reason: drift +1")
+
+
+def test_a_picture_without_the_fine_detail_that_the_model_learnt_from():
+    sharp = [draw([], seed) + RNG.integers(0, 3, (271, 360), np.uint8) for seed in range(4)]
+    detector = TextureDetector(LevelScorer(sharp, typical=1.0))  # its features may be anything
+    fewer = {
+        "blurred: water on the lens, a picture made smooth": cv2.GaussianBlur(sharp[2], (0, 0), 2),
+        "enlarged: a digital zoom": cv2.resize(sharp[2], None, fx=2, fy=2)[100:371, 100:460],
+    }
+    assert not detector.detect(Frame(1, 0.0, sharp[3], None)).mask.any()
+    for fault, picture in fewer.items():
+        found = detector.detect(Frame(2, 0.0, picture, None))
+        assert found.mask is None and found.vetoes_clear and "fine detail" in found.fault
+        hold_row(fault, f"unknown `{found.fault.reason}`", "frames by reason: drift")
+    # What is seen all the same is an obstacle.
+    picture = cv2.GaussianBlur(draw([(4, 4)], 5), (0, 0), 2)
+    assert detector.detect(Frame(3, 0.0, picture, None)).mask.any()
 
 
 def test_a_frozen_camera():

@@ -7,7 +7,12 @@ import pandas as pd
 import pytest
 
 from tests.calls import succeeds
+from tests.inference.attacks import ATTACKS
 from tokt.features.frames.mission import open_mission
+from tokt.inference.frame import Frame
+from tokt.inference.policy.policy import SinglePolicy
+from tokt.inference.texture.detector import TextureDetector
+from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
 from tokt.models.registry.registry import Registry
 from tokt.training.evaluation.evaluate import first_detection
 
@@ -59,6 +64,32 @@ def test_best_reaches_in_blocked_cross_validation(train, workspace):
     assert chosen["reachable"] is False and chosen["false_status"] == 0
     # Exporting checks that the folded weights agree with scikit-learn's to 1e-9 on real frames.
     assert Registry(workspace).bundle("approach-haralick").content.metrics == cv
+
+
+def statuses(bundle, mission, attack=None):
+    """Status of every second frame of the approach, by number."""
+    policy = SinglePolicy(TextureDetector(bundle))
+    found = {}
+    for number in range(125, 247, 2):
+        picture = mission.read(number)
+        changed = picture if attack is None else attack(picture)
+        found[number] = policy.judge(Frame(number, 0.0, changed, None)).verdict.status
+    return found
+
+
+def test_no_attack_on_a_picture_makes_the_tower_clear(workspace, mission_dir):
+    """A model of half of the blocks, so that half of the frames are none it learnt from."""
+    half = ",".join(f"{first}-{first + 11}" for first in range(1, 247, 24))
+    where = ("--labels", mission_dir / "labels.csv", "--workspace", workspace)
+    succeeds("dataset", "build", "half", "--mission", mission_dir, "--frames", half, *where)
+    succeeds("train", "half", "--folds", 2, "--changes", "none", "--workspace", workspace)
+    bundle, mission = Registry(workspace).bundle("half-haralick"), open_mission(mission_dir)
+    plain = statuses(bundle, mission)
+    seen = [number for number, status in plain.items() if status == OBSTACLE]
+    assert len(seen) >= 45 and UNKNOWN not in plain.values()
+    for name, attack in ATTACKS.items():
+        said = statuses(bundle, mission, attack)
+        assert [number for number in seen if said[number] == CLEAR] == [], name
 
 
 @pytest.mark.parametrize(

@@ -137,6 +137,7 @@ def test_the_real_runtime_answers_each_frame_with_its_time(bundle_file):
             connection, _ = server.accept()
             for number in range(1, 4):
                 picture = rng.integers(20, 60, (272, 360, 3)).astype(np.uint8)
+                picture[:, 180:] += 30
                 left = None if number == 2 else picture
                 connection.sendall(encode_frame(number, 1e9 + number / 4, left, None))
                 said = decode(receiver.recv(2000))

@@ -21,6 +21,11 @@ SHIFT_MM = np.array([[-1000 * BASELINE_M], [0.0], [0.0]])
 PLAIN = StereoCalibration(CAMERA, STRAIGHT, CAMERA, STRAIGHT, np.eye(3), SHIFT_MM, (WIDTH, HEIGHT))
 
 
+def even_sea() -> np.ndarray:
+    """A view with nothing in it: light that falls off, and a little noise; float64."""
+    return np.linspace(25, 45, WIDTH) + np.random.default_rng(9).uniform(-0.5, 0.5, (HEIGHT, 1))
+
+
 def store_parts(path: Path, parts: Mapping[str, Any]) -> Path:
     """Write a calibration file with cv2 alone."""
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)

@@ -19,7 +19,7 @@ from tokt.inference.stereo.matching import NEAREST_M, disparity_range
 from tokt.inference.stereo.rectify import Rectifier
 from tokt.inference.verdict import verdict_from_mask
 
-from .plain_rig import CAMERA, HEIGHT, PLAIN, WIDTH, sea_trial_pair, unfit_pairs
+from .plain_rig import CAMERA, HEIGHT, PLAIN, WIDTH, even_sea, sea_trial_pair, unfit_pairs
 
 SQUARE_PX = 320
 DISPARITY_PX = 200  # at full size: 2200 * 0.3 / 200 = 3.3 m
@@ -35,8 +35,7 @@ def pair(x: int, y: int = 350, disparity_px: int = DISPARITY_PX) -> tuple[np.nda
     """An even sea with one textured square, at (x, y) in the left view and nearer than it."""
     rng = np.random.default_rng(3)
     texture = cv2.resize(rng.uniform(20, 120, (80, 80)), (SQUARE_PX, SQUARE_PX))
-    fall = np.linspace(25, 45, WIDTH)[None].repeat(HEIGHT, 0)
-    left, right = fall.copy(), fall.copy()
+    left, right = even_sea(), even_sea()
     left[y : y + SQUARE_PX, x : x + SQUARE_PX] = texture
     start = x - disparity_px
     right[y : y + SQUARE_PX, max(start, 0) : start + SQUARE_PX] = texture[:, max(-start, 0) :]
@@ -62,9 +61,7 @@ def test_the_left_edge_is_searched_as_far_as_the_right_camera_sees(plain):
 
 def sea() -> np.ndarray:
     """A left view with nothing in it."""
-    left, _ = pair(700)
-    left[:] = left[0]
-    return left
+    return even_sea().round().astype(np.uint8)
 
 
 def test_a_saturated_pair_can_show_an_obstacle_but_is_never_clear(plain):

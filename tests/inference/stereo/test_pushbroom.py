@@ -21,6 +21,7 @@ from .plain_rig import (
     HEIGHT,
     PLAIN,
     WIDTH,
+    even_sea,
     sea_trial_pair,
     unfit_pairs,
 )
@@ -33,16 +34,12 @@ CELL = 4 / MASK  # pixels at full size
 Drawn = tuple[np.ndarray, np.ndarray]
 
 
-def sea() -> np.ndarray:
-    return np.linspace(25, 45, WIDTH)[None].repeat(HEIGHT, 0)
-
-
 def draw(distance_m: float, texture: np.ndarray | None = None, x: int = X, y: int = Y) -> Drawn:
     """An even sea with one thing in it, at (x, y) in the left view and at a distance."""
     if texture is None:
         rng = np.random.default_rng(3)
         texture = cv2.resize(rng.uniform(20, 120, (40, 40)), (SQUARE_PX, SQUARE_PX))
-    left, right = sea(), sea()
+    left, right = even_sea(), even_sea()
     height, width = texture.shape
     start = x - round(FOCAL_BASELINE / distance_m)
     left[y : y + height, x : x + width] = texture
@@ -50,7 +47,7 @@ def draw(distance_m: float, texture: np.ndarray | None = None, x: int = X, y: in
     return left.round().astype(np.uint8), right.round().astype(np.uint8)
 
 
-EMPTY = (sea().round().astype(np.uint8),) * 2
+EMPTY = (even_sea().round().astype(np.uint8),) * 2
 
 
 @pytest.fixture
@@ -182,7 +179,7 @@ def test_what_is_remembered_but_has_become_too_small_is_not_clear():
 def noise(seed: int, light: float = 1.0) -> np.ndarray:
     """Open water, never twice the same."""
     rng = np.random.default_rng(seed)
-    return (light * sea() + rng.normal(0, 2, (HEIGHT, WIDTH))).round().clip(0).astype(np.uint8)
+    return (light * even_sea() + rng.normal(0, 2, (HEIGHT, WIDTH))).round().clip(0).astype(np.uint8)
 
 
 def test_a_camera_that_sees_nothing_makes_no_clear(detector):

@@ -100,8 +100,10 @@ def test_frames_narrower_than_the_grid_are_unknown_unless_learnt_from(noise_scor
 
 
 def noisy(mean: float, sigma: float, height: int = 200, width: int = 300) -> np.ndarray:
+    """Noise, and light that falls off to one side."""
     rng = np.random.default_rng(1)
-    return (mean + sigma * rng.standard_normal((height, width))).clip(0, 255).astype(np.uint8)
+    light = mean * np.linspace(0.7, 1.3, width)
+    return (light + sigma * rng.standard_normal((height, width))).clip(0, 255).astype(np.uint8)
 
 
 @pytest.mark.parametrize(
