@@ -29,7 +29,7 @@ _JPEG_MARKER = re.compile(rb"\xff[\x01-\xcf\xd8-\xfe]")
 _PNG_START = b"\x89PNG\r\n\x1a\n"
 _SHOWN_OTHERWISE = {b"tRNS", b"acTL", b"eXIf"}
 """PNG chunks by which a browser may show something else: transparency, animation, a turn."""
-_PNM_MAXIMUM = re.compile(rb"P[2356](?:(?:\s|#[^\r\n]*[\r\n])+(\d+)){3}")
+_PNM_MAXIMUM = re.compile(rb"P[2356](?:(?:\s|#[^\r\n]*[\r\n])+(\d{1,9})){3}")
 _FEW_BITS_GREY = 16
 """12 bits in 16 reach this grey level at most (OpenCV rounds some); what stays below is dark."""
 _REMEDY = "convert it to 8 bits, all files alike (12-bit levels: divided by 16)"

@@ -399,6 +399,8 @@ def test_every_row_comes_from_a_test():
         Path(__file__),
         Path(__file__).with_name("process") / "test_process_faults.py",
         Path(__file__).parents[1] / "labels" / "page" / "state" / "test_pictures.py",
+        Path(__file__).parents[1] / "labels" / "page" / "api" / "test_server_copies.py",
+        Path(__file__).parents[1] / "labels" / "store" / "test_copies.py",
         Path(__file__).parents[1] / "training" / "datasets" / "test_dataset.py",
     ]
     sources = "".join(path.read_text() for path in tests)
