@@ -11,11 +11,12 @@ import numpy as np
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError, os_errors_as
 
-from .image_file import SUFFIXES, decode_image
+from .image_file import SUFFIXES, check_bits, decode_image
 
 LEFT, RIGHT = "left", "right"
 VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".mpg", ".mpeg", ".m4v", ".webm"})
 _MAX_RANGE = 10_000_000  # frames; four days at 30 a second
+_BITS_16 = 16  # the last letter of FFmpeg's four for a pixel format of that many bits
 _NUMBER = re.compile(r"(\d+)$")
 
 
@@ -132,6 +133,8 @@ class VideoMission:
         if not self._capture.isOpened() or count < 1:
             raise ToktError(f"{path} is not a video that can be read")
         self._count = self._readable = count
+        kind = int(self._capture.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT))
+        self._has_16_bits = kind >> 24 == _BITS_16
         self.frames_per_second = float(self._capture.get(cv2.CAP_PROP_FPS)) or None
 
     def frames(self, camera: str = LEFT) -> list[int]:
@@ -159,6 +162,8 @@ class VideoMission:
         good, image = self._capture.retrieve() if frame <= self._readable else (False, None)
         if not good or image is None:
             raise FrameError(f"{self.path}: frame {frame} cannot be decoded")
+        if self._has_16_bits:
+            check_bits(int(image.max()), f"{self.path}: frame {frame}")
         return np.asarray(image, np.uint8)
 
     def encoded(self, frame: int, camera: str = LEFT) -> tuple[bytes, str]:

@@ -10,6 +10,7 @@ from tokt.features.common.sqlite_copy import copy_database, damage
 
 from .schema import format_of
 from .store import FILE_NAME, LabelStore
+from .write_ahead_log import check_log
 
 NAME = "labels"
 
@@ -28,12 +29,13 @@ def label_store_finding(workspace: Path) -> Finding:
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         copy = Path(folder) / FILE_NAME
         copy_database(file, copy)
-        broken = damage(copy)
-        if broken:
-            return Finding(NAME, FAULT, f"{file} is damaged: {broken}")
-        with closing(sqlite3.connect(copy)) as connection:
-            version = format_of(connection)  # opening the copy below brings it up to date
         try:
+            check_log(copy)  # first: what follows plays the log into the copy
+            broken = damage(copy)
+            if broken:
+                return Finding(NAME, FAULT, f"{file} is damaged: {broken}")
+            with closing(sqlite3.connect(copy)) as connection:
+                version = format_of(connection)  # opening the copy below brings it up to date
             LabelStore(copy, create=False).close()
         except ToktError as error:
             return Finding(NAME, FAULT, str(error).replace(str(copy), str(file)))

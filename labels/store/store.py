@@ -10,7 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, ClassVar
+from weakref import WeakSet
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
@@ -18,10 +19,10 @@ from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord
 
 from .actions import REDO, UNDO, Action, ActionHead, ActionLog, ActionResult, UndoHistory
 from .schema import APPLICATION_ID, CELL, COLUMNS, FORMAT, create, format_of, upgrade
+from .write_ahead_log import BUSY_S, check_log, fold, has_log
 
 FILE_NAME = "labels.db"
 
-_BUSY_S = 60.0  # how long to wait for another process that is writing
 _RETRY_S = 0.02  # between two tries to be the one who writes
 _PRIMARY = 0xFF  # of an SQLite error code: the rest tells kinds of it apart
 _CHUNK = 20_000  # events read at once; others use the store between two chunks
@@ -149,8 +150,11 @@ class LabelStore:
     Raises
     ------
     ToktError
-        If the file is not a label store, has a newer format, or cannot be opened.
+        If the file is not a label store, has a newer format, or cannot be opened; or if the log
+        beside it is another file's.
     """
+
+    _open_here: ClassVar[WeakSet[LabelStore]] = WeakSet()
 
     def __init__(self, path: Path, *, create: bool = True) -> None:
         self.path = path
@@ -159,8 +163,11 @@ class LabelStore:
             raise ToktError(f"no label store {path}; labels come in by tokt labels import FILE")
         with self._user_errors():
             path.parent.mkdir(parents=True, exist_ok=True)
+            # Where this process has it open, closing another look would take its locks off (POSIX).
+            if path not in {store.path for store in self._open_here}:
+                check_log(path)
             self._connection = sqlite3.connect(
-                path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False
+                path, timeout=BUSY_S, isolation_level=None, check_same_thread=False
             )
             self._actions = ActionLog(self._connection)
             try:
@@ -168,6 +175,7 @@ class LabelStore:
             except BaseException:
                 self._connection.close()
                 raise
+        self._open_here.add(self)
 
     def __enter__(self) -> LabelStore:
         return self
@@ -184,6 +192,21 @@ class LabelStore:
         """Close the file; the store cannot be used afterwards."""
         with self._lock:
             self._connection.close()
+        self._open_here.discard(self)
+
+    def fold_log(self) -> None:
+        """Bring what was written last into the file itself, in case somebody copies it.
+
+        Nobody who reads or writes waits for it. Where it cannot be done now, nothing is lost.
+
+        Raises
+        ------
+        ToktError
+            If the file cannot be written.
+        """
+        with self._user_errors():
+            if has_log(self.path):
+                fold(self.path)
 
     def add(self, records: Iterable[LabelRecord]) -> int:
         """Append `records` in one transaction: all of them, or none when it is interrupted.
@@ -473,7 +496,7 @@ class LabelStore:
     def _use_write_ahead_log(self) -> None:
         # SQLite does not wait for others here, whatever its time-out. Where the file system
         # cannot hold a write-ahead log it answers with another mode, which is as safe.
-        deadline = time.monotonic() + _BUSY_S
+        deadline = time.monotonic() + BUSY_S
         while True:
             try:
                 self._connection.execute("PRAGMA journal_mode = WAL").fetchone()
@@ -544,7 +567,7 @@ class LabelStore:
         While another process writes, such as a long import, other threads must be able to read:
         SQLite would wait for it with the lock held.
         """
-        deadline = time.monotonic() + _BUSY_S
+        deadline = time.monotonic() + BUSY_S
         while not self._has_begun(give_up=time.monotonic() > deadline):
             time.sleep(_RETRY_S)
 
@@ -559,7 +582,7 @@ class LabelStore:
                     raise
                 return False
             finally:
-                self._connection.execute(f"PRAGMA busy_timeout = {_BUSY_S * 1000:.0f}")
+                self._connection.execute(f"PRAGMA busy_timeout = {BUSY_S * 1000:.0f}")
             self._lock.acquire()  # once more: held until the transaction ends
             return True
 

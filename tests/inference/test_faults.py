@@ -23,6 +23,7 @@ from tokt.inference.publisher import Observer
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.recording.run_log import RunLog
 from tokt.inference.texture.detector import TextureDetector
+from tokt.inference.sources.files import open_source
 from tokt.inference.verdict import Detection
 from tokt.models.operating_point import MofNRule, OperatingPoint
 
@@ -151,6 +152,42 @@ def test_a_picture_without_the_fine_detail_that_the_model_learnt_from():
     # What is seen all the same is an obstacle.
     picture = cv2.GaussianBlur(draw([(4, 4)], 5), (0, 0), 2)
     assert detector.detect(Frame(3, 0.0, picture, None)).mask.any()
+def few_bits_video(folder: Path) -> None:
+    codec, options = cv2.VideoWriter.fourcc(*"FFV1"), [cv2.VIDEOWRITER_PROP_DEPTH, cv2.CV_16U]
+    options += [cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
+    path = str(folder / "dive.mkv")
+    writer = cv2.VideoWriter(path, cv2.CAP_FFMPEG, codec, 10.0, (360, 272), options)
+    writer.write(np.pad(noise(60, 9), ((0, 1), (0, 0))).astype(np.uint16) * 16)
+    writer.release()
+
+
+def few_levels_pgm(folder: Path) -> None:
+    (folder / "1.pgm").write_bytes(b"P5\n360 271\n127\n" + (noise(60, 9) // 2).tobytes())
+
+
+DEEP: dict[str, Callable[[Path], object]] = {
+    "12-bit levels in a 16-bit image": lambda folder: cv2.imwrite(
+        str(folder / "1.png"), noise(60, 9).astype(np.uint16) * 16
+    ),
+    "12-bit levels in a 16-bit video": few_bits_video,
+    "a PGM whose brightest level is not 255": few_levels_pgm,
+    "an image of floating-point numbers": lambda folder: cv2.imwrite(
+        str(folder / "1.tif"), noise(60, 9).astype(np.float32)
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", DEEP)
+def test_a_file_that_would_be_nearly_black(tmp_path, fault):
+    DEEP[fault](tmp_path)
+    name = str(tmp_path / "dive.mkv") if "video" in fault else str(tmp_path)
+    dive = Dive()
+    (frame,) = open_source(name, dive.clock)
+    assert "; convert it to 8 bits" in frame.left_fault
+    with dive.fault_between():
+        dive.fault(frame.left_fault)
+    outcome = finish(dive)
+    row(fault, outcome, f"frames by reason: unreadable +{outcome.summary.reasons['unreadable']}")
 
 
 def test_a_frozen_camera():
@@ -416,7 +453,15 @@ def test_policies_where_one_detector_cannot_judge():
 
 def test_every_row_comes_from_a_test():
     found = re.findall(r"^\| (?!---|fault \|)(.*?) \|", TABLE.read_text(), re.MULTILINE)
-    tests = [Path(__file__), Path(__file__).with_name("process") / "test_process_faults.py"]
+    tests = [
+        Path(__file__),
+        Path(__file__).with_name("process") / "test_process_faults.py",
+        Path(__file__).parents[1] / "labels" / "page" / "state" / "test_pictures.py",
+        Path(__file__).parents[1] / "labels" / "page" / "api" / "test_server_copies.py",
+        Path(__file__).parents[1] / "labels" / "store" / "test_copies.py",
+        Path(__file__).parents[1] / "training" / "datasets" / "test_dataset.py",
+        Path(__file__).parents[1] / "training" / "rig" / "test_checkerboard.py",
+    ]
     sources = "".join(path.read_text() for path in tests)
     assert [fault for fault in found if f'"{fault}"' not in sources] == []
     assert len(found) == len(set(found)) >= 25

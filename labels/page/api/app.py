@@ -4,7 +4,7 @@ import asyncio
 import mimetypes
 import time
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -24,6 +24,8 @@ LOOK_S = 0.25
 """How often the store is looked at for what other processes wrote."""
 CHECK_S, CHECK_FAULT_S = 5.0, 1.0
 """How often it is tried whether something could be saved, and how often while it cannot."""
+QUIET_S = 2.0
+"""After the last label: then `labels.db` itself gets what was said, for whoever copies it."""
 
 # Windows takes these from its registry, where they may be anything; browsers then run no script.
 mimetypes.add_type("text/javascript", ".js")
@@ -78,12 +80,12 @@ async def watch(session: Session) -> None:
 
 
 class _StoreWatch:
-    """A watch over the store: new labels of other processes, and faults."""
+    """A watch over the store: new labels of other processes, faults, and quiet moments."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
         self._version: int | None = None
-        self._checked_at = time.monotonic()
+        self._checked_at = self._written_at = time.monotonic()
 
     def look(self) -> None:
         """Refresh the board if anybody wrote, and now and then try whether writing works."""
@@ -95,6 +97,9 @@ class _StoreWatch:
             version = self._session.store.data_version()
             if version != self._version:
                 self._session.refresh()
-                self._version = version
+                self._version, self._written_at = version, time.monotonic()
         except ToktError as error:
             self._session.fault = str(error)
+        if time.monotonic() - self._written_at > QUIET_S:
+            with suppress(ToktError):  # what is said stays in the log; `find_fault` tells why
+                self._session.store.fold_log()

@@ -11,7 +11,7 @@ import numpy as np
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.grid import Grid
-from tokt.features.frames.image_file import decode_image
+from tokt.features.frames.image_file import decode_image, is_shown_alike
 from tokt.features.frames.mission import Mission
 from tokt.labels.page.frames import encoded_frame, read_frame
 
@@ -38,8 +38,8 @@ def frame_picture(
     camera : str
     frame : int
     enhance : int
-        0 gives the camera's own file where browsers show its format and otherwise a PNG of the
-        same pixels; up to 100 see `enhanced`: a JPEG.
+        0 gives the camera's own file where browsers show its very pixels and otherwise a PNG of
+        them; up to 100 see `enhanced`: a JPEG.
     width : int, optional
         Make it that wide, in pixels (a narrower frame stays as it is): a JPEG.
 
@@ -164,7 +164,7 @@ def _own_file(mission: Mission, camera: str, frame: int) -> tuple[bytes, str]:
     data, suffix = encoded_frame(mission, camera, frame)
     # A browser shows what there is of a truncated file; nobody may label what is not there.
     image = decode_image(data, f"{camera} frame {frame}")
-    if suffix in _SHOWN_BY_BROWSERS:
+    if suffix in _SHOWN_BY_BROWSERS and is_shown_alike(data):
         return data, _SHOWN_BY_BROWSERS[suffix]
     return cv2.imencode(".png", image)[1].tobytes(), "image/png"
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from tokt.labels.taxonomy import Taxonomy
 
 labels_app = typer.Typer(
-    help="Import and export label files, count labels, compare annotators.",
+    help="Import, export and back up labels, count them, compare annotators.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -355,6 +355,27 @@ def _class_map(pairs: Iterable[str]) -> dict[str, str]:
 def _say_lost(title: str, lost: Iterable[str]) -> None:
     for line in lost:
         say(f"{title}: {line}")
+
+
+@labels_app.command("backup")
+def back_up_labels(
+    file: Annotated[
+        Path, Argument(metavar="FILE", help="File to write; one that is there is refused.")
+    ],
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
+) -> None:
+    """Copy the label store into one checked file, also while `tokt label` runs.
+
+    To restore, end `tokt label`, remove labels.db-wal and labels.db-shm from the workspace, and
+    put the file there as labels.db. labels.db copied by hand lacks what labels.db-wal holds.
+    """
+    from tokt.labels.store.backup import back_up
+
+    with _open_store(workspace) as store:
+        events = back_up(store, file)
+    value = {"file": str(file), "store": str(store.path), "events": events}
+    answer(json, value, lambda: typer.echo(f"{file}: {events} events, checked"))
 
 
 @labels_app.command("stats")

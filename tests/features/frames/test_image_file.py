@@ -1,3 +1,5 @@
+import zlib
+
 import cv2
 import numpy as np
 import pytest
@@ -7,7 +9,13 @@ from numpy.typing import NDArray
 
 from tests.tiers import scaled
 from tokt.features.common.errors import FrameError
-from tokt.features.frames.image_file import _jpeg_is_whole, decode_image, pixel_sha256, read_image
+from tokt.features.frames.image_file import (
+    _jpeg_is_whole,
+    decode_image,
+    is_shown_alike,
+    pixel_sha256,
+    read_image,
+)
 
 Image = NDArray[np.uint8]
 
@@ -196,3 +204,120 @@ def test_a_png_that_says_it_is_huge_is_not_decoded(gray):
     png[16:24] = (20_000).to_bytes(4, "big") * 2
     with pytest.raises(FrameError, match="400000000 pixels"):
         decode_image(bytes(png), "p.png")
+
+
+DEEP = [(suffix, shape) for suffix in (".png", ".tif", ".pgm") for shape in ((40, 60), (40, 60, 3))]
+DEEP[-1] = (".ppm", (40, 60, 3))
+
+
+@pytest.mark.parametrize(("suffix", "shape"), DEEP)
+@pytest.mark.parametrize("bits", [8, 10, 12])
+def test_few_bits_in_16_are_refused_with_the_remedy(suffix, shape, bits):
+    """As nearly black pictures they lost what was to be seen, and nobody was told."""
+    values = np.random.default_rng(1).integers(0, 2**bits, shape, np.uint16)
+    values.flat[0] = 2**bits - 1
+    with pytest.raises(FrameError, match=r"^a: its 16-bit pixels .*; convert it to 8 bits"):
+        decode_image(encode(values, suffix), "a")
+
+
+@pytest.mark.parametrize(("suffix", "shape"), DEEP)
+@pytest.mark.parametrize("shift", [0, 4], ids=["16 bits", "12 bits at the top"])
+def test_16_bits_are_seen_by_their_upper_8(suffix, shape, shift):
+    values = np.random.default_rng(1).integers(0, 2**16, shape, np.uint16) >> shift << shift
+    # OpenCV rounds colour TIFF, and cuts off the others, as it always did: datasets hold hashes.
+    image = decode_image(encode(values, suffix), "a")
+    assert image.dtype == np.uint8
+    assert np.abs(image - (values >> 8).astype(int)).max() <= (suffix == ".tif" and len(shape) == 3)
+    data = np.frombuffer(encode(values, suffix), np.uint8)
+    assert np.array_equal(image, cv2.imdecode(data, cv2.IMREAD_ANYCOLOR))
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64, np.int32])
+def test_numbers_that_are_no_grey_levels_are_refused(kind):
+    values = np.linspace(0, 255, 2400).reshape(40, 60).astype(kind)
+    with pytest.raises(FrameError, match=f"^a: its pixels are {np.dtype(kind)}; convert it to 8"):
+        decode_image(encode(values, ".tif"), "a")
+
+
+@pytest.mark.parametrize("head", ["P5\n60 40\n{}\n", "P5 # made by us\n#and\n 60\t40\r\n{}\n"])
+@pytest.mark.parametrize("maxval", [15, 127, 254, 1023, 4095])
+def test_a_pgm_of_another_maximum_is_refused(head, maxval):
+    """OpenCV passes its scale over: levels of 0 to 15 are nearly black."""
+    bytes_each = 1 if maxval < 256 else 2
+    data = head.format(maxval).encode() + b"\x01" * (2400 * bytes_each)
+    with pytest.raises(FrameError, match=f"^a: its brightest level is {maxval}, .*; convert it"):
+        decode_image(data, "a")
+    assert decode_image(head.format(255).encode() + b"\x01" * 2400, "a").max() == 1
+
+
+def chunk(name: bytes, data: bytes) -> bytes:
+    whole = name + data
+    return len(data).to_bytes(4, "big") + whole + zlib.crc32(whole).to_bytes(4, "big")
+
+
+def hand_png(depth: int, colour_type: int, rows: Image, *chunks: bytes) -> bytes:
+    """A PNG of 64x40 pixels of any of its kinds; `rows` are their bytes."""
+    size = (64).to_bytes(4, "big") + (40).to_bytes(4, "big")
+    header = chunk(b"IHDR", size + bytes([depth, colour_type, 0, 0, 0]))
+    pixels = chunk(b"IDAT", zlib.compress(np.insert(rows, 0, 0, axis=1).tobytes()))
+    return b"\x89PNG\r\n\x1a\n" + header + b"".join(chunks) + pixels + chunk(b"IEND", b"")
+
+
+PALETTE = chunk(b"PLTE", np.random.default_rng(2).bytes(48))
+EXIF_TURNED = (
+    b"MM\x00*\x00\x00\x00\x08\x00\x01\x01\x12\x00\x03\x00\x00\x00\x01\x00\x06" + b"\x00" * 6
+)
+"""TIFF tags as EXIF keeps them; orientation 6: a quarter turn."""
+
+
+@pytest.mark.parametrize("depth", [1, 2, 4])
+def test_few_bits_a_pixel_fill_the_range(depth):
+    packed = np.random.default_rng(3).integers(0, 256, (40, 8 * depth), np.uint8)
+    bits = np.unpackbits(packed, axis=1).reshape(40, 64, depth)
+    levels = bits @ (1 << np.arange(depth)[::-1])
+    assert np.array_equal(
+        decode_image(hand_png(depth, 0, packed), "a"), levels * 255 // (2**depth - 1)
+    )
+    colours = np.frombuffer(PALETTE[8:56], np.uint8).reshape(16, 3)
+    image = decode_image(hand_png(depth, 3, packed, PALETTE), "a")
+    assert np.array_equal(image, colours[levels][..., ::-1])
+
+
+SHOWN = {
+    "gray": (hand_png(8, 0, np.full((40, 64), 9, np.uint8)), True),
+    "palette": (hand_png(4, 3, np.full((40, 32), 17, np.uint8), PALETTE), True),
+    "colour": (hand_png(8, 2, np.full((40, 192), 9, np.uint8)), True),
+    "alpha": (hand_png(8, 6, np.full((40, 256), 9, np.uint8)), False),
+    "gray alpha": (hand_png(8, 4, np.full((40, 128), 9, np.uint8)), False),
+    "a transparent level": (
+        hand_png(8, 0, np.full((40, 64), 9, np.uint8), chunk(b"tRNS", b"\x00\x09")),
+        False,
+    ),
+    "16 bits": (hand_png(16, 0, np.full((40, 128), 90, np.uint8)), False),
+    "turned": (hand_png(8, 0, np.full((40, 64), 9, np.uint8), chunk(b"eXIf", EXIF_TURNED)), False),
+    "animated": (
+        hand_png(8, 0, np.full((40, 64), 9, np.uint8), chunk(b"acTL", b"\x00\x00\x00\x02" * 2)),
+        False,
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", SHOWN)
+def test_a_browser_shows_plain_pictures_as_they_are_decoded(kind):
+    data, alike = SHOWN[kind]
+    assert is_shown_alike(data) is alike
+    only_a_frame_error(data)
+
+
+def turned(jpeg: bytes) -> bytes:
+    payload = b"Exif\x00\x00" + EXIF_TURNED
+    return jpeg[:2] + b"\xff\xe1" + (len(payload) + 2).to_bytes(2, "big") + payload + jpeg[2:]
+
+
+def test_a_picture_is_turned_as_it_says(gray):
+    """As browsers show it: what is labelled is what is learnt from."""
+    jpeg = encode(gray, ".jpg")
+    assert np.array_equal(decode_image(turned(jpeg), "a"), np.rot90(decode_image(jpeg, "a"), -1))
+    rows = np.random.default_rng(4).integers(0, 256, (40, 64), np.uint8)
+    png = hand_png(8, 0, rows, chunk(b"eXIf", EXIF_TURNED))
+    assert np.array_equal(decode_image(png, "a"), np.rot90(rows, -1))

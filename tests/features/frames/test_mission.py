@@ -121,6 +121,24 @@ def test_video_frames_by_any_order(video):
         again.read(1, "right")
 
 
+@pytest.mark.parametrize("bits", [12, 16])
+def test_a_video_of_16_bits_is_held_to_what_image_files_are(tmp_path, bits):
+    path, depth = tmp_path / "deep.mkv", [cv2.VIDEOWRITER_PROP_DEPTH, cv2.CV_16U]
+    codec = cv2.VideoWriter.fourcc(*"FFV1")
+    gray = [cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, codec, 10.0, (64, 48), depth + gray)
+    levels = np.linspace(0, 2**bits - 1, 64 * 48).reshape(48, 64).astype(np.uint16)
+    for _ in range(3):
+        writer.write(levels)
+    writer.release()
+    found = open_mission(path)
+    if bits == 12:
+        with pytest.raises(FrameError, match=r"deep\.mkv: frame 2: its 16-bit pixels leave the"):
+            found.read(2)
+    else:
+        assert np.abs(found.read(2)[..., 0] - (levels >> 8).astype(int)).max() <= 1
+
+
 def test_video_frames_as_files(video):
     found = open_mission(video)
     data, suffix = found.encoded(4)

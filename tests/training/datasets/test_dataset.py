@@ -14,8 +14,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tests.calls import refuses, run_python
+from tests.calls import refused, refuses, run_python
 from tests.conftest import LABEL_COLUMNS, taxonomy_toml
+from tests.inference.test_faults import hold_row
 from tokt.features.frames.grid import Grid
 from tokt.labels import taxonomy as taxonomy_module
 from tokt.labels.taxonomy import Taxonomy
@@ -156,6 +157,20 @@ def test_plain_pandas_reads_the_tables(trained):
     assert set(frames.file) == {path.name for path in (folder / "frames").iterdir()}
     joined = patches.merge(frames, on=["mission", "camera", "frame"], suffixes=("", "_of_frame"))
     assert (joined.group == joined.group_of_frame).all()
+
+
+def test_levels_of_12_bits_in_16_are_not_learnt_from(own_tiny, tmp_path):
+    frame = own_tiny.path / "Left" / "tiny_L_7.png"
+    assert cv2.imwrite(str(frame), cv2.imread(str(frame)).astype(np.uint16) * 16)
+    mission, labels = ("--mission", own_tiny.path), ("--labels", own_tiny.labels)
+    words = "left frame 7: its 16-bit pixels leave the upper bits empty, and would be nearly black"
+    said = refused(words, "dataset", "build", "d", *mission, *labels, "--workspace", tmp_path / "w")
+    assert "; convert it to 8 bits, all files alike" in said
+    hold_row(
+        "12-bit levels in a 16-bit image, to be learnt from",
+        "refused in one line that names the remedy, code 2",
+        "nothing",
+    )
 
 
 def test_stored_frames_are_the_missions_own_files(trained, tiny):

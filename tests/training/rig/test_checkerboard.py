@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.calls import refuses
+from tests.calls import refused, refuses
+from tests.inference.test_faults import hold_row
 from tokt.inference.stereo.calibration import StereoCalibration, load_calibration
 from tokt.training.rig.calibrate.checkerboard import parse_board
 
@@ -123,3 +124,19 @@ def test_board_words():
     assert parse_board("9x6") == (9, 6)
     for text in ("9", "9x", "1x6", "9x60", "x", "9*6", "-9x6"):
         refuses("inner corners", parse_board, text)
+
+
+@pytest.mark.parametrize("board", [(), ("--board", "9x6", "--square", 25)])
+def test_pictures_that_cannot_be_read_are_named(tmp_path, board):
+    """Without it, it was said of 12-bit levels in 16 bits that no picture shows the board."""
+    for camera in ("Left", "Right"):
+        (tmp_path / camera).mkdir()
+        levels = np.full((40, 60), 4095, np.uint16)
+        assert cv2.imwrite(str(tmp_path / camera / "a_1.png"), levels)
+    words = "a_1.png: its 16-bit pixels leave the upper bits empty"
+    refused(words, "calibrate", tmp_path, *board, "-o", tmp_path / "rig.yml")
+    hold_row(
+        "12-bit levels in all 16-bit images of a board",
+        "refused in one line that names the remedy, code 2",
+        "nothing",
+    )

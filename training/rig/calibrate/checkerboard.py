@@ -14,7 +14,7 @@ from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames
 from tokt.inference.stereo.calibration import StereoCalibration
 
-from .frame_selection import Progress, stereo_frames
+from .frame_selection import Progress, frame_size, stereo_frames
 from .matching import FramePoints, gray_frame
 from .vertical_error import VerticalError, vertical_error
 
@@ -122,9 +122,10 @@ def calibrate_boards(
     Raises
     ------
     ToktError
-        If too few pictures show the whole board, or the pictures differ in size.
+        If no left picture can be read, too few show the whole board, or they differ in size.
     """
     present = stereo_frames(mission)
+    frame_size(mission)  # where no picture can be read, this says why
     boards, sizes = [], set()
     for frame in progress(present, len(present), "find boards"):
         found = _find(mission, frame, corners)

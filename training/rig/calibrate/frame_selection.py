@@ -51,13 +51,15 @@ def frame_size(mission: Mission) -> tuple[int, int]:
     ToktError
         If none can.
     """
+    why = ""
     for frame in mission.frames(LEFT):
         try:
             image = mission.read(frame, LEFT)
-        except FrameError:
+        except FrameError as error:
+            why = why or f": {error}"
             continue
         return image.shape[1], image.shape[0]
-    raise ToktError(f"mission {mission.path}: no left frame can be read")
+    raise ToktError(f"mission {mission.path}: no left frame can be read{why}")
 
 
 def match_mission(

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from tests.calls import refuses
 from tests.conftest import write_video
+from tests.inference.test_faults import hold_row
 from tests.tiers import scaled
 from tokt.features.common.errors import FrameError
 from tokt.features.frames.grid import Grid
@@ -131,6 +132,32 @@ def test_the_cameras_own_file_is_sent_untouched(tmp_path):
         assert (data, media_type) == ((tmp_path / "m" / name).read_bytes(), media)
     data, media_type = frame_picture(mission, "left", 3, 0)
     assert media_type == "image/png" and np.array_equal(decoded(data), frame)
+
+
+def test_a_file_that_browsers_show_otherwise_is_sent_as_it_is_learnt_from(tmp_path):
+    """A browser mixes transparent pixels with its own ground, and models do not."""
+    frame = water(tower=5)[:270, 500:860]
+    alpha = np.dstack([frame, np.arange(frame[..., 0].size).reshape(frame.shape[:2]) % 256])
+    images = {"a_1.png": alpha.astype(np.uint8), "a_2.png": frame.astype(np.uint16) * 257}
+    mission = mission_of(tmp_path / "m", images)
+    for number in (1, 2):
+        data, media_type = frame_picture(mission, "left", number, 0)
+        shown = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        assert media_type == "image/png" and shown.dtype == np.uint8
+        assert np.array_equal(shown, frame) and np.array_equal(mission.read(number), frame)
+
+
+@pytest.mark.parametrize("enhance", [0, 60])
+def test_a_frame_that_would_be_nearly_black_is_said_and_not_shown(tmp_path, enhance):
+    frame = water(tower=5)[:270, 500:860].astype(np.uint16) * 16
+    mission = mission_of(tmp_path / "m", {"a_1.png": frame})
+    with pytest.raises(FrameError, match=r"upper bits empty.*; convert it to 8 bits"):
+        frame_picture(mission, "left", 1, enhance)
+    hold_row(
+        "12-bit levels in a 16-bit image, to be labelled",
+        "not shown; the page names the remedy",
+        "nothing",
+    )
 
 
 def test_an_enhanced_frame_is_a_jpeg_of_the_frames_size(tmp_path):
