@@ -30,6 +30,7 @@ from tokt.inference.config import (
 )
 from tokt.inference.frame import Source
 from tokt.inference.monitoring.drift import DriftMonitor
+from tokt.inference.monitoring.receivers import ReceiverWatch
 from tokt.inference.monitoring.reload import ModelReloader
 from tokt.inference.monitoring.run_counts import RunCounts
 from tokt.inference.monitoring.status_line import StatusLine
@@ -414,6 +415,7 @@ def _observers(
         keep(recorder)
     keep(drift)
     keep(counts)
+    keep(ReceiverWatch(senders, SYSTEM_CLOCK, events.put))
     if config.monitoring.metrics is not None:
         from tokt.inference.monitoring.metrics import Metrics, MetricSources, parse_metrics
         from tokt.inference.sources.cameras.live_source import CameraSource
