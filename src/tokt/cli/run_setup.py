@@ -6,8 +6,11 @@ which nothing is said.
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
+import signal
+import sys
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, closing
 from enum import StrEnum
@@ -66,6 +69,8 @@ if TYPE_CHECKING:
     from tokt.inference.recording.recorder import Recorder
 
 Word = TypeVar("Word", bound=StrEnum)
+_END_S = 2.0
+"""Seconds from the end of all work until the system ends the process, if it does not by itself."""
 
 
 def check(config: RunConfig) -> None:
@@ -287,6 +292,9 @@ def _source(
         return open_source(
             wanted.source, SYSTEM_CLOCK, chosen, wanted.rate, read_right, wanted.pixel_format
         )
+    if sys.platform != "win32":
+        # As a program ends a vendor's library may wait for calls of its own, for ever.
+        atexit.register(signal.setitimer, signal.ITIMER_REAL, _END_S)
     source = open_camera_source(wanted, SYSTEM_CLOCK, events.put)
     opened.callback(source.close)
     return source

@@ -1,18 +1,27 @@
 """Frames of two simulated cameras: true pairs, every fault with its reason, and never a hang."""
 
 import functools
+import os
+import signal
+import subprocess
+import sys
 import threading
 import time
 from collections import Counter
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tests.calls import refuses
+from tests.inference.test_faults import hold_row
 from tests.waiting import MAX_S, until
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
 from tokt.inference.frame import MANY_MISSED, Frame
+from tokt.inference.monitoring.watchdog import Notifier, Watchdog
+from tokt.inference.outputs.udp import decode
 from tokt.inference.reason import Reason
 from tokt.inference.sources.cameras import live_source
 from tokt.inference.sources.cameras.capture import Capture, Deliver
@@ -225,6 +234,10 @@ def test_a_camera_that_is_waited_for(simulator, quick):
     assert cameras.event_names == [("camera_lost", "right"), ("camera_back", "right")]
 
 
+def keepers() -> list[threading.Thread]:
+    return [thread for thread in threading.enumerate() if "camera" in thread.name]
+
+
 def test_stop_while_streaming_and_while_lost(simulator):
     for plugged in (1, 0):
         simulator.set(1, plugged=1)
@@ -238,7 +251,86 @@ def test_stop_while_streaming_and_while_lost(simulator):
         reader.join(MAX_S)
         assert not reader.is_alive() and frames
         assert simulator.opened == [0, 0]
-        assert [thread for thread in threading.enumerate() if "camera" in thread.name] == []
+        assert keepers() == []
+
+
+def test_a_driver_that_hangs_as_it_closes_a_lost_camera(simulator, live, monkeypatch):
+    monkeypatch.setattr(live_source, "HUNG_S", 0.5)
+    cameras = live("pymba:0")
+    cameras.take(3)
+    simulator.set(0, hangs_at_close=1, plugged=0)
+    cameras.until(lambda frame: frame.left_fault.reason is Reason.CAMERA_LOST)
+    words = refuses("camera 0 hangs: closing it", cameras.until, lambda frame: False)
+    assert "only a new start frees it" in words
+    simulator.set(0, hangs_at_close=0)
+    until(lambda: not keepers())
+
+
+def test_a_driver_that_hangs_as_it_opens_at_the_start(simulator, live, monkeypatch):
+    live("pymba:0").source.close()
+    simulator.set(0, hangs_at_open=1)
+    monkeypatch.setattr(live_source, "HUNG_S", 0.3)
+    refuses("camera 0 hangs: opening it", live, "pymba:0")
+    # One that is waited for: the loop begins, says so, and is started again by who watches over it.
+    waiting = live("pymba:0", wait=True)
+    refuses("only a new start frees it", waiting.take, 1)
+    simulator.set(0, hangs_at_open=0)
+    until(lambda: not keepers())
+
+
+def running(vimba_environment: dict[str, str], bundle: Path, port: int, **changes: float) -> Any:
+    """The command and the environment of `tokt run` with shorter limits on a camera that hangs."""
+    program = "import tokt.inference.sources.cameras.live_source as limits\n"
+    program += "".join(f"limits.{name} = {value}\n" for name, value in changes.items())
+    program += "from tokt.cli import main\nmain()\n"
+    options = ["--source", "pymba:0", "--bundle", str(bundle), "--pixel-format", "Mono8"]
+    options += ["--policy", "texture", "--udp", f"v2@127.0.0.1:{port}"]
+    return [sys.executable, "-P", "-c", program, "run", *options], vimba_environment
+
+
+def test_a_driver_that_hangs_when_a_lost_camera_is_opened_again(
+    vimba_environment, bundle_file, receiver, monkeypatch
+):
+    """In a process of its own, under the watchdog; the same camera opens for the next process."""
+    port = receiver.getsockname()[1]
+    command, environment = running(vimba_environment, bundle_file, port, HUNG_S=1.0)
+    plan = "cameras=1;rate=20;width=360;height=271;0.hangs_at_open=1;0.hangs_at_exit=1"
+    plan += ";0.unplug_at_s=1;0.replug_at_s=1.2"
+    for name, value in {**environment, "VIMBA_SIMULATOR": plan}.items():
+        monkeypatch.setenv(name, value)
+    told: list[str] = []
+    dog = Watchdog(command, told.append, Notifier(SYSTEM_CLOCK, {}))
+    thread = threading.Thread(target=dog.run, daemon=True)
+    thread.start()
+    try:
+        said = [decode(receiver.recv(4096))]
+        while sum(one["seq"] == 1 for one in said) < 2 or said[-1]["reason"] == "no_frame":
+            said.append(decode(receiver.recv(4096)))
+    finally:
+        dog.stop()
+        thread.join(MAX_S)
+    again = [one["seq"] for one in said].index(1, 1)
+    reasons = [one["reason"] for one in said]
+    assert reasons[again - 1] == "camera_lost" and "camera_lost" not in reasons[again:]
+    lost = reasons[reasons.index("camera_lost") : again]
+    assert {one["status"] for one in said[again - len(lost) : again]} == {-1}
+    assert dog.restarts == 1, told
+    words = "unknown `camera_lost` for 40 s, then the program ends; a watchdog starts it again"
+    hold_row("a camera's driver hangs when it is opened again, or closed", words, "restarts +1")
+
+
+def test_a_driver_that_hangs_at_the_end(vimba_environment, bundle_file, receiver):
+    port = receiver.getsockname()[1]
+    command, environment = running(vimba_environment, bundle_file, port, _JOIN_S=0.2)
+    plan = "cameras=1;0.hangs_at_close=1;0.hangs_at_exit=1"
+    environment = {**os.environ, **environment, "VIMBA_SIMULATOR": plan}
+    with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
+        receiver.recv(4096)
+        process.terminate()
+        assert process.wait(MAX_S) == -signal.SIGALRM
+        assert "frames in" in process.stderr.read()
+    said = "the program ends all the same, within 10 s"
+    hold_row("a camera's driver hangs at the end", said, "nothing")
 
 
 def test_stop_without_a_reader(simulator):

@@ -29,6 +29,7 @@ typedef struct {
     double unplug_at_s, replug_at_s; /* since VmbStartup; negative: never */
     int drop_every, incomplete_every;
     bool plugged, mute, unnoticed, handle_dies, usb;
+    bool hangs_at_open, hangs_at_close, hangs_at_exit;
 
     /* What the API knows. */
     bool known, opened, power_cycled;
@@ -65,6 +66,7 @@ typedef struct {
 extern Rig rig;
 
 double now_s(void);
+void hang_while(bool *hangs);                /* until a test says otherwise; locked */
 void apply_plan(void);                       /* unplug and replug at their times; locked */
 Camera *camera_of(VmbHandle handle, VmbError *error);  /* an opened one that answers; locked */
 Camera *handle_of(VmbHandle handle);         /* an opened one, plugged or not; locked */
