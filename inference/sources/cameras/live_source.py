@@ -17,7 +17,7 @@ import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from tokt.features.common.arrays import U8
@@ -330,10 +330,11 @@ class CameraSource:
         """Take a capture."""
         camera, back = capture.camera, None
         with self._changed:
-            counts = self.counts[camera]
+            counts, fit = self.counts[camera], self._fit(camera)
+            if capture.picture is not None and (fault := fit.old(capture)):
+                capture = replace(capture, picture=None, fault=fault, taken_s=math.nan)
             counts.captured += 1
             counts.incomplete += capture.picture is None
-            fit = self._fit(camera)
             if not math.isnan(capture.taken_s):
                 counts.left_out += fit.add(capture)
             if self._lost[camera]:
@@ -447,4 +448,4 @@ class CameraSource:
         periods = [fit.period_s for fit in fits if fit.period_s is not None]
         if math.isnan(at - last) or not periods:
             return skipped
-        return max(skipped, round((at - last) / min(periods)) - 1)
+        return max(skipped, round(min((at - last) / min(periods) - 1, MANY_MISSED)))

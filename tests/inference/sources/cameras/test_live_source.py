@@ -1,6 +1,7 @@
 """Frames of two simulated cameras: true pairs, every fault with its reason, and never a hang."""
 
 import functools
+import math
 import os
 import signal
 import subprocess
@@ -12,6 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.calls import refuses
@@ -337,6 +339,112 @@ def test_stop_without_a_reader(simulator):
     source = open_camera_source(SourceConfig("pymba:0"), SYSTEM_CLOCK, lambda event: None)
     source.close()
     assert list(source) == []
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_buffers_that_a_driver_hands_out_again(count, simulator, quick):
+    for text in ("pymba:0", "pymba:0,1"):
+        cameras = quick(text)
+        before = cameras.until(lambda frame: frame.left is not None)[-1]
+        simulator.set(0, again=count)
+        old = cameras.until(lambda frame: frame.left_fault.reason is Reason.STALE)[-1]
+        assert "by its time" in old.left_fault
+        frames = cameras.take(10)
+        assert {frame.left_fault.reason for frame in frames} <= {Reason.STALE, Reason.UNPAIRED}
+        simulator.set(0, again=0)
+        frames += cameras.until(lambda frame: frame.left is not None)
+        assert seen(frames[-1].left)[1] > seen(before.left)[1]
+        assert cameras.source.figures()["cameras"]["left"]["incomplete"] > 0
+        cameras.source.close()
+    hold_row("buffers that a camera's driver hands out again", "unknown `stale`", "incomplete")
+
+
+class HandDriver:
+    """Delivers what a test gives it."""
+
+    name, period_s, shared_clock, failures = "by hand", 0.05, False, 0
+
+    def start(self, deliver: Deliver) -> None:
+        self._deliver = deliver
+
+    def give(self, frame_id: int, taken_s: float) -> None:
+        picture = np.zeros((4, 4), np.uint8)
+        self._deliver(Capture(0, frame_id, taken_s, time.monotonic(), time.time(), picture))
+
+    def stop(self) -> None: ...
+
+    def lost(self) -> str:
+        return ""
+
+
+@pytest.fixture
+def by_hand(monkeypatch):
+    """What becomes of the captures of a driver: (whether judged, missed), by number and time."""
+    monkeypatch.setattr(live_source, "_FIRST_SILENCE_S", MAX_S)
+    monkeypatch.setattr(live_source, "_MIN_SILENCE_S", MAX_S)
+
+    def give(captures: list[tuple[int, float]], ptp: bool = False) -> list[tuple[bool, int]]:
+        driver = HandDriver()
+        driver.shared_clock = ptp
+        source = CameraSource([driver], SYSTEM_CLOCK, lambda event: None)
+        source.start()
+        reader, frames = iter(source), []
+        for capture in captures:
+            driver.give(*capture)
+            frames.append(next(reader))
+        source.close()
+        assert all(frame.left_fault.reason in (Reason.OK, Reason.STALE) for frame in frames)
+        return [(frame.left is not None, frame.missed) for frame in frames]
+
+    return give
+
+
+NO_TIME = math.nan
+
+
+def run(number: int, taken_s: float, count: int) -> list[tuple[int, float]]:
+    """Captures from this one on, 20 a second."""
+    return [(number + n, taken_s + 0.05 * n) for n in range(count)]
+
+
+@pytest.mark.parametrize(
+    ("captures", "new"),
+    [
+        # A clock that was set back; and buffers from before, which are never that many.
+        ([*run(1, 5.0, 2), *run(3, 1.0, 10)], "yy" + 8 * "n" + "yy"),
+        (
+            [*run(9, 5.0, 2), *run(1, 1.0, 8), (11, 5.1), *run(1, 1.0, 8)],
+            "yy" + 8 * "n" + "y" + 8 * "n",
+        ),
+        # An old one now and then; numbers that count what is delivered.
+        ([(1, 5.0), (2, 5.05), (3, 5.0), (4, 5.1), (5, 5.05), (6, 5.15)], "yynyny"),
+        # A camera without a clock: its numbers, which wrap.
+        ([(1, NO_TIME), (2, NO_TIME), (2, NO_TIME), (1, NO_TIME), (3, NO_TIME)], "yynny"),
+        ([(65534, NO_TIME), (65535, NO_TIME), *run(1, NO_TIME, 9)], "yy" + 8 * "n" + "y"),
+        # One without numbers as well: what it repeats is seen by its pictures only.
+        ([(0, NO_TIME), (0, NO_TIME), (0, NO_TIME)], "yyy"),
+        # One that does not count, with a clock; and a clock that stands still.
+        ([(0, 5.0), (0, 5.05), (0, 5.1)], "yyy"),
+        ([(1, 5.0), (2, 5.0), (3, 5.0)], "ynn"),
+    ],
+)
+def test_numbers_and_times_that_run_backwards(captures, new, by_hand):
+    assert "".join("ny"[judged] for judged, _ in by_hand(captures)) == new
+    said = "unknown `stale`, until more run forward in a row than there are buffers (8)"
+    hold_row("a camera's numbers or times run backwards", said, "incomplete")
+
+
+def test_numbers_and_times_that_jump(by_hand):
+    steady = run(1, 0.0, 12)
+    # By their numbers 10^12 frames were left out; by the clock none was.
+    frames = by_hand([*steady, *run(10**12, 0.6, 12)])
+    assert all(judged for judged, _ in frames) and {missed for _, missed in frames[9:]} == {0}
+    for ptp in (False, True):
+        frames = by_hand([*steady, *run(13, 1e12, 12)], ptp)
+        assert all(judged for judged, _ in frames) and frames[-1][1] == 0
+        assert max(missed for _, missed in frames) <= MANY_MISSED
+    said = "as without it; no count of what is missing goes over 10^6"
+    hold_row("a camera's numbers or times jump ahead by 10^12", said, "left out")
 
 
 class BrokenDriver:

@@ -7,6 +7,7 @@
  *   delay_s, jitter_s                        from a moment to its callback
  *   clock_offset_s, phase                    of the camera's clock; of its exposures, in periods
  *   drop_every, incomplete_every             each n-th moment; 0 is none
+ *   again                                    hands out the last n exposures in turns; 0: new ones
  *   plugged                                  0 pulls it out, 1 puts it back, with all features reset
  *   unplug_at_s, replug_at_s                 the same by itself, so long after the first VmbStartup
  *   mute                                     sends nothing, and answers
@@ -95,6 +96,8 @@ static bool set_camera(Camera *camera, const char *name, double value)
         camera->drop_every = (int)value;
     else if (!strcmp(name, "incomplete_every"))
         camera->incomplete_every = (int)value;
+    else if (!strcmp(name, "again"))
+        camera->again = (int)value;
     else if (!strcmp(name, "plugged"))
         plug(camera, value != 0);
     else if (!strcmp(name, "mute"))
