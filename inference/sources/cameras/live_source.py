@@ -268,14 +268,12 @@ class CameraSource:
             undo.callback(self.close)
             for keeper in self._keepers:
                 keeper.start()
-            for keeper in self._keepers:
+            # One that is waited for keeps the others from nothing.
+            for keeper in () if self.wait else self._keepers:
                 while not keeper.tried.wait(_CHECK_S) and not keeper.hung:
                     pass
-                if keeper.hung and not self.wait:
-                    raise ToktError(keeper.hung)
-            refused = [keeper.refused for keeper in self._keepers if keeper.refused]
-            if refused:
-                raise refused[0]
+                if refused := keeper.refused or (keeper.hung and ToktError(keeper.hung)):
+                    raise refused
             undo.pop_all()
 
     def stop(self) -> None:

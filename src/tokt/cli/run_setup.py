@@ -13,6 +13,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -69,7 +70,7 @@ if TYPE_CHECKING:
     from tokt.inference.recording.recorder import Recorder
 
 Word = TypeVar("Word", bound=StrEnum)
-_END_S = 2.0
+_END_S = 1.0
 """Seconds from the end of all work until the system ends the process, if it does not by itself."""
 
 
@@ -295,6 +296,8 @@ def _source(
     if sys.platform != "win32":
         # As a program ends a vendor's library may wait for calls of its own, for ever.
         atexit.register(signal.setitimer, signal.ITIMER_REAL, _END_S)
+    # Started again by the watchdog it had its cameras: one that is gone now is lost, no mistake.
+    wanted = replace(wanted, wait=wanted.wait or _restarts() > 0)
     source = open_camera_source(wanted, SYSTEM_CLOCK, events.put)
     opened.callback(source.close)
     return source
@@ -335,11 +338,15 @@ def _start_event(config: RunConfig, model: RunModel, source: Source) -> Event:
         model_note="; ".join(model.notes),
         frame_rule=None if bundle is None else bundle.operating_point.rule.to_json(),
     )
-    restarts = int(os.environ.get(RESTARTS_VARIABLE, "0"))
+    restarts = _restarts()
     words = f"tokt run on {named}, policy {start.policy}"
     if restarts:
         words += f", started again by its watchdog ({restarts})"
     return Event(SYSTEM_CLOCK.time(), "start", words, {**start.fields(), "restarts": restarts})
+
+
+def _restarts() -> int:
+    return int(os.environ.get(RESTARTS_VARIABLE, "0"))
 
 
 def _senders(config: RunConfig, pairs: StereoSetup | None, opened: ExitStack) -> dict[str, Sender]:

@@ -22,7 +22,7 @@ from tests.waiting import MAX_S, until
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
 from tokt.inference.frame import MANY_MISSED, Frame
-from tokt.inference.monitoring.watchdog import Notifier, Watchdog
+from tokt.inference.monitoring.watchdog import RESTARTS_VARIABLE, Notifier, Watchdog
 from tokt.inference.outputs.udp import decode
 from tokt.inference.reason import Reason
 from tokt.inference.sources.cameras import live_source
@@ -273,9 +273,10 @@ def test_a_driver_that_hangs_as_it_opens_at_the_start(simulator, live, monkeypat
     simulator.set(0, hangs_at_open=1)
     monkeypatch.setattr(live_source, "HUNG_S", 0.3)
     refuses("camera 0 hangs: opening it", live, "pymba:0")
-    # One that is waited for: the loop begins, says so, and is started again by who watches over it.
-    waiting = live("pymba:0", wait=True)
-    refuses("only a new start frees it", waiting.take, 1)
+    # With one that is waited for the loop begins, and the other camera's frames come meanwhile.
+    waiting = live("pymba:1,0", wait=True)
+    assert seen(waiting.take(1)[0].left)[0] == 1
+    refuses("only a new start frees it", waiting.until, lambda frame: False)
     simulator.set(0, hangs_at_open=0)
     until(lambda: not keepers())
 
@@ -319,6 +320,24 @@ def test_a_driver_that_hangs_when_a_lost_camera_is_opened_again(
     assert dog.restarts == 1, told
     words = "unknown `camera_lost` for 40 s, then the program ends; a watchdog starts it again"
     hold_row("a camera's driver hangs when it is opened again, or closed", words, "restarts +1")
+
+
+def test_a_camera_that_is_gone_when_the_run_is_started_again(
+    vimba_environment, bundle_file, receiver
+):
+    """Said as unknown, where the first start is refused: nobody would say anything."""
+    command, environment = running(vimba_environment, bundle_file, receiver.getsockname()[1])
+    environment = {**os.environ, **environment, "VIMBA_SIMULATOR": "cameras=0"}
+    first = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert first.returncode == 2 and "no camera '0'; found: none" in first.stderr
+    with subprocess.Popen(command, env={**environment, RESTARTS_VARIABLE: "1"}) as process:
+        while decode(receiver.recv(4096))["reason"] != "camera_lost":
+            pass
+        process.terminate()
+        # The latter where the machine is too busy to end a process in a second.
+        assert process.wait(MAX_S) in (0, -signal.SIGALRM)
+    fault = "a camera is gone when the watchdog starts the run again"
+    hold_row(fault, "unknown `camera_lost`, until it is back", "frames by reason: camera_lost")
 
 
 def test_a_driver_that_hangs_at_the_end(vimba_environment, bundle_file, receiver):
