@@ -302,6 +302,12 @@ def test_an_address_that_is_no_receiver_s(host):
     hold_row("a receiver 0.0.0.0, or link-local without its network", said, "nothing")
 
 
+def test_a_name_that_nobody_knows():
+    refuses("cannot be found", UdpSender, "no-such-host.invalid", 1130, 1)
+    said = "one line at the start, exit code 2"
+    hold_row("a receiver's name that nobody knows at the start", said, "nothing")
+
+
 def test_listening_to_a_group():
     never = listen("239.1.1.1", 1130, SenderMonitor(0.0, None), HandClock(), lambda: True, list)
     refuses("multicast group", lambda: next(never))

@@ -263,10 +263,6 @@ def test_addresses():
         refuses("not an address", parse_address, text)
 
 
-def test_an_unknown_host_is_told_at_the_start():
-    refuses("cannot be found", UdpSender, "no-such-host.invalid", 1130, 1)
-
-
 def test_what_the_network_refuses_is_counted():
     sender = UdpSender(BROADCAST, 9, 1)
     refuse(sender)
