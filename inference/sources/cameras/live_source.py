@@ -86,6 +86,7 @@ class CameraKeeper(threading.Thread):
         self._gap_s: float | None = None
         self._pause_s = MIN_PAUSE_S
         self._call: tuple[str, float] | None = None
+        self._is_lost = False
         self.tried = threading.Event()
 
     def stop(self) -> None:
@@ -117,7 +118,8 @@ class CameraKeeper(threading.Thread):
                 self.tried.set()
                 if self._stopped or self.refused:
                     return
-                # Told before it is closed, which may hang.
+                # Told before it is closed, which may hang; what still comes meanwhile is too late.
+                self._is_lost = True
                 self._source.lost(self._camera, words)
                 self._close()
                 self._sleep(self._pause_s)
@@ -133,6 +135,7 @@ class CameraKeeper(threading.Thread):
     def _opened(self) -> str:
         """Open the camera; why that cannot be, or nothing."""
         self._captured_s = self._gap_s = None
+        self._is_lost = False
         try:
             with self._calling("opening"):
                 self.driver.start(self._deliver)
@@ -145,6 +148,8 @@ class CameraKeeper(threading.Thread):
         return ""
 
     def _deliver(self, capture: Capture) -> None:
+        if self._is_lost:
+            return
         if self._captured_s is not None:
             self._gap_s = capture.arrived - self._captured_s
         self._captured_s = capture.arrived
