@@ -24,7 +24,9 @@ def parse_address(text: str) -> tuple[str, int]:
 
 
 def resolve(host: str, port: int) -> tuple[socket.AddressFamily, Any]:
-    """Look a host name up once: (address family, socket address).
+    """Look a host name up once: (address family, socket address); IPv4 where it has both.
+
+    Programs such as LabVIEW listen on IPv4, and `localhost` may well be ::1 first.
 
     Raises
     ------
@@ -35,5 +37,5 @@ def resolve(host: str, port: int) -> tuple[socket.AddressFamily, Any]:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
     except (OSError, UnicodeError) as error:
         raise ToktError(f"host {host!r} cannot be found: {error}") from None
-    family, _, _, _, address = found[0]
+    family, _, _, _, address = min(found, key=lambda one: one[0] is not socket.AF_INET)
     return family, address

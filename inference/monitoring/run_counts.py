@@ -72,7 +72,7 @@ class RunCounts(Observer):
         Seconds since 1970 (UTC) at the start.
     model : ModelName or None
     warnings : dict
-        What is wrong at present, in words, by its kind: a lost camera, drift.
+        What is wrong at present, in words, by its kind: a lost camera, a refused receiver, drift.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -119,6 +119,10 @@ class RunCounts(Observer):
             self.warnings[side] = event.words
         elif event.name == "camera_back":
             self.warnings.pop(side, None)
+        elif event.name == "receiver_refused":
+            self.warnings[f"receiver {event.fields['receiver']}"] = event.words
+        elif event.name == "receiver_back":
+            self.warnings.pop(f"receiver {event.fields['receiver']}", None)
         elif event.name == "drift":
             self.warnings["drift"] = event.words
         elif event.name == "drift_over":

@@ -4,6 +4,7 @@ Two things are told besides the datagrams themselves: how many of a sender's are
 in v2's `seq`, and that nothing has come for so long that a receiver has to take it for unknown.
 """
 
+import ipaddress
 import json
 import socket
 from collections.abc import Callable, Iterator
@@ -175,9 +176,11 @@ def listen(
     Raises
     ------
     ToktError
-        If the host is not known or the port cannot be opened.
+        If the host is not known or a group's address, or the port cannot be opened.
     """
     family, address = resolve(host, port)
+    if ipaddress.ip_address(address[0]).is_multicast:
+        raise ToktError(f"{host} is a multicast group, which tokt listen does not join")
     with socket.socket(family, socket.SOCK_DGRAM) as receiver:
         with os_errors_as(f"cannot listen on {host}:{port}"):
             receiver.bind(address)

@@ -4,6 +4,7 @@ Both formats are fixed in docs/udp.md. Unknown is never sent as clear: v1 has no
 sends nothing, so that LabVIEW's receive time-out acts; v2 sends status -1.
 """
 
+import ipaddress
 import json
 import math
 import re
@@ -178,7 +179,7 @@ class DatagramSocket:
     Raises
     ------
     ToktError
-        If the host name is not known.
+        If the host name is not known, or is none that can be sent to.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -186,7 +187,14 @@ class DatagramSocket:
         self.failed = 0
         self.last_error = ""
         family, self._address = resolve(host, port)
+        receiver = ipaddress.ip_address(self._address[0])
+        if receiver.is_unspecified:
+            raise ToktError(f"{host} is an address to listen on: name the receiver's own")
+        if family is socket.AF_INET6 and receiver.is_link_local and not self._address[3]:
+            raise ToktError(f"{host} is on no network yet: add its name, such as [{host}%eth0]")
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        if family is socket.AF_INET:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
         self._socket.setblocking(False)
 
     def write(self, data: bytes) -> None:

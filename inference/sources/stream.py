@@ -29,7 +29,9 @@ from tokt.inference.reason import NO_FAULT, Fault, Reason
 STREAM = "stream:"
 MAX_HEADER = 4096
 MAX_SIDE = 16_384
-"""Bytes of a header's line, and pixels along a picture's side, that are not refused."""
+MAX_PICTURES = 64 << 20
+"""Bytes of a header's line, pixels along a picture's side, and bytes of a frame's pictures (two of
+11 megapixels in colour) that are not refused."""
 MAX_NUMBER = 2**53
 MAX_TIME_S = 1e11
 """Of a frame's number and of its time, either way: beyond it readers of JSON lose digits, and the
@@ -99,10 +101,17 @@ class StreamSource:
         ------
         ToktError
             If the stream ends within a frame, or what comes is no frame: where the next one
-            begins is then not known.
+            begins is then not known. If it runs backwards, in numbers or in time: what comes are
+            not the frames of now.
         """
+        before = -math.inf, -math.inf
         while (line := self._line()) is not None:
             header = _header(line, self._where)
+            now = header["frame"], header["t"]
+            if now[0] <= before[0] or now[1] < before[1]:
+                words = "frame {} of {} s after frame {} of {} s".format(*now, *before)
+                raise ToktError(f"{self._where} runs backwards: {words}")
+            before = now
             left, right = (self._picture(header[side]) for side in ("left", "right"))
             if self._stopped:
                 return
@@ -121,8 +130,8 @@ class StreamSource:
 
     def _line(self) -> bytes | None:
         """The next header's line, or None at the end."""
-        while (end := self._buffer.find(b"\n")) < 0:
-            if len(self._buffer) > MAX_HEADER:
+        while (end := self._buffer.find(b"\n", 0, MAX_HEADER)) < 0:
+            if len(self._buffer) >= MAX_HEADER:
                 raise ToktError(f"{self._where} sends no frames: a line of {MAX_HEADER} bytes")
             if not self._receive():
                 if self._buffer and not self._stopped:
@@ -178,6 +187,7 @@ def _header(line: bytes, where: str) -> dict[str, Any]:
     fits = type(number) is int and abs(number) <= MAX_NUMBER
     fits = fits and type(missed) is int and 0 <= missed <= MANY_MISSED
     fits = fits and all(shape is None or _is_shape(shape) for shape in sides.values())
+    fits = fits and sum(math.prod(shape) for shape in sides.values() if shape) <= MAX_PICTURES
     if isinstance(t, bool) or not isinstance(t, int | float) or not (fits and abs(t) <= MAX_TIME_S):
         raise refused
     return {"frame": number, "t": float(t), "missed": missed, **sides}

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tests.waiting import MAX_S
 from tokt.inference.clock import SYSTEM_CLOCK, Clock
 from tokt.inference.frame import Frame
+from tokt.inference.outputs.udp import DatagramSocket
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.publisher import Observer
 from tokt.inference.report import Event, Report
@@ -28,6 +29,15 @@ def bound_socket() -> socket.socket:
     opened.bind(("127.0.0.1", 0))
     opened.settimeout(MAX_S)
     return opened
+
+
+BROADCAST = "127.255.255.255"
+"""The loopback's, which leaves no computer."""
+
+
+def refuse(sender: DatagramSocket, refused: bool = True) -> None:
+    """Take from a sender to `BROADCAST` its leave to broadcast, so that the system refuses it."""
+    sender._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, not refused)
 
 
 def start_tokt(*arguments: object) -> subprocess.Popen[str]:

@@ -17,7 +17,11 @@ import pytest
 
 from tokt.inference.config import Limits
 from tokt.inference.frame import MANY_MISSED, Frame
-from tokt.inference.outputs.udp import UdpSender
+from tokt.inference.monitoring.receivers import ReceiverWatch
+from tokt.inference.monitoring.run_counts import RunCounts
+from tokt.inference.outputs.listen import SenderMonitor, Silence, listen
+from tokt.inference.outputs.mavlink import parse_device
+from tokt.inference.outputs.udp import DatagramSocket, UdpSender
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy
 from tokt.inference.publisher import Observer
 from tokt.inference.reason import Fault, Reason
@@ -27,10 +31,11 @@ from tokt.inference.sources.files import open_source
 from tokt.inference.verdict import Detection
 from tokt.models.operating_point import MofNRule, OperatingPoint
 
+from ..calls import refuses
 from ..waiting import MAX_S
 from .conftest import HandClock, LevelScorer, NoiseScorer, draw
 from .dive import Dive, Outcome, healthy
-from .live import bound_socket
+from .live import BROADCAST, bound_socket, refuse
 
 TABLE = Path(__file__).parents[2] / "docs" / "faults.md"
 RNG = np.random.default_rng(7)
@@ -343,6 +348,99 @@ def test_a_receiver_that_does_not_read():
         sender.close()
 
 
+def test_localhost_is_where_labview_listens(monkeypatch):
+    """As where /etc/hosts has ::1 before 127.0.0.1."""
+    real = socket.getaddrinfo
+
+    def both(host: str, port: int, **more: Any) -> Any:
+        found = real("127.0.0.1", port, **more)
+        return real("::1", port, **more) + found if host == "localhost" else found
+
+    with bound_socket() as labview:
+        port = labview.getsockname()[1]
+        monkeypatch.setattr(socket, "getaddrinfo", both)
+        sender = UdpSender("localhost", port, 2)
+        dive = Dive(senders=[sender])
+        with dive.under_way():
+            healthy(dive)
+        assert [labview.recv(4096)[:5] for _ in range(sender.sent)] == [b'{"v":'] * 2
+        sender.close()
+    # So does tokt listen.
+    watch = SenderMonitor(0.0, None)
+
+    def heard() -> None:
+        sender = DatagramSocket("127.0.0.1", port)
+        sender.write(b"hello")
+        sender.close()
+
+    came = next(listen("localhost", port, watch, HandClock(), lambda: False, heard))
+    assert not isinstance(came, Silence) and came.fields["bytes"] == 5
+    row("a receiver `localhost` that is ::1 first", finish(dive), "sent")
+
+
+def test_a_broadcast_address():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as anybody:
+        anybody.bind(("0.0.0.0", 0))
+        anybody.settimeout(MAX_S)
+        sender = UdpSender(BROADCAST, anybody.getsockname()[1], 2)
+        dive = Dive(senders=[sender])
+        with dive.under_way():
+            healthy(dive)
+        assert (sender.sent, sender.failed) == (2, 0)
+        assert [anybody.recv(4096)[:5] for _ in range(2)] == [b'{"v":'] * 2
+        sender.close()
+    row("a receiver that is a broadcast address", finish(dive), "sent")
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "fe80::1"])
+def test_an_address_that_is_no_receiver_s(host):
+    refuses(host, UdpSender, host, 1130, 2)
+    refuses(host, DatagramSocket, *parse_device(f"udpout:[{host}]:14550"))
+    said = "one line at the start, exit code 2"
+    hold_row("a receiver 0.0.0.0, or link-local without its network", said, "nothing")
+
+
+def test_a_name_that_nobody_knows():
+    refuses("cannot be found", UdpSender, "no-such-host.invalid", 1130, 1)
+    said = "one line at the start, exit code 2"
+    hold_row("a receiver's name that nobody knows at the start", said, "nothing")
+
+
+def test_listening_to_a_group():
+    never = listen("239.1.1.1", 1130, SenderMonitor(0.0, None), HandClock(), lambda: True, list)
+    refuses("multicast group", lambda: next(never))
+
+
+def test_a_receiver_that_is_refused_for_a_while():
+    """What the system does when a cable is out; told while it lasts, not only at the end."""
+    clock = HandClock()
+    sender = UdpSender(BROADCAST, 9, 2)
+    counts, told = RunCounts(clock), []
+    watch = ReceiverWatch({"bridge:9": sender}, clock, lambda event: told.append(event.name))
+    dive = Dive(clock=clock, senders=[sender], observers=[counts, watch])
+    watch._tell_event = lambda event: (told.append(event.name), dive.events.put(event))
+    with dive.fault_between():
+        refuse(sender)
+        dive.give("clear")
+        dive.give("clear")
+        assert told == []  # one datagram is no receiver
+        clock.now += 1.0
+        dive.give("clear")
+        assert told == ["receiver_refused"]
+        dive.give("clear")
+        assert list(counts.warnings.values()) == [
+            "nothing can be sent to bridge:9: Permission denied"
+        ]
+        refuse(sender, refused=False)
+    assert told == ["receiver_refused", "receiver_back"] and sender.failed == 4
+    sender.close()
+    outcome = finish(dive)
+    assert [event.name for event in outcome.events] == told
+    outcome.said = [one for one in outcome.said if one[0] != "-"]
+    counted = "failed; events `receiver_refused`, `receiver_back`"
+    row("a receiver that the system refuses for 1 s or longer", outcome, counted)
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full (Linux)")
 def test_a_full_disk_under_the_log(tmp_path):
     (tmp_path / "log.jsonl").symlink_to("/dev/full")
@@ -461,6 +559,12 @@ def test_every_row_comes_from_a_test():
         Path(__file__).parents[1] / "labels" / "store" / "test_copies.py",
         Path(__file__).parents[1] / "training" / "datasets" / "test_dataset.py",
         Path(__file__).parents[1] / "training" / "rig" / "test_checkerboard.py",
+    here = Path(__file__).parent
+    tests = [
+        Path(__file__),
+        here / "process" / "test_process_faults.py",
+        here / "sources" / "cameras" / "test_live_source.py",
+        here / "sources" / "test_frame_stream.py",
     ]
     sources = "".join(path.read_text() for path in tests)
     assert [fault for fault in found if f'"{fault}"' not in sources] == []

@@ -7,7 +7,8 @@
     right driver ─> capture ─┘     (one place, never a queue)
 
 A camera's keeper starts it again for as long as it is lost. Meanwhile frames without its picture
-go on coming, and say why: whoever judges them goes on saying unknown.
+go on coming, and say why: whoever judges them goes on saying unknown. A driver that hangs cannot be
+started again, nor its thread be ended: then the source fails, and with it the program.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from tokt.features.common.arrays import U8
@@ -31,6 +32,9 @@ from .pairing import ClockFit, Moment, Pairer
 
 MIN_PAUSE_S, MAX_PAUSE_S = 0.2, 2.0
 """Seconds until a lost camera is tried again: the first time, and at most."""
+
+HUNG_S = 40.0
+"""Seconds in one call of a driver's after which it hangs: no opening takes that long."""
 
 _LOOK_S = 0.05  # how often a camera is looked after
 _SILENT_PERIODS = 5
@@ -81,11 +85,30 @@ class CameraKeeper(threading.Thread):
         self._captured_s: float | None = None
         self._gap_s: float | None = None
         self._pause_s = MIN_PAUSE_S
+        self._call: tuple[str, float] | None = None
+        self._is_lost = False
         self.tried = threading.Event()
 
     def stop(self) -> None:
         """Come to an end soon; may be called from a signal handler."""
         self._stopped = True
+
+    @property
+    def hung(self) -> str:
+        """Why its driver is not waited for any longer; empty as long as it may answer."""
+        call = self._call
+        if call is None or (seconds := self._clock.monotonic() - call[1]) <= HUNG_S:
+            return ""
+        return f"camera {self.driver.name} hangs: {call[0]} it has taken {seconds:.0f} s so far"
+
+    @contextmanager
+    def _calling(self, what: str) -> Iterator[None]:
+        """A call of the driver's, which may never return."""
+        self._call = what, self._clock.monotonic()
+        try:
+            yield
+        finally:
+            self._call = None
 
     def run(self) -> None:
         """Open the camera, and again when it is lost, until the end."""
@@ -95,18 +118,27 @@ class CameraKeeper(threading.Thread):
                 self.tried.set()
                 if self._stopped or self.refused:
                     return
+                # Told before it is closed, which may hang; what still comes meanwhile is too late.
+                self._is_lost = True
                 self._source.lost(self._camera, words)
+                self._close()
                 self._sleep(self._pause_s)
                 self._pause_s = min(2 * self._pause_s, MAX_PAUSE_S)
         finally:
             self.tried.set()
+            self._close()
+
+    def _close(self) -> None:
+        with self._calling("closing"):
             self.driver.stop()
 
     def _opened(self) -> str:
         """Open the camera; why that cannot be, or nothing."""
         self._captured_s = self._gap_s = None
+        self._is_lost = False
         try:
-            self.driver.start(self._deliver)
+            with self._calling("opening"):
+                self.driver.start(self._deliver)
         except ToktError as error:
             if not self.tried.is_set() and not self._wait:
                 self.refused = error
@@ -116,6 +148,8 @@ class CameraKeeper(threading.Thread):
         return ""
 
     def _deliver(self, capture: Capture) -> None:
+        if self._is_lost:
+            return
         if self._captured_s is not None:
             self._gap_s = capture.arrived - self._captured_s
         self._captured_s = capture.arrived
@@ -128,7 +162,6 @@ class CameraKeeper(threading.Thread):
         while not self._stopped and not words:
             self._sleep(_LOOK_S)
             words = self._trouble()
-        self.driver.stop()
         return words
 
     def _trouble(self) -> str:
@@ -139,7 +172,10 @@ class CameraKeeper(threading.Thread):
             limit_s = max(_MIN_SILENCE_S, _SILENT_PERIODS * self._gap_s)
         if silent_s > limit_s:
             return f"camera {self.driver.name} has sent nothing for {silent_s:.1f} s"
-        return self.driver.lost() if silent_s > _DOUBT_S else ""
+        if silent_s <= _DOUBT_S:
+            return ""
+        with self._calling("asking for"):
+            return self.driver.lost()
 
     def _sleep(self, seconds: float) -> None:
         """Sleep in short pieces, so that `stop` is noticed."""
@@ -150,7 +186,7 @@ class CameraKeeper(threading.Thread):
 
 _CHECK_S = 0.05  # how soon `stop` is noticed: a handler of a signal must not take a lock
 _LOST_EVERY_S = 0.2  # between two frames that say that the left camera is lost
-_JOIN_S = 5.0  # seconds that a driver may take to close its camera
+_JOIN_S = 5.0  # seconds that the drivers may take to close their cameras
 
 _ONE_CAMERA = Fault(Reason.MISSING, "the source is one camera")
 _NOTHING = Fault(Reason.MISSING, "no frame")
@@ -228,7 +264,7 @@ class CameraSource:
         Raises
         ------
         ToktError
-            If one cannot be opened or set, unless they are to be waited for.
+            If one cannot be opened or set, or hangs, unless they are to be waited for.
         """
         self._begun = True
         with ExitStack() as undo:
@@ -237,11 +273,12 @@ class CameraSource:
             undo.callback(self.close)
             for keeper in self._keepers:
                 keeper.start()
-            for keeper in self._keepers:
-                keeper.tried.wait()
-            refused = [keeper.refused for keeper in self._keepers if keeper.refused]
-            if refused:
-                raise refused[0]
+            # One that is waited for keeps the others from nothing.
+            for keeper in () if self.wait else self._keepers:
+                while not keeper.tried.wait(_CHECK_S) and not keeper.hung:
+                    pass
+                if refused := keeper.refused or (keeper.hung and ToktError(keeper.hung)):
+                    raise refused
             undo.pop_all()
 
     def stop(self) -> None:
@@ -251,11 +288,12 @@ class CameraSource:
             keeper.stop()
 
     def close(self) -> None:
-        """Stop, and wait until the cameras are closed."""
+        """Stop, and wait until the cameras are closed, though not for one that hangs."""
         self.stop()
+        until = self.clock.monotonic() + _JOIN_S
         for keeper in self._keepers:
-            if keeper.is_alive():
-                keeper.join(_JOIN_S)
+            if keeper.is_alive() and not keeper.hung:
+                keeper.join(max(0.0, until - self.clock.monotonic()))
 
     def __iter__(self) -> Iterator[Frame]:
         """Deliver the latest frame, again and again, until `stop`.
@@ -263,7 +301,8 @@ class CameraSource:
         Raises
         ------
         ToktError
-            As `start` does, which it calls if nobody has.
+            As `start` does, which it calls if nobody has; and if a driver hangs, be its camera to
+            be waited for or not: only a new process frees it.
         RuntimeError
             If nobody looks after a camera any more: a mistake in this program.
         """
@@ -294,10 +333,11 @@ class CameraSource:
         """Take a capture."""
         camera, back = capture.camera, None
         with self._changed:
-            counts = self.counts[camera]
+            counts, fit = self.counts[camera], self._fit(camera)
+            if capture.picture is not None and (fault := fit.old(capture)):
+                capture = replace(capture, picture=None, fault=fault, taken_s=math.nan)
             counts.captured += 1
             counts.incomplete += capture.picture is None
-            fit = self._fit(camera)
             if not math.isnan(capture.taken_s):
                 counts.left_out += fit.add(capture)
             if self._lost[camera]:
@@ -357,6 +397,8 @@ class CameraSource:
         for camera, keeper in enumerate(self._keepers):
             if not keeper.is_alive() and not self._stopped:
                 raise RuntimeError(f"nobody looks after the {SIDES[camera]} camera any more")
+            if keeper.hung:
+                raise ToktError(f"{keeper.hung}; only a new start frees it")
         with self._changed:
             now = self.clock.monotonic()
             self._put(self._pairer.expired(now))
@@ -409,4 +451,4 @@ class CameraSource:
         periods = [fit.period_s for fit in fits if fit.period_s is not None]
         if math.isnan(at - last) or not periods:
             return skipped
-        return max(skipped, round((at - last) / min(periods)) - 1)
+        return max(skipped, round(min((at - last) / min(periods) - 1, MANY_MISSED)))

@@ -35,10 +35,43 @@ _WINDOW = 64  # intervals between captures, for the period
 _DRIFT = 600e-6
 _MIN_SAMPLES = 8  # more than a driver has buffers: no single stall has delayed all of them
 _MAX_WAITING = 4  # captures of a camera that wait for the other's
+_MAX_STEP = 1000  # more than a camera can leave out before it is lost: a number that is no count
 
 NOT_FITTED = Fault(Reason.UNPAIRED, "the cameras' clocks have not been compared yet")
 _NO_TIME = Fault(Reason.UNPAIRED, "the camera gave no time of exposure")
 _NO_PARTNER = Fault(Reason.UNPAIRED, "no frame within half a period")
+
+
+class _Exposures:
+    """The exposures that a camera has delivered, by their times or numbers."""
+
+    def __init__(self) -> None:
+        self._seen: deque[float] = deque(maxlen=_WINDOW)  # each once
+        self._newest = -math.inf
+        self._forward = 0
+
+    @property
+    def count(self) -> int:
+        """How many different ones there were, of the last ones."""
+        return len(self._seen)
+
+    def old(self, mark: float) -> str:
+        """What is wrong with the next one, in words; empty where it is new.
+
+        One that goes back is a buffer from before, or the clock was set: that is believed when more
+        run forward in a row than a driver has buffers, none of them seen before.
+        """
+        if mark in self._seen:
+            self._forward = 0
+            return "was handed out again"
+        runs_on = bool(self._seen) and mark > self._seen[-1]
+        self._seen.append(mark)
+        if mark <= self._newest:
+            self._forward = self._forward + 1 if runs_on else 1
+            if self._forward <= _MIN_SAMPLES:
+                return "is older than one before"
+        self._newest, self._forward = mark, 0
+        return ""
 
 
 class ClockFit:
@@ -59,6 +92,21 @@ class ClockFit:
         self._samples = 0
         self._periods: deque[float] = deque(maxlen=_WINDOW)
         self._last: Capture | None = None
+        self._exposures = _Exposures(), _Exposures()
+
+    def old(self, capture: Capture) -> Fault:
+        """Why a capture is of no new exposure; empty where it is of one. To be asked once for each.
+
+        By its time, or its number where it has no time. A camera that gives neither, or each the
+        same number, cannot be told from one that repeats its buffers: their pictures tell.
+        """
+        untimed = math.isnan(capture.taken_s)
+        exposures = self._exposures[untimed]
+        words = exposures.old(float(capture.frame_id) if untimed else capture.taken_s)
+        if not words or (untimed and exposures.count < 2):
+            return NO_FAULT
+        how = "number" if untimed else "time"
+        return Fault(Reason.STALE, f"frame {capture.frame_id} {words}, by its {how}")
 
     def add(self, capture: Capture) -> int:
         """Learn from a capture that has a time.
@@ -73,6 +121,7 @@ class ClockFit:
         step = 0
         if last is not None:
             step = capture.frame_id - last.frame_id
+            step = step if step <= _MAX_STEP else 0
             self._follow(capture.taken_s - last.taken_s, max(1, step))
             self._offset_s += _DRIFT * max(0.0, capture.arrived - last.arrived)
         self._offset_s = min(self._offset_s, capture.arrived - capture.taken_s)

@@ -6,10 +6,14 @@ which nothing is said.
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
+import signal
+import sys
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -30,6 +34,7 @@ from tokt.inference.config import (
 )
 from tokt.inference.frame import Source
 from tokt.inference.monitoring.drift import DriftMonitor
+from tokt.inference.monitoring.receivers import ReceiverWatch
 from tokt.inference.monitoring.reload import ModelReloader
 from tokt.inference.monitoring.run_counts import RunCounts
 from tokt.inference.monitoring.status_line import StatusLine
@@ -65,6 +70,8 @@ if TYPE_CHECKING:
     from tokt.inference.recording.recorder import Recorder
 
 Word = TypeVar("Word", bound=StrEnum)
+_END_S = 1.0
+"""Seconds from the end of all work until the system ends the process, if it does not by itself."""
 
 
 def check(config: RunConfig) -> None:
@@ -286,6 +293,11 @@ def _source(
         return open_source(
             wanted.source, SYSTEM_CLOCK, chosen, wanted.rate, read_right, wanted.pixel_format
         )
+    if sys.platform != "win32":
+        # As a program ends a vendor's library may wait for calls of its own, for ever.
+        atexit.register(signal.setitimer, signal.ITIMER_REAL, _END_S)
+    # Started again by the watchdog it had its cameras: one that is gone now is lost, no mistake.
+    wanted = replace(wanted, wait=wanted.wait or _restarts() > 0)
     source = open_camera_source(wanted, SYSTEM_CLOCK, events.put)
     opened.callback(source.close)
     return source
@@ -326,11 +338,15 @@ def _start_event(config: RunConfig, model: RunModel, source: Source) -> Event:
         model_note="; ".join(model.notes),
         frame_rule=None if bundle is None else bundle.operating_point.rule.to_json(),
     )
-    restarts = int(os.environ.get(RESTARTS_VARIABLE, "0"))
+    restarts = _restarts()
     words = f"tokt run on {named}, policy {start.policy}"
     if restarts:
         words += f", started again by its watchdog ({restarts})"
     return Event(SYSTEM_CLOCK.time(), "start", words, {**start.fields(), "restarts": restarts})
+
+
+def _restarts() -> int:
+    return int(os.environ.get(RESTARTS_VARIABLE, "0"))
 
 
 def _senders(config: RunConfig, pairs: StereoSetup | None, opened: ExitStack) -> dict[str, Sender]:
@@ -414,6 +430,7 @@ def _observers(
         keep(recorder)
     keep(drift)
     keep(counts)
+    keep(ReceiverWatch(senders, SYSTEM_CLOCK, events.put))
     if config.monitoring.metrics is not None:
         from tokt.inference.monitoring.metrics import Metrics, MetricSources, parse_metrics
         from tokt.inference.sources.cameras.live_source import CameraSource

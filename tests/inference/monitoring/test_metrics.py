@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from tests.calls import refuses
+from tests.inference.live import BROADCAST, refuse
 from tests.waiting import MAX_S
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.frame import MANY_MISSED, Frame
@@ -78,8 +79,9 @@ def test_a_run_s_numbers_are_all_there(
 ):
     senders = {
         "here": UdpSender(*receiver.getsockname(), 2),
-        "refused": UdpSender("255.255.255.255", closed_port, 2),  # without leave to broadcast
+        "refused": UdpSender(BROADCAST, closed_port, 2),
     }
+    refuse(senders["refused"])
     log = RunLog(tmp_path / "log.jsonl", "run-x")
     counts = RunCounts(SYSTEM_CLOCK)
     metrics = serve(counts, SYSTEM_CLOCK, senders=senders, log=log)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tests.calls import refuses, run_python
 from tests.inference.conftest import HandClock
-from tests.inference.live import bound_socket
+from tests.inference.live import BROADCAST, bound_socket, refuse
 from tests.tiers import scaled
 from tokt.inference.clock import Clock
 from tokt.inference.outputs.mavlink import (
@@ -320,7 +320,8 @@ def test_devices():
 def test_a_receiver_that_is_not_there_costs_nothing(closed_port):
     clock = HandClock()
     sender = MavlinkSender("127.0.0.1", closed_port, MavlinkOptions(LENS), clock)
-    refused = MavlinkSender("255.255.255.255", 9, MavlinkOptions(LENS), clock)
+    refused = MavlinkSender(BROADCAST, 9, MavlinkOptions(LENS), clock)
+    refuse(refused)
     for _ in range(10):
         sender.send(Report(1, 1, 0.0, 1.0, seen(AHEAD)))
         refused.send(Report(1, 1, 0.0, 1.0, seen(AHEAD)))

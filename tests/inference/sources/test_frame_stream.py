@@ -14,6 +14,7 @@ from hypothesis.extra.numpy import arrays
 
 from tests.calls import call_tokt, refuses
 from tests.inference.live import bound_socket, start_tokt
+from tests.inference.test_faults import hold_row
 from tests.tiers import scaled
 from tests.waiting import MAX_S
 from tokt.inference.clock import SYSTEM_CLOCK
@@ -54,6 +55,8 @@ FRAMES = st.tuples(NUMBERS, TIMES, PICTURES, PICTURES, st.integers(0, 1_000_000)
 @settings(max_examples=scaled(25))
 @given(frames=st.lists(FRAMES, max_size=4), cut=st.integers(1, 50))
 def test_what_is_sent_is_what_comes(frames, cut):  # type: ignore[type-arg]
+    numbers, times = sorted({frame[0] for frame in frames}), sorted(frame[1] for frame in frames)
+    frames = [(*now, *frame[2:]) for *now, frame in zip(numbers, times, frames, strict=False)]
     data = b"".join(encode_frame(*frame) for frame in frames)
     came = received(*(data[at : at + cut] for at in range(0, len(data), cut)))
     assert len(came) == len(frames)
@@ -93,6 +96,43 @@ def test_what_is_no_frame_ends_the_run(sent, words):
     refuses(words, received, sent)
 
 
+def test_a_header_of_pictures_that_no_camera_takes():
+    """Refused by its header: no byte of them is waited for, or has a place in memory."""
+    for left, right in (([MAX_SIDE, MAX_SIDE], None), ([4096, 4096, 3], [4096, 4097])):
+        refuses("sends no frames", received, header(left=left, right=right))
+    most = header(left=[4096, 4096, 3], right=[4096, 4096])
+    refuses("ended within a frame", received, most)
+    said = "one line; the run ends"
+    hold_row("a stream's header of pictures of over 64 MiB", said, "nothing")
+
+
+def test_a_header_that_never_ends():
+    refuses(f"a line of {MAX_HEADER} bytes", received, b" " * MAX_HEADER + header())
+    hold_row("a stream's header that does not end", "one line; the run ends", "nothing")
+
+
+@pytest.mark.parametrize(
+    ("then", "words"),
+    [
+        ({"frame": 7}, "frame 7 of 5.0 s after frame 7 of 5.0 s"),
+        ({"frame": 6, "t": 6.0}, "frame 6 of 6.0 s after frame 7"),
+        ({"frame": 8, "t": 4.9}, "frame 8 of 4.9 s after frame 7"),
+        ({"frame": -(2**53)}, "runs backwards"),
+    ],
+)
+def test_a_stream_that_runs_backwards(then, words):
+    first = header(frame=7, t=5.0, left=None)
+    refuses(words, received, first, header(**{"t": 5.0, "left": None, **then}))
+    said = "one line; the run ends"
+    hold_row("a stream whose numbers or times run backwards", said, "nothing")
+
+
+def test_a_stream_that_jumps_ahead():
+    """How many frames are missing is what `missed` says."""
+    ahead = header(frame=10**12, t=1e11, left=None), header(frame=2**53, t=1e11, left=None)
+    assert [frame.missed for frame in received(header(left=None), *ahead)] == [0, 0, 0]
+
+
 def test_nobody_there():
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
@@ -107,6 +147,8 @@ def test_stop_ends_a_wait():
             connection.sendall(header())  # its picture never comes
             threading.Timer(0.2, source.stop).start()
             assert list(source) == []
+    said = "nothing, until it goes on or the run is stopped"
+    hold_row("a stream that stalls within a frame", said, "nothing")
 
 
 @pytest.mark.parametrize(

@@ -227,7 +227,7 @@ class VimbaDriver:
         """What is in a buffer, in memory of its own."""
         arrived, t = self.clock.monotonic(), self.clock.time()
         taken_s = math.nan
-        if frame.receiveFlags & _HAS_TIMESTAMP:
+        if frame.receiveFlags & _HAS_TIMESTAMP and frame.timestamp:  # 0 is a camera's way to say no
             taken_s = frame.timestamp / self._ticks_per_s
         picture, fault = _picture(frame)
         return Capture(self.camera, frame.frameID, taken_s, arrived, t, picture, fault)

@@ -1,18 +1,29 @@
 """Frames of two simulated cameras: true pairs, every fault with its reason, and never a hang."""
 
 import functools
+import math
+import os
+import signal
+import subprocess
+import sys
 import threading
 import time
 from collections import Counter
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.calls import refuses
+from tests.inference.test_faults import hold_row
 from tests.waiting import MAX_S, until
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
 from tokt.inference.frame import MANY_MISSED, Frame
+from tokt.inference.monitoring.watchdog import RESTARTS_VARIABLE, Notifier, Watchdog
+from tokt.inference.outputs.udp import decode
 from tokt.inference.reason import Reason
 from tokt.inference.sources.cameras import live_source
 from tokt.inference.sources.cameras.capture import Capture, Deliver
@@ -225,6 +236,10 @@ def test_a_camera_that_is_waited_for(simulator, quick):
     assert cameras.event_names == [("camera_lost", "right"), ("camera_back", "right")]
 
 
+def keepers() -> list[threading.Thread]:
+    return [thread for thread in threading.enumerate() if "camera" in thread.name]
+
+
 def test_stop_while_streaming_and_while_lost(simulator):
     for plugged in (1, 0):
         simulator.set(1, plugged=1)
@@ -238,13 +253,217 @@ def test_stop_while_streaming_and_while_lost(simulator):
         reader.join(MAX_S)
         assert not reader.is_alive() and frames
         assert simulator.opened == [0, 0]
-        assert [thread for thread in threading.enumerate() if "camera" in thread.name] == []
+        assert keepers() == []
+
+
+def test_a_driver_that_hangs_as_it_closes_a_lost_camera(simulator, live, monkeypatch):
+    monkeypatch.setattr(live_source, "HUNG_S", 0.5)
+    cameras = live("pymba:0")
+    cameras.take(3)
+    simulator.set(0, hangs_at_close=1, plugged=0)
+    cameras.until(lambda frame: frame.left_fault.reason is Reason.CAMERA_LOST)
+    words = refuses("camera 0 hangs: closing it", cameras.until, lambda frame: False)
+    assert "only a new start frees it" in words
+    simulator.set(0, hangs_at_close=0)
+    until(lambda: not keepers())
+
+
+def test_a_driver_that_hangs_as_it_opens_at_the_start(simulator, live, monkeypatch):
+    live("pymba:0").source.close()
+    simulator.set(0, hangs_at_open=1)
+    monkeypatch.setattr(live_source, "HUNG_S", 0.3)
+    refuses("camera 0 hangs: opening it", live, "pymba:0")
+    # With one that is waited for the loop begins, and the other camera's frames come meanwhile.
+    waiting = live("pymba:1,0", wait=True)
+    assert seen(waiting.take(1)[0].left)[0] == 1
+    refuses("only a new start frees it", waiting.until, lambda frame: False)
+    simulator.set(0, hangs_at_open=0)
+    until(lambda: not keepers())
+
+
+def running(vimba_environment: dict[str, str], bundle: Path, port: int, **changes: float) -> Any:
+    """The command and the environment of `tokt run` with shorter limits on a camera that hangs."""
+    program = "import tokt.inference.sources.cameras.live_source as limits\n"
+    program += "".join(f"limits.{name} = {value}\n" for name, value in changes.items())
+    program += "from tokt.cli import main\nmain()\n"
+    options = ["--source", "pymba:0", "--bundle", str(bundle), "--pixel-format", "Mono8"]
+    options += ["--policy", "texture", "--udp", f"v2@127.0.0.1:{port}"]
+    return [sys.executable, "-P", "-c", program, "run", *options], vimba_environment
+
+
+def test_a_driver_that_hangs_when_a_lost_camera_is_opened_again(
+    vimba_environment, bundle_file, receiver, monkeypatch
+):
+    """In a process of its own, under the watchdog; the same camera opens for the next process."""
+    port = receiver.getsockname()[1]
+    command, environment = running(vimba_environment, bundle_file, port, HUNG_S=1.0)
+    plan = "cameras=1;rate=20;width=360;height=271;0.hangs_at_open=1;0.hangs_at_exit=1"
+    plan += ";0.unplug_at_s=1;0.replug_at_s=1.2"
+    for name, value in {**environment, "VIMBA_SIMULATOR": plan}.items():
+        monkeypatch.setenv(name, value)
+    told: list[str] = []
+    dog = Watchdog(command, told.append, Notifier(SYSTEM_CLOCK, {}))
+    thread = threading.Thread(target=dog.run, daemon=True)
+    thread.start()
+    try:
+        said = [decode(receiver.recv(4096))]
+        while sum(one["seq"] == 1 for one in said) < 2 or said[-1]["reason"] == "no_frame":
+            said.append(decode(receiver.recv(4096)))
+    finally:
+        dog.stop()
+        thread.join(MAX_S)
+    again = [one["seq"] for one in said].index(1, 1)
+    reasons = [one["reason"] for one in said]
+    assert reasons[again - 1] == "camera_lost" and "camera_lost" not in reasons[again:]
+    lost = reasons[reasons.index("camera_lost") : again]
+    assert {one["status"] for one in said[again - len(lost) : again]} == {-1}
+    assert dog.restarts == 1, told
+    words = "unknown `camera_lost` for 40 s, then the program ends; a watchdog starts it again"
+    hold_row("a camera's driver hangs when it is opened again, or closed", words, "restarts +1")
+
+
+def test_a_camera_that_is_gone_when_the_run_is_started_again(
+    vimba_environment, bundle_file, receiver
+):
+    """Said as unknown, where the first start is refused: nobody would say anything."""
+    command, environment = running(vimba_environment, bundle_file, receiver.getsockname()[1])
+    environment = {**os.environ, **environment, "VIMBA_SIMULATOR": "cameras=0"}
+    first = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert first.returncode == 2 and "no camera '0'; found: none" in first.stderr
+    with subprocess.Popen(command, env={**environment, RESTARTS_VARIABLE: "1"}) as process:
+        while decode(receiver.recv(4096))["reason"] != "camera_lost":
+            pass
+        process.terminate()
+        # The latter where the machine is too busy to end a process in a second.
+        assert process.wait(MAX_S) in (0, -signal.SIGALRM)
+    fault = "a camera is gone when the watchdog starts the run again"
+    hold_row(fault, "unknown `camera_lost`, until it is back", "frames by reason: camera_lost")
+
+
+def test_a_driver_that_hangs_at_the_end(vimba_environment, bundle_file, receiver):
+    port = receiver.getsockname()[1]
+    command, environment = running(vimba_environment, bundle_file, port, _JOIN_S=0.2)
+    plan = "cameras=1;0.hangs_at_close=1;0.hangs_at_exit=1"
+    environment = {**os.environ, **environment, "VIMBA_SIMULATOR": plan}
+    with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
+        receiver.recv(4096)
+        process.terminate()
+        assert process.wait(MAX_S) == -signal.SIGALRM
+        assert "frames in" in process.stderr.read()
+    said = "the program ends all the same, within 10 s"
+    hold_row("a camera's driver hangs at the end", said, "nothing")
 
 
 def test_stop_without_a_reader(simulator):
     source = open_camera_source(SourceConfig("pymba:0"), SYSTEM_CLOCK, lambda event: None)
     source.close()
     assert list(source) == []
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_buffers_that_a_driver_hands_out_again(count, simulator, quick):
+    for text in ("pymba:0", "pymba:0,1"):
+        cameras = quick(text)
+        before = cameras.until(lambda frame: frame.left is not None)[-1]
+        simulator.set(0, again=count)
+        old = cameras.until(lambda frame: frame.left_fault.reason is Reason.STALE)[-1]
+        assert "by its time" in old.left_fault
+        frames = cameras.take(10)
+        assert {frame.left_fault.reason for frame in frames} <= {Reason.STALE, Reason.UNPAIRED}
+        simulator.set(0, again=0)
+        frames += cameras.until(lambda frame: frame.left is not None)
+        assert seen(frames[-1].left)[1] > seen(before.left)[1]
+        assert cameras.source.figures()["cameras"]["left"]["incomplete"] > 0
+        cameras.source.close()
+    hold_row("buffers that a camera's driver hands out again", "unknown `stale`", "incomplete")
+
+
+class HandDriver:
+    """Delivers what a test gives it."""
+
+    name, period_s, shared_clock, failures = "by hand", 0.05, False, 0
+
+    def start(self, deliver: Deliver) -> None:
+        self._deliver = deliver
+
+    def give(self, frame_id: int, taken_s: float) -> None:
+        picture = np.zeros((4, 4), np.uint8)
+        self._deliver(Capture(0, frame_id, taken_s, time.monotonic(), time.time(), picture))
+
+    def stop(self) -> None: ...
+
+    def lost(self) -> str:
+        return ""
+
+
+@pytest.fixture
+def by_hand(monkeypatch):
+    """What becomes of the captures of a driver: (whether judged, missed), by number and time."""
+    monkeypatch.setattr(live_source, "_FIRST_SILENCE_S", MAX_S)
+    monkeypatch.setattr(live_source, "_MIN_SILENCE_S", MAX_S)
+
+    def give(captures: list[tuple[int, float]], ptp: bool = False) -> list[tuple[bool, int]]:
+        driver = HandDriver()
+        driver.shared_clock = ptp
+        source = CameraSource([driver], SYSTEM_CLOCK, lambda event: None)
+        source.start()
+        reader, frames = iter(source), []
+        for capture in captures:
+            driver.give(*capture)
+            frames.append(next(reader))
+        source.close()
+        assert all(frame.left_fault.reason in (Reason.OK, Reason.STALE) for frame in frames)
+        return [(frame.left is not None, frame.missed) for frame in frames]
+
+    return give
+
+
+NO_TIME = math.nan
+
+
+def run(number: int, taken_s: float, count: int) -> list[tuple[int, float]]:
+    """Captures from this one on, 20 a second."""
+    return [(number + n, taken_s + 0.05 * n) for n in range(count)]
+
+
+@pytest.mark.parametrize(
+    ("captures", "new"),
+    [
+        # A clock that was set back; and buffers from before, which are never that many.
+        ([*run(1, 5.0, 2), *run(3, 1.0, 10)], "yy" + 8 * "n" + "yy"),
+        (
+            [*run(9, 5.0, 2), *run(1, 1.0, 8), (11, 5.1), *run(1, 1.0, 8)],
+            "yy" + 8 * "n" + "y" + 8 * "n",
+        ),
+        # An old one now and then; numbers that count what is delivered.
+        ([(1, 5.0), (2, 5.05), (3, 5.0), (4, 5.1), (5, 5.05), (6, 5.15)], "yynyny"),
+        # A camera without a clock: its numbers, which wrap.
+        ([(1, NO_TIME), (2, NO_TIME), (2, NO_TIME), (1, NO_TIME), (3, NO_TIME)], "yynny"),
+        ([(65534, NO_TIME), (65535, NO_TIME), *run(1, NO_TIME, 9)], "yy" + 8 * "n" + "y"),
+        # One without numbers as well: what it repeats is seen by its pictures only.
+        ([(0, NO_TIME), (0, NO_TIME), (0, NO_TIME)], "yyy"),
+        # One that does not count, with a clock; and a clock that stands still.
+        ([(0, 5.0), (0, 5.05), (0, 5.1)], "yyy"),
+        ([(1, 5.0), (2, 5.0), (3, 5.0)], "ynn"),
+    ],
+)
+def test_numbers_and_times_that_run_backwards(captures, new, by_hand):
+    assert "".join("ny"[judged] for judged, _ in by_hand(captures)) == new
+    said = "unknown `stale`, until more run forward in a row than there are buffers (8)"
+    hold_row("a camera's numbers or times run backwards", said, "incomplete")
+
+
+def test_numbers_and_times_that_jump(by_hand):
+    steady = run(1, 0.0, 12)
+    # By their numbers 10^12 frames were left out; by the clock none was.
+    frames = by_hand([*steady, *run(10**12, 0.6, 12)])
+    assert all(judged for judged, _ in frames) and {missed for _, missed in frames[9:]} == {0}
+    for ptp in (False, True):
+        frames = by_hand([*steady, *run(13, 1e12, 12)], ptp)
+        assert all(judged for judged, _ in frames) and frames[-1][1] == 0
+        assert max(missed for _, missed in frames) <= MANY_MISSED
+    said = "as without it; no count of what is missing goes over 10^6"
+    hold_row("a camera's numbers or times jump ahead by 10^12", said, "left out")
 
 
 class BrokenDriver:

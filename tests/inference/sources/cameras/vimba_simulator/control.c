@@ -7,12 +7,15 @@
  *   delay_s, jitter_s                        from a moment to its callback
  *   clock_offset_s, phase                    of the camera's clock; of its exposures, in periods
  *   drop_every, incomplete_every             each n-th moment; 0 is none
+ *   again                                    hands out the last n exposures in turns; 0: new ones
  *   plugged                                  0 pulls it out, 1 puts it back, with all features reset
- *   unplug_at_s, replug_at_s                 the same by itself, so long after VmbStartup
+ *   unplug_at_s, replug_at_s                 the same by itself, so long after the first VmbStartup
  *   mute                                     sends nothing, and answers
  *   unnoticed                                the API goes on listing it when it is pulled out
  *   handle_dies                              pulled out, each call with its handle is refused
  *   usb                                      names features as USB cameras do
+ *   hangs_at_open, hangs_at_close            the call does not return, but for the first opening
+ *   hangs_at_exit                            so does the library's own end, with the program's
  */
 #include <math.h>
 #include <stdio.h>
@@ -93,6 +96,8 @@ static bool set_camera(Camera *camera, const char *name, double value)
         camera->drop_every = (int)value;
     else if (!strcmp(name, "incomplete_every"))
         camera->incomplete_every = (int)value;
+    else if (!strcmp(name, "again"))
+        camera->again = (int)value;
     else if (!strcmp(name, "plugged"))
         plug(camera, value != 0);
     else if (!strcmp(name, "mute"))
@@ -101,6 +106,12 @@ static bool set_camera(Camera *camera, const char *name, double value)
         camera->unnoticed = value != 0;
     else if (!strcmp(name, "handle_dies"))
         camera->handle_dies = value != 0;
+    else if (!strcmp(name, "hangs_at_open"))
+        camera->hangs_at_open = value != 0;
+    else if (!strcmp(name, "hangs_at_close"))
+        camera->hangs_at_close = value != 0;
+    else if (!strcmp(name, "hangs_at_exit"))
+        camera->hangs_at_exit = value != 0;
     else if (!strcmp(name, "usb")) {
         camera->usb = value != 0;
         power_up(camera);
@@ -154,6 +165,20 @@ API double SimFeature(int camera, const char *name)
     return number;
 }
 
+void hang_while(bool *hangs)
+{
+    while (*hangs)
+        pthread_cond_wait(&rig.changed, &rig.lock);
+}
+
+__attribute__((destructor)) static void end(void)
+{
+    pthread_mutex_lock(&rig.lock);
+    for (int i = 0; i < MAX_CAMERAS; i++)
+        hang_while(&rig.camera[i].hangs_at_exit);
+    pthread_mutex_unlock(&rig.lock);
+}
+
 static void read_environment(void)
 {
     const char *given = getenv("VIMBA_SIMULATOR");
@@ -188,6 +213,7 @@ __attribute__((constructor)) API void SimReset(void)
     rig.height = 48;
     rig.cameras = 2;
     rig.startups = 0;
+    rig.start_s = 0;
     describe_system();
     for (int i = 0; i < MAX_CAMERAS; i++) {
         rig.camera[i] = (Camera){.plugged = true, .unplug_at_s = -1, .replug_at_s = -1};

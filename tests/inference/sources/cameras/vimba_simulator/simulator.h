@@ -27,8 +27,9 @@ typedef struct {
     /* What a test sets; see control.c. */
     double delay_s, jitter_s, clock_offset_s, phase;
     double unplug_at_s, replug_at_s; /* since VmbStartup; negative: never */
-    int drop_every, incomplete_every;
+    int drop_every, incomplete_every, again;
     bool plugged, mute, unnoticed, handle_dies, usb;
+    bool hangs_at_open, hangs_at_close, hangs_at_exit;
 
     /* What the API knows. */
     bool known, opened, power_cycled;
@@ -38,7 +39,7 @@ typedef struct {
     /* Its stream; see stream.c. */
     bool acquiring, capturing, ending;
     pthread_t thread;
-    uint64_t frame_id;
+    uint64_t frame_id, newest_moment, newest_id;
     VmbFrame *announced[MAX_FRAMES];
     int announced_count;
     Queued queue[MAX_FRAMES];
@@ -65,6 +66,7 @@ typedef struct {
 extern Rig rig;
 
 double now_s(void);
+void hang_while(bool *hangs);                /* until a test says otherwise; locked */
 void apply_plan(void);                       /* unplug and replug at their times; locked */
 Camera *camera_of(VmbHandle handle, VmbError *error);  /* an opened one that answers; locked */
 Camera *handle_of(VmbHandle handle);         /* an opened one, plugged or not; locked */

@@ -122,7 +122,13 @@ static void expose(Camera *camera, uint64_t moment)
     Queued next = camera->queue[0];
     camera->queued--;
     memmove(camera->queue, camera->queue + 1, sizeof(Queued) * (size_t)camera->queued);
-    fill(camera, next.frame, moment, incomplete);
+    uint64_t back = camera->again ? moment % (uint64_t)camera->again : 0;
+    if (!camera->again) {
+        camera->newest_moment = moment;
+        camera->newest_id = camera->frame_id;
+    }
+    fill(camera, next.frame, camera->newest_moment - back, incomplete);
+    next.frame->frameID = camera->newest_id - back;
     camera->delivered++;
     pthread_mutex_unlock(&rig.lock);
     next.callback((VmbHandle)(FIRST_CAMERA_HANDLE + (camera - rig.camera)), next.frame);

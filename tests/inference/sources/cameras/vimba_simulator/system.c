@@ -24,7 +24,7 @@ API VmbError VmbVersionQuery(VmbVersionInfo *version, uint32_t size)
 API VmbError VmbStartup(void)
 {
     pthread_mutex_lock(&rig.lock);
-    if (!rig.started)
+    if (!rig.start_s)
         rig.start_s = now_s();
     rig.started = true;
     rig.startups++;
@@ -99,6 +99,8 @@ API VmbError VmbCameraOpen(const char *name, uint32_t mode, VmbHandle *handle)
     apply_plan();
     int index = index_of(name);
     VmbError error = SUCCESS;
+    if (index >= 0 && rig.camera[index].starts)
+        hang_while(&rig.camera[index].hangs_at_open);
     if (index < 0 || !rig.camera[index].plugged)
         error = ERR_NOT_FOUND;
     else if (rig.camera[index].opened)
@@ -117,6 +119,8 @@ API VmbError VmbCameraClose(VmbHandle handle)
 {
     pthread_mutex_lock(&rig.lock);
     Camera *camera = handle_of(handle);
+    if (camera)
+        hang_while(&camera->hangs_at_close);
     VmbError error = !camera ? ERR_BAD_HANDLE : camera->capturing ? ERR_INVALID_CALL : SUCCESS;
     if (camera && camera->handle_dies && camera->power_cycled) {
         /* The API has let go of everything by itself, and says only that the handle is bad. */

@@ -1,0 +1,63 @@
+"""Receivers that the system refuses to send to, told while the run goes on."""
+
+from collections.abc import Callable, Mapping
+
+from tokt.inference.clock import Clock
+from tokt.inference.frame import Frame
+from tokt.inference.policy.policy import Judgement
+from tokt.inference.publisher import Observer, Sender
+from tokt.inference.report import Event, Report
+
+REFUSED_S = 1.0
+"""Seconds without a datagram that went out, after which a receiver's refusals are told."""
+
+
+class ReceiverWatch(Observer):
+    """Tell when a receiver gets nothing any more as the system refuses it, and when it does again.
+
+    Parameters
+    ----------
+    senders : mapping of str to Sender
+        By receiver.
+    clock : Clock
+    tell : callable
+        Given an `Event` named ``receiver_refused`` or ``receiver_back``.
+    """
+
+    def __init__(
+        self, senders: Mapping[str, Sender], clock: Clock, tell: Callable[[Event], None]
+    ) -> None:
+        self._senders = senders
+        self._clock = clock
+        self._tell_event = tell
+        self._sent = dict.fromkeys(senders, 0)
+        self._failed = dict.fromkeys(senders, 0)  # up to when one last went out
+        self._since: dict[str, float] = {}
+        self._refused: set[str] = set()
+
+    def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
+        """Look at every receiver."""
+        self._look()
+
+    def heartbeat(self, report: Report) -> None:
+        """Look at every receiver."""
+        self._look()
+
+    def _look(self) -> None:
+        now = self._clock.monotonic()
+        for name, sender in self._senders.items():
+            if sender.sent > self._sent[name]:
+                self._sent[name], self._failed[name] = sender.sent, sender.failed
+                self._since.pop(name, None)
+                if name in self._refused:
+                    self._refused.remove(name)
+                    self._tell("receiver_back", name, f"{name} is sent to again")
+            elif sender.failed > self._failed[name]:
+                since = self._since.setdefault(name, now)
+                if now - since >= REFUSED_S and name not in self._refused:
+                    self._refused.add(name)
+                    words = f"nothing can be sent to {name}: {sender.last_error}"
+                    self._tell("receiver_refused", name, words)
+
+    def _tell(self, event: str, name: str, words: str) -> None:
+        self._tell_event(Event(self._clock.time(), event, words, {"receiver": name}))
