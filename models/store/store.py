@@ -11,10 +11,12 @@
       last_good.tokt                what the runtime ran last (`tokt.models.store.last_good`)
       lock                          empty; the system locks it for the process that writes
 
-``active`` is the truth. A line is added to the history after ``active`` has been replaced; if
-the process dies in between, the next reader finds the entry in ``active`` and the next writer
-adds the line. So whatever instant a command is interrupted at, the store loads. ``active.copy``
-is looked at only by a runtime that finds ``active`` damaged: it is never older than ``active``.
+``active`` is the truth, unless it is older than the history: then somebody put an old copy there,
+and it is refused like a damaged one. A line is added to the history after ``active`` has been
+replaced; if the process dies in between, the next reader finds the entry in ``active`` and the
+next writer adds the line. So whatever instant a command is interrupted at, the store loads.
+``active.copy`` is looked at only by a runtime that finds ``active`` refused: it is never older
+than ``active``.
 
 A file that is damaged (by a disk, by an editor) is never taken at its word: what it said is
 not guessed, and rolling back is refused. A command that names a model itself keeps the
@@ -29,7 +31,7 @@ import json
 import os
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -117,9 +119,30 @@ class Store:
         Raises
         ------
         ToktError
-            If the pointer is damaged.
+            If the pointer is damaged, or contradicts the history: an old copy was put in its place.
         """
-        return self._entry_in(self._active_file, "the active pointer")
+        newest = self._newest_line()  # read first: a command writes the pointer before its line
+        entry = self._entry_in(self._active_file, "the active pointer")
+        if entry is None or newest is None or newest.number < entry.number:
+            return entry
+        if (newest.number, newest.sha256) == (entry.number, entry.sha256):
+            return entry
+        raise DamagedError(
+            f"store {self.path}: the active pointer (entry {entry.number}, {entry.label}) "
+            f"contradicts the history, which ends with entry {newest.number} ({newest.action}, "
+            f"{newest.label}), and is refused (the next deployment sets it aside)"
+        )
+
+    def _newest_line(self) -> Activation | None:
+        """The last entry of the history that can be read; what cannot contradicts nothing."""
+        try:
+            lines = self._history_bytes().splitlines()
+        except ToktError:
+            return None
+        for line in reversed(lines):
+            with suppress(ToktError):
+                return activation_from_bytes(line, "")
+        return None
 
     def _entry_in(self, file: Path, what: str) -> Activation | None:
         try:

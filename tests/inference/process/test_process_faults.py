@@ -96,7 +96,7 @@ def test_a_run_at_sea(ship):
     bundle_path = ship.store.bundle_file(ship.first.sha256)
     whole = bundle_path.read_bytes()
     bundle_path.write_bytes(whole[:-100])
-    for _ in range(5):
+    while not ship.store.last_good_file.exists():  # it has judged ten frames
         assert ship.next()["health"] == "ok"
     hold_row("the bundle is damaged on disk while it runs", "as without it", "nothing")
 

@@ -422,8 +422,9 @@ def test_a_model_of_patches_is_not_deployed(store, bundles, make_content):
     file = store.bundle_file(patches.sha256)
     file.parent.mkdir()
     file.write_bytes(patches.data)
-    text = (store.path / "active").read_text().replace(bundles["a"].sha256, patches.sha256)
-    (store.path / "active").write_text(text)
+    for name in ("active", "history.jsonl"):
+        text = (store.path / name).read_text().replace(bundles["a"].sha256, patches.sha256)
+        (store.path / name).write_text(text)
     refuses("ready-cut patches", store.active)
     assert "ready-cut patches" in store_summary(store)["warnings"][0]
 

@@ -1,0 +1,111 @@
+"""What each fault of a store comes to: rows of docs/faults.md, with real files and disks."""
+
+import json
+import os
+from datetime import UTC, datetime
+
+import pytest
+
+from tests.calls import refuses, run_python
+from tests.inference.test_faults import hold_row
+from tokt.models.store.health import store_findings, store_summary
+from tokt.models.store.last_good import load_running, remember_good
+
+
+@pytest.fixture
+def store(store, bundles):
+    """One that went from ``a/1`` to ``b/2``, which a runtime has used."""
+    for name in "ab":
+        store.deploy(bundles[name])
+    remember_good(store, bundles["b"])
+    return store
+
+
+def runs(store):
+    """What a start takes, and its notes."""
+    bundle, notes = load_running(store)
+    return bundle.label, "\n".join(notes)
+
+
+def test_an_old_pointer_put_back(store, bundles):
+    old = (store.path / "active").read_bytes()
+    store.rollback("b warns over sand")
+    (store.path / "active").write_bytes(old)
+    words = r"pointer \(entry 2, b/2\) contradicts the history, which ends with entry 3 \(rollback"
+    for action in (store.active_entry, store.active, store.history, store.rollback):
+        refuses(words, action)
+    label, notes = runs(store)
+    assert label == "a/1" and "the model that was active by the history (a/1) runs" in notes
+    assert store_summary(store)["starts_with"]["label"] == "a/1"
+    assert "contradicts" in store_summary(store)["warnings"][0]
+    states = {found.name: found.state for found in store_findings(store.path)}
+    assert states["store active"] == "fault"
+    done = run_python("-m", "tokt.models.store.check_active", store.path)
+    assert done.returncode == 2 and "contradicts" in json.loads(done.stdout)["fault"]
+    store.bundle_file(bundles["a"].sha256).write_bytes(b"damaged")
+    refuses("it was rolled back from", load_running, store)  # the copy is of b
+    notices: list[str] = []
+    assert store.deploy(bundles["c"], notice=notices.append).number == 4
+    assert len(notices) == 1 and store.active().label == "c/3"
+    hold_row(
+        "an old `active` file is put in the pointer's place",
+        "refused; the model that the history ends with runs, health says so",
+        "nothing",
+    )
+
+
+def test_a_pointer_to_another_model_than_its_line(store, bundles):
+    entry = json.loads((store.path / "active").read_text())
+    entry |= {"sha256": bundles["a"].sha256, "name": "a", "version": "1"}
+    (store.path / "active").write_text(json.dumps(entry))
+    refuses(r"\(entry 2, a/1\) contradicts the history, which ends with entry 2", store.active)
+    assert runs(store)[0] == "b/2"
+
+
+def test_a_pointer_that_is_newer_than_the_history_is_the_truth(store, bundles):
+    """Killed before the line; or somebody put an old history there."""
+    history = (store.path / "history.jsonl").read_bytes()
+    for name in "ca":
+        store.deploy(bundles[name])
+        (store.path / "history.jsonl").write_bytes(history)
+        assert runs(store) == (bundles[name].label, "")
+    assert runs(store)[0] == "a/1"
+
+
+def test_the_clock_is_set_back_between_two_commands(store, bundles, monkeypatch):
+    class Yesterday(datetime):
+        @classmethod
+        def now(cls, tz=None):
+            return datetime(2001, 1, 1, tzinfo=UTC)
+
+    monkeypatch.setattr("tokt.models.store.history.datetime", Yesterday)
+    store.deploy(bundles["c"])
+    store.rollback("c is bad")
+    times = [entry.time for entry in store.history()]
+    assert times != sorted(times) and runs(store) == ("b/2", "")
+    store.bundle_file(bundles["b"].sha256).write_bytes(b"damaged")
+    store.last_good_file.write_bytes(bundles["c"].data)
+    assert runs(store)[0] == "a/1"  # not c, which was rolled back from at an earlier time
+    hold_row("the clock is set back between two commands of a store", "as without it", "nothing")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs symbolic links")
+def test_a_pointer_that_is_a_symbolic_link(store, bundles, tmp_path):
+    pointer, elsewhere = store.path / "active", tmp_path / "elsewhere"
+    pointer.rename(elsewhere)
+    pointer.symlink_to(elsewhere)
+    whole = elsewhere.read_bytes()
+    assert runs(store) == ("b/2", "")
+    store.rollback()
+    assert not pointer.is_symlink() and elsewhere.read_bytes() == whole
+    assert runs(store) == ("a/1", "")
+    for target, words in ((elsewhere, "contradicts"), (pointer, "symbolic"), ("none", "is gone")):
+        pointer.unlink()
+        pointer.symlink_to(target)
+        label, notes = runs(store)
+        assert label == "a/1" and words in notes
+    hold_row(
+        "the active pointer is a symbolic link",
+        "as the file it leads to; the next command puts a file in its place",
+        "nothing",
+    )
