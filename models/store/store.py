@@ -9,6 +9,7 @@
       history.jsonl                 one line an activation, oldest first
       keys.json                     whose signatures count (`tokt.models.signing.trusted_keys`)
       last_good.tokt                what the runtime ran last (`tokt.models.store.last_good`)
+      *.spare                       a place on the disk for a rollback when there is no other
       lock                          empty; the system locks it for the process that writes
 
 ``active`` is the truth, unless it is older than the history: then somebody put an old copy there,
@@ -64,6 +65,9 @@ from .history import (
 
 LOCK_WAIT_S = 10.0
 """How long a command waits for another one that is writing; that one takes about a second."""
+
+SPARE_BYTES = 16384
+"""What an entry takes on the disk at most, with room for a long reason."""
 
 Notice = Callable[[str], None]
 
@@ -333,9 +337,15 @@ class Store:
             target = self.bundle_file(bundle.sha256)
             if target.is_dir():
                 raise ToktError(f"bundle {target}: a folder is in its place; remove it")
+            self._keep_spares()  # no deployment without a way back
             # A file that was damaged since it was first deployed is made good.
             if not target.is_file() or target.read_bytes() != bundle.data:
-                atomic.write_bytes(target, bundle.data)
+                try:
+                    atomic.write_bytes(target, bundle.data)
+                except OSError:
+                    with suppress(OSError):  # it was there before, with a damaged file
+                        target.parent.rmdir()
+                    raise
                 atomic.fsync_folder(target.parent.parent)
                 if target.read_bytes() != bundle.data:
                     raise ToktError(f"bundle {target}: what was written there cannot be read back")
@@ -438,22 +448,29 @@ class Store:
             atomic.remove_partials(folder, older_than_s=atomic.ABANDONED_S)
         lines = "".join(json.dumps(past.to_json()) + "\n" for past in reading.entries)
         if self._history_bytes() != lines.encode():
-            atomic.write_text(self._history_file, lines)
+            self._write(self._history_file, lines)
         text = json.dumps(entry.to_json(), indent=2) + "\n"
-        atomic.write_text(self._copy_file, text)
-        atomic.write_text(self._active_file, text)
+        self._write(self._copy_file, text)
+        self._write(self._active_file, text)
         try:
-            self._add_to_history(entry)
+            self._write(self._history_file, lines + json.dumps(entry.to_json()) + "\n")
+            self._keep_spares()
         except OSError as error:
             # It is active by now, whatever becomes of the line, which the next command adds.
-            notice(f"store {self.path}: the history: {os_words(error)}")
+            notice(f"store {self.path}: the history, or a place for the next: {os_words(error)}")
         return entry
 
-    def _add_to_history(self, entry: Activation) -> None:
-        with self._history_file.open("ab") as handle:
-            handle.write(json.dumps(entry.to_json()).encode() + b"\n")
-            handle.flush()
-            os.fsync(handle.fileno())
+    def _write(self, file: Path, text: str) -> None:
+        atomic.write_text(file, text, _spare_of(file))
+
+    def _keep_spares(self) -> None:
+        """Keep the place on the disk that a rollback takes."""
+        for file in (self._copy_file, self._active_file):
+            atomic.keep_spare(_spare_of(file), SPARE_BYTES, SPARE_BYTES)
+        lines = len(self._history_bytes())
+        # Larger than needed: it is not made anew for each line.
+        sizes = (lines + 2 * SPARE_BYTES, lines + 6 * SPARE_BYTES)
+        atomic.keep_spare(_spare_of(self._history_file), *sizes)
 
     def trust(
         self, key: PublicKey, name: str, reason: str = "", notice: Notice = warnings.warn
@@ -533,3 +550,7 @@ class Store:
     def _decide(self, keys: TrustedKeys, event: KeyEvent) -> KeyEvent:
         atomic.write_text(self._keys_file, TrustedKeys((*keys.events, event)).to_text())
         return event
+
+
+def _spare_of(file: Path) -> Path:
+    return file.with_name(f"{file.name}.spare")

@@ -2,6 +2,8 @@
 
 import json
 import os
+import subprocess
+import sys
 from datetime import UTC, datetime
 
 import pytest
@@ -109,3 +111,86 @@ def test_a_pointer_that_is_a_symbolic_link(store, bundles, tmp_path):
         "as the file it leads to; the next command puts a file in its place",
         "nothing",
     )
+
+
+# On a file system of 3 MB that is full to its last byte; what is printed is looked at below.
+ON_A_FULL_DISK = """
+import json, os, sys
+from pathlib import Path
+from tokt.features.common.errors import ToktError
+from tokt.models.bundle.bundle import read_bundle
+from tokt.models.store.health import store_findings
+from tokt.models.store.last_good import load_running
+from tokt.models.store.store import Store
+
+store = Store(Path(sys.argv[1]) / "store")
+a, b, c = (read_bundle(Path(sys.argv[2]) / f"{name}.tokt") for name in "abc")
+for bundle in (a, b, a, b):
+    store.deploy(bundle)
+
+def fill():
+    with open(Path(sys.argv[1]) / "log", "ab", buffering=0) as log:
+        try:
+            while log.write(b"x" * 4096):
+                pass
+        except OSError:
+            pass
+
+def files():
+    return sorted((str(path), path.stat().st_size) for path in store.path.rglob("*"))
+
+def state():
+    entries = store.history()
+    found = [finding.name for finding in store_findings(store.path) if finding.state == "fault"]
+    return [store.active().label, load_running(store)[1], len(entries), found]
+
+told = []
+fill()
+writer = os.fork() if "writer" in sys.argv else None  # or one that takes every byte that comes free
+while writer == 0 and os.getppid() != 1:
+    fill()
+before = files()
+try:
+    store.deploy(c)
+except ToktError as error:
+    told.append([str(error), files() == before, state()])
+for reason in ("b is bad", "a is bad", "b is bad after all"):
+    notices = []
+    store.rollback(reason * 9, notice=notices.append)
+    told.append([notices, state()])
+    if writer:
+        os.kill(writer, 9)
+        break
+print(json.dumps(told))
+"""
+
+
+def on_a_full_disk(tmp_path, bundles, *arguments):
+    for name in "abc":
+        (tmp_path / f"{name}.tokt").write_bytes(bundles[name].data)
+    (tmp_path / "disk").mkdir(exist_ok=True)
+    shell = 'mount -t tmpfs -o size=3m none "$1" && shift && exec "$@"'
+    mount = ["unshare", "-m", "sh", "-c", shell, "sh", tmp_path / "disk"]
+    python = [sys.executable, "-c", ON_A_FULL_DISK, tmp_path / "disk", tmp_path, *arguments]
+    done = subprocess.run([*mount, *python], capture_output=True, text=True, check=False)
+    if done.returncode and "Traceback" not in done.stderr:
+        pytest.skip(f"no file system can be mounted here: {done.stderr.strip()[-80:]}")
+    assert not done.returncode, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="mounts a file system")
+def test_a_rollback_on_a_full_disk(bundles, tmp_path):
+    refused, *back = on_a_full_disk(tmp_path, bundles)
+    assert "No space left on device" in refused[0]
+    assert refused[1:] == [True, ["b/2", [], 4, []]]
+    hold_row("a deployment on a full disk", "refused; the store is as it was", "nothing")
+    assert [state for _, state in back] == [
+        ["a/1", [], 5, []],
+        ["b/2", [], 6, []],
+        ["a/1", [], 7, []],
+    ]
+    assert [notices for notices, _ in back] == [[], [], []]
+    _, (notices, state) = on_a_full_disk(tmp_path, bundles, "writer")
+    assert state == ["a/1", [], 5, []] and len(notices) <= 1
+    hold_row("a rollback on a full disk", "the earlier model, by the place kept for it", "nothing")

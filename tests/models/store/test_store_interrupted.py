@@ -196,11 +196,15 @@ def test_a_full_disk(store, keys, signed, run, name, limit):
 def test_a_disk_that_fills_up_before_the_line_in_the_history(store, signed, monkeypatch):
     """The model is active by then, so that the command has not failed."""
 
-    def full(self: Store, entry: object) -> None:
-        raise OSError(28, "No space left on device")
+    write = Store._write
+
+    def full(self: Store, file: Path, text: str) -> None:
+        if file.name == "history.jsonl":
+            raise OSError(28, "No space left on device")
+        write(self, file, text)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Store, "_add_to_history", full)
+        patch.setattr(Store, "_write", full)
         notices: list[str] = []
         store.deploy(signed["c"], notice=notices.append)
     assert "No space left" in notices[0]
