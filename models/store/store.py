@@ -29,7 +29,6 @@ Reading writes nothing: the runtime needs no more than to read the folder.
 
 import hashlib
 import json
-import os
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
