@@ -4,12 +4,14 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import pytest
 
 from tests.calls import refuses, run_python
 from tests.inference.test_faults import hold_row
+from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes
 from tokt.models.store.health import store_findings, store_summary
 from tokt.models.store.last_good import load_running, remember_good
 
@@ -119,6 +121,7 @@ import json, os, sys
 from pathlib import Path
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.bundle import read_bundle
+from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes
 from tokt.models.store.health import store_findings
 from tokt.models.store.last_good import load_running
 from tokt.models.store.store import Store
@@ -194,3 +197,47 @@ def test_a_rollback_on_a_full_disk(bundles, tmp_path):
     _, (notices, state) = on_a_full_disk(tmp_path, bundles, "writer")
     assert state == ["a/1", [], 5, []] and len(notices) <= 1
     hold_row("a rollback on a full disk", "the earlier model, by the place kept for it", "nothing")
+
+
+HOSTILE = "\x1b[2J\x9b1A\u202e\u2066\x07\r\n  signed by key 00 (checked)\u200b\x7f"
+SHOWN = r"\x1b[2J\x9b1A\u202e\u2066\x07\r\n  signed by key 00 (checked)\u200b\x7f"
+
+
+def test_escape_sequences_out_of_files_are_shown_as_text(
+    store, make_content, keys, tmp_path, run_tokt
+):
+    provenance = {"dataset": HOSTILE, "code_version": HOSTILE, "dataset_sources": [HOSTILE]}
+    card = f"# {HOSTILE}\nA card.\n"
+    content = replace(make_content(5), provenance=provenance, card=card)
+    bundle = bundle_from_bytes(bundle_bytes(content), "hostile")
+    file = tmp_path / "hostile.tokt"
+    file.write_bytes(bundle.data)
+    entry = store.deploy(bundle)
+    store.trust(keys["boat"].public, "boat")
+    store.accept_unsigned()
+    for name in ("active", "history.jsonl"):
+        text = (store.path / name).read_text().replace(entry.who, "\\u001b[8m\\n\\u202e")
+        (store.path / name).write_text(text)
+    keys_file = store.path / "keys.json"
+    keys_file.write_text(keys_file.read_text().replace('"boat"', json.dumps(HOSTILE)))
+    store.last_good_file.write_text("?")
+    commands = [("store", store.path), ("doctor", "--store", store.path), ("models", "show", file)]
+    for command in commands:
+        ran = run_tokt(*command)
+        for line in [*ran.out.split("\n"), *ran.err.split("\n")]:
+            assert line.isprintable(), line  # and only a card has lines of its own
+            assert command[0] == "models" or not line.startswith("  signed by"), line
+        as_json = run_tokt(*command, "--json").out
+        assert as_json.replace("\n", "").isprintable()
+        if command[0] == "store":
+            assert f"  dataset: {SHOWN}" in ran.out.splitlines()
+            assert f"  {SHOWN}  " in ran.out, "a key's name"
+            assert r"by \x1b[8m\n\u202e" in ran.out
+            assert json.loads(as_json)["provenance"]["dataset"] == HOSTILE
+        if command[0] == "models":
+            assert json.loads(as_json)["card"] == card
+    hold_row(
+        "escape sequences, line breaks or reversed writing in a bundle, the history, the keys",
+        "shown as text, such as `\\x1b`",
+        "nothing",
+    )
