@@ -360,7 +360,10 @@ def test_every_row_comes_from_a_test():
         Path(__file__),
         here / "process" / "test_process_faults.py",
         here / "monitoring" / "test_reload.py",
+        here.parent / "models" / "store" / "test_last_good.py",
+        here.parent / "models" / "store" / "test_store.py",
         here.parent / "models" / "store" / "test_store_faults.py",
+        here.parent / "models" / "store" / "test_store_interrupted.py",
     ]
     sources = "".join(path.read_text() for path in tests)
     assert [fault for fault in found if f'"{fault}"' not in sources] == []
