@@ -378,8 +378,12 @@ class Store:
         A copy: until its successor is there, the damaged file goes on being refused.
         """
         name = f"{file.stem}.damaged-{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}{file.suffix}"
-        atomic.write_bytes(self.path / name, file.read_bytes())
-        notice(f"store {self.path}: {file.name} was damaged; it is kept as {name}")
+        try:
+            atomic.write_bytes(self.path / name, file.read_bytes())
+            kept = f"it is kept as {name}"
+        except OSError as error:  # such as a full disk: no reason to stay with a bad model
+            kept = f"it cannot be kept: {os_words(error)}"
+        notice(f"store {self.path}: {file.name} was damaged; {kept}")
 
     def rollback(
         self, reason: str = "", to: str = "", notice: Notice = warnings.warn

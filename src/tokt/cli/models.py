@@ -90,7 +90,7 @@ def show(
         "metrics": dict(content.metrics),
         "card": content.card,
     }
-    answer(json, value, lambda: [print(line) for line in content.card.splitlines()])
+    answer(json, value, lambda: list(map(print, content.card.splitlines())))
 
 
 @models_app.command("alias")

@@ -107,7 +107,7 @@ def simulate(
         jobs=-1 if jobs is None else jobs,
     )
     came = fly_study(study, progress, say)
-    answer(json, came.to_json(), lambda: [print(line) for line in came.words()])
+    answer(json, came.to_json(), lambda: list(map(print, came.words())))
 
 
 def _named(text: str | None, default: tuple[str, ...]) -> tuple[str, ...]:

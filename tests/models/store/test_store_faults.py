@@ -157,9 +157,13 @@ try:
     store.deploy(c)
 except ToktError as error:
     told.append([str(error), files() == before, state()])
-for reason in ("b is bad", "a is bad", "b is bad after all"):
-    notices = []
-    store.rollback(reason * 9, notice=notices.append)
+for reason in ("b is bad", "a is bad", "b is bad after all", "damaged"):
+    notices, to = [], ""
+    if reason == "damaged":
+        with open(store.path / "active", "r+b") as pointer:
+            pointer.write(b"?")
+        to = "2"
+    store.rollback(reason * 9, to, notice=notices.append)
     told.append([notices, state()])
     if writer:
         os.kill(writer, 9)
@@ -192,8 +196,11 @@ def test_a_rollback_on_a_full_disk(bundles, tmp_path):
         ["a/1", [], 5, []],
         ["b/2", [], 6, []],
         ["a/1", [], 7, []],
+        ["b/2", [], 8, []],
     ]
-    assert [notices for notices, _ in back] == [[], [], []]
+    assert [notices for notices, _ in back[:3]] == [[], [], []]
+    (notice,) = back[3][0]
+    assert "active was damaged; it cannot be kept: No space left" in notice
     _, (notices, state) = on_a_full_disk(tmp_path, bundles, "writer")
     assert state == ["a/1", [], 5, []] and len(notices) <= 1
     hold_row("a rollback on a full disk", "the earlier model, by the place kept for it", "nothing")
