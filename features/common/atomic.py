@@ -1,5 +1,6 @@
 """Files and folders that appear whole or not at all, whenever the process is killed."""
 
+import errno
 import math
 import os
 import shutil
@@ -16,6 +17,7 @@ ABANDONED_S = 24 * 3600.0
 """A partial file or folder that old has no writer any more."""
 
 _PARTIAL = ".partial-"
+_FULL = {errno.ENOSPC, errno.EDQUOT}
 
 
 def _partial_name(target: Path) -> Path:
@@ -33,8 +35,17 @@ def fsync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def write_bytes(target: Path, data: bytes) -> None:
-    """Write `data` to `target` through a temporary name, synced, then renamed into place."""
+def write_bytes(target: Path, data: bytes, spare: Path | None = None) -> None:
+    """Write `data` to `target` through a temporary name, synced, then renamed into place.
+
+    Parameters
+    ----------
+    target : Path
+    data : bytes
+    spare : Path, optional
+        A file of `keep_spare` beside it. Where the disk is full, `data` takes the place that the
+        spare has there, and the spare becomes the target.
+    """
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = _partial_name(target)
     try:
@@ -43,14 +54,42 @@ def write_bytes(target: Path, data: bytes) -> None:
             handle.flush()
             os.fsync(handle.fileno())
         partial.replace(target)
+    except OSError as error:
+        if spare is None or error.errno not in _FULL or _size(spare) < len(data):
+            raise
+        with spare.open("r+b") as handle:
+            handle.write(data)
+            handle.truncate()
+            handle.flush()
+            os.fsync(handle.fileno())
+        spare.replace(target)
     finally:
         partial.unlink(missing_ok=True)
     fsync_folder(target.parent)
 
 
-def write_text(target: Path, text: str) -> None:
+def write_text(target: Path, text: str, spare: Path | None = None) -> None:
     """`write_bytes` of UTF-8 text."""
-    write_bytes(target, text.encode("utf-8"))
+    write_bytes(target, text.encode("utf-8"), spare)
+
+
+def keep_spare(spare: Path, least: int, size: int) -> None:
+    """Keep bytes on the disk in a file, for `write_bytes` when the disk is full.
+
+    A file system that copies what is written over (Btrfs, ZFS) keeps no place by that.
+
+    Parameters
+    ----------
+    spare : Path
+    least, size : int
+        A file of fewer than `least` bytes is made anew with `size`.
+    """
+    if _size(spare) < least:
+        write_bytes(spare, bytes(size))
+
+
+def _size(file: Path) -> int:
+    return file.stat().st_size if file.is_file() else 0
 
 
 @contextmanager

@@ -45,9 +45,18 @@ def os_words(error: OSError) -> str:
     return error.strerror or str(error)
 
 
+def printable(text: str) -> str:
+    r"""The text on one line that a terminal shows as it is.
+
+    What moves a cursor, breaks a line, turns the direction of writing or cannot be seen stands as
+    its escape, such as ``\x1b``: no name or reason out of a file looks like something else.
+    """
+    return text if text.isprintable() else "".join(map(_printable, text))
+
+
 def _one_line(text: str) -> str:
     """The text as it may be printed, cut before it is escaped and, grown by that, after it."""
-    return _cut("".join(map(_printable, _cut(text))))
+    return _cut(printable(" ".join(_cut(text).splitlines())))
 
 
 def _cut(text: str) -> str:
@@ -60,7 +69,8 @@ def _cut(text: str) -> str:
 def _printable(sign: str) -> str:
     if sign.isprintable():
         return sign
-    return " " if sign.isspace() else sign.encode("unicode_escape").decode("ascii")
+    blank = sign.isspace() and sign.splitlines() == [sign]
+    return " " if blank else sign.encode("unicode_escape").decode("ascii")
 
 
 OK, NOTE, FAULT = "ok", "note", "fault"

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, TextIO
 
+from tokt.features.common.errors import printable
 from tokt.inference.clock import Clock
 from tokt.inference.publisher import Observer
 from tokt.inference.reason import Reason
@@ -79,7 +80,7 @@ class StatusLine(Observer):
     def event(self, event: Event) -> None:
         """A line of its own."""
         time = datetime.fromtimestamp(event.t, UTC).strftime("%H:%M:%S")
-        self._lines.append(_printable(f"{time}Z {event.words}"))
+        self._lines.append(printable(f"{time}Z {event.words}"))
 
     def close(self) -> None:
         """Write what waits, take the line away, and write no more."""
@@ -139,7 +140,7 @@ class StatusLine(Observer):
             line.append(f"  {words}", "yellow" if fault else "")
         if verdict.reason is not Reason.OK:
             line.append(f"  {verdict.health}")
-        line.plain = _printable(line.plain)
+        line.plain = printable(line.plain)
         return line
 
     def _tally(self) -> str:
@@ -203,8 +204,3 @@ class _Out:
     def close(self) -> None:
         if self._descriptor is not None:
             os.close(self._descriptor)
-
-
-def _printable(text: str) -> str:
-    """The same on one line; what came from elsewhere cannot move the cursor."""
-    return "".join(char if char.isprintable() else "?" for char in text)

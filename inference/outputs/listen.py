@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from tokt.features.common.address import resolve
-from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.common.errors import ToktError, os_errors_as, printable
 from tokt.inference.clock import Clock
 from tokt.inference.verdict import STATUS_WORDS
 
@@ -222,5 +222,4 @@ def as_words(event: ReceivedDatagram | Silence) -> str:
     words += ["[overtaken: old]"] if event.overtaken else []
     words += [f"[{event.lost} lost before it]"] if event.lost else []
     words += [f"[after {event.after_s:.1f} s of silence]"] if event.after_s is not None else []
-    line = "  ".join([event.sender, *words])
-    return "".join(char if char.isprintable() else "?" for char in line)
+    return printable("  ".join([event.sender, *words]))

@@ -12,10 +12,11 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.inference.clock import SYSTEM_STOPWATCH, Stopwatch
 from tokt.inference.config import BM, DEFAULT_SCALE, MATCHERS
+from tokt.inference.frame import Frame
 from tokt.inference.texture.detector import ReloadableTextureDetector, TextureDetector
 from tokt.inference.verdict import PUSHBROOM, Detector
 
-from .policy import POLICIES, EitherPolicy, FallbackPolicy, Policy, SinglePolicy
+from .policy import POLICIES, EitherPolicy, FallbackPolicy, Policy, SinglePolicy, guarded
 from .temporal_cues import Anchor, TemporalCues
 
 if TYPE_CHECKING:
@@ -103,15 +104,26 @@ class Assembly:
     stereo: StereoSetup | None
     grid: Grid
 
-    def misfit(self, model: Bundle) -> str:
-        """Why a model cannot take the place of the one there is, or an empty string."""
+    def misfit(self, model: Bundle, frame: Frame | None = None) -> str:
+        """Why a model cannot take the place of the one there is, or an empty string.
+
+        Parameters
+        ----------
+        model : Bundle
+        frame : Frame, optional
+            One that it has to judge.
+        """
         if self.texture is None:
             return "the policy uses no model"
-        if self.stereo is None:
-            return ""
-        width, height = self.stereo.calibration.frame_size
-        if model.grid.resized(height, width) != self.grid.resized(height, width):
-            return f"its frames are {model.grid.width} px wide, the running ones {self.grid.width}"
+        if self.stereo is not None:
+            width, height = self.stereo.calibration.frame_size
+            if model.grid.resized(height, width) != self.grid.resized(height, width):
+                wide = f"{model.grid.width} px wide, the running ones {self.grid.width}"
+                return f"its frames are {wide}"
+        if frame is not None:
+            found = guarded(TextureDetector(model), frame)
+            if found.features is None:
+                return f"it cannot judge the newest frame: {found.fault}"
         return ""
 
 

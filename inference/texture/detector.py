@@ -264,9 +264,9 @@ class ReloadableTextureDetector:
         self.note = ""
         self._why_none = why_none
 
-    def put(self, detector: Detector) -> None:
-        """Hold another detector, with which nothing is wrong."""
-        self.detector, self.note = detector, ""
+    def put(self, detector: Detector, note: str = "") -> None:
+        """Hold another detector, with another note."""
+        self.detector, self.note = detector, note
 
     def detect(self, frame: Frame) -> Detection:
         """The held detector's answer; without one, that there is no model."""

@@ -20,7 +20,7 @@ from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError, os_words
 from tokt.models.bundle.bundle import Bundle, bundle_file_bytes, bundle_from_bytes
 
-from .history import Activation, DamagedError, RollbackStack
+from .history import Activation, DamagedError
 from .store import Store
 
 Candidate = tuple[str, Callable[[], Bundle]]
@@ -105,7 +105,7 @@ def _candidates(store: Store, notes: list[str]) -> Iterator[Candidate]:
             notes.append(f"store {store.path}: the active pointer is gone")
         yield _kept(store, stack.entries[-1], "the model that was active by the history")
     if store.last_good_file.exists():
-        yield "the last good copy", lambda: _last_good(store, stack)
+        yield "the last good copy", lambda: last_good(store)
     for entry in reversed(stack.entries[:-1]):
         if not stack.refusal(entry.sha256):
             yield _kept(store, entry, "the earlier model")
@@ -115,11 +115,18 @@ def _kept(store: Store, entry: Activation, what: str) -> Candidate:
     return f"{what} ({entry.label})", lambda: store.runnable(entry.sha256)
 
 
-def _last_good(store: Store, stack: RollbackStack) -> Bundle:
-    """The copy, if the history says that it was active and that nobody rolled back from it."""
+def last_good(store: Store) -> Bundle:
+    """The copy of what ran last, checked whole.
+
+    Raises
+    ------
+    ToktError
+        If there is none, it fails a check, or the history does not say that it was active and that
+        nobody rolled back from it.
+    """
     where = f"bundle {store.last_good_file}"
     data = bundle_file_bytes(store.last_good_file)
-    refusal = stack.refusal(hashlib.sha256(data).hexdigest())
+    refusal = store.rollback_stack().refusal(hashlib.sha256(data).hexdigest())
     if refusal:
         raise ToktError(f"{where}: {refusal}")
     store.trusted_keys().check(data, where)

@@ -9,12 +9,15 @@
       history.jsonl                 one line an activation, oldest first
       keys.json                     whose signatures count (`tokt.models.signing.trusted_keys`)
       last_good.tokt                what the runtime ran last (`tokt.models.store.last_good`)
+      *.spare                       a place on the disk for a rollback when there is no other
       lock                          empty; the system locks it for the process that writes
 
-``active`` is the truth. A line is added to the history after ``active`` has been replaced; if
-the process dies in between, the next reader finds the entry in ``active`` and the next writer
-adds the line. So whatever instant a command is interrupted at, the store loads. ``active.copy``
-is looked at only by a runtime that finds ``active`` damaged: it is never older than ``active``.
+``active`` is the truth, unless it is older than the history: then somebody put an old copy there,
+and it is refused like a damaged one. A line is added to the history after ``active`` has been
+replaced; if the process dies in between, the next reader finds the entry in ``active`` and the
+next writer adds the line. So whatever instant a command is interrupted at, the store loads.
+``active.copy`` is looked at only by a runtime that finds ``active`` refused: it is never older
+than ``active``.
 
 A file that is damaged (by a disk, by an editor) is never taken at its word: what it said is
 not guessed, and rolling back is refused. A command that names a model itself keeps the
@@ -26,10 +29,9 @@ Reading writes nothing: the runtime needs no more than to read the folder.
 
 import hashlib
 import json
-import os
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -62,6 +64,9 @@ from .history import (
 
 LOCK_WAIT_S = 10.0
 """How long a command waits for another one that is writing; that one takes about a second."""
+
+SPARE_BYTES = 16384
+"""What an entry takes on the disk at most, with room for a long reason."""
 
 Notice = Callable[[str], None]
 
@@ -117,9 +122,30 @@ class Store:
         Raises
         ------
         ToktError
-            If the pointer is damaged.
+            If the pointer is damaged, or contradicts the history: an old copy was put in its place.
         """
-        return self._entry_in(self._active_file, "the active pointer")
+        newest = self._newest_line()  # read first: a command writes the pointer before its line
+        entry = self._entry_in(self._active_file, "the active pointer")
+        if entry is None or newest is None or newest.number < entry.number:
+            return entry
+        if (newest.number, newest.sha256) == (entry.number, entry.sha256):
+            return entry
+        raise DamagedError(
+            f"store {self.path}: the active pointer (entry {entry.number}, {entry.label}) "
+            f"contradicts the history, which ends with entry {newest.number} ({newest.action}, "
+            f"{newest.label}), and is refused (the next deployment sets it aside)"
+        )
+
+    def _newest_line(self) -> Activation | None:
+        """The last entry of the history that can be read; what cannot contradicts nothing."""
+        try:
+            lines = self._history_bytes().splitlines()
+        except ToktError:
+            return None
+        for line in reversed(lines):
+            with suppress(ToktError):
+                return activation_from_bytes(line, "")
+        return None
 
     def _entry_in(self, file: Path, what: str) -> Activation | None:
         try:
@@ -310,9 +336,15 @@ class Store:
             target = self.bundle_file(bundle.sha256)
             if target.is_dir():
                 raise ToktError(f"bundle {target}: a folder is in its place; remove it")
+            self._keep_spares()  # no deployment without a way back
             # A file that was damaged since it was first deployed is made good.
             if not target.is_file() or target.read_bytes() != bundle.data:
-                atomic.write_bytes(target, bundle.data)
+                try:
+                    atomic.write_bytes(target, bundle.data)
+                except OSError:
+                    with suppress(OSError):  # it was there before, with a damaged file
+                        target.parent.rmdir()
+                    raise
                 atomic.fsync_folder(target.parent.parent)
                 if target.read_bytes() != bundle.data:
                     raise ToktError(f"bundle {target}: what was written there cannot be read back")
@@ -346,8 +378,12 @@ class Store:
         A copy: until its successor is there, the damaged file goes on being refused.
         """
         name = f"{file.stem}.damaged-{datetime.now(UTC):%Y%m%dT%H%M%S.%fZ}{file.suffix}"
-        atomic.write_bytes(self.path / name, file.read_bytes())
-        notice(f"store {self.path}: {file.name} was damaged; it is kept as {name}")
+        try:
+            atomic.write_bytes(self.path / name, file.read_bytes())
+            kept = f"it is kept as {name}"
+        except OSError as error:  # such as a full disk: no reason to stay with a bad model
+            kept = f"it cannot be kept: {os_words(error)}"
+        notice(f"store {self.path}: {file.name} was damaged; {kept}")
 
     def rollback(
         self, reason: str = "", to: str = "", notice: Notice = warnings.warn
@@ -415,22 +451,29 @@ class Store:
             atomic.remove_partials(folder, older_than_s=atomic.ABANDONED_S)
         lines = "".join(json.dumps(past.to_json()) + "\n" for past in reading.entries)
         if self._history_bytes() != lines.encode():
-            atomic.write_text(self._history_file, lines)
+            self._write(self._history_file, lines)
         text = json.dumps(entry.to_json(), indent=2) + "\n"
-        atomic.write_text(self._copy_file, text)
-        atomic.write_text(self._active_file, text)
+        self._write(self._copy_file, text)
+        self._write(self._active_file, text)
         try:
-            self._add_to_history(entry)
+            self._write(self._history_file, lines + json.dumps(entry.to_json()) + "\n")
+            self._keep_spares()
         except OSError as error:
             # It is active by now, whatever becomes of the line, which the next command adds.
-            notice(f"store {self.path}: the history: {os_words(error)}")
+            notice(f"store {self.path}: the history, or a place for the next: {os_words(error)}")
         return entry
 
-    def _add_to_history(self, entry: Activation) -> None:
-        with self._history_file.open("ab") as handle:
-            handle.write(json.dumps(entry.to_json()).encode() + b"\n")
-            handle.flush()
-            os.fsync(handle.fileno())
+    def _write(self, file: Path, text: str) -> None:
+        atomic.write_text(file, text, _spare_of(file))
+
+    def _keep_spares(self) -> None:
+        """Keep the place on the disk that a rollback takes."""
+        for file in (self._copy_file, self._active_file):
+            atomic.keep_spare(_spare_of(file), SPARE_BYTES, SPARE_BYTES)
+        lines = len(self._history_bytes())
+        # Larger than needed: it is not made anew for each line.
+        sizes = (lines + 2 * SPARE_BYTES, lines + 6 * SPARE_BYTES)
+        atomic.keep_spare(_spare_of(self._history_file), *sizes)
 
     def trust(
         self, key: PublicKey, name: str, reason: str = "", notice: Notice = warnings.warn
@@ -510,3 +553,7 @@ class Store:
     def _decide(self, keys: TrustedKeys, event: KeyEvent) -> KeyEvent:
         atomic.write_text(self._keys_file, TrustedKeys((*keys.events, event)).to_text())
         return event
+
+
+def _spare_of(file: Path) -> Path:
+    return file.with_name(f"{file.name}.spare")

@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import pytest
 
@@ -101,3 +102,12 @@ def test_commands_share_their_options(command, run_tokt):
     if "--workspace" in options:
         expected = "--workspace DIR Folder that holds tokt's state. [default: .tokt]"
         assert " ".join(options["--workspace"]) == expected
+
+
+def test_every_command_prints_what_a_terminal_shows_as_it_is():
+    """By `print_line`; a datagram's line and `--print-config` are made printable by themselves."""
+    for file in (Path(tokt.__file__).parent / "cli").glob("*.py"):
+        text = file.read_text()
+        if file.name not in ("app.py", "output.py", "run.py") and re.search(r"\bprint\(", text):
+            assert "from .output import print_line as print\n" in text, file
+        assert file.name == "app.py" or "typer.echo(" not in text, file

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, printable
 
 from . import compare, dataset, doctor, labels, models, replay, rig, run, studies, train
 
@@ -120,5 +120,5 @@ def run_app(commands: typer.Typer) -> None:
 
 
 def _fail(message: str) -> None:
-    print(f"tokt: error: {' '.join(message.split())}", file=sys.stderr)
+    print(f"tokt: error: {printable(' '.join(message.split()))}", file=sys.stderr)
     sys.exit(2)

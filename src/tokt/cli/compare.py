@@ -20,6 +20,7 @@ from .options import (
     WorkspaceOption,
 )
 from .output import answer, figure, print_patches, progress, say
+from .output import print_line as print
 
 if TYPE_CHECKING:
     from tokt.features.frames.grid import Grid

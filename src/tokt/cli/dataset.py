@@ -21,6 +21,7 @@ from .options import (
     WorkspaceOption,
 )
 from .output import answer, print_json, progress, say
+from .output import print_line as print
 
 if TYPE_CHECKING:
     from tokt.features.frames.grid import Grid

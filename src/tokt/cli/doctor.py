@@ -10,10 +10,11 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
+from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError, printable
 
 from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
 from .output import answer
+from .output import print_line as print
 
 _FAULTY = 1
 _LITTLE_BYTES = 1e9
@@ -172,5 +173,5 @@ def _print(findings: list[Finding]) -> None:
     table = Table.grid(padding=(0, 2))
     for finding in findings:
         state = Text(finding.state, _STYLES[finding.state])
-        table.add_row(state, Text(finding.name), Text(finding.text, overflow="fold"))
+        table.add_row(state, Text(finding.name), Text(printable(finding.text), overflow="fold"))
     Console().print(table)

@@ -17,6 +17,7 @@ from tokt.labels.formats import CSV, NAMES
 
 from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
 from .output import answer, print_json, progress, say, stop_on_signal
+from .output import print_line as print
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -116,7 +117,7 @@ def label(
     )
 
     def ready() -> None:
-        typer.echo(f"labelling {frames.name} at {address.url} (Ctrl-C ends)")
+        print(f"labelling {frames.name} at {address.url} (Ctrl-C ends)")
         if not no_browser:
             _open_browser(address.url)
 
@@ -182,15 +183,15 @@ def audit_labels(
 
 
 def _print_audit(found: Audit, files: list[Path]) -> None:
-    typer.echo(f"{found.of}: {len(found.patches)} labels are contradicted")
-    typer.echo(f"  {found.rule}")
+    print(f"{found.of}: {len(found.patches)} labels are contradicted")
+    print(f"  {found.rule}")
     for patch in found.patches[:_SHOWN]:
         where = f"{patch.mission} {patch.camera} {patch.frame} row {patch.row} col {patch.col}"
-        typer.echo(f"  {patch.margin:8.2f}  {where}: labelled {patch.label}, {patch.reason}")
+        print(f"  {patch.margin:8.2f}  {where}: labelled {patch.label}, {patch.reason}")
     if len(found.patches) > _SHOWN:
-        typer.echo(f"  ... and {len(found.patches) - _SHOWN} more")
+        print(f"  ... and {len(found.patches) - _SHOWN} more")
     for file in files:
-        typer.echo(f"  in {file}")
+        print(f"  in {file}")
 
 
 @labels_app.command("import")
@@ -244,7 +245,7 @@ def import_labels(
         return
     more = f", {added.suggestions} suggestions" if added.suggestions else ""
     more += f", {added.settled} settled" if added.settled else ""
-    typer.echo(
+    print(
         f"{file}: {n} labels by {', '.join(annotators)}: {added.new} new,"
         f" {added.changed} changed, {added.unchanged} known already{more}"
     )
@@ -452,20 +453,22 @@ def _said_by(who: str, workspace: Path, taxonomy: Taxonomy) -> list[LabelRecord]
 
 
 def _print_agreement(a: str, b: str, found: Agreement, taxonomy: Path) -> None:
-    typer.echo(f"A: {a} ({found.n_a} patches)\nB: {b} ({found.n_b} patches)\n")
+    print(f"A: {a} ({found.n_a} patches)")
+    print(f"B: {b} ({found.n_b} patches)")
+    print()
     summary = _table(("",), ("patches", "kappa", "equal"))
     sure, every = str(found.n_both_sure), str(found.n_both)
     summary.add_row("both sure", sure, _number(found.kappa), _number(found.agreement))
     with_unsure = (found.kappa_with_unsure, found.agreement_with_unsure)
     summary.add_row("both, unsure as a class", every, *map(_number, with_unsure))
     _print_table(summary)
-    typer.echo()
+    print()
     classes = _table(("class",), ("in A", "in B", "in both", "precision", "recall", "F1"))
     for name, entry in found.per_class.items():
         classes.add_row(name, *_class_cells(entry))
     classes.add_row("obstacle (A sure; B's unsure is none)", *_class_cells(found.obstacle))
     _print_table(classes)
-    typer.echo()
+    print()
     confusion = _table(("A \\ B",), found.labels)
     for name, counts in zip(found.labels, found.confusion, strict=True):
         confusion.add_row(name, *map(str, counts))

@@ -18,6 +18,7 @@ from tokt.features.common.errors import ToktError
 
 from .options import DEFAULT_WORKSPACE, JsonOption, ModelArgument, WorkspaceOption
 from .output import answer, print_json, say
+from .output import print_line as print
 
 if TYPE_CHECKING:
     from tokt.models.bundle.bundle import Bundle
@@ -89,7 +90,7 @@ def show(
         "metrics": dict(content.metrics),
         "card": content.card,
     }
-    answer(json, value, lambda: print(content.card, end=""))
+    answer(json, value, lambda: list(map(print, content.card.splitlines())))
 
 
 @models_app.command("alias")
@@ -370,7 +371,7 @@ def _print_active(active: dict[str, Any], provenance: dict[str, Any] | None) -> 
         return
     for key, what in _ORIGIN.items():
         text = str(provenance.get(key, "not recorded in the bundle"))
-        print(f"  {what}: {' '.join(text.split())}")
+        print(f"  {what}: {text}")
     if "obstacle_flags" in provenance:
         print(f"  obstacles set when it was shipped: {provenance['obstacle_flags']}")
 

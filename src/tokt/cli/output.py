@@ -11,16 +11,28 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any, TypeVar
 
+from tokt.features.common.errors import printable
+
 T = TypeVar("T")
 _MAX_SILENCE_S = 30.0
 
 
 def print_json(value: Any) -> None:
-    """Print one JSON object on standard output."""
-    print(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
+    """Print one JSON object on standard output; a string's unprintable characters as escapes."""
+    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
+    signs = (one if one.isprintable() or one == "\n" else json.dumps(one)[1:-1] for one in text)
+    print("".join(signs))
 
 
-def answer(as_json: bool, value: Any, show: Callable[[], None]) -> None:
+def print_line(text: str = "") -> None:
+    """Print a line for people on standard output, `printable` whatever file it comes from.
+
+    The modules of this room import it as ``print``.
+    """
+    print(printable(text), flush=True)  # somebody may wait for it
+
+
+def answer(as_json: bool, value: Any, show: Callable[[], object]) -> None:
     """Print a command's result: as a JSON object where that is asked for, else as `show` does."""
     if as_json:
         print_json(value)
@@ -34,7 +46,7 @@ def say(text: str) -> None:
     Work goes on where nobody reads it any more: a terminal that was closed ends no watchdog.
     """
     try:
-        print(text, file=sys.stderr, flush=True)
+        print(printable(text), file=sys.stderr, flush=True)
     except OSError:
         # What could not be written would be tried again at the end, and change the exit code.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())
@@ -74,7 +86,7 @@ def _remaining(seconds: float) -> str:
 def print_patches(patch: dict[str, Any]) -> None:
     """Obstacle figures where they mean something, and those by class for several classes."""
     if patch["f1"] is not None:
-        print(
+        print_line(
             f"  obstacle patches: F1 {figure(patch['f1'])}, precision "
             f"{figure(patch['precision'])}, recall {figure(patch['recall'])}, "
             f"AP {figure(patch['average_precision'])}"
@@ -83,7 +95,7 @@ def print_patches(patch: dict[str, Any]) -> None:
         by_class = ", ".join(
             f"{name} {figure(row['f1'])}" for name, row in patch["per_class"].items()
         )
-        print(f"  classes: macro-F1 {figure(patch['macro_f1'])} ({by_class})")
+        print_line(f"  classes: macro-F1 {figure(patch['macro_f1'])} ({by_class})")
 
 
 def figure(value: float | None) -> str:

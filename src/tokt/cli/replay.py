@@ -12,6 +12,7 @@ from tokt.features.common.errors import ToktError
 
 from .options import JsonOption, LoggedRunOption, read_calibration_file
 from .output import answer, progress, say
+from .output import print_line as print
 
 if TYPE_CHECKING:
     from tokt.features.frames.mission import Mission
@@ -251,7 +252,8 @@ def _show_side(report: ShadowReport, side: str) -> None:
 def _show_table(rows: str, columns: str, table: Mapping[str, Mapping[str, int]]) -> None:
     """Frames by what either side said of them."""
     left = f"{rows:>10}   {columns}: "
-    print("\n" + left + "".join(f"{word:>10}" for word in table))
+    print()
+    print(left + "".join(f"{word:>10}" for word in table))
     for word, row in table.items():
         print(f"{word:>10}".ljust(len(left)) + "".join(f"{row[other]:>10}" for other in table))
     print()

@@ -13,6 +13,7 @@ from tokt.features.common.errors import ToktError
 
 from .options import FramesOption, JsonOption, describe_calibration_file, read_calibration_file
 from .output import answer, progress, say
+from .output import print_line as print
 
 if TYPE_CHECKING:
     from tokt.features.frames.mission import Mission

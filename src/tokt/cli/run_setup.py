@@ -239,6 +239,7 @@ def carry_out(config: RunConfig) -> None:
         looking.observers.append(status)
         looking.drift.set_model(model.bundle)
         watch = _model_watch(config, model, assembly, looking.drift, opened)
+        looking.observers.extend([] if watch is None else [watch])
         notifier = opened.enter_context(closing(Notifier(SYSTEM_CLOCK)))
 
         def alive() -> None:
@@ -311,8 +312,8 @@ def _model_watch(
     if config.model.store is None or slot is None:
         return None
 
-    def put(bundle: Bundle) -> None:
-        slot.put(TextureDetector(bundle, config.model.threads))
+    def put(bundle: Bundle, note: str) -> None:
+        slot.put(TextureDetector(bundle, config.model.threads), note)
         drift.set_model(bundle)
 
     watch = ModelReloader(

@@ -13,6 +13,7 @@ from tokt.features.common.errors import ToktError
 
 from .options import JsonOption, is_written, read_calibration_file
 from .output import answer, progress, say
+from .output import print_line as print
 
 if TYPE_CHECKING:
     from tokt.studies.simulation.rendering.synthetic_mission import SyntheticMission
@@ -106,7 +107,7 @@ def simulate(
         jobs=-1 if jobs is None else jobs,
     )
     came = fly_study(study, progress, say)
-    answer(json, came.to_json(), lambda: print("\n".join(came.words())))
+    answer(json, came.to_json(), lambda: list(map(print, came.words())))
 
 
 def _named(text: str | None, default: tuple[str, ...]) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from .options import (
     WorkspaceOption,
 )
 from .output import answer, figure, print_patches, progress
+from .output import print_line as print
 
 if TYPE_CHECKING:
     from tokt.training.fitting.choose_operating_point import FalseStatusTarget

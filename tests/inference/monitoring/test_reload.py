@@ -5,18 +5,30 @@ import time
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
+from tests.inference.conftest import draw
 from tests.inference.live import HandSource, Listener, looping
+from tests.inference.test_faults import hold_row
+from tests.models.parts import golden_of
 from tests.waiting import until
+from tokt.features.extractors.spec import build_extractor
 from tokt.inference.config import Limits
-from tokt.inference.monitoring.reload import BundleCheck, ModelReloader, check_in_child
+from tokt.inference.monitoring.reload import (
+    GOOD_FRAMES,
+    RETRY_S,
+    BundleCheck,
+    ModelReloader,
+    check_in_child,
+)
+from tokt.inference.policy.assembly import assemble
 from tokt.inference.policy.policy import SinglePolicy
-from tokt.inference.report import EventQueue
 from tokt.inference.runtime import Runtime
 from tokt.inference.texture.detector import ReloadableTextureDetector, TextureDetector
+from tokt.inference.verdict import Verdict
 from tokt.models.bundle.bundle import Bundle, bundle_bytes, bundle_from_bytes, read_bundle
-from tokt.models.store.last_good import load_running
+from tokt.models.store.last_good import load_running, remember_good
 from tokt.models.store.store import Store
 
 
@@ -24,10 +36,21 @@ from tokt.models.store.store import Store
 def make_bundle(bundle_file):
     content = read_bundle(bundle_file).content
 
-    def make(version: str) -> Bundle:
-        return bundle_from_bytes(bundle_bytes(replace(content, version=version)), version)
+    def make(version: str, large: bool = False) -> Bundle:
+        made = replace(content, version=version)
+        if large:  # of a camera of twice the pixels each way
+            frame = draw_large([(4, 5)])
+            features = build_extractor(content.extractor_spec).describe(frame, content.grid)
+            values = content.model.decision_values(features)
+            obstacle = content.model.obstacle_patches(values)
+            made = replace(made, golden=golden_of([frame], [values], [obstacle]))
+        return bundle_from_bytes(bundle_bytes(made), version)
 
     return make
+
+
+def draw_large(patches, seed=0):
+    return np.kron(draw(patches, seed), np.ones((2, 2), np.uint8))
 
 
 @pytest.fixture
@@ -43,7 +66,8 @@ class Watched:
     def __init__(self, store: Store, clock: Any, misfit: str = "", copy_of: Bundle | None = None):
         self.put: list[str] = []
         self.checks = 0
-        misfit_of, put = (lambda bundle: misfit), (lambda bundle: self.put.append(bundle.label))
+        misfit_of = lambda bundle, frame: misfit  # noqa: E731
+        put = lambda bundle, note: self.put.append(bundle.label)  # noqa: E731
         self.watch = ModelReloader(
             *(store, copy_of or store.active(), misfit_of, put, clock, self._check),
             is_active=copy_of is None,
@@ -69,6 +93,134 @@ def test_a_new_model_is_put_between_frames_and_told(store, make_bundle, hand_clo
     assert watched.look() == [] and (watched.put, watched.checks) == (["noise/2"], 1)
     store.rollback()
     assert len(watched.look()) == 1 and watched.put[-1] == "noise/1"
+
+
+class Run:
+    """A live loop on a store, with the real policy; looked at by hand."""
+
+    def __init__(self, store: Store, clock: Any):
+        self.store, self.clock = store, clock
+        assembly = assemble("texture", store.active, None)
+        self.watch = ModelReloader(
+            *(store, store.active(), assembly.misfit),
+            lambda bundle, note: assembly.texture.put(TextureDetector(bundle), note),
+            *(clock, lambda store: BundleCheck(store.active().sha256, "")),
+        )
+        self.source, self.listener, self.seed = HandSource(clock), Listener(), 0
+        self.runtime = Runtime(
+            *(self.source, assembly.policy, [], clock, [self.listener, self.watch], Limits(5, 5)),
+            between=self.watch.exchange,
+        )
+
+    def frames(self, n: int, paint: Any) -> list[str]:
+        """Give frames, then look at the store; what the events before the next frame are."""
+        for _ in range(n):
+            self._give(paint)
+        self.watch.look()
+        self.watch._remember()
+        told = len(self.listener.events)
+        for _ in range(2):  # the loop may have been waiting for the first already
+            self._give(paint)
+        return [f"{event.name}: {event.words}" for event in self.listener.events[told:]]
+
+    def _give(self, paint: Any) -> None:
+        self.seed += 1
+        judged = len(self.listener.reports)
+        self.clock.now += 0.1
+        self.source.give(paint([(1, 1)], self.seed))
+        until(lambda: len(self.listener.reports) > judged)
+
+    @property
+    def verdict(self) -> Verdict:
+        return self.listener.reports[-1].verdict
+
+    @property
+    def kept(self) -> str:
+        file = self.store.last_good_file
+        return read_bundle(file).label if file.exists() else ""
+
+
+def test_a_new_model_of_another_camera_is_refused_until_that_camera_is_there(
+    store, make_bundle, hand_clock
+):
+    run = Run(store, hand_clock)
+    with looping(run.runtime):
+        assert run.frames(GOOD_FRAMES - 1, draw) == [] and run.kept == ""
+        assert run.frames(0, draw) == [] and run.kept == "noise/1"
+        store.deploy(make_bundle("2", large=True))
+        (told,) = run.frames(1, draw)
+        assert told.startswith(
+            "model_refused: model noise/2 is refused: it cannot judge the newest"
+        )
+        assert "frames are 360x271, the model learnt from 720x542" in told
+        assert told.endswith("; the running model goes on")
+        hand_clock.now += RETRY_S + 1
+        assert run.frames(1, draw) == []  # told once
+        # A dark frame, and one of another size, say nothing of which model is the right one.
+        run.frames(1, lambda patches, seed: draw(patches, seed) // 40)
+        hand_clock.now += RETRY_S + 1
+        assert run.frames(1, draw_large) == [] and run.verdict.reason == "wrong_size"
+        assert run.frames(0, draw) == [] and run.verdict.model == "noise/1"
+        hand_clock.now += RETRY_S + 1
+        told = run.frames(GOOD_FRAMES, draw_large)  # the other camera has come
+        assert told == ["model: model noise/2 runs from the next frame on"]
+        assert run.verdict.model == "noise/2" and run.kept == "noise/1"
+        run.frames(GOOD_FRAMES, draw_large)
+        assert run.kept == "noise/2"
+    hold_row(
+        "a new model of another camera becomes active while it runs",
+        "as without it: the old one goes on, and stays the last good one",
+        "refusals +1",
+    )
+
+
+def test_a_start_with_a_model_of_another_camera_goes_back_to_the_last_good_one(
+    store, make_bundle, hand_clock
+):
+    assert remember_good(store, store.active()) == ""
+    store.deploy(make_bundle("2", large=True))
+    run = Run(store, hand_clock)
+    with looping(run.runtime):
+        assert run.frames(GOOD_FRAMES - 1, draw) == [] and run.verdict.reason == "wrong_size"
+        told, runs = run.frames(1, draw)
+        assert told.startswith("model_refused: model noise/2 cannot judge what this camera gives: ")
+        assert "the last good one runs instead: noise/1, sha256 " in told
+        assert runs == "model: model noise/1 runs from the next frame on"
+        assert run.verdict.model == "noise/1" and "instead: noise/1" in run.verdict.health
+        hand_clock.now += RETRY_S + 1
+        (told,) = run.frames(GOOD_FRAMES, draw)
+        assert "model noise/2 is refused: it cannot judge the newest frame" in told
+        assert run.kept == "noise/1" and run.verdict.model == "noise/1"
+        # The camera that the active model was made for.
+        hand_clock.now += RETRY_S + 1
+        assert len(run.frames(GOOD_FRAMES, draw_large)) == 1
+        assert run.verdict.model == "noise/2" and run.verdict.health == "ok"
+    hold_row(
+        "the active model is of another camera at the start",
+        "unknown `wrong_size`, after 10 frames the last good one; health says so",
+        "refusals +1; switches +1",
+    )
+
+
+@pytest.mark.parametrize("last_good", ["", "large", "rolled back from", "damaged"])
+def test_there_it_goes_on_saying_unknown_where_the_last_good_one_is_no_better(
+    store, make_bundle, hand_clock, last_good
+):
+    other = make_bundle("3", large=last_good == "large")
+    if last_good:
+        store.deploy(other)
+        assert remember_good(store, other) == ""
+    if last_good == "rolled back from":
+        store.rollback()
+    if last_good == "damaged":
+        store.last_good_file.write_bytes(other.data[:-1])
+    store.deploy(make_bundle("2", large=True))
+    run = Run(store, hand_clock)
+    with looping(run.runtime):
+        for _ in range(2):
+            assert run.frames(GOOD_FRAMES, draw) == [] and run.verdict.reason == "wrong_size"
+            hand_clock.now += RETRY_S + 1
+        assert not last_good or store.last_good_file.read_bytes()[:-1] in other.data
 
 
 def test_a_damaged_one_is_refused_once_and_tried_again_later(store, make_bundle, hand_clock):
@@ -137,17 +289,20 @@ def test_a_run_goes_over_to_the_new_model_and_remembers_it(
     watch = ModelReloader(
         store,
         first,
-        lambda bundle: "",
-        lambda bundle: slot.put(TextureDetector(bundle)),
+        lambda bundle, frame: "",
+        lambda bundle, note: slot.put(TextureDetector(bundle), note),
         hand_clock,
     )
     source, listener = HandSource(hand_clock), Listener()
     runtime = Runtime(
-        *(source, SinglePolicy(slot), [], hand_clock, [listener], Limits(5, 5), EventQueue()),
+        *(source, SinglePolicy(slot), [], hand_clock, [listener, watch], Limits(5, 5)),
         between=watch.exchange,
     )
     watch.start()
     seed = 0
+
+    def kept() -> bytes:
+        return store.last_good_file.read_bytes() if store.last_good_file.exists() else b""
 
     def step() -> bool:
         nonlocal seed
@@ -163,7 +318,7 @@ def test_a_run_goes_over_to_the_new_model_and_remembers_it(
         until(step)
         step()
         until(lambda: listener.reports[-1].verdict.model == "noise/2")
-        until(lambda: store.last_good_file.read_bytes() == second.data)
+        until(lambda: step() and kept() == second.data)
     watch.close()
     models = [report.verdict.model for report in listener.reports]
     assert models == sorted(models, key=str) and set(models) == {"noise/1", "noise/2"}

@@ -72,12 +72,14 @@ def refused(store: Store, data: bytes, words: str) -> None:
     file = store.bundle_file(sha256)
     file.parent.mkdir()
     file.write_bytes(data)
-    pointer = store.path / "active"
-    sound = pointer.read_text()
-    pointer.write_text(sound.replace(before, sha256))
+    sound = {store.path / name: "" for name in ("active", "history.jsonl")}
+    for file in sound:  # a pointer alone would be refused, as the history contradicts it
+        sound[file] = file.read_text()
+        file.write_text(sound[file].replace(before, sha256))
     for load in (store.active, lambda: store.bundle(sha256, golden=False)):
         refuses(words, load)
-    pointer.write_text(sound)
+    for file, text in sound.items():
+        file.write_text(text)
 
 
 def unread(store: Store, data: bytes, words: str) -> None:

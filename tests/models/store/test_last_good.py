@@ -6,6 +6,7 @@ import os
 import pytest
 
 from tests.calls import refuses, run_python
+from tests.inference.test_faults import hold_row
 from tests.models.parts import pack, rehash, unpack
 from tokt.models.bundle.bundle import Bundle, bundle_bytes, bundle_from_bytes
 from tokt.models.store.check_active import main
@@ -81,6 +82,11 @@ def test_a_damaged_copy_is_passed_over(store, bundles):
     store.last_good_file.unlink()
     store.last_good_file.mkdir()
     assert runs(store)[0] == "b/2"
+    hold_row(
+        "the active bundle and the last good copy are damaged",
+        "the earlier model runs; health says so",
+        "nothing",
+    )
 
 
 @pytest.mark.parametrize("to", ["", "1"])
@@ -134,6 +140,11 @@ def test_a_damaged_pointer_is_read_from_its_copy(store, bundles, text):
     assert label == "b/2"
     assert "the active pointer is damaged" in notes
     assert "the model that was active by the history (b/2) runs instead" in notes
+    hold_row(
+        "the active pointer is damaged",
+        "the model that the history ends with runs; health says so",
+        "nothing",
+    )
 
 
 def test_a_damaged_pointer_and_a_history_without_the_rollback(store, bundles):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from tests.calls import answering, refuses
+from tests.inference.test_faults import hold_row
 from tests.models.parts import golden_of
 from tokt.features.extractors.extractor import build_extractor
 from tokt.features.frames.grid import Grid
@@ -422,8 +423,9 @@ def test_a_model_of_patches_is_not_deployed(store, bundles, make_content):
     file = store.bundle_file(patches.sha256)
     file.parent.mkdir()
     file.write_bytes(patches.data)
-    text = (store.path / "active").read_text().replace(bundles["a"].sha256, patches.sha256)
-    (store.path / "active").write_text(text)
+    for name in ("active", "history.jsonl"):
+        text = (store.path / name).read_text().replace(bundles["a"].sha256, patches.sha256)
+        (store.path / name).write_text(text)
     refuses("ready-cut patches", store.active)
     assert "ready-cut patches" in store_summary(store)["warnings"][0]
 
@@ -462,6 +464,8 @@ def test_two_processes_deploy_at_once(store, bundles, tmp_path):
     assert [line["number"] for line in lines] == list(range(1, 17))
     assert {line["reason"] for line in lines} == {f"{n}{i}" for n in "ab" for i in range(8)}
     check_consistent(store)
+    words = "both are in the history, the later one is active"
+    hold_row("two deployments at once", words, "nothing")
 
 
 def test_a_store_that_another_process_keeps(store, bundles, monkeypatch):

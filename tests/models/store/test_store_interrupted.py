@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 
 from tests.calls import answering, refuses
+from tests.inference.test_faults import hold_row
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.signing.keys import SigningKey
 from tokt.models.store.health import store_summary
@@ -159,6 +160,11 @@ def test_killed_at_every_step(store, keys, signed, run, place, name):
         pytest.fail("it never ended by itself")
     shutil.rmtree(saved)
     assert step > 3 and False in seen
+    hold_row(
+        "a command on the store is killed at any instant",
+        "the store is as before it or as after it, and its active model runs",
+        "nothing",
+    )
 
 
 def test_killed_during_the_very_first_deployment(store, run):
@@ -196,11 +202,15 @@ def test_a_full_disk(store, keys, signed, run, name, limit):
 def test_a_disk_that_fills_up_before_the_line_in_the_history(store, signed, monkeypatch):
     """The model is active by then, so that the command has not failed."""
 
-    def full(self: Store, entry: object) -> None:
-        raise OSError(28, "No space left on device")
+    write = Store._write
+
+    def full(self: Store, file: Path, text: str) -> None:
+        if file.name == "history.jsonl":
+            raise OSError(28, "No space left on device")
+        write(self, file, text)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Store, "_add_to_history", full)
+        patch.setattr(Store, "_write", full)
         notices: list[str] = []
         store.deploy(signed["c"], notice=notices.append)
     assert "No space left" in notices[0]
@@ -259,3 +269,8 @@ def test_a_read_only_file_system(store, signed, keys, tmp_path):
     lines = done.stdout.splitlines()
     assert lines[0] == "b/2" and len(lines) == 5
     assert all("Read-only file system" in line for line in lines[1:]), done.stdout
+    hold_row(
+        "a store that may only be read",
+        "its active model runs, and no copy is kept; a command says so and changes nothing",
+        "nothing",
+    )
