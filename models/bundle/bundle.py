@@ -54,7 +54,7 @@ from tokt.features.frames.image_file import decode_image
 from tokt.features.kernels.quantization import Quantization
 from tokt.models.distribution import Distribution
 from tokt.models.linear import LinearModel
-from tokt.models.operating_point import OperatingPoint
+from tokt.models.operating_point import OBSTACLE, MofNState, OperatingPoint
 
 from .signature import MEMBER as SIGNATURE
 from .signature import Signature, signature_from_bytes
@@ -193,7 +193,24 @@ class Bundle(BundleContent):
             return "none of its classes is an obstacle: it could never warn"
         if all(self.model.obstacle):
             return "each of its classes is an obstacle: it would always warn"
-        return ""
+        return self.silence
+
+    @property
+    def silence(self) -> str:
+        """Why its operating point is never seen to warn, or an empty string.
+
+        A golden frame with obstacle patches, seen again and again, has to come to status 1. Where
+        the golden frames show no obstacle nothing can be said.
+        """
+        golden, rule = self.golden, self.operating_point.rule
+        shown = golden.decision_values[golden.obstacle.any(axis=1)]
+        for values in shown:
+            scores, state = self.model.obstacle_score(values), MofNState(rule)
+            if OBSTACLE in [state.add(scores) for _ in range(rule.n)]:
+                return ""
+        if not len(shown):
+            return ""
+        return f"it warns of no golden frame with obstacle patches (status 1 with {rule.words()})"
 
     @property
     def images(self) -> tuple[Quantization | None, ...]:

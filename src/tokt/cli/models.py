@@ -118,6 +118,8 @@ def shipped(model: str, workspace: Path, taxonomy: Path | None, sign: Path | Non
     bundle = load_model(model, workspace)
     if taxonomy is not None:
         bundle = _flagged(bundle, taxonomy)
+    if bundle.silence:
+        raise ToktError(f"model {bundle.label} is not shipped: {bundle.silence}")
     return bundle if key is None else key.sign(bundle, f"model {bundle.label}")
 
 
