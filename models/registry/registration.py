@@ -1,4 +1,4 @@
-"""What a version was registered with: its files' hashes, whose they are, and who signed that.
+"""The registration of a model version: its files' hashes, whose they are, who signed that.
 
 The hashes stand in a tag of the version, with the model's name and the run, so that the files, the
 run or the tag of another version do not pass for this one's. They protect from accident alone: who
@@ -47,6 +47,11 @@ class RegisteredVersion:
         """Raise ToktError unless this file is what the version was registered with."""
         if self._hashes().get(file) != hashlib.sha256(data).hexdigest():
             raise ToktError(f"model {self.label}: {file} is not the one that was registered")
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the files with hashes; none for a version that has no hashes."""
+        return tuple(self._hashes()) if self.hashed else ()
 
     def _hashes(self) -> Mapping[str, str]:
         try:

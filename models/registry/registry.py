@@ -167,6 +167,8 @@ class Registry:
         Whether to make ``mlflow.db`` where there is none; reading never does.
     own : bool
         Use the workspace's own file whatever the environment says.
+    files_of : Path, optional
+        The workspace whose artifacts are meant, where `workspace` holds a copy of its database.
 
     Raises
     ------
@@ -174,14 +176,21 @@ class Registry:
         If there is no registry and none is to be made, or it cannot be reached.
     """
 
-    def __init__(self, workspace: Path, *, create: bool = False, own: bool = False) -> None:
+    def __init__(
+        self,
+        workspace: Path,
+        *,
+        create: bool = False,
+        own: bool = False,
+        files_of: Path | None = None,
+    ) -> None:
         logging.getLogger("mlflow").setLevel(logging.WARNING)
         logging.getLogger("alembic").setLevel(logging.WARNING)
         self.workspace = workspace
         local = (workspace / "mlflow.db").resolve()
         self.uri = local_uri(workspace) if own else tracking_uri(workspace)
         self._database = local if self.uri == f"sqlite:///{local}" else None
-        self._artifacts = (workspace / _ARTIFACTS).resolve()
+        self._artifacts = ((files_of or workspace) / _ARTIFACTS).resolve()
         if self._database is not None and not local.exists():
             if not create:
                 raise ToktError(f"no model has been trained in workspace {workspace} yet")
@@ -306,6 +315,11 @@ class Registry:
         with self.reported():
             self.client.set_registered_model_alias(version.name, alias, version.version)
         return self.find(version.label)
+
+    def check(self, version: RegisteredVersion) -> None:
+        """Raise ToktError unless all files of a version are what it was registered with."""
+        for name in version.files:
+            self._artifact(version, name, _MAX_TABLE_BYTES)
 
     def recipe(self, version: RegisteredVersion) -> dict[str, Any]:
         """The run's ``recipe.json``: all of a model but its weights.

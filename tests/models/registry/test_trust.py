@@ -274,6 +274,10 @@ def test_an_edited_file_is_not_what_was_registered(workspace):
     table = folder / "held_out.parquet"
     table.write_bytes(table.read_bytes() + b" ")
     refuses("held_out.parquet is not the one", Registry(workspace).held_out, "tiny-lbp")
+    doctor = json.loads(call_tokt("doctor", "--json", "--workspace", workspace).out)
+    states = {found["name"]: (found["state"], found["text"]) for found in doctor["findings"]}
+    words = "model tiny-lbp/1: held_out.parquet is not the one that was registered"
+    assert states["registry"] == ("fault", words)
     said = "refused: `is not the one that was registered`"
     hold_row("a file of a registered model edited", said, "nothing")
 
