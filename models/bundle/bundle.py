@@ -439,7 +439,9 @@ def _arrays(data: bytes, wanted: Mapping[str, type], where: str, member: str) ->
     return arrays_of(unzip(data, f"{where}: {member}"), wanted, f"{where}: {member}")
 
 
-def arrays_of(members: Mapping[str, bytes], wanted: Mapping[str, type], where: str) -> Any:
+def arrays_of(
+    members: Mapping[str, bytes], wanted: Mapping[str, type], where: str
+) -> dict[str, Any]:
     """The arrays in npy files, by name, of just the names and dtypes expected.
 
     Raises
