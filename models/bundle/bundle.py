@@ -200,7 +200,8 @@ class Bundle(BundleContent):
         """Why its operating point is never seen to warn, or an empty string.
 
         A golden frame with obstacle patches, seen again and again, has to come to status 1. Where
-        the golden frames show no obstacle nothing can be said.
+        the model sees none in them nothing can be said: a weak one, or one with other obstacle
+        classes than it was trained with.
         """
         golden, rule = self.golden, self.operating_point.rule
         shown = golden.decision_values[golden.obstacle.any(axis=1)]

@@ -148,6 +148,9 @@ def shipped(
         bundle = _flagged(bundle, taxonomy)
     if bundle.silence:
         raise ToktError(f"model {bundle.label} is not shipped: {bundle.silence}")
+    if any(bundle.model.obstacle) and not bundle.golden.obstacle.any():
+        unknown = "whether it can warn is not known"
+        say(f"WARNING: {bundle.label} sees no obstacle in its golden frames: {unknown}")
     return bundle if key is None else key.sign(bundle, f"model {bundle.label}")
 
 

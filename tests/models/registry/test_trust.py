@@ -399,6 +399,20 @@ def test_a_bundle_that_never_warns_guards_no_vehicle(tiny_bundle, tiny, tmp_path
     hold_row("an operating point that no golden frame reaches: a margin of 1e6", said, "nothing")
 
 
+def test_thresholds_that_nothing_reaches_are_told(tiny_bundle, tmp_path):
+    """Also where the golden verdicts are made to fit."""
+    content = read_bundle(tiny_bundle).content
+    golden = replace(content.golden, obstacle=np.zeros_like(content.golden.obstacle))
+    model = replace(content.model, thresholds=np.array([1e6]))
+    file = tmp_path / "deaf.tokt"
+    file.write_bytes(bundle_bytes(replace(content, golden=golden, model=model)))
+    words = "WARNING: tiny-lbp/1 sees no obstacle in its golden frames"
+    assert words in succeeds("export", file, "-o", tmp_path / "again.tokt").err
+    assert words in succeeds("deploy", file, tmp_path / "store").err
+    said = "warned of at export and deployment: it may be a weak model"
+    hold_row("patch thresholds that no golden frame reaches", said, "nothing")
+
+
 def test_a_rule_over_frames_is_held_to_a_frame_that_stays(tiny_bundle):
     honest = read_bundle(tiny_bundle)
     for rule, silent in (
