@@ -190,7 +190,8 @@ class Registry:
         local = (workspace / "mlflow.db").resolve()
         self.uri = local_uri(workspace) if own else tracking_uri(workspace)
         self._database = local if self.uri == f"sqlite:///{local}" else None
-        self._artifacts = ((files_of or workspace) / _ARTIFACTS).resolve()
+        beside = workspace if self._database is None else local.parent
+        self._artifacts = ((files_of or beside) / _ARTIFACTS).resolve()
         if self._database is not None and not local.exists():
             if not create:
                 raise ToktError(f"no model has been trained in workspace {workspace} yet")

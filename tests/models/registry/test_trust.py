@@ -21,7 +21,7 @@ from tests.inference.test_faults import hold_row
 from tests.models.parts import pack, unpack
 from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes, read_bundle
 from tokt.models.operating_point import MofNRule, OperatingPoint
-from tokt.models.registry.registration import FILES_TAG, SIGNATURE_TAG, files_tag
+from tokt.models.registry.registration import FILES_TAG, SIGNATURE_TAG, RegisteredVersion, files_tag
 from tokt.models.registry.registry import Registry
 from tokt.models.registry.skops_arrays import pipeline_arrays
 
@@ -282,6 +282,25 @@ def test_an_edited_file_is_not_what_was_registered(workspace):
     hold_row("a file of a registered model edited", said, "nothing")
 
 
+def test_a_registration_of_format_1_is_read(keys):
+    """As it stands in the tags of registered versions, and what a key signed of it."""
+    tag = (
+        '{"files":{"a.npz":"ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"},'
+        '"format_version":1,"name":"m","run_id":"r1"}'
+    )
+    assert files_tag("m", "r1", {"a.npz": b"abc"}) == tag
+    found = RegisteredVersion("m", "7", (), "r1", {FILES_TAG: tag})
+    found.check("a.npz", b"abc")
+    refuses("a.npz is not the one", found.check, "a.npz", b"abd")
+    refuses("b.npz is not the one", found.check, "b.npz", b"abc")
+    boat, message = keys["boat"], b"tokt registration, signature format 1\nm/7\n" + tag.encode()
+    signature = boat.signature(message).to_bytes().decode()
+    assert found.signature(boat) == signature
+    signed = replace(found, tags={**found.tags, SIGNATURE_TAG: signature})
+    assert signed.check_signature(boat.public) and not found.check_signature(boat.public)
+    refuses("does not fit", replace(signed, version="8").check_signature, boat.public)
+
+
 def test_hashes_that_are_gone_or_damaged(workspace):
     update = "UPDATE model_version_tags SET value = ? WHERE key = ?"
     for value in ("", "{}", "[]", '{"format_version": 1, "files": {"recipe.json": 5}}'):
@@ -462,6 +481,21 @@ def test_a_copied_workspace_reads_and_writes_its_own(workspace, trained, tiny_bu
     shutil.rmtree(run_folder(copy, "tiny-lbp/1"))
     export_refused("missing from its run", copy, "tiny-lbp/1")  # not taken from another workspace
     hold_row("a workspace that was copied, and the original changed", "as without it", "nothing")
+
+
+def test_a_database_behind_a_link_keeps_its_own_files(workspace, tiny_bundle, tmp_path):
+    """It is the other workspace's, artifacts and all: none of its places is changed."""
+    linked = tmp_path / "linked"
+    linked.mkdir()
+    (linked / "mlflow.db").symlink_to(workspace / "mlflow.db")
+    (linked / "datasets").symlink_to(workspace / "datasets")
+    export(workspace)
+    where = ("--workspace", linked)
+    succeeds("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY, *where)
+    assert not (linked / "mlartifacts").exists()
+    for place in (linked, workspace):
+        assert export(place, "tiny-lbp/1")[0] == tiny_bundle.read_bytes()
+        export(place, "tiny-lbp/2")
 
 
 def test_places_in_the_database_are_not_read(workspace, tiny_bundle, tmp_path):
