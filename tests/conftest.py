@@ -250,8 +250,8 @@ def trained(tiny, tmp_path_factory):
 
 @pytest.fixture
 def workspace(trained, tmp_path):
-    """A copy of `trained` that a test may change. Runs' artifacts stay where they are."""
-    shutil.copytree(trained, tmp_path / ".tokt", ignore=shutil.ignore_patterns("mlartifacts"))
+    """A copy of `trained` that a test may change."""
+    shutil.copytree(trained, tmp_path / ".tokt")
     return tmp_path / ".tokt"
 
 

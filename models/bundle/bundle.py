@@ -54,7 +54,7 @@ from tokt.features.frames.image_file import decode_image
 from tokt.features.kernels.quantization import Quantization
 from tokt.models.distribution import Distribution
 from tokt.models.linear import LinearModel
-from tokt.models.operating_point import OperatingPoint
+from tokt.models.operating_point import OBSTACLE, MofNState, OperatingPoint
 
 from .signature import MEMBER as SIGNATURE
 from .signature import Signature, signature_from_bytes
@@ -69,12 +69,12 @@ _MEMBERS = (
     *("manifest.json", "weights.npz", "golden.npz", "lineage.npz"),
     *(_DISTRIBUTION, "card.md"),
 )
-_MAX_MEMBER_BYTES = 64 * 1024 * 1024
+MAX_MEMBER_BYTES = 64 * 1024 * 1024
 _MAX_FAULT = 200  # characters
 _MAX_NAME = 100  # characters
 _MAX_GOLDEN_FRAMES = 100  # training writes two
 _MAX_GOLDEN_PIXELS = 100_000_000  # of all together: small files can say they are huge pictures
-_MAX_FILE_BYTES = len(_MEMBERS) * _MAX_MEMBER_BYTES
+_MAX_FILE_BYTES = len(_MEMBERS) * MAX_MEMBER_BYTES
 # What zipfile raises for bytes that are no zip; OverflowError for a member said to be at 2^63.
 _UNREADABLE_ZIP = (
     *(zipfile.BadZipFile, struct.error, EOFError, OSError),
@@ -193,7 +193,25 @@ class Bundle(BundleContent):
             return "none of its classes is an obstacle: it could never warn"
         if all(self.model.obstacle):
             return "each of its classes is an obstacle: it would always warn"
-        return ""
+        return self.silence
+
+    @property
+    def silence(self) -> str:
+        """Why its operating point is never seen to warn, or an empty string.
+
+        A golden frame with obstacle patches, seen again and again, has to come to status 1. Where
+        the model sees none in them nothing can be said: a weak one, or one with other obstacle
+        classes than it was trained with.
+        """
+        golden, rule = self.golden, self.operating_point.rule
+        shown = golden.decision_values[golden.obstacle.any(axis=1)]
+        for values in shown:
+            scores, state = self.model.obstacle_score(values), MofNState(rule)
+            if OBSTACLE in [state.add(scores) for _ in range(rule.n)]:
+                return ""
+        if not len(shown):
+            return ""
+        return f"it warns of no golden frame with obstacle patches (status 1 with {rule.words()})"
 
     @property
     def images(self) -> tuple[Quantization | None, ...]:
@@ -266,6 +284,11 @@ def frame_id(digest: str) -> np.uint64:
     return np.uint64(int(digest[:16], 16))
 
 
+def weights_bytes(model: LinearModel) -> bytes:
+    """The ``weights.npz`` member."""
+    return _npz(weights=model.weights, bias=model.bias, thresholds=model.thresholds)
+
+
 def lineage_bytes(trained_on: NDArray[np.uint64]) -> bytes:
     """The ``lineage.npz`` member."""
     return _npz(trained_on=np.sort(trained_on))
@@ -287,7 +310,7 @@ def bundle_bytes(content: BundleContent) -> bytes:
     """The bundle file of a model; the same content gives the same bytes."""
     model = content.model
     members = {
-        "weights.npz": _npz(weights=model.weights, bias=model.bias, thresholds=model.thresholds),
+        "weights.npz": weights_bytes(model),
         "golden.npz": golden_bytes(content.golden),
         "lineage.npz": lineage_bytes(content.trained_on),
         "card.md": content.card.encode("utf-8"),
@@ -311,8 +334,14 @@ def bundle_bytes(content: BundleContent) -> bytes:
     return _zip({name: members[name] for name in _MEMBERS if name in members})
 
 
-def _unzip(data: bytes, where: str) -> dict[str, bytes]:
-    """The members of a zip, none of them compressed, encrypted, repeated or huge."""
+def unzip(data: bytes, where: str) -> dict[str, bytes]:
+    """The members of a zip, none of them compressed, encrypted, repeated or huge.
+
+    Raises
+    ------
+    ToktError
+        If one is, or it is no zip.
+    """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             infos = archive.infolist()
@@ -320,7 +349,7 @@ def _unzip(data: bytes, where: str) -> dict[str, bytes]:
                 info.compress_type != zipfile.ZIP_STORED or info.flag_bits & 1 for info in infos
             ):
                 raise ToktError(f"{where}: damaged, or not written by tokt (it is compressed)")
-            if any(info.file_size > _MAX_MEMBER_BYTES for info in infos):
+            if any(info.file_size > MAX_MEMBER_BYTES for info in infos):
                 raise ToktError(f"{where}: a member of the bundle is too large")
             if len({info.filename for info in infos}) != len(infos):
                 raise ToktError(f"{where}: a member is in it twice")
@@ -341,13 +370,13 @@ def signed_parts(data: bytes, where: str) -> tuple[bytes, Signature | None]:
     ToktError
         If the file is not a zip with a manifest, or the signature cannot be read.
     """
-    members = _unzip(data, where)
+    members = unzip(data, where)
     return _manifest_of(members, where), _signature_of(members, where)
 
 
 def with_signature(data: bytes, signature: Signature, where: str) -> bytes:
     """The same bundle file with this signature in place of any it had."""
-    members = _unzip(data, where)
+    members = unzip(data, where)
     members[SIGNATURE] = signature.to_bytes()
     return _zip(members)
 
@@ -367,7 +396,7 @@ def _signature_of(members: dict[str, bytes], where: str) -> Signature | None:
 
 def _parse(data: bytes, where: str) -> tuple[dict[str, Any], Signature | None, dict[str, bytes]]:
     """Act one: the archive as a manifest and raw members; nothing is believed yet."""
-    members = _unzip(data, where)
+    members = unzip(data, where)
     try:
         manifest = printable_json(_manifest_of(members, where))
     except (ValueError, RecursionError):
@@ -408,7 +437,19 @@ def _check_integrity(manifest: dict[str, Any], members: dict[str, bytes], where:
 
 def _arrays(data: bytes, wanted: Mapping[str, type], where: str, member: str) -> dict[str, Any]:
     """An npz member's arrays, of just the names and dtypes expected."""
-    raw = _unzip(data, f"{where}: {member}")
+    return arrays_of(unzip(data, f"{where}: {member}"), wanted, f"{where}: {member}")
+
+
+def arrays_of(
+    members: Mapping[str, bytes], wanted: Mapping[str, type], where: str
+) -> dict[str, Any]:
+    """The arrays in npy files, by name, of just the names and dtypes expected.
+
+    Raises
+    ------
+    ToktError
+        If they are others, or one is no plain array.
+    """
     try:
         # numpy warns of headers as Python 2 wrote them, and of shapes beyond any number.
         with warnings.catch_warnings(action="error", category=Warning):
@@ -416,13 +457,19 @@ def _arrays(data: bytes, wanted: Mapping[str, type], where: str, member: str) ->
                 name.removesuffix(".npy"): np.lib.format.read_array(
                     io.BytesIO(npy), allow_pickle=False
                 )
-                for name, npy in raw.items()
+                for name, npy in members.items()
             }
     except _UNREADABLE_ARRAY as error:
-        raise ToktError(f"{where}: {member} cannot be read ({error})") from None
+        raise ToktError(f"{where} cannot be read ({error})") from None
     if {name: array.dtype for name, array in arrays.items()} != wanted:
-        raise ToktError(f"{where}: {member} does not hold {', '.join(wanted)} as expected")
+        raise ToktError(f"{where} does not hold {', '.join(wanted)} as expected")
     return arrays
+
+
+def weights_from_bytes(data: bytes, where: str) -> dict[str, F64]:
+    """Read a ``weights.npz`` member: the arrays of a `LinearModel`. Raises ToktError if none."""
+    wanted = dict.fromkeys(("weights", "bias", "thresholds"), np.float64)
+    return _arrays(data, wanted, where, "weights.npz")
 
 
 def lineage_from_bytes(data: bytes, where: str) -> NDArray[np.uint64]:
@@ -519,8 +566,7 @@ def _check_content(
     manifest: dict[str, Any], members: dict[str, bytes], where: str
 ) -> BundleContent:
     """Act two, second half: every value has the shape and the bounds it must have."""
-    kinds = dict.fromkeys(("weights", "bias", "thresholds"), np.float64)
-    arrays = _arrays(members["weights.npz"], kinds, where, "weights.npz")
+    arrays = weights_from_bytes(members["weights.npz"], where)
     trained_on = lineage_from_bytes(members["lineage.npz"], where)
     golden = golden_from_bytes(members["golden.npz"], where)
     distribution = None

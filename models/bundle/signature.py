@@ -65,7 +65,7 @@ def signature_from_bytes(data: bytes, where: str) -> Signature:
     ToktError
         If it is none, is of a newer format, or was made with another algorithm.
     """
-    damaged = ToktError(f"{where}: the bundle's signature is damaged")
+    damaged = ToktError(f"{where}: the signature is damaged")
     if len(data) > _MAX_BYTES:
         raise damaged
     try:
@@ -76,12 +76,12 @@ def signature_from_bytes(data: bytes, where: str) -> Signature:
         raise damaged
     if value["format_version"] > FORMAT_VERSION:
         newer = f"newer than this tokt reads ({FORMAT_VERSION}); update tokt on this machine"
-        found = f"the bundle's signature is of format {value['format_version']}"
+        found = f"the signature is of format {value['format_version']}"
         raise ToktError(f"{where}: {found}, {newer}")
     if value["format_version"] < 1 or set(value) != _KEYS:
         raise damaged
     if value["algorithm"] != ALGORITHM:
-        raise ToktError(f"{where}: the bundle's signature is not of the algorithm {ALGORITHM}")
+        raise ToktError(f"{where}: the signature is not of the algorithm {ALGORITHM}")
     for pattern, text in ((_KEY_ID, value["key_id"]), (_VALUE, value["signature"])):
         if not (isinstance(text, str) and pattern.fullmatch(text)):
             raise damaged

@@ -29,7 +29,7 @@ def registry_finding(workspace: Path) -> Finding:
     """
     uri = os.environ.get(_VARIABLE, "")
     if not uri:
-        return _file_finding(workspace / _FILE_NAME)
+        return _file_finding(workspace / _FILE_NAME, workspace)
     if uri.startswith(_SQLITE):
         return _file_finding(Path(uri.removeprefix(_SQLITE).partition("?")[0]))
     if uri.startswith(("http://", "https://")):
@@ -46,7 +46,7 @@ def _shown(text: str) -> str:
     return re.sub(r"//[^/@\s]*@", "//***@", text)
 
 
-def _file_finding(file: Path) -> Finding:
+def _file_finding(file: Path, workspace: Path | None = None) -> Finding:
     if not file.exists():
         return Finding(NAME, NOTE, f"no registry yet ({file}); tokt train makes it")
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
@@ -57,18 +57,22 @@ def _file_finding(file: Path) -> Finding:
         if broken:
             return Finding(NAME, FAULT, f"{file} is damaged: {broken}")
         try:
-            return _counted(folder, str(file), own=True)
+            return _counted(folder, str(file), own=True, files_of=workspace)
         except ToktError as error:
             return Finding(NAME, FAULT, str(error).replace(str(copy), str(file)))
 
 
-def _counted(workspace: Path, where: str, own: bool) -> Finding:
+def _counted(workspace: Path, where: str, own: bool, files_of: Path | None = None) -> Finding:
     try:
         from .registry import Registry
     except ModuleNotFoundError as error:
         text = f"{where}: not opened, {error.name} is not installed (tokt[train])"
         return Finding(NAME, NOTE, text)
-    versions = Registry(workspace, own=own).versions()
+    registry = Registry(workspace, own=own, files_of=files_of)
+    versions = registry.versions()
+    if files_of is not None:
+        for version in versions:
+            registry.check(version)
     models = len({version.name for version in versions})
     text = f"{where}: models: {models}, versions: {len(versions)}"
     return Finding(NAME, OK, text, {"models": models, "versions": len(versions)})

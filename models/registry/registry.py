@@ -1,24 +1,28 @@
 """The model registry (MLflow) and the way from a registered version to a bundle.
 
-What a registered version consists of, all logged by its run: the scikit-learn pipeline (the truth
-about the weights, stored by skops, no pickle), and the run artifacts below ``tokt/``:
+What a registered version consists of, all logged by its run as artifacts below ``tokt/``:
 ``recipe.json`` (extractor spec, grid, classes, thresholds, operating point, provenance, metrics),
-``golden.npz``, ``lineage.npz``, ``distribution.npz`` (where the recipe's ``distribution`` is not
-null) and ``held_out.parquet``. A version is registered after everything
-else is there.
+``weights.npz``, ``golden.npz``, ``lineage.npz``, ``distribution.npz`` (where the recipe's
+``distribution`` is not null) and ``held_out.parquet``. A version is registered after everything
+else is there, with the files' hashes (`tokt.models.registry.registration`). The run's scikit-learn
+pipeline is for MLflow's own tools; tokt never opens it, but for the arrays of one that version
+0.1.0 registered, without hashes and ``weights.npz``.
+
+The workspace's own registry keeps its artifacts in ``mlartifacts/`` beside it. MLflow writes their
+absolute places into its database and has no way to relative ones (its issue 3144): they are not
+read, so that a workspace that was moved or copied reads its own files.
 """
 
 from __future__ import annotations
 
 import io
-import json
 import logging
 import os
 import re
+import sqlite3
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,9 +30,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tokt.features.common import atomic
+from tokt.features.common.canonical import printable_json
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.models.bundle.bundle import (
+    MAX_MEMBER_BYTES,
     Bundle,
     BundleContent,
     bundle_bytes,
@@ -36,10 +42,15 @@ from tokt.models.bundle.bundle import (
     distribution_from_bytes,
     golden_from_bytes,
     lineage_from_bytes,
+    weights_from_bytes,
 )
 from tokt.models.bundle.card import model_card
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import OperatingPoint
+from tokt.models.signing.keys import PublicKey, SigningKey
+
+from .registration import SIGNATURE_TAG, RegisteredVersion
+from .skops_arrays import pipeline_arrays
 
 # Before the first import of mlflow: a ship's PC has no network for usage statistics to wait on.
 os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
@@ -61,6 +72,15 @@ RECIPE_VERSION = 3
 """Version 1 has no operating point, and no decision values in ``held_out.parquet``; 1 and 2 have no
 distribution of features."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+_ARTIFACTS = "mlartifacts"
+_PLACES = (
+    *(("experiments", "artifact_location"), ("runs", "artifact_uri")),
+    *(("logged_models", "artifact_location"), ("model_versions", "storage_location")),
+)
+"""Where MLflow's database names artifacts: tables and columns."""
+_MAX_TABLE_BYTES = 1 << 32
+_MAX_TABLE_VALUES = 500_000_000
+"""Of ``held_out.parquet``: days of labelled frames; a small file can say it is far larger."""
 
 
 def check_model_name(name: str) -> None:
@@ -122,20 +142,14 @@ def _empty_database() -> bytes:
     return content
 
 
-@dataclass(frozen=True)
-class RegisteredVersion:
-    """One line of ``tokt models list``."""
-
-    name: str
-    version: str
-    aliases: tuple[str, ...]
-    run_id: str
-    tags: dict[str, str]
-
-    @property
-    def label(self) -> str:
-        """``name/version``."""
-        return f"{self.name}/{self.version}"
+@contextmanager
+def _fitting(version: RegisteredVersion) -> Iterator[None]:
+    """Around what takes a recipe for what training writes: say that it is not."""
+    try:
+        yield
+    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
+        fault = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise ToktError(f"model {version.label}: its recipe.json does not fit ({fault})") from None
 
 
 def _provenance(version: RegisteredVersion, recipe: dict[str, Any]) -> dict[str, Any]:
@@ -153,6 +167,8 @@ class Registry:
         Whether to make ``mlflow.db`` where there is none; reading never does.
     own : bool
         Use the workspace's own file whatever the environment says.
+    files_of : Path, optional
+        The workspace whose artifacts are meant, where `workspace` holds a copy of its database.
 
     Raises
     ------
@@ -160,13 +176,23 @@ class Registry:
         If there is no registry and none is to be made, or it cannot be reached.
     """
 
-    def __init__(self, workspace: Path, *, create: bool = False, own: bool = False) -> None:
+    def __init__(
+        self,
+        workspace: Path,
+        *,
+        create: bool = False,
+        own: bool = False,
+        files_of: Path | None = None,
+    ) -> None:
         logging.getLogger("mlflow").setLevel(logging.WARNING)
         logging.getLogger("alembic").setLevel(logging.WARNING)
         self.workspace = workspace
         local = (workspace / "mlflow.db").resolve()
         self.uri = local_uri(workspace) if own else tracking_uri(workspace)
-        if self.uri == f"sqlite:///{local}" and not local.exists():
+        self._database = local if self.uri == f"sqlite:///{local}" else None
+        beside = workspace if self._database is None else local.parent
+        self._artifacts = ((files_of or beside) / _ARTIFACTS).resolve()
+        if self._database is not None and not local.exists():
             if not create:
                 raise ToktError(f"no model has been trained in workspace {workspace} yet")
             _create_database(local)
@@ -179,7 +205,7 @@ class Registry:
         """Turn what MLflow cannot do (server down, database damaged) into a ToktError."""
         try:
             yield
-        except (MlflowException, SQLAlchemyError) as error:
+        except (MlflowException, SQLAlchemyError, sqlite3.Error) as error:
             reason = str(error).strip().splitlines()[0]
             raise ToktError(f"the model registry at {self.uri}: {reason}") from error
 
@@ -191,11 +217,12 @@ class Registry:
         ToktError
             If the registry cannot be reached or written.
         """
-        local = self.uri.startswith("sqlite:")
-        location = (self.workspace / "mlartifacts").resolve().as_uri() if local else None
+        location = self._artifacts.as_uri() if self.uri.startswith("sqlite:") else None
         with self.reported():
             found = self.client.get_experiment_by_name(EXPERIMENT)
             if found is not None:
+                if self._database is not None and found.artifact_location != location:
+                    self._move_artifacts(self._database, found.artifact_location)
                 return str(found.experiment_id)
             try:
                 return str(self.client.create_experiment(EXPERIMENT, artifact_location=location))
@@ -205,6 +232,17 @@ class Registry:
                 if again is None:
                     raise
                 return str(again.experiment_id)
+
+    def _move_artifacts(self, database: Path, before: str) -> None:
+        """After the workspace was moved or copied: what is logged from now on goes to its own."""
+        now = self._artifacts.as_uri()
+        with closing(sqlite3.connect(database, timeout=60)) as opened, opened:
+            for table, column in _PLACES:
+                opened.execute(
+                    f"UPDATE {table} SET {column} = ? || substr({column}, ?) "
+                    f"WHERE substr({column} || '/', 1, ?) = ?",
+                    (now, len(before) + 1, len(before) + 1, f"{before}/"),
+                )
 
     def register(
         self, name: str, model_uri: str, run_id: str, model_id: str, tags: dict[str, str]
@@ -219,6 +257,14 @@ class Registry:
                 name, source=model_uri, run_id=run_id, model_id=model_id, tags=tags
             )
         return self._listed(version)
+
+    def sign(self, version: RegisteredVersion, key: SigningKey) -> None:
+        """Let `key` vouch for a version as it was registered."""
+        signature = version.signature(key)
+        with self.reported():
+            self.client.set_model_version_tag(
+                version.name, version.version, SIGNATURE_TAG, signature
+            )
 
     def versions(self, name: str | None = None) -> list[RegisteredVersion]:
         """Every registered version, or those of one model, by name, newest first.
@@ -271,6 +317,11 @@ class Registry:
             self.client.set_registered_model_alias(version.name, alias, version.version)
         return self.find(version.label)
 
+    def check(self, version: RegisteredVersion) -> None:
+        """Raise ToktError unless all files of a version are what it was registered with."""
+        for name in version.files:
+            self._artifact(version, name, _MAX_TABLE_BYTES)
+
     def recipe(self, version: RegisteredVersion) -> dict[str, Any]:
         """The run's ``recipe.json``: all of a model but its weights.
 
@@ -279,11 +330,15 @@ class Registry:
         ToktError
             If it is missing, or a newer tokt wrote it.
         """
-        text = self._artifact(version, "recipe.json").decode("utf-8")
-        recipe: dict[str, Any] = json.loads(text)
-        written = recipe.get("recipe_version")
+        try:
+            recipe = printable_json(self._artifact(version, "recipe.json"))
+            written = recipe.get("recipe_version")
+        except (ValueError, AttributeError, RecursionError):
+            raise ToktError(f"model {version.label}: its recipe.json is damaged") from None
         if type(written) is not int or not 1 <= written <= RECIPE_VERSION:
             raise ToktError(f"model {version.label} was trained by another generation of tokt")
+        if recipe.get("hashed") and not version.hashed:
+            raise ToktError(f"model {version.label}: the hashes of its files are gone")
         return {"operating_point": OperatingPoint().to_json(), "distribution": None, **recipe}
 
     def held_out(self, reference: str) -> pandas.DataFrame:
@@ -300,10 +355,18 @@ class Registry:
         ToktError
             If there is no such version, or its run holds no such table.
         """
-        import pandas as pd
+        from pyarrow import ArrowException, parquet
 
-        data = self._artifact(self.find(reference), "held_out.parquet")
-        return pd.read_parquet(io.BytesIO(data))
+        version = self.find(reference)
+        data = self._artifact(version, "held_out.parquet", _MAX_TABLE_BYTES)
+        try:
+            file = parquet.ParquetFile(io.BytesIO(data))
+            if file.metadata.num_rows * file.metadata.num_columns > _MAX_TABLE_VALUES:
+                raise ToktError(f"model {version.label}: its held_out.parquet is far too large")
+            return file.read().to_pandas()
+        except (ArrowException, OSError, ValueError) as error:
+            fault = str(error).strip().splitlines()[0]
+            raise ToktError(f"model {version.label}: held_out.parquet: {fault}") from None
 
     def card(self, reference: str) -> str:
         """The model card of a registered version, as its bundle has it.
@@ -315,41 +378,63 @@ class Registry:
         """
         version = self.find(reference)
         recipe = self.recipe(version)
-        return model_card(version.label, recipe, _provenance(version, recipe))
+        with _fitting(version):
+            return model_card(version.label, recipe, _provenance(version, recipe))
 
-    def bundle(self, reference: str) -> Bundle:
+    def bundle(
+        self,
+        reference: str,
+        signer: PublicKey | None = None,
+        *,
+        signed: bool = False,
+        notice: Callable[[str], None] = lambda text: None,
+    ) -> Bundle:
         """A registered version as a checked bundle; the same version gives the same bytes.
+
+        Parameters
+        ----------
+        reference : str
+        signer : PublicKey, optional
+            Whose signature of the registration is checked.
+        signed : bool
+            Whether it must be there.
+        notice : callable
+            Is told what could not be checked.
 
         Raises
         ------
         ToktError
-            If it is not there, was not trained by tokt, or fails its own golden check.
+            If it is not there, was not trained by tokt, is not what was registered, or fails its
+            own golden check.
         """
         version = self.find(reference)
-        content = self._content(version, self.recipe(version))
-        return bundle_from_bytes(bundle_bytes(content), f"model {version.label}")
+        if signer is not None and not version.check_signature(signer):
+            unsigned = f"the registration of model {version.label} is not signed"
+            if signed:
+                raise ToktError(f"{unsigned}, by key {signer.id} or any other")
+            notice(f"WARNING: {unsigned} (tokt train --sign): it is taken as the workspace has it")
+        if not version.hashed:
+            notice(
+                f"note: {version.label} was registered by tokt 0.1.0, without hashes of its files"
+            )
+        recipe = self.recipe(version)
+        with _fitting(version):
+            data = bundle_bytes(self._content(version, recipe))
+        return bundle_from_bytes(data, f"model {version.label}")
 
     def _content(self, version: RegisteredVersion, recipe: dict[str, Any]) -> BundleContent:
         where = f"model {version.label}"
-        with self.reported(), tempfile.TemporaryDirectory() as folder:
-            pipeline = mlflow.sklearn.load_model(f"models:/{version.label}", dst_path=folder)
         distribution = None
         if recipe["distribution"] is not None:
             data = self._artifact(version, "distribution.npz")
             distribution = distribution_from_bytes(data, where)
-        model = LinearModel.from_pipeline(
-            pipeline,
-            np.array(recipe["thresholds"], np.float64),
-            tuple(item["name"] for item in recipe["classes"]),
-            tuple(item["obstacle"] for item in recipe["classes"]),
-        )
         provenance = _provenance(version, recipe)
         return BundleContent(
             name=version.name,
             version=version.version,
             extractor_spec=recipe["extractor"],
             grid=Grid.from_json(recipe["grid"]),
-            model=model,
+            model=self._model(version, recipe),
             provenance=provenance,
             metrics=recipe["metrics"],
             golden=golden_from_bytes(self._artifact(version, "golden.npz"), where),
@@ -359,14 +444,61 @@ class Registry:
             distribution=distribution,
         )
 
-    def _artifact(self, version: RegisteredVersion, name: str) -> bytes:
-        uri = f"runs:/{version.run_id}/tokt/{name}"
+    def _model(self, version: RegisteredVersion, recipe: dict[str, Any]) -> LinearModel:
+        where = f"model {version.label}"
+        classes = tuple(item["name"] for item in recipe["classes"])
+        obstacle = tuple(item["obstacle"] for item in recipe["classes"])
+        if version.hashed:
+            arrays = weights_from_bytes(self._artifact(version, "weights.npz"), where)
+            return LinearModel(**arrays, classes=classes, obstacle=obstacle)
+        model_id, file = str(recipe["provenance"]["mlflow_model_id"]), "model.skops"
+        place = f"models/{model_id}/artifacts/{file}"
+        data = self._read(version, place, f"models:/{version.label}/{file}", MAX_MEMBER_BYTES)
+        arrays = pipeline_arrays(data, f"{where}: {file}")
+        coef, intercept = arrays["coef_"], arrays["intercept_"]
+        mean = arrays.get("mean_", np.zeros(coef.shape[-1]))
+        scale = arrays.get("scale_", np.ones(coef.shape[-1]))
+        thresholds = np.array(recipe["thresholds"], np.float64)
+        with np.errstate(all="ignore"):  # what is not finite is refused there
+            return LinearModel.fold(coef, intercept, mean, scale, thresholds, classes, obstacle)
+
+    def _artifact(
+        self, version: RegisteredVersion, name: str, most: int = MAX_MEMBER_BYTES
+    ) -> bytes:
+        """A file of the version's run, as it was registered."""
+        run = version.run_id
+        data = self._read(version, f"{run}/artifacts/tokt/{name}", f"runs:/{run}/tokt/{name}", most)
+        if version.hashed:
+            version.check(name, data)
+        return data
+
+    def _read(self, version: RegisteredVersion, place: str, uri: str, most: int) -> bytes:
+        """A file at its place in the workspace's own registry, or at its URI in another one."""
+        if self._database is not None:
+            return self._read_own(version, self._artifacts / place, most)
+        name = uri.rpartition("/")[2]
         try:
             with tempfile.TemporaryDirectory() as folder:
                 return Path(mlflow.artifacts.download_artifacts(uri, dst_path=folder)).read_bytes()
         except (MlflowException, OSError):
             missing = f"{name} is missing from its run; was it trained by tokt?"
             raise ToktError(f"model {version.label}: {missing}") from None
+
+    def _read_own(self, version: RegisteredVersion, file: Path, most: int) -> bytes:
+        where = f"model {version.label}: {file.name}"
+        try:
+            # The ids in a place come from files that others may have written.
+            whole = file.resolve() == file and file.is_relative_to(self._artifacts)
+            if not whole:
+                raise ToktError(f"{where} is not in the workspace itself, but behind a link")
+            if not file.is_file():
+                missing = f"is missing from its run ({file}); was it trained by tokt?"
+                raise ToktError(f"{where} {missing}")
+            if file.stat().st_size > most:
+                raise ToktError(f"{where} is far too large")
+            return file.read_bytes()
+        except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: links in a circle
+            raise ToktError(f"{where} cannot be read ({error})") from None
 
     @staticmethod
     def _listed(version: ModelVersion) -> RegisteredVersion:

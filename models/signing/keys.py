@@ -59,12 +59,19 @@ class PublicKey:
         ToktError
             If the package cryptography is missing.
         """
+        return self.made(signature, signed_message(manifest))
+
+    def made(self, signature: Signature, message: bytes) -> bool:
+        """Whether the signature is this key's, of this message; raises as `signed` does.
+
+        What is signed begins with a prefix of its kind, so that no signature passes for another's.
+        """
         with _cryptography():
             from cryptography.exceptions import InvalidSignature
             from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
         try:
             key = Ed25519PublicKey.from_public_bytes(self.raw)
-            key.verify(signature.value, signed_message(manifest))
+            key.verify(signature.value, message)
         except (InvalidSignature, ValueError):
             return False
         return True
@@ -196,10 +203,14 @@ class SigningKey:
         self._key = key
         self.public = PublicKey(key.public_key().public_bytes_raw())
 
+    def signature(self, message: bytes) -> Signature:
+        """Sign a message, see `PublicKey.made`."""
+        return Signature(self.public.id, self._key.sign(message))
+
     def sign(self, bundle: Bundle, where: str) -> Bundle:
         """The same model, signed, in place of any signature it had; checked whole again."""
         manifest, _ = signed_parts(bundle.data, where)
-        signature = Signature(self.public.id, self._key.sign(signed_message(manifest)))
+        signature = self.signature(signed_message(manifest))
         if not self.public.signed(manifest, signature):
             raise ToktError(f"{where}: signing it failed on this machine")
         return bundle_from_bytes(with_signature(bundle.data, signature, where), where)

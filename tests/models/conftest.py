@@ -45,7 +45,7 @@ def small_content(seed=0, extractor="lbp", classes=TWO, name="small") -> BundleC
         golden=golden_of(frames, values, np.array(flags)[chosen]),
         trained_on=rng.integers(0, 2**63, 9).astype(np.uint64),
         card=f"# {name}/{seed}\n\nDrawn for a test: bølge.\n",
-        operating_point=OperatingPoint(MofNRule(0.25, 2, 1, 3), {"target_rate": 1e-4}),
+        operating_point=OperatingPoint(MofNRule(0.0, 2, 1, 3), {"target_rate": 1e-4}),
     )
 
 

@@ -23,9 +23,17 @@ from mlflow.models import infer_signature
 from tokt import __version__
 from tokt.features.frames.mission import format_frames
 from tokt.features.kernels.dispatch import KERNELS
-from tokt.models.bundle.bundle import Golden, distribution_bytes, golden_bytes, lineage_bytes
+from tokt.models.bundle.bundle import (
+    Golden,
+    distribution_bytes,
+    golden_bytes,
+    lineage_bytes,
+    weights_bytes,
+)
 from tokt.models.operating_point import OperatingPoint
-from tokt.models.registry.registry import RECIPE_VERSION, RegisteredVersion, Registry
+from tokt.models.registry.registration import FILES_TAG, RegisteredVersion, files_tag
+from tokt.models.registry.registry import RECIPE_VERSION, Registry
+from tokt.models.signing.keys import SigningKey
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.evaluation import plots
 from tokt.training.evaluation.frame_scores import KEYS
@@ -96,6 +104,7 @@ def _recipe(trained: Trained, model_id: str) -> dict[str, Any]:
     pairs = zip(model.classes, model.obstacle, strict=True)
     return {
         "recipe_version": RECIPE_VERSION,
+        "hashed": True,
         "extractor": request.extractor.spec,
         "extractor_name": request.extractor_name,
         "dim": request.extractor.dim,
@@ -165,6 +174,7 @@ def _logged_metrics(metrics: dict[str, Any]) -> list[Metric]:
 def _write_artifacts(folder: Path, trained: Trained, model_id: str) -> None:
     recipe = json.dumps(_recipe(trained, model_id), indent=2, sort_keys=True)
     (folder / "recipe.json").write_text(recipe + "\n", "utf-8")
+    (folder / "weights.npz").write_bytes(weights_bytes(trained.model))
     (folder / "golden.npz").write_bytes(golden_bytes(_golden(trained)))
     (folder / "lineage.npz").write_bytes(lineage_bytes(trained.trained_on))
     if trained.distribution is not None:
@@ -213,7 +223,9 @@ def _lineage(dataset: DatasetVersion) -> MetaDataset:
     return MetaDataset(source, name=dataset.name, digest=dataset.hash[:32])
 
 
-def log_and_register(trained: Trained, registry: Registry) -> RegisteredVersion:
+def log_and_register(
+    trained: Trained, registry: Registry, key: SigningKey | None = None
+) -> RegisteredVersion:
     """Log a run with parameters, figures, curves, dataset and model; register the version.
 
     The new version gets the alias ``challenger``; nothing becomes ``champion`` by itself.
@@ -222,6 +234,8 @@ def log_and_register(trained: Trained, registry: Registry) -> RegisteredVersion:
     ----------
     trained : Trained
     registry : Registry
+    key : SigningKey, optional
+        Signs the registration.
 
     Raises
     ------
@@ -248,14 +262,18 @@ def log_and_register(trained: Trained, registry: Registry) -> RegisteredVersion:
         _log_figures(trained)
         with tempfile.TemporaryDirectory() as folder:
             _write_artifacts(Path(folder), trained, info.model_id)
+            files = {file.name: file.read_bytes() for file in Path(folder).iterdir()}
             mlflow.log_artifacts(folder, "tokt")
     tags = {"dataset": request.dataset.label, "extractor": request.extractor_name}
     tags["preset"] = request.settings.preset
+    tags[FILES_TAG] = files_tag(request.name, run.info.run_id, files)
     if request.search:
         tags["search"] = request.search
     registered = registry.register(
         request.name, info.model_uri, run.info.run_id, info.model_id, tags
     )
+    if key is not None:
+        registry.sign(registered, key)
     _log_card(registered, registry)
     return registry.set_alias(registered.label, NEWEST_ALIAS)
 

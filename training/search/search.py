@@ -10,7 +10,8 @@ from typing import Any
 
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import build_extractor
-from tokt.models.registry.registry import RegisteredVersion, Registry
+from tokt.models.registry.registration import RegisteredVersion
+from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import feature_key
 from tokt.training.fitting.cross_validation import Split, check_blocks, inner_folds

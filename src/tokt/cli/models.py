@@ -22,6 +22,7 @@ from .output import print_line as print
 
 if TYPE_CHECKING:
     from tokt.models.bundle.bundle import Bundle
+    from tokt.models.signing.keys import SigningKey
     from tokt.models.signing.trusted_keys import KeyEvent
     from tokt.models.store.history import Activation
     from tokt.models.store.store import Store
@@ -43,6 +44,13 @@ SignOption = Annotated[
     Path | None,
     Option(
         "--sign", metavar="KEY", help="Sign the bundle with this private key (see tokt keygen)."
+    ),
+]
+RegisteredByOption = Annotated[
+    Path | None,
+    Option(
+        metavar="KEY.pub",
+        help="Refuse a model whose registration this key did not sign (tokt train --sign).",
     ),
 ]
 StoreArgument = Annotated[Path, Argument(help="The store's folder.")]
@@ -108,17 +116,42 @@ def alias(
     answer(json, asdict(version), lambda: print(said))
 
 
-def shipped(model: str, workspace: Path, taxonomy: Path | None, sign: Path | None) -> Bundle:
-    """The bundle to ship: with the obstacle flags of a taxonomy file, and signed, where asked."""
-    from tokt.models.registry.load import load_model
+def signing_key(file: Path | None) -> SigningKey | None:
+    """The private key to sign with, where one was given."""
     from tokt.models.signing.keys import read_signing_key
 
-    key = None
-    if sign is not None:
-        key = read_signing_key(sign, lambda: _passphrase(f"of {sign}", new=False))
-    bundle = load_model(model, workspace)
+    if file is None:
+        return None
+    return read_signing_key(file, lambda: _passphrase(f"of {file}", new=False))
+
+
+def shipped(
+    model: str,
+    workspace: Path,
+    taxonomy: Path | None,
+    sign: Path | None,
+    registered_by: Path | None,
+) -> Bundle:
+    """The bundle to ship: with the obstacle flags of a taxonomy file, and signed, where asked."""
+    from tokt.models.bundle.bundle import SUFFIX
+    from tokt.models.registry.load import load_model
+    from tokt.models.signing.keys import read_public_key
+
+    if registered_by is not None and model.endswith(SUFFIX):
+        raise ToktError(f"--registered-by goes with a registered model, not with a file ({model})")
+    key = signing_key(sign)
+    signer = None if key is None else key.public
+    if registered_by is not None:
+        signer = read_public_key(registered_by)
+    asked = registered_by is not None
+    bundle = load_model(model, workspace, signer=signer, signed=asked, notice=say)
     if taxonomy is not None:
         bundle = _flagged(bundle, taxonomy)
+    if bundle.silence:
+        raise ToktError(f"model {bundle.label} is not shipped: {bundle.silence}")
+    if any(bundle.model.obstacle) and not bundle.golden.obstacle.any():
+        unknown = "whether it can warn is not known"
+        say(f"WARNING: {bundle.label} sees no obstacle in its golden frames: {unknown}")
     return bundle if key is None else key.sign(bundle, f"model {bundle.label}")
 
 
@@ -151,6 +184,7 @@ def export(
     ],
     taxonomy: FlagsOption = None,
     sign: SignOption = None,
+    registered_by: RegisteredByOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
@@ -160,7 +194,7 @@ def export(
 
     if output.suffix != SUFFIX:
         raise ToktError(f"a bundle's name ends in {SUFFIX}, unlike {output}")
-    bundle = shipped(model, workspace, taxonomy, sign)
+    bundle = shipped(model, workspace, taxonomy, sign, registered_by)
     try:
         write_bytes(output, bundle.data)
     except OSError as error:
@@ -218,6 +252,7 @@ def deploy(
     reason: ReasonOption = "",
     taxonomy: FlagsOption = None,
     sign: SignOption = None,
+    registered_by: RegisteredByOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
@@ -231,7 +266,7 @@ def deploy(
     target = Store(store)
     if model.endswith(SUFFIX) and sign is None:
         target.check_file(Path(model))
-    bundle = shipped(model, workspace, taxonomy, sign)
+    bundle = shipped(model, workspace, taxonomy, sign, registered_by)
     entry = target.deploy(bundle, reason, notice=say)
     carry = _carry(target, bundle)
     answer(json, {**entry.to_json(), "carry": carry}, lambda: _print_carry(store, entry, carry))

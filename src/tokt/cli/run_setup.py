@@ -161,7 +161,11 @@ class RunModel:
     def _load(self) -> Bundle:
         try:
             if self._wanted.bundle is not None:
-                self.bundle = read_bundle(self._wanted.bundle)
+                found = read_bundle(self._wanted.bundle)
+                if found.deployment_fault:
+                    fault = f"model {found.label} cannot guard a vehicle: {found.deployment_fault}"
+                    raise ToktError(f"{self._wanted.bundle}: {fault}")
+                self.bundle = found
             else:
                 assert self._wanted.store is not None
                 self.bundle, self.notes = load_running(Store(self._wanted.store))

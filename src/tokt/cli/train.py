@@ -9,6 +9,7 @@ from typer import Option
 
 from tokt.features.common.errors import ToktError
 
+from .models import signing_key
 from .options import (
     DEFAULT_WORKSPACE,
     DatasetArgument,
@@ -89,6 +90,9 @@ def train(
     dask: Annotated[
         str | None, Option(help="Dask scheduler to use instead, such as tcp://HOST:8786.")
     ] = None,
+    sign: Annotated[
+        Path | None, Option(metavar="KEY", help="Sign the registration with this private key.")
+    ] = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
@@ -129,11 +133,12 @@ def train(
     request = TrainRequest(
         data, model_name, chosen, named, settings, split, *images, target, selection=origin
     )
+    key = signing_key(sign)
     registry = Registry(workspace, create=True)
     registry.experiment_id()  # a registry that cannot be reached is said before the work
     tested = STRESS if stress else ()
     trained = train_task(request, workspace / "cache", progress, jobs, dask, tested)
-    version = log_and_register(trained, registry)
+    version = log_and_register(trained, registry, key)
     model = {"name": version.name, "version": version.version, "aliases": version.aliases}
     value = {"model": model, "run_id": version.run_id, **_result(trained)}
     answer(json, value, lambda: _print_training(version.label, trained))

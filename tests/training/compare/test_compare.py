@@ -52,7 +52,7 @@ def compared(trained, done, tmp_path_factory):
     """A cross-validated model against one of the thesis's kind, on what both held out."""
     folder = tmp_path_factory.mktemp("compare")
     workspace = folder / ".tokt"
-    shutil.copytree(trained, workspace, ignore=shutil.ignore_patterns("mlartifacts"))
+    shutil.copytree(trained, workspace)
     where = ("--workspace", workspace)
     thesis = ("--extractor", "lbp", "--preset", "thesis", "--name", "tiny-thesis", "--folds", 3)
     done("train", "tiny", *thesis, *where)
