@@ -38,7 +38,7 @@ def calibration_path(mission):
 
 
 def draw(patches: list[tuple[int, int]], seed: int = 0) -> NDArray[np.uint8]:
-    """A 360x271 gray frame: two striped halves, and noise on the given (row, col) patches.
+    """A 360x271 gray frame: two striped halves, and strong noise on the given (row, col) patches.
 
     No patch is of one grey level, which no camera gives either. The stripes are whole JPEG blocks,
     so that they survive compression as they are.
@@ -47,6 +47,8 @@ def draw(patches: list[tuple[int, int]], seed: int = 0) -> NDArray[np.uint8]:
     frame[:, 180:] = 45
     frame[np.arange(271) // 8 % 3 == 0] += 4
     rng = np.random.default_rng(seed)
+    # A camera's noise: no two of its pictures are the same anywhere.
+    frame += np.random.default_rng((seed, 1)).integers(0, 3, frame.shape, np.uint8)
     for row, col in patches:
         y, x = row * PATCH_HEIGHT, col * PATCH_WIDTH
         noise = rng.integers(10, 120, (PATCH_HEIGHT, PATCH_WIDTH))

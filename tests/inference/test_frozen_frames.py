@@ -4,7 +4,7 @@ from numpy.typing import NDArray
 
 from tokt.inference.config import Limits
 from tokt.inference.frame import Frame
-from tokt.inference.frame_checks import StuckFrameDetector
+from tokt.inference.frozen_frames import StuckFrameDetector
 from tokt.inference.reason import Reason
 
 RNG = np.random.default_rng(3)
