@@ -47,8 +47,11 @@ def draw(patches: list[tuple[int, int]], seed: int = 0) -> NDArray[np.uint8]:
     frame[:, 180:] = 45
     frame[np.arange(271) // 8 % 3 == 0] += 4
     rng = np.random.default_rng(seed)
-    # A camera's noise: no two of its pictures are the same anywhere.
-    frame += np.random.default_rng((seed, 1)).integers(0, 3, frame.shape, np.uint8)
+    # A speck in each row of blocks, each time another: no part of a camera's picture comes again.
+    specks = np.random.default_rng((seed, 1))
+    for y in range(0, 271, 8):
+        x = 8 * specks.integers(45)
+        frame[y : y + 8, x : x + 8] += specks.integers(1, 9, dtype=np.uint8)
     for row, col in patches:
         y, x = row * PATCH_HEIGHT, col * PATCH_WIDTH
         noise = rng.integers(10, 120, (PATCH_HEIGHT, PATCH_WIDTH))
