@@ -10,8 +10,9 @@ What cannot be told from a new picture:
 - An old picture in a stream whose compression leaves no noise (`NOISY`), where it changes over
   more than `MOSTLY_SAME` of the picture: it is compressed otherwise each time, or brighter and
   darker. JPEG of quality 75 leaves none where the noise is below 1.5 grey levels.
-- One compressed below quality 70, or with noise of more than 3 grey levels put on top; half a
-  picture compressed otherwise each time; a picture that moves sideways.
+- One compressed below quality 70, or with noise of 3 grey levels and more put on top; part of a
+  picture compressed otherwise each time, at times.
+- One that froze before the run began and changes all over: no picture without its noise is known.
 - Less than `PART` of a picture.
 
 A label written into each picture, which covers `PART` of it, looks like a part that is frozen.
@@ -20,6 +21,7 @@ A label written into each picture, which covers `PART` of it, looks like a part 
 from collections import deque
 from dataclasses import replace
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,20 +32,22 @@ from tokt.features.common.arrays import U8
 from .config import Limits
 from .frame import Frame
 from .frame_checks import shape_fault
-from .reason import NO_FAULT, Fault, Reason
+from .reason import Fault, Reason
 
 # Measured on the 490 pairs of successive frames of the sea trial of 20 April 2016, 245 of each
 # camera, and on still water drawn with noise of 0.5 to 3 grey levels ("drawn").
 
 REMEMBERED = 64
-"""Pictures of each camera that must not come again: 3 kB of hashes each."""
+"""Pictures of each camera that must not come again: 1.3 kB of hashes each, for 1360x1024."""
 
 PART = 0.05
 """Part of a picture that is the same to the last bit as in an earlier one: a frozen part, as noise
-forbids that. Measured: no piece of a row in 490 pairs, nor in 64 frames around; drawn 0.003."""
+forbids that. Measured: no piece of a row in 490 pairs, nor in 64 frames before; drawn, 360 pixels
+wide and more, where there is noise (`NOISY`): none."""
 
 MOSTLY_SAME = 0.35
-"""The same where a picture has no noise. Drawn, after JPEG of quality 75: at most 0.21."""
+"""The same where a picture has no noise. Drawn, after JPEG of quality 75: at most 0.06 of 1360x1024,
+0.09 of 360x271; a sensor of less noise still, or a picture of 180x135, may come to it."""
 
 NOISY = 0.1
 """Part of the finest differences that are not zero, above which a picture has noise. Measured: 0.3
@@ -52,7 +56,7 @@ and more."""
 SAME_NOISE = 0.2
 """By how much more often signs agree with those of the last picture than with those of the one
 before it, from -1 to 1. Measured: at most 0.09; one frozen picture, compressed again at quality 75
-to 95, or with noise of 1 grey level put on top: 0.45 and more; of 3 grey levels: 0.21."""
+to 95, or with noise of 1 grey level put on top: 0.45 and more; of 2: 0.30; of 3: 0.21."""
 _SIGMAS = 5.0
 
 _ROWS = 32
@@ -84,7 +88,7 @@ def _weights(words: int, pieces: int) -> tuple[Hashes, NDArray[np.intp]]:
     """The weights of a row's words, which come to zero for a flat piece, and where pieces begin."""
     starts = np.linspace(0, words, pieces + 1).astype(np.intp)
     weights = np.random.default_rng(0).integers(2**64, size=words, dtype=np.uint64)
-    for start, end in zip(starts[:-1], starts[1:], strict=True):
+    for start, end in pairwise(starts):
         for first in range(start, start + 3):
             same = weights[first:end:3]  # words that are alike where all pixels are
             same[-1:] -= same.sum(dtype=np.uint64, keepdims=True)
@@ -127,7 +131,7 @@ def _moved(last: U8, picture: U8) -> bool:
     for old, new in ((last, picture), (last.T, picture.T)):
         line, some = new[len(new) // 2], slice(new.shape[1] // 2, new.shape[1] // 2 + _BLOCK)
         near = np.flatnonzero((old[:, some] == line[some]).all(axis=1))
-        if any(np.array_equal(old[index], line) for index in near[:_BLOCK]):
+        if any(np.array_equal(old[index], line) for index in near[:REMEMBERED]):
             return True
     return False
 
@@ -140,16 +144,19 @@ class _Camera:
         self._since: float | None = None
         self._repeats = 0
         self._again = False  # whether an old picture has come since
+        self._known = np.zeros((0, 0, 0), np.uint64)  # a ring of hashes, the last one's at `_place`
+        self._place = 0
         self._signs: deque[Signs] = deque(maxlen=2)  # of the last pictures with noise
 
     def fault(self, picture: U8, frame: Frame, limits: Limits) -> str:
         """What is wrong with the next picture, in words: empty if it is a new one."""
-        look = _look(picture)
-        if self._picture is None or self._picture.shape != picture.shape:
-            self._start(look)
-        elif self._is_last(picture, look):
+        look, last = _look(picture), self._picture
+        if last is None or last.shape != picture.shape:
+            self._known = np.zeros((REMEMBERED, *look.hashes.shape), np.uint64)
+            self._signs.clear()
+        elif self._is_last(last, picture, look):
             return self._repeated(frame, limits)
-        elif words := self._old(picture, look):
+        elif words := self._old(last, picture, look):
             self._again = True
             return words
         self._picture, self._since, self._repeats = picture, frame.arrived, 0
@@ -160,15 +167,10 @@ class _Camera:
             self._signs.append(look.signs)
         return ""
 
-    def _start(self, look: _Look) -> None:
-        self._known = np.zeros((REMEMBERED, *look.hashes.shape), np.uint64)
-        self._place = 0
-        self._signs.clear()
-
-    def _is_last(self, picture: U8, look: _Look) -> bool:
+    def _is_last(self, last: U8, picture: U8, look: _Look) -> bool:
         # Hashes first: they differ in any two frames of a live camera.
         same = np.array_equal(self._known[self._place], look.hashes)
-        return same and np.array_equal(self._picture, picture)
+        return same and np.array_equal(last, picture)
 
     def _repeated(self, frame: Frame, limits: Limits) -> str:
         self._repeats += 1
@@ -181,7 +183,7 @@ class _Camera:
             return ""
         return f"repeats its last picture, {self._repeats} times"
 
-    def _old(self, picture: U8, look: _Look) -> str:
+    def _old(self, last: U8, picture: U8, look: _Look) -> str:
         """What an earlier picture has to do with one that does not repeat the last."""
         some = (self._known == look.hashes) & (look.hashes != 0)
         same = np.count_nonzero(some, axis=(1, 2))
@@ -190,11 +192,11 @@ class _Camera:
             return "repeats a part of its last picture"
         if same.max() > limit:
             return "gives an earlier picture again"
-        if look.noise > NOISY and _moved(_plane(self._picture), _plane(picture)):
+        if look.noise > NOISY and _moved(_plane(last), _plane(picture)):
             return "gives its last picture again, moved"
         if len(self._signs) == 2:
-            before, last = self._signs
-            agree, count = _agreement(look.signs, last)
+            before, newest = self._signs
+            agree, count = _agreement(look.signs, newest)
             by_chance, others = _agreement(look.signs, before)
             spread = _SIGMAS * np.sqrt(1 / max(count, 1) + 1 / max(others, 1))
             if agree - by_chance > max(SAME_NOISE, spread):

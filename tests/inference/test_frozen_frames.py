@@ -164,7 +164,7 @@ def test_a_black_picture_every_other_time_does_not_hide_a_frozen_one():
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("sigma", [0.7, 1.0, 3.0])
+@pytest.mark.parametrize("sigma", [0.7, 3.0])
 def test_ten_thousand_pictures_of_still_water_are_all_new(sigma):
     rng, still = np.random.default_rng(5), light(40, 6, 120, 160)
     some = rng.normal(0, sigma, (40, *still.shape))  # noise put together of two each time
