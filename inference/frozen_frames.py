@@ -46,8 +46,9 @@ forbids that. Measured: no piece of a row in 490 pairs, nor in 64 frames before;
 wide and more, where there is noise (`NOISY`): none."""
 
 MOSTLY_SAME = 0.35
-"""The same where a picture has no noise. Drawn, after JPEG of quality 75: at most 0.06 of 1360x1024,
-0.09 of 360x271; a sensor of less noise still, or a picture of 180x135, may come to it."""
+"""The same where a picture has no noise. Drawn, after JPEG of quality 75: at most 0.06 of
+1360x1024, 0.09 of 360x271; a sensor of less noise still, or a picture of 180x135, may come to it.
+"""
 
 NOISY = 0.1
 """Part of the finest differences that are not zero, above which a picture has noise. Measured: 0.3
