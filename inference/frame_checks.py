@@ -7,7 +7,7 @@ pixels of a black frame are many dim ones, and noise takes a saturated frame bel
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -18,7 +18,6 @@ from tokt.features.common.arrays import U8
 from tokt.features.extractors.extractor import gray_picture
 from tokt.features.frames.grid import Grid
 
-from .config import Limits
 from .frame import Frame
 from .reason import NO_FAULT, Fault, Reason
 
@@ -244,60 +243,3 @@ def fine_detail(frame: U8) -> float:
         for by in (1, 2)
     )
     return float(np.quantile(near / np.maximum(far, 1), 0.75))
-
-
-@dataclass
-class _Camera:
-    """The last picture of one camera, when it came first, and how often since."""
-
-    picture: U8 | None = None
-    since: float | None = None
-    repeats: int = 0
-
-    def fault(self, side: str, picture: U8, frame: Frame, limits: Limits) -> Fault:
-        """What is wrong with the next picture, if it is the same for too often or too long."""
-        if self.picture is None or not _same(self.picture, picture):
-            self.picture, self.since, self.repeats = picture, frame.arrived, 0
-            return NO_FAULT
-        self.repeats += 1
-        age_s = 0.0
-        if frame.timed and frame.arrived is not None and self.since is not None:
-            age_s = frame.arrived - self.since
-        if self.repeats <= limits.frozen_repeats and age_s <= limits.stale_s:
-            return NO_FAULT
-        words = f"the {side} camera repeats its last picture, {self.repeats} times: frozen"
-        return Fault(Reason.FROZEN, words)
-
-
-class StuckFrameDetector:
-    """Remove the pictures that a camera repeats, so that no detector judges them.
-
-    Parameters
-    ----------
-    limits : Limits
-    """
-
-    def __init__(self, limits: Limits) -> None:
-        self._limits = limits
-        self._cameras = {"left": _Camera(), "right": _Camera()}
-
-    def remove(self, frame: Frame) -> Frame:
-        """The same frame, without a picture where a camera has frozen.
-
-        Parameters
-        ----------
-        frame : Frame
-            The next one of the run; its pictures are kept until others come.
-        """
-        for side, camera in self._cameras.items():
-            picture = getattr(frame, side)
-            fault = picture is not None and camera.fault(side, picture, frame, self._limits)
-            if fault:
-                frozen: dict[str, Any] = {side: None, f"{side}_fault": fault}
-                frame = replace(frame, **frozen)
-        return frame
-
-
-def _same(one: U8, other: U8) -> bool:
-    # Some rows first: they differ in any two frames of a live camera.
-    return np.array_equal(one[::_STEP_ROWS], other[::_STEP_ROWS]) and np.array_equal(one, other)

@@ -15,7 +15,7 @@ from tokt.inference.policy.policy import Policy
 from .clock import Clock
 from .config import Limits
 from .frame import Frame, Source
-from .frame_checks import StuckFrameDetector
+from .frozen_frames import StuckFrameDetector
 from .publisher import Observer, ReportPublisher, Sender
 from .report import Event, EventQueue, Report
 from .verdict import STATUS_WORDS

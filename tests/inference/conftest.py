@@ -41,7 +41,7 @@ def calibration_path(mission):
 
 
 def draw(patches: list[tuple[int, int]], seed: int = 0) -> NDArray[np.uint8]:
-    """A 360x271 gray frame: two striped halves, and noise on the given (row, col) patches.
+    """A 360x271 gray frame: two striped halves, and strong noise on the given (row, col) patches.
 
     No patch is of one grey level, or equal in two frames of other seeds, which no camera gives
     either. What is drawn is whole JPEG blocks, so that it survives compression as it is.

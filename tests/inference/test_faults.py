@@ -74,7 +74,7 @@ def cut_off() -> np.ndarray:
 
 def with_band(top: int, bottom: int, grey: int | None = 128) -> np.ndarray:
     """A band that fills no patch, of one colour or of the row above it."""
-    picture = draw([], 3)
+    picture = draw([], 300)
     picture[top:bottom] = picture[top - 1] if grey is None else grey
     return picture
 
@@ -91,7 +91,7 @@ FRAMES: dict[str, tuple[Reason, Callable[[], np.ndarray] | None]] = {
     "snow instead of a picture, in colour": (Reason.BLANK, lambda: noise(128, 40, 3)),
     "haze that leaves a fraction of a grey level": (
         Reason.BLANK,
-        lambda: cv2.convertScaleAbs(draw([], 3), alpha=0.1, beta=100),
+        lambda: cv2.convertScaleAbs(draw([], 300), alpha=0.1, beta=100),
     ),
     "a grey band in mid-frame: a lost packet": (Reason.DAMAGED, lambda: with_band(115, 155)),
     "a band at the bottom: lost packets": (Reason.DAMAGED, lambda: with_band(247, 271, 60)),
@@ -124,7 +124,7 @@ def test_a_frame_that_cannot_be_judged(fault):
 
 def unlike_training() -> dict[str, np.ndarray]:
     """Clear water as a model did not learn it, by the fault's name."""
-    plain = draw([], 3)
+    plain = draw([], 300)
     return {
         "haze over a model's frames": cv2.convertScaleAbs(plain, alpha=0.5, beta=50),
         "glow from below over a model's frames": (
@@ -157,6 +157,8 @@ def test_a_picture_without_the_fine_detail_that_the_model_learnt_from():
     # What is seen all the same is an obstacle.
     picture = cv2.GaussianBlur(draw([(4, 4)], 5), (0, 0), 2)
     assert detector.detect(Frame(3, 0.0, picture, None)).mask.any()
+
+
 def few_bits_video(folder: Path) -> None:
     codec, options = cv2.VideoWriter.fourcc(*"FFV1"), [cv2.VIDEOWRITER_PROP_DEPTH, cv2.CV_16U]
     options += [cv2.VIDEOWRITER_PROP_IS_COLOR, 0]
@@ -207,6 +209,76 @@ def test_a_frozen_camera():
     assert outcome.summary.reasons["frozen"] == 3
     outcome.said = [one for one in outcome.said if one[0] != "-"]
     row("a frozen camera: the same picture again", outcome, "frames by reason: frozen")
+
+
+STILL = 40 - 20 * np.add.outer(np.linspace(-1, 1, 271) ** 2, np.linspace(-1, 1, 360) ** 2) / 2
+"""The light in water before a vehicle that keeps station."""
+
+
+def water() -> np.ndarray:
+    """A new picture of it, with the noise of a sensor."""
+    return np.clip(STILL + RNG.normal(0, 1, STILL.shape), 0, 255).round().astype(np.uint8)
+
+
+def jpeg(picture: np.ndarray, quality: int) -> np.ndarray:
+    data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE))
+
+
+def with_bit(picture: np.ndarray, number: int) -> np.ndarray:
+    changed = picture.copy()
+    changed[number * 40, number * 50] ^= 1
+    return changed
+
+
+def with_clock(picture: np.ndarray, number: int) -> np.ndarray:
+    return np.asarray(cv2.putText(picture.copy(), f"{number}", (5, 20), 0, 0.6, (255,), 2))
+
+
+FROZEN: dict[str, Callable[[list[np.ndarray], int], np.ndarray]] = {
+    "a camera's buffers go round: two pictures by turns": lambda seen, n: seen[-1 - n % 2],
+    "a camera's buffers go round: four pictures": lambda seen, n: seen[-1 - -n % 4],
+    "a frozen camera: a bit changes": lambda seen, n: with_bit(seen[-1], n),
+    "a frozen camera: a clock in the corner goes on": lambda seen, n: with_clock(seen[-1], n),
+    "a frozen camera: compressed otherwise each time": lambda seen, n: jpeg(seen[-1], 98 - 3 * n),
+    "a frozen camera: noise of a grey level on it": lambda seen, n: np.asarray(
+        seen[-1] + RNG.integers(-1, 2, STILL.shape), np.uint8
+    ),
+    "a frozen camera: its light flickers by 1 %": lambda seen, n: np.asarray(
+        seen[-1] * (1.01 - n % 2 / 50), np.uint8
+    ),
+    "a frozen camera: the picture rolls": lambda seen, n: np.roll(seen[-1], n, n % 2),
+    "half of the picture is frozen": lambda seen, n: np.vstack([water()[:135], seen[-1][135:]]),
+    "a row of patches is frozen": lambda seen, n: np.vstack(
+        [water()[:108], seen[-1][108:135], water()[135:]]
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FROZEN)
+def test_a_camera_that_gives_what_it_gave_before(fault):
+    dive = Dive()
+    seen = [water() for _ in range(4)]
+    with dive.fault_between():
+        for picture in seen:
+            dive.give("clear", picture)
+        for number in range(1, 6):
+            dive.give("fault", FROZEN[fault](seen, number))
+    outcome = finish(dive)
+    reasons = outcome.summary.reasons
+    row(fault, outcome, f"frames by reason: frozen +{reasons[Reason.FROZEN]}")
+
+
+def test_a_frozen_camera_with_every_other_frame_black():
+    dive = Dive()
+    seen, black = water(), np.zeros((271, 360), np.uint8)
+    with dive.fault_between():
+        dive.give("clear", seen)
+        for _ in range(3):
+            dive.give("fault", black)
+            dive.give("fault", seen)
+    fault = "a frozen camera: every other frame is black"
+    row(fault, finish(dive), "frames by reason: dark +1, frozen +5")
 
 
 def test_a_frame_that_comes_too_old():

@@ -194,7 +194,7 @@ def test_raw_camera_frames_are_judged_as_their_pictures(
     folder = tmp_path / "raw"
     folder.mkdir()
     for number, patches in enumerate([[], [(4, 4)]], 1):
-        cv2.imwrite(str(folder / f"{number}.png"), draw_frame(patches))
+        cv2.imwrite(str(folder / f"{number}.png"), draw_frame(patches, number))
     cv2.imwrite(str(folder / "3.png"), cv2.merge([draw_frame([(4, 4)])] * 3))
     log = tmp_path / "log.jsonl"
     run(

@@ -21,7 +21,7 @@ from tokt.inference.sources.stream import encode_frame
 from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
 
 from .plan import EXPECTED, FrameKind, number_of, time_of
-from .synthetic_frames import dark, near, some, water
+from .synthetic_frames import dark, near, water
 
 LOST_S = 60.0
 """A datagram that is not here by then does not come, however busy the machine is."""
@@ -109,17 +109,17 @@ class Truth:
 
 def pictures(kinds: Iterable[int]) -> Iterator[U8 | None]:
     """The picture of each frame of a plan; None where there is none."""
-    drawn = {
-        FrameKind.WATER: some(water),
-        FrameKind.NEAR: some(near),
-        FrameKind.DARK: some(dark),
-        FrameKind.MISSING: [None],
+    draw: dict[FrameKind, Callable[[int], U8 | None]] = {
+        FrameKind.WATER: water,
+        FrameKind.NEAR: near,
+        FrameKind.DARK: dark,
+        FrameKind.MISSING: lambda number: None,
     }
     picture = None
     for number, code in enumerate(kinds):
         kind = FrameKind(code)
         if kind not in (FrameKind.SAME, FrameKind.FROZEN):
-            picture = drawn[kind][number % len(drawn[kind])]
+            picture = draw[kind](number)
         yield picture
 
 

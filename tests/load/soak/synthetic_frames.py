@@ -6,11 +6,12 @@ a millisecond and days at sea go into minutes; every step that a large frame nee
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
 
-from tokt.features.common.arrays import U8, Bools
+from tokt.features.common.arrays import F64, U8, Bools
 from tokt.features.extractors.extractor import Lbp
 from tokt.features.frames.grid import Grid
 from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
@@ -20,7 +21,7 @@ WIDTH, HEIGHT = 180, 135
 GRID = Grid(width=WIDTH)
 EXTRACTOR = Lbp(10, 5, "frame")
 PICTURES = 32
-"""Different ones of each kind."""
+"""Of each kind, to learn from."""
 
 _LIGHT, _FALL, _CLOUDS = 60.0, 25.0, 4.0
 _COLOUR = (1.2, 1.0, 0.5)
@@ -33,20 +34,40 @@ _WINDOW, _FACTOR = 60, 16.0
 """Half of all patches may be another's before it is called drift: obstacles come and go here."""
 
 
+_PLACES = 100
+
+
+@cache
+def _light() -> F64:
+    """Light that falls off towards the edges."""
+    y, x = np.mgrid[-1 : 1 : HEIGHT * 1j, -1 : 1 : WIDTH * 1j]
+    return np.asarray(_LIGHT - _FALL * (x**2 + y**2) / 2)
+
+
+@cache
+def _field(what: int, smooth: float) -> F64:
+    """Noise over more than a picture, of unit spread."""
+    noise = np.random.default_rng(what).normal(0, 1, (HEIGHT + _PLACES, WIDTH + _PLACES))
+    noise = cv2.GaussianBlur(noise, (0, 0), smooth) if smooth else noise
+    return np.asarray(noise / noise.std())
+
+
+def _seen(what: int, seed: int, smooth: float = 0.0) -> F64:
+    """A part of the field, by the seed: none comes again within 10,000, as a camera's do not."""
+    y, x = divmod(seed * 3737 % _PLACES**2, _PLACES)
+    return _field(what, smooth)[y : y + HEIGHT, x : x + WIDTH]
+
+
 def water(seed: int) -> U8:
     """Open water: light that falls off towards the edges, and clouds in it."""
-    rng = np.random.default_rng((seed, 0))
-    y, x = np.mgrid[-1 : 1 : HEIGHT * 1j, -1 : 1 : WIDTH * 1j]
-    clouds = cv2.GaussianBlur(rng.normal(0, 1, (HEIGHT, WIDTH)), (0, 0), _SMOOTH)
-    light = _LIGHT - _FALL * (x**2 + y**2) / 2 + _CLOUDS * clouds / clouds.std()
+    light = _light() + _CLOUDS * _seen(0, seed, _SMOOTH)
     return np.asarray(np.clip(light[:, :, None] * _COLOUR, 0, 255), np.uint8)
 
 
 def near(seed: int) -> U8:
     """The same, and something rough that can be hit."""
     picture, where = water(seed), obstacle_patches(seed)
-    rng = np.random.default_rng((seed, 1))
-    grey = np.clip(rng.normal(_GREY, _ROUGH, (HEIGHT, WIDTH)), 20, 240).astype(np.uint8)
+    grey = np.clip(_GREY + _ROUGH * _seen(1, seed), 20, 240).astype(np.uint8)
     for y0, y1, x0, x1 in GRID.boxes(HEIGHT, WIDTH)[where]:
         picture[y0:y1, x0:x1] = grey[y0:y1, x0:x1, None]
     return picture
@@ -63,8 +84,8 @@ def obstacle_patches(seed: int) -> Bools:
 
 def dark(seed: int) -> U8:
     """The lamp is out."""
-    rng = np.random.default_rng((seed, 3))
-    return np.clip(rng.normal(2, 1, (HEIGHT, WIDTH, 3)), 0, 7).astype(np.uint8)
+    grey = np.clip(2 + _seen(3, seed), 0, 7).astype(np.uint8)
+    return np.dstack([grey] * 3)
 
 
 def some(draw: Callable[[int], U8]) -> list[U8]:

@@ -1,0 +1,237 @@
+"""Pictures that are no new ones: repeated, coming round again, or an old one with small changes.
+
+A camera's noise makes each of its pictures another, down to parts of a row. Pictures are known
+again by that: a picture is described by some of its rows, the hash of each piece of one, and the
+signs of its finest differences, where noise is all that there is in water.
+
+What cannot be told from a new picture:
+
+- Buffers that go round and are more than `REMEMBERED`.
+- An old picture in a stream whose compression leaves no noise (`NOISY`), where it changes over
+  more than `MOSTLY_SAME` of the picture: it is compressed otherwise each time, or brighter and
+  darker. JPEG of quality 75 leaves none where the noise is below 1.5 grey levels.
+- One compressed below quality 70, or with noise of 3 grey levels and more put on top; part of a
+  picture compressed otherwise each time, at times.
+- One that froze before the run began and changes all over: no picture without its noise is known.
+- Less than `PART` of a picture.
+
+A label written into each picture, which covers `PART` of it, looks like a part that is frozen.
+"""
+
+from collections import deque
+from dataclasses import replace
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tokt.features.common.arrays import U8
+
+from .config import Limits
+from .frame import Frame
+from .frame_checks import shape_fault
+from .reason import Fault, Reason
+
+# Measured on the 490 pairs of successive frames of the sea trial of 20 April 2016, 245 of each
+# camera, and on still water drawn with noise of 0.5 to 3 grey levels ("drawn").
+
+REMEMBERED = 64
+"""Pictures of each camera that must not come again: 1.3 kB of hashes each, for 1360x1024."""
+
+PART = 0.05
+"""Part of a picture that is the same to the last bit as in an earlier one: a frozen part, as noise
+forbids that. Measured: no piece of a row in 490 pairs, nor in 64 frames before; drawn, 360 pixels
+wide and more, where there is noise (`NOISY`): none."""
+
+MOSTLY_SAME = 0.35
+"""The same where a picture has no noise. Drawn, after JPEG of quality 75: at most 0.06 of
+1360x1024, 0.09 of 360x271; a sensor of less noise still, or a picture of 180x135, may come to it.
+"""
+
+NOISY = 0.1
+"""Part of the finest differences that are not zero, above which a picture has noise. Measured: 0.3
+and more."""
+
+SAME_NOISE = 0.2
+"""By how much more often signs agree with those of the last picture than with those of the one
+before it, from -1 to 1. Measured: at most 0.09; one frozen picture, compressed again at quality 75
+to 95, or with noise of 1 grey level put on top: 0.45 and more; of 2: 0.30; of 3: 0.21."""
+_SIGMAS = 5.0
+
+_ROWS = 32
+_PIECE_PX = 240
+"""At least, unless the picture is narrower: compressed, a shorter one comes again by chance."""
+_WORD = 8
+_FEWEST_WORDS = 6
+"""In a row: two for each byte of a pixel's three, so that a flat piece is seen."""
+_LAG = 2
+_BLOCK = 8
+"""A JPEG block's width in pixels. Steps between blocks come from the picture, not from noise."""
+_LARGEST = 8
+"""Grey levels. Larger differences are the picture's, not noise."""
+
+Hashes = NDArray[np.uint64]
+Signs = NDArray[np.int8]
+
+
+class _Look(NamedTuple):
+    """What is kept of a picture."""
+
+    hashes: Hashes  # of pieces of rows; 0 where a piece is flat
+    signs: Signs
+    noise: float  # part of the differences that are not zero
+
+
+@lru_cache(maxsize=8)
+def _weights(words: int, pieces: int) -> tuple[Hashes, NDArray[np.intp]]:
+    """The weights of a row's words, which come to zero for a flat piece, and where pieces begin."""
+    starts = np.linspace(0, words, pieces + 1).astype(np.intp)
+    weights = np.random.default_rng(0).integers(2**64, size=words, dtype=np.uint64)
+    for start, end in pairwise(starts):
+        for first in range(start, start + 3):
+            same = weights[first:end:3]  # words that are alike where all pixels are
+            same[-1:] -= same.sum(dtype=np.uint64, keepdims=True)
+    return weights, starts[:-1]
+
+
+def _look(picture: U8) -> _Look:
+    step = max(len(picture) // _ROWS, 1)
+    rows = np.ascontiguousarray(picture[step // 2 :: step])
+    flat = rows.reshape(len(rows), -1)
+    words = flat.shape[1] // _WORD
+    hashes = np.zeros((len(rows), 0), np.uint64)
+    if words >= _FEWEST_WORDS:
+        weights, starts = _weights(words, max(rows.shape[1] // _PIECE_PX, 1))
+        values = np.ascontiguousarray(flat[:, : words * _WORD]).view(np.uint64)
+        hashes = np.add.reduceat(values * weights, starts, axis=1)
+    grey = _plane(rows).astype(np.int16)
+    steps = grey[:, _LAG:] - grey[:, :-_LAG]
+    signs = np.sign(steps).astype(np.int8)
+    signs[np.abs(steps) > _LARGEST] = 0
+    for column in range(_BLOCK - _LAG, _BLOCK):
+        signs[:, column::_BLOCK] = 0
+    inside = signs.size * (_BLOCK - _LAG) / _BLOCK
+    return _Look(hashes, signs, np.count_nonzero(signs) / max(inside, 1))
+
+
+def _plane(picture: U8) -> U8:
+    return picture if picture.ndim == 2 else picture[:, :, 1]
+
+
+def _agreement(one: Signs, other: Signs) -> tuple[float, int]:
+    """How often signs agree, less how often they do not; and how many there are."""
+    both = one * other
+    count = int(np.count_nonzero(both))
+    return float(both.sum(dtype=np.int32)) / max(count, 1), count
+
+
+def _moved(last: U8, picture: U8) -> bool:
+    """Whether the middle row of a picture, or its middle column, is another one of the last."""
+    for old, new in ((last, picture), (last.T, picture.T)):
+        line, some = new[len(new) // 2], slice(new.shape[1] // 2, new.shape[1] // 2 + _BLOCK)
+        near = np.flatnonzero((old[:, some] == line[some]).all(axis=1))
+        if any(np.array_equal(old[index], line) for index in near[:REMEMBERED]):
+            return True
+    return False
+
+
+class _Camera:
+    """The last pictures of one camera, when the last one came first, and how often since."""
+
+    def __init__(self) -> None:
+        self._picture: U8 | None = None
+        self._since: float | None = None
+        self._repeats = 0
+        self._again = False  # whether an old picture has come since
+        self._known = np.zeros((0, 0, 0), np.uint64)  # a ring of hashes, the last one's at `_place`
+        self._place = 0
+        self._signs: deque[Signs] = deque(maxlen=2)  # of the last pictures with noise
+
+    def fault(self, picture: U8, frame: Frame, limits: Limits) -> str:
+        """What is wrong with the next picture, in words: empty if it is a new one."""
+        look, last = _look(picture), self._picture
+        if last is None or last.shape != picture.shape:
+            self._known = np.zeros((REMEMBERED, *look.hashes.shape), np.uint64)
+            self._signs.clear()
+        elif self._is_last(last, picture, look):
+            return self._repeated(frame, limits)
+        elif words := self._old(last, picture, look):
+            self._again = True
+            return words
+        self._picture, self._since, self._repeats = picture, frame.arrived, 0
+        self._again = False
+        self._place = (self._place + 1) % REMEMBERED
+        self._known[self._place] = look.hashes
+        if look.noise > NOISY:
+            self._signs.append(look.signs)
+        return ""
+
+    def _is_last(self, last: U8, picture: U8, look: _Look) -> bool:
+        # Hashes first: they differ in any two frames of a live camera.
+        same = np.array_equal(self._known[self._place], look.hashes)
+        return same and np.array_equal(last, picture)
+
+    def _repeated(self, frame: Frame, limits: Limits) -> str:
+        self._repeats += 1
+        age_s = 0.0
+        if frame.timed and frame.arrived is not None and self._since is not None:
+            age_s = frame.arrived - self._since
+        if self._again:
+            return "gives an earlier picture again"
+        if self._repeats <= limits.frozen_repeats and age_s <= limits.stale_s:
+            return ""
+        return f"repeats its last picture, {self._repeats} times"
+
+    def _old(self, last: U8, picture: U8, look: _Look) -> str:
+        """What an earlier picture has to do with one that does not repeat the last."""
+        some = (self._known == look.hashes) & (look.hashes != 0)
+        same = np.count_nonzero(some, axis=(1, 2))
+        limit = (PART if look.noise > NOISY else MOSTLY_SAME) * look.hashes.size
+        if same[self._place] > limit:
+            return "repeats a part of its last picture"
+        if same.max() > limit:
+            return "gives an earlier picture again"
+        if look.noise > NOISY and _moved(_plane(last), _plane(picture)):
+            return "gives its last picture again, moved"
+        if len(self._signs) == 2:
+            before, newest = self._signs
+            agree, count = _agreement(look.signs, newest)
+            by_chance, others = _agreement(look.signs, before)
+            spread = _SIGMAS * np.sqrt(1 / max(count, 1) + 1 / max(others, 1))
+            if agree - by_chance > max(SAME_NOISE, spread):
+                return "gives its last picture again with the same noise"
+        return ""
+
+
+class StuckFrameDetector:
+    """Remove the pictures that a camera has given before, so that no detector judges them.
+
+    Parameters
+    ----------
+    limits : Limits
+    """
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self._cameras = {"left": _Camera(), "right": _Camera()}
+
+    def remove(self, frame: Frame) -> Frame:
+        """The same frame, without a picture where a camera has frozen.
+
+        Parameters
+        ----------
+        frame : Frame
+            The next one of the run; its pictures are kept until others come.
+        """
+        for side, camera in self._cameras.items():
+            picture = getattr(frame, side)
+            if picture is None or shape_fault(picture):
+                continue
+            words = camera.fault(picture, frame, self._limits)
+            if words:
+                fault = Fault(Reason.FROZEN, f"the {side} camera {words}: frozen")
+                gone: dict[str, Any] = {side: None, f"{side}_fault": fault}
+                frame = replace(frame, **gone)
+        return frame

@@ -1,0 +1,203 @@
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tokt.features.frames.mission import LEFT, RIGHT, open_mission
+from tokt.inference.config import Limits
+from tokt.inference.frame import Frame
+from tokt.inference.frozen_frames import REMEMBERED, StuckFrameDetector
+from tokt.inference.reason import Reason
+
+RNG = np.random.default_rng(3)
+HEIGHT, WIDTH = 270, 480
+
+
+def noise() -> NDArray[np.uint8]:
+    return RNG.integers(0, 255, (100, 60), np.uint8)
+
+
+def water(light, sigma=1.0, rng=RNG) -> NDArray[np.uint8]:
+    """Still water before a vehicle that keeps station: light as it was, and a sensor's noise."""
+    return np.clip(light + rng.normal(0, sigma, light.shape), 0, 255).round().astype(np.uint8)
+
+
+def light(brightest, darkest, height=HEIGHT, width=WIDTH) -> NDArray[np.float64]:
+    y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
+    return brightest - (brightest - darkest) * (x**2 + y**2) / 2
+
+
+LIGHT = light(60, 20)
+
+
+def jpeg(picture, quality) -> NDArray[np.uint8]:
+    data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED))
+
+
+def dithered(picture) -> NDArray[np.uint8]:
+    return np.asarray(picture + RNG.integers(-1, 2, picture.shape), np.uint8)
+
+
+def label(picture, number) -> NDArray[np.uint8]:
+    """With a clock in its corner."""
+    shown = picture.copy()
+    return np.asarray(cv2.putText(shown, f"{number}", (5, 20), 0, 0.6, (255, 255, 255), 2))
+
+
+def with_bit(picture, number) -> NDArray[np.uint8]:
+    other = picture.copy()
+    other[number * 7 % len(other), number * 5 % other.shape[1]] ^= 1
+    return other
+
+
+def brighter(picture, factor) -> NDArray[np.uint8]:
+    return np.asarray(np.clip(picture * factor, 0, 255), np.uint8)
+
+
+def faults(pictures) -> list[str]:
+    watch = StuckFrameDetector(Limits())
+    seen = [watch.remove(Frame(number, 0.0, one, None)) for number, one in enumerate(pictures)]
+    assert all((frame.left is None) == bool(frame.left_fault) for frame in seen)
+    return [str(frame.left_fault) for frame in seen]
+
+
+def test_a_picture_that_is_repeated_too_often_is_taken_away():
+    watch, same = StuckFrameDetector(Limits(frozen_repeats=5)), noise()
+    seen = [watch.remove(Frame(number, 0.0, same.copy(), None)) for number in range(8)]
+    assert [frame.left is None for frame in seen] == [False] * 6 + [True] * 2
+    assert seen[6].left_fault.reason is Reason.FROZEN and "6 times" in seen[6].left_fault
+    moved = watch.remove(Frame(9, 0.0, noise(), None))
+    assert moved.left is not None and not moved.left_fault
+
+
+def test_a_picture_is_no_younger_for_being_repeated():
+    watch, same = StuckFrameDetector(Limits(stale_s=0.5)), noise()
+    times = (10.0, 10.3, 10.5, 10.6)
+    seen = [watch.remove(Frame(1, 0.0, same.copy(), None, timed=True, arrived=t)) for t in times]
+    assert [frame.left is None for frame in seen] == [False, False, False, True]
+    untimed = StuckFrameDetector(Limits(stale_s=0.5))
+    kept = [untimed.remove(Frame(1, 0.0, same, None, arrived=t)) for t in times]
+    assert all(frame.left is not None for frame in kept)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_each_camera_freezes_for_itself(side):
+    watch, same = StuckFrameDetector(Limits(frozen_repeats=1)), noise()
+    for _ in range(4):
+        left, right = (same, noise()) if side == "left" else (noise(), same)
+        frame = watch.remove(Frame(1, 0.0, left, right))
+    other = "right" if side == "left" else "left"
+    assert getattr(frame, side) is None and getattr(frame, other) is not None
+    assert side in getattr(frame, f"{side}_fault")
+
+
+@pytest.mark.parametrize("buffers", [2, 4, 8, 16, REMEMBERED])
+def test_buffers_that_go_round_are_told_from_the_first_that_comes_again(buffers):
+    ring = [water(LIGHT) for _ in range(buffers)]
+    told = faults([ring[number % buffers] for number in range(3 * buffers)])
+    assert not any(told[:buffers]) and all("again" in one for one in told[buffers:])
+    assert not faults([*ring, ring[0], water(LIGHT)])[-1]  # and it is over with a new picture
+
+
+def test_a_picture_repeated_within_the_limits_is_no_ring():
+    pictures = [water(LIGHT) for _ in range(20)]
+    assert not any(faults([one for one in pictures for _ in range(1 + Limits().frozen_repeats)]))
+
+
+AT_ONCE = {
+    "one bit": with_bit,
+    "a clock in the corner": label,
+    "a clock, compressed": lambda picture, number: jpeg(label(picture, number), 90),
+    "compressed otherwise each time": lambda picture, number: jpeg(
+        picture, (95, 90, 85, 80)[number % 4]
+    ),
+    "dithered": lambda picture, number: dithered(picture),
+    "dithered and compressed": lambda picture, number: jpeg(dithered(picture), 90),
+    "flickering": lambda picture, number: brighter(picture, 1.01 - number % 2 / 50),
+    "rolling down": lambda picture, number: np.roll(picture, number, 0),
+    "rolling sideways": lambda picture, number: np.roll(picture, number, 1),
+    "its lower half": lambda picture, number: np.vstack([water(LIGHT)[:135], picture[135:]]),
+    "its left half": lambda picture, number: np.hstack([picture[:, :240], water(LIGHT)[:, 240:]]),
+    "nine tenths of it": lambda picture, number: np.vstack([water(LIGHT)[:27], picture[27:]]),
+    "a row of tiles": lambda picture, number: np.vstack(
+        [water(LIGHT)[:81], picture[81:108], water(LIGHT)[108:]]
+    ),
+}
+
+
+@pytest.mark.parametrize("change", AT_ONCE)
+@pytest.mark.parametrize("colour", [False, True])
+def test_a_frozen_picture_that_is_changed_is_told_at_once(change, colour):
+    before = [water(LIGHT, 1.5) for _ in range(4)]
+    pictures = before + [AT_ONCE[change](before[-1], number) for number in range(1, 13)]
+    if colour:
+        pictures = [np.dstack([one, one, one]) for one in pictures]
+    told = faults([*pictures, *(water(LIGHT, 1.5) for _ in range(2 * (not colour)))])
+    assert not any(told[:4]) and all(told[4:16]), told
+    assert not any(told[16:])
+
+
+def test_what_cannot_be_told_from_a_new_picture():
+    """The limits that the module names, so that nobody takes them for something that is seen."""
+    before = [water(LIGHT) for _ in range(4)]
+    noisy = [water(before[-1].astype(np.float64), 6.0) for _ in range(6)]
+    ring = [water(LIGHT) for _ in range(REMEMBERED + 1)]
+    assert not any(faults(before + noisy)) and not any(faults(ring * 2))
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 400), (400, 1), (3, 5, 3), (40, 50, 3)])
+def test_pictures_of_any_size_are_looked_at(shape):
+    pictures = [RNG.integers(0, 255, shape, np.uint8) for _ in range(3)]
+    assert faults([*pictures, pictures[-1], *[noise()] * 8])[-1]
+
+
+def test_what_is_no_picture_is_left_to_others():
+    for odd in (np.zeros((4, 4), np.float32), np.zeros((9, 9, 1), np.uint8)):
+        assert not any(faults([odd] * 9))
+
+
+def test_a_black_picture_every_other_time_does_not_hide_a_frozen_one():
+    frozen, black = water(LIGHT), np.zeros((HEIGHT, WIDTH), np.uint8)
+    told = faults([water(LIGHT), frozen, black] + [frozen, black] * 5)
+    assert not any(told[:3]) and all(told[3:])
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("sigma", [0.7, 3.0])
+def test_ten_thousand_pictures_of_still_water_are_all_new(sigma):
+    rng, still = np.random.default_rng(5), light(40, 6, 120, 160)
+    some = rng.normal(0, sigma, (40, *still.shape))  # noise put together of two each time
+    some /= np.sqrt(2)
+
+    def pictures():
+        for number in range(10_000):
+            one, two = some[number % 40], some[(number * 7 + number // 40) % 39]
+            shift = number // 40
+            drawn = still + one + np.roll(two, shift, 1)[:, ::-1]
+            yield np.clip(drawn, 0, 255).round().astype(np.uint8)
+
+    assert not any(faults(pictures()))
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("quality", [75, 85, 95])
+@pytest.mark.parametrize("levels", [(60, 20), (12, 2)])
+@pytest.mark.parametrize("sigma", [0.7, 1.5, 3.0])
+def test_compressed_still_water_is_new_each_time(quality, levels, sigma):
+    still, rng = light(*levels, 271, 360), np.random.default_rng(6)
+    assert not any(faults(jpeg(water(still, sigma, rng), quality) for _ in range(150)))
+
+
+@pytest.mark.mission
+@pytest.mark.parametrize("side", [LEFT, RIGHT])
+def test_all_frames_of_the_real_mission_are_new_and_frozen_ones_are_not(mission, side):
+    dive = open_mission(mission)
+    pictures = [dive.read(number, side) for number in dive.frames(side)]
+    assert len(pictures) == 246 and not any(faults(pictures))
+    before, frozen = pictures[150:160], pictures[159]
+    for change in ("one bit", "a clock in the corner", "dithered", "flickering", "rolling down"):
+        told = faults([*before, *(AT_ONCE[change](frozen, number) for number in range(1, 5))])
+        assert not any(told[:10]) and all(told[10:]), change
+    qualities = (95, 75, 90, 85, 78, 93)
+    assert all(faults([*before, *(jpeg(frozen, quality) for quality in qualities)])[10:])
