@@ -6,6 +6,7 @@ for among single pixels of the frame as well: in the picture, which averages ove
 pixels of a black frame are many dim ones, and noise takes a saturated frame below saturation.
 """
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,8 +17,9 @@ from tokt.features.common.arrays import U8
 from tokt.features.extractors.extractor import gray_picture
 from tokt.features.frames.grid import Grid
 
+from .clock import Clock
 from .config import Limits
-from .frame import Frame
+from .frame import MANY_MISSED, Frame
 from .reason import NO_FAULT, Fault, Reason
 
 # The measured values below are of the gray pictures of the 492 frames, 246 of each camera, of the
@@ -209,6 +211,44 @@ class StuckFrameDetector:
                 frozen: dict[str, Any] = {side: None, f"{side}_fault": fault}
                 frame = replace(frame, **frozen)
         return frame
+
+
+_SUSPENDED_S = 0.05
+
+
+class SuspendDetector:
+    """Remove the pictures of frames that may be older than they look: after a suspend.
+
+    What was in a camera's or its driver's buffers when the computer was suspended is handed over
+    afterwards as if it were new. From the first frame on that comes then, nothing is believed for
+    as long as a frame may be old.
+
+    Parameters
+    ----------
+    clock : Clock
+    limits : Limits
+    """
+
+    def __init__(self, clock: Clock, limits: Limits) -> None:
+        self._clock = clock
+        self._limits = limits
+        self._suspended_s = clock.suspended()
+        self._believed_from = -math.inf
+
+    def remove(self, frame: Frame) -> Frame:
+        """The same frame; without its pictures, and none before it known, where it is in doubt."""
+        suspended_s = self._clock.suspended()
+        if suspended_s - self._suspended_s > _SUSPENDED_S:
+            self._suspended_s = suspended_s
+            self._believed_from = self._clock.monotonic() + self._limits.stale_s
+        if frame.arrived is None or frame.arrived >= self._believed_from:
+            return frame
+        fault = Fault(Reason.STALE, "stale: the computer was suspended just before this frame")
+        for side in ("left", "right"):
+            if getattr(frame, side) is not None:
+                doubtful: dict[str, Any] = {side: None, f"{side}_fault": fault}
+                frame = replace(frame, **doubtful)
+        return replace(frame, missed=MANY_MISSED)
 
 
 def _same(one: U8, other: U8) -> bool:

@@ -206,6 +206,7 @@ class Watchdog:
     def _watch(self, child: subprocess.Popen[bytes], signs: socket.socket, token: bytes) -> str:
         """Wait until the runtime has ended, or is to be killed; why."""
         ready = False
+        # Not the runtime's clock: this one, as both processes, stands still in a suspend.
         until = time.monotonic() + START_S
         asked = ended = False
         sign = b""
