@@ -4,6 +4,8 @@ Every test puts one fault into a dive between a healthy stretch before it and on
 came to is a row of docs/faults.md, and the test fails where the two differ.
 """
 
+import json
+import os
 import re
 import socket
 import threading
@@ -20,6 +22,7 @@ from tokt.inference.outputs.udp import UdpSender
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy
 from tokt.inference.publisher import Observer
 from tokt.inference.reason import Fault, Reason
+from tokt.inference.recording import log as log_module
 from tokt.inference.recording.run_log import RunLog
 from tokt.inference.verdict import Detection
 from tokt.models.operating_point import MofNRule, OperatingPoint
@@ -257,8 +260,30 @@ def test_a_full_disk_under_the_log(tmp_path):
     row("the log's disk is full", finish(dive), "log failures +1 a line")
 
 
-def test_a_disk_that_hangs_under_an_observer():
-    """Unknown is said by another thread than the one that waits for the disk."""
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs a pipe with a name")
+def test_a_disk_that_hangs_under_the_log(tmp_path, monkeypatch):
+    monkeypatch.setattr(log_module, "_MAX_WAITING", 20)
+    monkeypatch.setattr(log_module, "_PATIENCE_S", 0.1)
+    os.mkfifo(tmp_path / "log.jsonl")  # to open it takes until there is a reader
+    log = RunLog(tmp_path / "log.jsonl", "a-run", live=True)
+    dive = Dive(observers=[log])
+    with dive.fault_between():
+        for _ in range(20):
+            dive.give("clear")
+    assert log.failed == 4 and log.last_error == "the disk hangs"
+    with (tmp_path / "log.jsonl").open("rb") as disk:  # it is back
+        written = [json.loads(disk.readline()) for _ in range(20)]
+        assert [line["seq"] for line in written] == list(range(1, 21))
+        log.heartbeat(dive.listener.reports[-1])
+        assert json.loads(disk.readline()) == {"lost_lines": 4, "why": "the disk hangs"}
+        assert json.loads(disk.readline())["seq"] == 24
+        log.close()
+        assert log.failed == 4 and disk.read() == b""
+    row("the log's disk hangs", finish(dive), "log failures +1 a line, after 1000")
+
+
+def test_an_observer_that_hangs():
+    """Unknown is said by another thread than the one that waits."""
 
     class Hangs(Observer):
         hang = False
@@ -273,7 +298,7 @@ def test_a_disk_that_hangs_under_an_observer():
     with dive.fault_between():
         slow.hang = True
         dive.give("clear")
-    row("the log's disk hangs", finish(dive), "heartbeats")
+    row("what looks on takes too long", finish(dive), "heartbeats")
 
 
 def suspend(dive: Dive) -> None:

@@ -406,7 +406,7 @@ def _observers(
 
     log = recorder = None
     if wanted.log is not None:
-        keep(log := RunLog(wanted.log, run, rotation, wanted.log_values))
+        keep(log := RunLog(wanted.log, run, rotation, wanted.log_values, source.live))
     if wanted.record is not None:
         from tokt.inference.recording.clip_trigger import ClipPadding
         from tokt.inference.recording.recorder import RESERVE_MB, Recorder

@@ -5,6 +5,7 @@ The rows of docs/faults.md that this comes to are held against it as in test_fau
 
 import contextlib
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -38,7 +39,9 @@ def is_alive(process: psutil.Process) -> bool:
 class Ship:
     """`tokt run --watchdog` on a store and a dive, and LabVIEW's end of the wire."""
 
-    def __init__(self, folder: Path, bundle: Path, receiver: socket.socket, **process: Any) -> None:
+    def __init__(
+        self, folder: Path, bundle: Path, receiver: socket.socket, *options: Any, **process: Any
+    ) -> None:
         self.store = Store(folder / "store")
         self.first = read_bundle(bundle)
         self.store.deploy(self.first)
@@ -46,7 +49,7 @@ class Ship:
         self._receiver = receiver
         self._errors = (folder / "err").open("w+")
         command = ["run", "--watchdog", "--store", self.store.path, "--source", folder / "dive"]
-        more = ["--rate", "20", "--format", "v2", "--policy", "texture"]
+        more = ["--rate", "20", "--format", "v2", "--policy", "texture", *map(str, options)]
         address = f"127.0.0.1:{receiver.getsockname()[1]}"
         self.process = subprocess.Popen(
             [sys.executable, "-m", "tokt", *map(str, command), *more, "--udp", address],
@@ -96,8 +99,8 @@ def launch(tmp_path, bundle_file, receiver):
     receiver.settimeout(MAX_S)
     ships: list[Ship] = []
 
-    def start(**process: Any) -> Ship:
-        ships.append(Ship(tmp_path, bundle_file, receiver, **process))
+    def start(*options: Any, **process: Any) -> Ship:
+        ships.append(Ship(tmp_path, bundle_file, receiver, *options, **process))
         return ships[-1]
 
     yield start
@@ -241,6 +244,17 @@ def test_standard_files_that_are_closed_from_the_start(launch):
         assert str(Path(f"/proc/{process.pid}/fd/2").readlink()).startswith("pipe:")
     hold_row("standard error is closed from the start", "as without it", "nothing")
     assert ship.killed()["model"] == "noise/7"
+
+
+def test_a_log_on_a_disk_that_hangs_from_the_start(launch, tmp_path):
+    os.mkfifo(tmp_path / "log.jsonl")
+    ship = launch("--log", tmp_path / "log.jsonl")
+    ship.until(lambda one: one["seq"] == 80)
+    assert "started again" not in ship.words()
+    hold_row("the log's disk hangs from the start", "as without it", "log failures")
+    ship.process.terminate()
+    assert ship.process.wait(MAX_S) == 0
+    assert re.search(r"\d\d log lines could not be written", ship.words())
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
