@@ -9,6 +9,7 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TextIO
 
@@ -109,7 +110,7 @@ STEADY_S = 5.0
 RESTARTS_VARIABLE = "TOKT_RESTARTS"
 """How often the runtime has been started again."""
 
-_FAILED, _USER_ERROR = 1, 2
+_FAILED, _USER_ERROR, _KILLED = 1, 2, -9
 _POLL_S = 0.02
 _MAX_PAUSE_S = 2.0
 _MAX_DATAGRAM = 65_535  # Windows raises where one is longer than what is asked for
@@ -187,8 +188,10 @@ class Watchdog:
             why = self._watch(child, signs, token.encode() + b" ")
         finally:
             child.kill()  # does nothing to one that has ended
-            child.wait()
-        return child.returncode, why
+            # One that the kernel holds, in a driver or a disk that hangs, dies when it is let go.
+            with suppress(subprocess.TimeoutExpired):
+                child.wait(HANG_S)
+        return _KILLED if child.returncode is None else child.returncode, why
 
     def _start(self, where: str) -> subprocess.Popen[bytes]:
         environ = {**os.environ, WATCHDOG_VARIABLE: where, RESTARTS_VARIABLE: str(self.restarts)}

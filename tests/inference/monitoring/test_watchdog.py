@@ -182,6 +182,32 @@ def test_a_runtime_that_cannot_be_started_is_tried_again(tmp_path, monkeypatch):
     assert lines == ["the runtime cannot be started: Cannot allocate memory; started again (1)"]
 
 
+def test_one_that_not_even_a_kill_ends_is_not_waited_for(monkeypatch, hand_clock):
+    class Held(subprocess.Popen):
+        """As one that the kernel holds."""
+
+        def poll(self) -> None:
+            hand_clock.now += watchdog.START_S
+
+        def wait(self, timeout: float | None = None) -> int:
+            assert timeout is not None, "it waits for ever"
+            raise subprocess.TimeoutExpired("tokt", timeout)
+
+    starts: list[subprocess.Popen[bytes]] = []
+
+    def start(dog: Watchdog, where: str) -> subprocess.Popen[bytes]:
+        kind = subprocess.Popen if starts else Held
+        starts.append(kind([sys.executable, "-S", "-c", "raise SystemExit(2)"]))
+        return starts[-1]
+
+    monkeypatch.setattr(watchdog, "time", hand_clock)
+    monkeypatch.setattr(Watchdog, "_start", start)
+    lines: list[str] = []
+    assert Watchdog([], lines.append, Notifier(SYSTEM_CLOCK, {})).run() == 2
+    assert lines == ["the runtime did not get ready and was killed; started again (1)"]
+    subprocess.Popen.wait(starts[0])
+
+
 def test_signs_of_others_are_none(keep):
     kept = keep("token = 'guessed'\ntell('READY=1')\nsaid.touch()" + LOOP)
     until(kept.said.exists)
