@@ -257,6 +257,30 @@ def test_a_log_on_a_disk_that_hangs_from_the_start(launch, tmp_path):
     assert re.search(r"\d\d log lines could not be written", ship.words())
 
 
+SUSPENDED = """
+import os, time
+real, woken = time.clock_gettime, {woken!r}
+later = lambda clock: 5.0 if clock == time.CLOCK_BOOTTIME and os.path.exists(woken) else 0.0
+time.clock_gettime = lambda clock: real(clock) + later(clock)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells of a suspend")
+def test_a_suspend_of_the_whole_process(launch, tmp_path):
+    """The clock that goes on meanwhile is 5 s ahead all at once, for the watchdog as well."""
+    woken, path = tmp_path / "woken", os.pathsep.join([str(tmp_path), *sys.path])
+    (tmp_path / "sitecustomize.py").write_text(SUSPENDED.format(woken=str(woken)))
+    ship = launch(env={**os.environ, "PYTHONPATH": path})
+    ship.until(lambda one: one["status"] == 1)
+    runtime, before = ship.runtime(), ship.next()["seq"]
+    woken.touch()
+    first = ship.until(lambda one: "suspended" in one["health"])
+    assert (first["status"], first["reason"]) == (-1, "stale")
+    back = ship.until(lambda one: one["seq"] > first["seq"] and one["reason"] == "ok")
+    assert runtime == ship.runtime() and back["seq"] > before
+    hold_row("the computer is suspended for 5 s", "unknown `stale`", "frames by reason: stale")
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_to_the_runtime_alone(ship, number):
     ship.until(lambda one: one["status"] == 1)
