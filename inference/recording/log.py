@@ -251,7 +251,7 @@ class LinesApart:
         with contextlib.suppress(queue.Full):
             self._waiting.put_nowait(None)
         self._thread.join(_PATIENCE_S)
-        self._left_out += self._waiting.qsize()
+        self._left_out += self._given - self._written
 
     def _write_all(self, path: Path | str, rotation: LogRotation | None) -> None:
         try:
