@@ -5,22 +5,64 @@ from collections.abc import Callable
 from typing import Protocol, TypeVar
 
 Result = TypeVar("Result")
+_PRECISE_S = 0.01
+_BOOTTIME: int | None = getattr(time, "CLOCK_BOOTTIME", None)  # Linux has it
 
 
 class Clock(Protocol):
-    """The three calls of the standard `time` module that the runtime uses; all in seconds."""
+    """The calls that the runtime uses; all in seconds."""
 
     def time(self) -> float:
         """Seconds since 1970 (UTC): what a frame is stamped with."""
 
     def monotonic(self) -> float:
-        """Seconds since some fixed moment; never steps back: what durations are measured with."""
+        """Seconds since some fixed moment; never steps back: what durations are measured with.
+
+        It goes on while the computer is suspended, and waits (`sleep`, conditions) do not.
+        """
+
+    def suspended(self) -> float:
+        """Seconds of `monotonic` that the computer was suspended; to `_PRECISE_S`."""
 
     def sleep(self, seconds: float, /) -> None:
         """Wait."""
 
 
-SYSTEM_CLOCK: Clock = time
+class SystemClock:
+    """The computer's. Where it does not tell time that it was suspended, it says 0 of that.
+
+    Linux's CLOCK_MONOTONIC, which Python's `time.monotonic` is, stands still meanwhile: a frame
+    would be no older after the night.
+    """
+
+    def time(self) -> float:
+        """The time of day."""
+        return time.time()
+
+    def sleep(self, seconds: float, /) -> None:
+        """Wait."""
+        time.sleep(seconds)
+
+    def monotonic(self) -> float:
+        """Time since the computer was started, on Linux."""
+        return time.monotonic() if _BOOTTIME is None else time.clock_gettime(_BOOTTIME)
+
+    def suspended(self) -> float:
+        """How far the two clocks are apart."""
+        while _BOOTTIME is not None:
+            before = time.monotonic()
+            difference = self.monotonic() - before
+            if time.monotonic() - before < _PRECISE_S:  # nothing came between
+                return difference
+        return 0.0
+
+
+SYSTEM_CLOCK: Clock = SystemClock()
+
+
+def awake_s(clock: Clock) -> float:
+    """Seconds that the computer ran: what tells that another process or a camera hangs."""
+    return clock.monotonic() - clock.suspended()
 
 
 class ClockStopwatch:

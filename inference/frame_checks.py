@@ -1,4 +1,4 @@
-"""Checks that a picture can be judged: not black, blank, saturated, noise alone or damaged.
+"""Checks that a frame can be judged: not black, blank, saturated, noise, damaged, or held back.
 
 Most is seen on one gray picture, `PATCH_GRID`'s: the frame resized to width 360, or the frame as
 it is when it is narrower, as interpolation makes no new noise. Darkness and saturation are looked
@@ -18,7 +18,9 @@ from tokt.features.common.arrays import U8
 from tokt.features.extractors.extractor import gray_picture
 from tokt.features.frames.grid import Grid
 
-from .frame import Frame
+from .clock import Clock
+from .config import Limits
+from .frame import MANY_MISSED, Frame
 from .reason import NO_FAULT, Fault, Reason
 
 # The measured values below are of the gray pictures of the 492 frames, 246 of each camera, of the
@@ -243,3 +245,41 @@ def fine_detail(frame: U8) -> float:
         for by in (1, 2)
     )
     return float(np.quantile(near / np.maximum(far, 1), 0.75))
+
+
+_SUSPENDED_S = 0.05
+
+
+class SuspendDetector:
+    """Remove the pictures of frames that may be older than they look: after a suspend.
+
+    What was in a camera's or its driver's buffers when the computer was suspended is handed over
+    afterwards as if it were new. From the first frame on that comes then, nothing is believed for
+    as long as a frame may be old.
+
+    Parameters
+    ----------
+    clock : Clock
+    limits : Limits
+    """
+
+    def __init__(self, clock: Clock, limits: Limits) -> None:
+        self._clock = clock
+        self._limits = limits
+        self._suspended_s = clock.suspended()
+        self._believed_from = -math.inf
+
+    def remove(self, frame: Frame) -> Frame:
+        """The same frame; without its pictures, and none before it known, where it is in doubt."""
+        suspended_s = self._clock.suspended()
+        if suspended_s - self._suspended_s > _SUSPENDED_S:
+            self._suspended_s = suspended_s
+            self._believed_from = self._clock.monotonic() + self._limits.stale_s
+        if frame.arrived is None or frame.arrived >= self._believed_from:
+            return frame
+        fault = Fault(Reason.STALE, "stale: the computer was suspended just before this frame")
+        for side in ("left", "right"):
+            if getattr(frame, side) is not None:
+                doubtful: dict[str, Any] = {side: None, f"{side}_fault": fault}
+                frame = replace(frame, **doubtful)
+        return replace(frame, missed=MANY_MISSED)

@@ -17,7 +17,7 @@ class Reason(StrEnum):
     NO_FRAME = "no_frame"
     """None has come since the start."""
     STALE = "stale"
-    """None has come for too long, or one came that was too old already."""
+    """None has come for too long, or one came that was too old already, or may have been."""
     LATE = "late"
     """Judging took so long that a clear is of a frame that is gone."""
     STALLED = "stalled"

@@ -15,6 +15,7 @@ from tokt.inference.policy.policy import Policy
 from .clock import Clock
 from .config import Limits
 from .frame import Frame, Source
+from .frame_checks import SuspendDetector
 from .frozen_frames import StuckFrameDetector
 from .publisher import Observer, ReportPublisher, Sender
 from .report import Event, EventQueue, Report
@@ -227,6 +228,7 @@ class Runtime:
 
     def __post_init__(self) -> None:
         self._stuck_frames = StuckFrameDetector(self.limits)
+        self._suspend = SuspendDetector(self.clock, self.limits)
         self._publisher = ReportPublisher(self.senders, self.clock, self.limits, self.source.live)
         self._heartbeat_alive: Callable[[], bool] = lambda: True
 
@@ -275,6 +277,8 @@ class Runtime:
 
     def _judge(self, frame: Frame, left_out: int, summary: Summary) -> None:
         self._publisher.begin(frame)
+        if self.source.live:
+            frame = self._suspend.remove(frame)
         frame = self._stuck_frames.remove(frame)
         judgement = self.policy.judge(frame)
         report = self._publisher.publish(frame, judgement, left_out)

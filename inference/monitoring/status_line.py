@@ -190,8 +190,9 @@ class _Out:
             self._stream.write(text)
             return
         data = text.encode("utf-8")
-        while data:
-            data = data[os.write(self._descriptor, data) :]
+        with contextlib.suppress(BlockingIOError):  # a pipe that takes no more, and holds nobody
+            while data:
+                data = data[os.write(self._descriptor, data) :]
 
     def columns(self) -> int:
         if self._descriptor is None:

@@ -9,7 +9,9 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import TextIO
 
 from tokt.features.common.errors import os_words
 from tokt.inference.clock import Clock
@@ -82,7 +84,7 @@ class Notifier:
             self._tell(ALIVE)
 
     def stopping(self) -> None:
-        """The loop ends because it was asked to."""
+        """The source has ended, and the loop with it: there is nothing to be started again for."""
         self._tell(STOPPING)
 
     @property
@@ -108,7 +110,7 @@ STEADY_S = 5.0
 RESTARTS_VARIABLE = "TOKT_RESTARTS"
 """How often the runtime has been started again."""
 
-_FAILED, _USER_ERROR = 1, 2
+_FAILED, _USER_ERROR, _KILLED = 1, 2, -9
 _POLL_S = 0.02
 _MAX_PAUSE_S = 2.0
 _MAX_DATAGRAM = 65_535  # Windows raises where one is longer than what is asked for
@@ -127,11 +129,14 @@ class Watchdog:
         Given one line for people each time something happens.
     notifier : Notifier
         Passes the runtime's signs of life on.
+    stderr : file, optional
+        The runtime's standard error; by default this process's own.
     """
 
     command: Sequence[str]
     say: Callable[[str], None]
     notifier: Notifier
+    stderr: TextIO | None = None
 
     def __post_init__(self) -> None:
         self.restarts = 0
@@ -144,7 +149,10 @@ class Watchdog:
         self._asked_to_stop = True
 
     def run(self) -> int:
-        """Go on until the runtime has done its work, or `stop` was called.
+        """Go on until the runtime says that its source has ended, or `stop` was called.
+
+        A runtime that ends without a word is started again, whatever its exit code: SIGTERM to it
+        alone (as from earlyoom, where memory is short) makes it end as it should, with code 0.
 
         Returns
         -------
@@ -159,7 +167,7 @@ class Watchdog:
                 started = time.monotonic()
                 code, why = self._one_life(signs)
                 never_ready = code == _USER_ERROR and not self._was_ready
-                if self._asked_to_stop or self._finished or code == 0 or never_ready:
+                if self._asked_to_stop or self._finished or never_ready:
                     break
                 lived_s = time.monotonic() - started
                 quick = 0 if lived_s > STEADY_S else quick + 1
@@ -180,13 +188,16 @@ class Watchdog:
             why = self._watch(child, signs, token.encode() + b" ")
         finally:
             child.kill()  # does nothing to one that has ended
-            child.wait()
-        return child.returncode, why
+            # One that the kernel holds, in a driver or a disk that hangs, dies when it is let go.
+            with suppress(subprocess.TimeoutExpired):
+                child.wait(HANG_S)
+        return _KILLED if child.returncode is None else child.returncode, why
 
     def _start(self, where: str) -> subprocess.Popen[bytes]:
         environ = {**os.environ, WATCHDOG_VARIABLE: where, RESTARTS_VARIABLE: str(self.restarts)}
         environ.pop(SYSTEMD_VARIABLE, None)
-        return subprocess.Popen(self.command, env=environ, stdin=subprocess.DEVNULL)
+        stdin, stderr = subprocess.DEVNULL, self.stderr
+        return subprocess.Popen(self.command, env=environ, stdin=stdin, stderr=stderr)
 
     def _pause(self, quick: int) -> None:
         """None the first time, then longer ones for a runtime that cannot stay up."""
@@ -198,9 +209,13 @@ class Watchdog:
     def _watch(self, child: subprocess.Popen[bytes], signs: socket.socket, token: bytes) -> str:
         """Wait until the runtime has ended, or is to be killed; why."""
         ready = False
+        # Not the runtime's clock: this one, as both processes, stands still in a suspend.
         until = time.monotonic() + START_S
-        asked = False
-        while child.poll() is None:
+        asked = ended = False
+        sign = b""
+        while not ended or sign:
+            # Looked at before the signs are: what it said last is heard.
+            ended = child.poll() is not None
             sign = _next_sign(signs, token)
             if self._asked_to_stop and not asked:
                 child.terminate()
@@ -212,7 +227,7 @@ class Watchdog:
             elif sign == STOPPING and not asked:
                 self._finished = asked = True
                 until = time.monotonic() + STOP_S
-            elif time.monotonic() > until:
+            elif time.monotonic() > until and not ended:
                 what = "does not answer" if ready else "did not get ready"
                 return f"the runtime {what} and was killed"
         code = child.returncode

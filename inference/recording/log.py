@@ -14,6 +14,8 @@ import contextlib
 import json
 import math
 import os
+import queue
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -30,6 +32,7 @@ MAX_KEPT = 99
 _RETRY_BYTES = 1_000_000
 _TRIES = 100
 _LOST = {"lost_lines", "why"}
+_HANGS = "the disk hangs"
 
 
 @dataclass(frozen=True)
@@ -116,6 +119,11 @@ class JsonLines:
             self._fail(os_words(error))
             self.close()  # opened anew for the next line: the disk may have been taken out
 
+    def lose(self, lines: int, why: str) -> None:
+        """Say before the next line that so many are not there."""
+        self._lost += lines
+        self.last_error = why
+
     def close(self) -> None:
         """Close the file."""
         if self._file is not None:
@@ -171,6 +179,97 @@ class JsonLines:
                 self._torn = handle.read(1) != b"\n"
         self._rotate_at = 1e6 * self._rotation.max_mb if self._rotation else math.inf
         return file
+
+
+_MAX_WAITING = 1000
+_PATIENCE_S = 1.0
+_LINE_S = 0.1
+
+
+class LinesApart:
+    """`JsonLines` that a thread of its own opens and writes: a disk that hangs holds nobody else.
+
+    A line is waited for, as a process that is killed shall lose none, but for a moment only: those
+    after it wait in memory, and where there is no more room they count as lost.
+
+    Parameters
+    ----------
+    path : Path
+    rotation : LogRotation, optional
+
+    Raises
+    ------
+    ToktError
+        If it turns out within a second that the file cannot be opened.
+    """
+
+    def __init__(self, path: Path | str, rotation: LogRotation | None = None) -> None:
+        self._lines: JsonLines | None = None
+        self._fault: ToktError | None = None
+        self._left_out = self._untold = self._given = self._written = 0
+        self._waiting: queue.Queue[dict[str, Any] | int | None] = queue.Queue(_MAX_WAITING)
+        self._opened = threading.Event()
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(
+            target=self._write_all, args=(path, rotation), name="tokt log", daemon=True
+        )
+        self._thread.start()
+        self._opened.wait(_PATIENCE_S)
+        if self._fault is not None:
+            raise self._fault
+
+    @property
+    def failed(self) -> int:
+        """Lines that could not be written."""
+        return self._left_out + (0 if self._lines is None else self._lines.failed)
+
+    @property
+    def last_error(self) -> str:
+        """What went wrong last."""
+        if self._lines is None:
+            return _HANGS if self._fault is None else str(self._fault)
+        return self._lines.last_error
+
+    def write(self, value: dict[str, Any]) -> None:
+        """Have one line added, or count why not."""
+        keeps_up = self._written == self._given
+        try:
+            if self._untold:
+                self._waiting.put_nowait(self._untold)
+                self._given, self._untold = self._given + 1, 0
+            self._waiting.put_nowait(value)
+            self._given += 1
+        except queue.Full:
+            self._untold += 1
+            self._left_out += 1
+        if keeps_up:
+            with self._changed:
+                self._changed.wait_for(lambda: self._written == self._given, _LINE_S)
+
+    def close(self) -> None:
+        """Close the file, after what still waits; not after a disk that hangs."""
+        with contextlib.suppress(queue.Full):
+            self._waiting.put_nowait(None)
+        self._thread.join(_PATIENCE_S)
+        self._left_out += self._given - self._written
+
+    def _write_all(self, path: Path | str, rotation: LogRotation | None) -> None:
+        try:
+            self._lines = lines = JsonLines(path, rotation)
+        except ToktError as error:
+            self._fault = error
+            return
+        finally:
+            self._opened.set()
+        while (value := self._waiting.get()) is not None:
+            if isinstance(value, int):
+                lines.lose(value, _HANGS)
+            else:
+                lines.write(value)
+            with self._changed:
+                self._written += 1
+                self._changed.notify()
+        lines.close()
 
 
 def older_file(path: Path, number: int) -> Path:

@@ -17,7 +17,7 @@ from tokt.inference.publisher import Observer
 from tokt.inference.reason import Fault
 from tokt.inference.report import LOG_ONLY, Event, Report, filler
 
-from .log import JsonLines, LogRotation
+from .log import JsonLines, LinesApart, LogRotation
 
 _log_only = filler(LOG_ONLY)
 
@@ -97,6 +97,8 @@ class RunLog(Observer):
     values : bool
         Whether frames' lines carry each patch's decision values, exact to the last bit: what
         training and serving can be compared by.
+    live : bool
+        Whether nobody waits for the disk, and lines are left out where it is too slow.
 
     Raises
     ------
@@ -105,14 +107,20 @@ class RunLog(Observer):
     """
 
     def __init__(
-        self, path: Path, run: str, rotation: LogRotation | None = None, values: bool = False
+        self,
+        path: Path,
+        run: str,
+        rotation: LogRotation | None = None,
+        values: bool = False,
+        live: bool = False,
     ) -> None:
         rotation = LogRotation() if rotation is None else rotation
         self._run = run
         self._values = values
         self._seq = 0
-        self._frames = JsonLines(path, rotation)
-        self._events = JsonLines(events_path(path), rotation)
+        lines = LinesApart if live else JsonLines
+        self._frames = lines(path, rotation)
+        self._events = lines(events_path(path), rotation)
 
     @property
     def failed(self) -> int:

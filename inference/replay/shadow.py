@@ -28,7 +28,7 @@ import numpy as np
 
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError, os_words
-from tokt.inference.clock import Clock, FixedStopwatch
+from tokt.inference.clock import Clock, FixedStopwatch, awake_s
 from tokt.inference.frame import Frame
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
 from tokt.inference.policy.policy import Judgement, Policy
@@ -226,7 +226,7 @@ class Shadow(Observer):
         self._differs = False
         self._changed = threading.Condition()
         self._waiting: _Waiting | None = None
-        self._busy_since: float | None = self.clock.monotonic()
+        self._busy_since: float | None = awake_s(self.clock)
         self._ended = False
         model = {"label": self.challenger.label, "sha256": self.challenger.sha256}
         begins = {"event": START, "format_version": SHADOW_FORMAT, "t": self.clock.time()}
@@ -261,7 +261,7 @@ class Shadow(Observer):
         """Wait until no frame waits, but not in real time; end a challenger that is hung."""
         if self.live:
             since = self._busy_since
-            hung = since is not None and self.clock.monotonic() - since > ANSWER_S
+            hung = since is not None and awake_s(self.clock) - since > ANSWER_S
         else:
             ready = self._changed.wait_for(lambda: not self._waiting or bool(self.fault), ANSWER_S)
             hung = not ready
@@ -312,7 +312,7 @@ class Shadow(Observer):
         with self._changed:
             self._busy_since = None
             self._changed.wait_for(lambda: self._waiting is not None or self._ended)
-            self._busy_since = self.clock.monotonic()
+            self._busy_since = awake_s(self.clock)
             waiting, self._waiting = self._waiting, None
             self._changed.notify_all()
             return waiting

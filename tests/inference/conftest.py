@@ -179,6 +179,7 @@ class HandClock:
 
     def __init__(self) -> None:
         self.now = 100.0
+        self.suspended_s = 0.0
         self.slept: list[float] = []
 
     def time(self) -> float:
@@ -186,6 +187,14 @@ class HandClock:
 
     def monotonic(self) -> float:
         return self.now
+
+    def suspended(self) -> float:
+        return self.suspended_s
+
+    def suspend(self, seconds: float) -> None:
+        """Have the computer suspended."""
+        self.suspended_s += seconds
+        self.now += seconds
 
     def sleep(self, seconds: float, /) -> None:
         self.slept.append(seconds)

@@ -4,6 +4,8 @@ Every test puts one fault into a dive between a healthy stretch before it and on
 came to is a row of docs/faults.md, and the test fails where the two differ.
 """
 
+import json
+import os
 import re
 import socket
 import threading
@@ -25,6 +27,7 @@ from tokt.inference.outputs.udp import DatagramSocket, UdpSender
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy
 from tokt.inference.publisher import Observer
 from tokt.inference.reason import Fault, Reason
+from tokt.inference.recording import log as log_module
 from tokt.inference.recording.run_log import RunLog
 from tokt.inference.sources.files import open_source
 from tokt.inference.texture.detector import TextureDetector
@@ -525,8 +528,30 @@ def test_a_full_disk_under_the_log(tmp_path):
     row("the log's disk is full", finish(dive), "log failures +1 a line")
 
 
-def test_a_disk_that_hangs_under_an_observer():
-    """Unknown is said by another thread than the one that waits for the disk."""
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs a pipe with a name")
+def test_a_disk_that_hangs_under_the_log(tmp_path, monkeypatch):
+    monkeypatch.setattr(log_module, "_MAX_WAITING", 20)
+    monkeypatch.setattr(log_module, "_PATIENCE_S", 0.1)
+    os.mkfifo(tmp_path / "log.jsonl")  # to open it takes until there is a reader
+    log = RunLog(tmp_path / "log.jsonl", "a-run", live=True)
+    dive = Dive(observers=[log])
+    with dive.fault_between():
+        for _ in range(20):
+            dive.give("clear")
+    assert log.failed == 4 and log.last_error == "the disk hangs"
+    with (tmp_path / "log.jsonl").open("rb") as disk:  # it is back
+        written = [json.loads(disk.readline()) for _ in range(20)]
+        assert [line["seq"] for line in written] == list(range(1, 21))
+        log.heartbeat(dive.listener.reports[-1])
+        assert json.loads(disk.readline()) == {"lost_lines": 4, "why": "the disk hangs"}
+        assert json.loads(disk.readline())["seq"] == 24
+        log.close()
+        assert log.failed == 4 and disk.read() == b""
+    row("the log's disk hangs", finish(dive), "log failures +1 a line, after 1000")
+
+
+def test_an_observer_that_hangs():
+    """Unknown is said by another thread than the one that waits."""
 
     class Hangs(Observer):
         hang = False
@@ -541,7 +566,90 @@ def test_a_disk_that_hangs_under_an_observer():
     with dive.fault_between():
         slow.hang = True
         dive.give("clear")
-    row("the log's disk hangs", finish(dive), "heartbeats")
+    row("what looks on takes too long", finish(dive), "heartbeats")
+
+
+def suspend(dive: Dive) -> None:
+    """The computer stands still for 5 s; then what is said first is that nothing was."""
+    said = dive._runtime._publisher._seq
+    dive.clock.suspend(5.0)
+    dive.until(lambda: dive._runtime._publisher._seq > said)
+
+
+@pytest.mark.parametrize(
+    ("what", "fault"),
+    [
+        ("clear", "the computer is suspended while a clear frame is judged"),
+        ("obstacle", "the computer is suspended while an obstacle is judged"),
+    ],
+)
+def test_a_suspend_while_a_frame_is_judged(what, fault):
+    dive = Dive()
+    with dive.fault_between():
+        dive.detector.before = lambda frame: suspend(dive)
+        dive.give("fault", dive.picture(what))
+        dive.detector.before = lambda frame: None
+        dive.give("fault", dive.picture("clear"))  # it may have been taken before
+        dive.silence()
+    outcome = finish(dive)
+    row(fault, outcome, "frames by reason: late +1, stale; heartbeats")
+
+
+def test_a_suspend_while_a_frame_waits():
+    dive = Dive()
+    go = threading.Event()
+    with dive.fault_between():
+        judged = len(dive.listener.reports)
+        dive.detector.before = lambda frame: go.wait(MAX_S) and None
+        dive.give_at_once("fault")
+        dive.until(dive.taken_up)
+        dive.give_at_once("fault")
+        dive.pass_on()
+        suspend(dive)
+        go.set()
+        dive.until(lambda: len(dive.listener.reports) == judged + 2)
+        dive.detector.before = lambda frame: None
+        dive.silence()
+    outcome = finish(dive)
+    assert all(report.age_ms > 4999 for report in dive.listener.reports[judged:][:2])
+    row(
+        "the computer is suspended while a frame waits to be judged",
+        outcome,
+        "frames by reason: late +1, stale +1; heartbeats",
+    )
+
+
+def test_a_suspend_while_frames_are_in_a_driver():
+    """They are handed over afterwards, as if they were new."""
+    dive = Dive()
+    with dive.fault_between():
+        suspend(dive)
+        for _ in range(4):
+            dive.give("fault", dive.picture("clear"))
+        dive.silence()
+        healthy(dive)
+        dive.clock.suspend(0.01)  # what may come between two looks at two clocks is none
+    outcome = finish(dive)
+    assert outcome.summary.reasons["stale"] == 4
+    fault = "the computer is suspended: frames that a driver's buffers held"
+    row(fault, outcome, "frames by reason: stale; heartbeats")
+
+
+def test_a_suspend_within_the_frames_of_the_frame_rule():
+    dive = Dive(scorer=NoiseScorer(operating_point=OperatingPoint(MofNRule(0, 1, 2, 3))))
+    with dive.under_way():
+        for _ in range(3):
+            dive.give("clear")
+        suspend(dive)
+        dive.give("fault", dive.picture("clear"))
+        dive.silence()
+        dive.give("fault", dive.picture("obstacle"))
+        dive.give("obstacle")
+    outcome = dive.outcome()
+    assert outcome.said[-1] == ("obstacle", "obstacle", "ok")
+    outcome.said = outcome.said[-2:-1]
+    fault = "the computer is suspended between the frames that the frame rule needs"
+    row(fault, outcome, "frames by reason: frame_rule")
 
 
 class Shifted(HandClock):

@@ -22,7 +22,7 @@ from typing import Any
 
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
-from tokt.inference.clock import Clock
+from tokt.inference.clock import Clock, awake_s
 from tokt.inference.frame import MANY_MISSED, Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.report import Event
@@ -97,14 +97,14 @@ class CameraKeeper(threading.Thread):
     def hung(self) -> str:
         """Why its driver is not waited for any longer; empty as long as it may answer."""
         call = self._call
-        if call is None or (seconds := self._clock.monotonic() - call[1]) <= HUNG_S:
+        if call is None or (seconds := awake_s(self._clock) - call[1]) <= HUNG_S:
             return ""
         return f"camera {self.driver.name} hangs: {call[0]} it has taken {seconds:.0f} s so far"
 
     @contextmanager
     def _calling(self, what: str) -> Iterator[None]:
         """A call of the driver's, which may never return."""
-        self._call = what, self._clock.monotonic()
+        self._call = what, awake_s(self._clock)
         try:
             yield
         finally:
@@ -143,16 +143,17 @@ class CameraKeeper(threading.Thread):
             if not self.tried.is_set() and not self._wait:
                 self.refused = error
             return str(error)
-        self._started_s = self._clock.monotonic()
+        self._started_s = awake_s(self._clock)
         self.tried.set()
         return ""
 
     def _deliver(self, capture: Capture) -> None:
         if self._is_lost:
             return
+        captured_s = capture.arrived - self._clock.suspended()
         if self._captured_s is not None:
-            self._gap_s = capture.arrived - self._captured_s
-        self._captured_s = capture.arrived
+            self._gap_s = captured_s - self._captured_s
+        self._captured_s = captured_s
         self._pause_s = MIN_PAUSE_S
         self._source.captured(capture)
 
@@ -166,7 +167,7 @@ class CameraKeeper(threading.Thread):
 
     def _trouble(self) -> str:
         since = self._started_s if self._captured_s is None else self._captured_s
-        silent_s = self._clock.monotonic() - since
+        silent_s = awake_s(self._clock) - since
         limit_s = _FIRST_SILENCE_S
         if self._gap_s is not None:
             limit_s = max(_MIN_SILENCE_S, _SILENT_PERIODS * self._gap_s)

@@ -9,6 +9,7 @@ from typer import Option
 from tokt.features.common.errors import ToktError, printable
 
 from . import compare, dataset, doctor, labels, models, replay, rig, run, studies, train
+from .output import live_without_terminal, open_standard_files
 
 _EXTRAS = {
     "scipy": "train",
@@ -93,6 +94,9 @@ def _app_for(arguments: list[str]) -> typer.Typer:
 
 def main() -> None:
     """Run the command line."""
+    open_standard_files()
+    if sys.argv[1:2] == ["run"]:
+        live_without_terminal()
     run_app(_app_for(sys.argv[1:]))
 
 

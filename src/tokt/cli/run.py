@@ -14,7 +14,7 @@ from tokt.features.common.errors import ToktError
 from tokt.inference.config import OPTIONS, RunConfig, read_config
 
 from .options import is_written
-from .output import say, stop_on_signal
+from .output import real_stderr, say, stop_on_signal
 
 
 def run(
@@ -90,7 +90,8 @@ def _watched(source: str) -> int:
         raise ToktError("--watchdog is not for a stream, which may wait as long as it likes")
     # The last one wins, over a file as well.
     command = [sys.executable, "-P", "-m", "tokt", *sys.argv[1:], "--no-watchdog"]
-    dog = Watchdog(command, lambda line: say(f"watchdog: {line}"), Notifier(SYSTEM_CLOCK))
+    notifier = Notifier(SYSTEM_CLOCK)
+    dog = Watchdog(command, lambda line: say(f"watchdog: {line}"), notifier, real_stderr())
     with stop_on_signal(dog.stop):
         return dog.run()
 

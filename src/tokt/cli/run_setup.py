@@ -63,7 +63,7 @@ from tokt.models.store.last_good import load_running
 from tokt.models.store.store import Store
 
 from .options import read_calibration_file
-from .output import print_json, say, stop_on_signal
+from .output import print_json, real_stderr, say, stop_on_signal
 
 if TYPE_CHECKING:
     from tokt.inference.outputs.mavlink import MavlinkOptions
@@ -238,7 +238,10 @@ def carry_out(config: RunConfig) -> None:
         for line in model.words():
             say(line)
         # Who writes to the terminal from now on writes across it.
-        status = StatusLine(looking.counts, SYSTEM_CLOCK, recorder=looking.recorder)
+        terminal = real_stderr()
+        if terminal is not None and not terminal.isatty():
+            terminal = None  # lines keep their order with those of others
+        status = StatusLine(looking.counts, SYSTEM_CLOCK, terminal, looking.recorder)
         opened.callback(status.close)
         looking.observers.append(status)
         looking.drift.set_model(model.bundle)
@@ -262,10 +265,11 @@ def carry_out(config: RunConfig) -> None:
         events.put(_start_event(config, model, source))
         # What was made up to here stays: the collector need not go through it at sea.
         gc.freeze()
-        with stop_on_signal(source.stop):
+        with stop_on_signal(source.stop) as signals:
             notifier.ready()
             summary = runtime.run()
-            notifier.stopping()
+            if not signals:  # a watchdog knows of its own, and starts again after anybody else's
+                notifier.stopping()
     summary.log_failures = 0 if looking.log is None else looking.log.failed
     say(_words(summary, senders.values()))
     if config.monitoring.json:
@@ -423,7 +427,7 @@ def _observers(
 
     log = recorder = None
     if wanted.log is not None:
-        keep(log := RunLog(wanted.log, run, rotation, wanted.log_values))
+        keep(log := RunLog(wanted.log, run, rotation, wanted.log_values, source.live))
     if wanted.record is not None:
         from tokt.inference.recording.clip_trigger import ClipPadding
         from tokt.inference.recording.recorder import RESERVE_MB, Recorder

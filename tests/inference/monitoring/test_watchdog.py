@@ -126,11 +126,19 @@ def test_one_that_never_gets_ready_is_killed_too(keep):
     kept.wait_for(2)
 
 
-@pytest.mark.parametrize(("program", "code"), [("sys.exit(2)", 2), ("tell('READY=1')", 0)])
+@pytest.mark.parametrize(("program", "code"), [("sys.exit(2)", 2), ("tell('STOPPING=1')", 0)])
 def test_what_a_user_wrote_wrong_and_one_that_has_done_its_work_end_it(keep, program, code):
     kept = keep(program)
     kept.thread.join(MAX_S)
     assert kept.codes == [code] and len(kept.lives()) == 1
+
+
+def test_one_that_ends_without_a_word_is_started_again(keep):
+    """As it does on SIGTERM, which nobody but the watchdog may mean for good."""
+    kept = keep("tell('READY=1')\nif life == 0: sys.exit(0)" + LOOP)
+    kept.wait_for(2)
+    assert "exit code 0; started again (1)" in kept.lines[0]
+    assert kept.end() == 0
 
 
 def test_the_same_code_after_it_has_worked_does_not(keep):
@@ -166,12 +174,38 @@ def test_a_runtime_that_cannot_be_started_is_tried_again(tmp_path, monkeypatch):
         starts.append(where)
         if len(starts) == 1:
             raise OSError(12, "Cannot allocate memory")
-        return subprocess.Popen([sys.executable, "-S", "-c", ""])
+        return subprocess.Popen([sys.executable, "-S", "-c", "raise SystemExit(2)"])
 
     monkeypatch.setattr(Watchdog, "_start", start)
     lines: list[str] = []
-    assert Watchdog([], lines.append, Notifier(SYSTEM_CLOCK, {})).run() == 0
+    assert Watchdog([], lines.append, Notifier(SYSTEM_CLOCK, {})).run() == 2
     assert lines == ["the runtime cannot be started: Cannot allocate memory; started again (1)"]
+
+
+def test_one_that_not_even_a_kill_ends_is_not_waited_for(monkeypatch, hand_clock):
+    class Held(subprocess.Popen):
+        """As one that the kernel holds."""
+
+        def poll(self) -> None:
+            hand_clock.now += watchdog.START_S
+
+        def wait(self, timeout: float | None = None) -> int:
+            assert timeout is not None, "it waits for ever"
+            raise subprocess.TimeoutExpired("tokt", timeout)
+
+    starts: list[subprocess.Popen[bytes]] = []
+
+    def start(dog: Watchdog, where: str) -> subprocess.Popen[bytes]:
+        kind = subprocess.Popen if starts else Held
+        starts.append(kind([sys.executable, "-S", "-c", "raise SystemExit(2)"]))
+        return starts[-1]
+
+    monkeypatch.setattr(watchdog, "time", hand_clock)
+    monkeypatch.setattr(Watchdog, "_start", start)
+    lines: list[str] = []
+    assert Watchdog([], lines.append, Notifier(SYSTEM_CLOCK, {})).run() == 2
+    assert lines == ["the runtime did not get ready and was killed; started again (1)"]
+    subprocess.Popen.wait(starts[0])
 
 
 def test_signs_of_others_are_none(keep):

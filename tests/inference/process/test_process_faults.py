@@ -3,11 +3,14 @@
 The rows of docs/faults.md that this comes to are held against it as in test_faults.py.
 """
 
+import contextlib
 import os
+import re
 import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -30,10 +33,17 @@ from ..test_faults import hold_row
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 
 
+def is_alive(process: psutil.Process) -> bool:
+    """Whether it runs: one that nobody has waited for yet has ended as well."""
+    return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+
+
 class Ship:
     """`tokt run --watchdog` on a store and a dive, and LabVIEW's end of the wire."""
 
-    def __init__(self, folder: Path, bundle: Path, receiver: socket.socket) -> None:
+    def __init__(
+        self, folder: Path, bundle: Path, receiver: socket.socket, *options: Any, **process: Any
+    ) -> None:
         self.store = Store(folder / "store")
         self.first = read_bundle(bundle)
         self.store.deploy(self.first)
@@ -41,11 +51,11 @@ class Ship:
         self._receiver = receiver
         self._errors = (folder / "err").open("w+")
         command = ["run", "--watchdog", "--store", self.store.path, "--source", folder / "dive"]
-        more = ["--rate", "20", "--format", "v2", "--policy", "texture"]
+        more = ["--rate", "20", "--format", "v2", "--policy", "texture", *map(str, options)]
         address = f"127.0.0.1:{receiver.getsockname()[1]}"
         self.process = subprocess.Popen(
             [sys.executable, "-m", "tokt", *map(str, command), *more, "--udp", address],
-            stderr=self._errors,
+            **{"stderr": self._errors, **process},
         )
 
     def next(self) -> dict[str, Any]:
@@ -63,8 +73,13 @@ class Ship:
 
     def killed(self, number: int = signal.SIGKILL) -> dict[str, Any]:
         """Send the runtime a signal; what is said first by the next one, seq 1."""
-        os.kill(self.runtime().pid, number)
-        return self.until(lambda one: one["seq"] == 1)
+        runtime = self.runtime()
+        runtime.send_signal(number)
+        until(lambda: not is_alive(runtime), self.words)
+        died_s = time.monotonic()
+        first = self.until(lambda one: one["seq"] == 1)
+        print(f"back after {time.monotonic() - died_s:.2f} s")
+        return first
 
     def words(self) -> str:
         self._errors.seek(0)
@@ -77,15 +92,37 @@ class Ship:
 
 
 @pytest.fixture
-def ship(tmp_path, bundle_file, receiver):
+def launch(tmp_path, bundle_file, receiver):
+    """Start a ship, its process as a test wants it."""
     (tmp_path / "dive").mkdir()
     for number in range(1, 401):
         picture = draw([(4, 4)] if number % 20 < 5 else [(1, 1)], number)
         cv2.imwrite(str(tmp_path / "dive" / f"t_{number}.png"), picture)
     receiver.settimeout(MAX_S)
-    opened = Ship(tmp_path, bundle_file, receiver)
-    yield opened
-    opened.close()
+    ships: list[Ship] = []
+
+    def start(*options: Any, **process: Any) -> Ship:
+        ships.append(Ship(tmp_path, bundle_file, receiver, *options, **process))
+        return ships[-1]
+
+    yield start
+    for ship in ships:
+        ship.close()
+
+
+@pytest.fixture
+def ship(launch):
+    return launch()
+
+
+@pytest.fixture
+def terminal():
+    """A terminal: the end that a person types at, and the other one."""
+    ends = os.openpty()
+    yield ends
+    for end in ends:
+        with contextlib.suppress(OSError):  # a test has closed it
+            os.close(end)
 
 
 def test_a_run_at_sea(ship):
@@ -153,3 +190,110 @@ def test_a_run_at_sea(ship):
     assert ship.process.wait(MAX_S) == 0 and not runtime.is_running()
     hold_row("SIGTERM, Ctrl-C", "the frame is judged and sent, then it ends with code 0", "nothing")
     assert not [one for one in ship.said if one["status"] == 0]
+
+
+def fill(descriptor: int) -> None:
+    """Write until nothing more goes in."""
+    os.set_blocking(descriptor, False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(descriptor, b"x" * 4096)
+    os.set_blocking(descriptor, True)
+
+
+def test_a_terminal_that_is_held(launch, terminal):
+    shown, written = terminal
+    ship = launch(stderr=written)
+    ship.until(lambda one: one["status"] == 1)
+    os.write(shown, b"\x13")  # Ctrl-S
+    for _ in range(3):
+        assert ship.killed()["model"] == "noise/7"
+    hold_row(
+        "the terminal is held (Ctrl-S), then SIGKILL", "back with the same model", "restarts +1"
+    )
+    ship.process.terminate()
+    assert ship.process.wait(MAX_S) == 0
+
+
+def test_standard_error_that_nobody_reads(launch):
+    read, write = os.pipe()
+    fill(write)
+    ship = launch(stderr=write)
+    assert ship.until(lambda one: one["status"] == 1)["model"] == "noise/7"
+    hold_row(
+        "standard error takes nothing (a stuck `tee`) from the start", "as without it", "nothing"
+    )
+    assert ship.killed()["model"] == "noise/7"
+    ship.process.terminate()
+    assert ship.process.wait(MAX_S) == 0
+    os.close(read)
+    os.close(write)
+
+
+def test_a_terminal_that_is_closed(launch, terminal):
+    shown, written = terminal
+    ship = launch(preexec_fn=lambda: os.login_tty(written), stderr=None)
+    os.close(written)
+    seq = ship.until(lambda one: one["status"] == 1)["seq"]
+    os.close(shown)
+    for number in (signal.SIGHUP, signal.SIGTTOU):
+        ship.process.send_signal(number)
+        ship.runtime().send_signal(number)
+    assert [ship.next()["seq"] for _ in range(20)] == list(range(seq + 1, seq + 21))
+    hold_row("the terminal is closed (SIGHUP)", "as without it", "nothing")
+    assert ship.killed()["model"] == "noise/7"
+    ship.process.terminate()
+    assert ship.process.wait(MAX_S) == 0
+
+
+def test_standard_files_that_are_closed_from_the_start(launch):
+    ship = launch(preexec_fn=lambda: os.closerange(0, 3), stderr=None)
+    assert ship.until(lambda one: one["status"] == 1)["model"] == "noise/7"
+    for process in (ship.process, ship.runtime()):
+        # Otherwise the first socket is there, and C libraries warn its receiver.
+        assert str(Path(f"/proc/{process.pid}/fd/2").readlink()).startswith("pipe:")
+    hold_row("standard error is closed from the start", "as without it", "nothing")
+    assert ship.killed()["model"] == "noise/7"
+
+
+def test_a_log_on_a_disk_that_hangs_from_the_start(launch, tmp_path):
+    os.mkfifo(tmp_path / "log.jsonl")
+    ship = launch("--log", tmp_path / "log.jsonl")
+    ship.until(lambda one: one["seq"] == 80)
+    hold_row("the log's disk hangs from the start", "as without it", "log failures")
+    ship.process.terminate()
+    assert ship.process.wait(MAX_S) == 0
+    assert re.search(r"\d\d log lines could not be written", ship.words())
+
+
+SUSPENDED = """
+import os, time
+real, woken = time.clock_gettime, {woken!r}
+later = lambda clock: 5.0 if clock == time.CLOCK_BOOTTIME and os.path.exists(woken) else 0.0
+time.clock_gettime = lambda clock: real(clock) + later(clock)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells of a suspend")
+def test_a_suspend_of_the_whole_process(launch, tmp_path):
+    """The clock that goes on meanwhile is 5 s ahead all at once, for the watchdog as well."""
+    woken, path = tmp_path / "woken", os.pathsep.join([str(tmp_path), *sys.path])
+    (tmp_path / "sitecustomize.py").write_text(SUSPENDED.format(woken=str(woken)))
+    ship = launch(env={**os.environ, "PYTHONPATH": path})
+    ship.until(lambda one: one["status"] == 1)
+    runtime, before = ship.runtime(), ship.next()["seq"]
+    woken.touch()
+    first = ship.until(lambda one: "suspended" in one["health"])
+    assert (first["status"], first["reason"]) == (-1, "stale")
+    back = ship.until(lambda one: one["seq"] > first["seq"] and one["reason"] == "ok")
+    assert runtime == ship.runtime() and back["seq"] > before
+    hold_row("the computer is suspended for 5 s", "unknown `stale`", "frames by reason: stale")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_to_the_runtime_alone(ship, number):
+    ship.until(lambda one: one["status"] == 1)
+    assert ship.killed(number)["model"] == "noise/7"
+    assert "the runtime ended with exit code 0; started again (1)" in ship.words()
+    fault = "SIGTERM to the runtime and not to its watchdog (earlyoom)"
+    hold_row(fault, "back with the same model", "restarts +1")

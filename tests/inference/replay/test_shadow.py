@@ -186,6 +186,7 @@ def test_in_real_time_one_that_hangs_or_cannot_be_started_is_told(
     os.kill(hangs._process.pid or 0, signal.SIGSTOP)
     see(hangs, 2)
     until(lambda: hangs._waiting is None)
+    hand_clock.suspend(10 * shadow_module.ANSWER_S)  # in which nobody answers
     see(hangs, 3)
     assert hangs.fault == ""
     hand_clock.now += shadow_module.ANSWER_S + 1

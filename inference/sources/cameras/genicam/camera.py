@@ -3,7 +3,6 @@
 For a camera's own process only (see `process`).
 """
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import numpy as np
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.camera_frame import MOSAIC_FORMATS, PIXEL_FORMATS
+from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 
@@ -168,7 +168,7 @@ class FetchedFrame:
     taken_s : float or None
         Seconds of the camera's clock.
     fetched_s : float
-        `time.monotonic` when the producer handed it over.
+        ``SYSTEM_CLOCK.monotonic()`` when the producer handed it over.
     pixels : Pixels or None
         Gone when the next one is asked for.
     fault : Fault
@@ -259,7 +259,7 @@ class GenicamCamera:
             raise CameraGoneError(in_one_line(str(error))) from None
 
     def _taken(self, buffer: Any) -> FetchedFrame:
-        fetched_s = time.monotonic()
+        fetched_s = SYSTEM_CLOCK.monotonic()
         self._last_id = int(read_property(buffer, "frame_id", self._last_id + 1))
         when = taken_s(buffer, self._ticks_per_s)
         try:
@@ -275,7 +275,7 @@ class GenicamCamera:
         # Its own number went with the buffer; cameras count frames one by one.
         self._last_id += 1
         fault = Fault(Reason.INCOMPLETE, "incomplete frame: packets were lost")
-        return FetchedFrame(self._last_id, None, time.monotonic(), None, fault)
+        return FetchedFrame(self._last_id, None, SYSTEM_CLOCK.monotonic(), None, fault)
 
     def _give_back(self, buffer: Any) -> None:
         with suppress(*self._gone):  # takes nothing back: the next call says so

@@ -15,14 +15,13 @@ import math
 import queue
 import subprocess
 import threading
-import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.camera_frame import frame_from_camera
-from tokt.inference.clock import Clock
+from tokt.inference.clock import SYSTEM_CLOCK, Clock
 from tokt.inference.config import SourceConfig
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.sources.cameras.capture import CameraDriver, Capture, Deliver
@@ -183,7 +182,7 @@ class GenicamDriver:
     def _capture(self, message: Message) -> Capture:
         header = message.header
         # One clock for all processes of a machine.
-        age_s = max(0.0, time.monotonic() - header["fetched_s"])
+        age_s = max(0.0, SYSTEM_CLOCK.monotonic() - header["fetched_s"])
         arrived, t = self.clock.monotonic() - age_s, self.clock.time() - age_s
         taken_s = math.nan if header["taken_s"] is None else header["taken_s"]
         picture, fault = None, Fault(Reason(header["reason"]), header["words"])

@@ -13,10 +13,10 @@ import os
 import signal
 import sys
 import threading
-import time
 from typing import IO, Any
 
 from tokt.features.common.errors import ToktError
+from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
 
 from .camera import CameraGoneError, FetchedFrame, GenicamCamera, opened_camera
@@ -114,11 +114,11 @@ def _send_next(answers: IO[bytes], camera: GenicamCamera) -> None:
         if taken is None:
             return
         header = _header(taken)
-        started = time.monotonic()
+        started = SYSTEM_CLOCK.monotonic()
         pixels = taken.pixels
         write_message(answers, header, None if pixels is None else pixels.data.data)
     # The runtime did not read: what was filled meanwhile is older than it looks.
-    if time.monotonic() - started > _SLOW_S:
+    if SYSTEM_CLOCK.monotonic() - started > _SLOW_S:
         camera.forget_waiting()
 
 

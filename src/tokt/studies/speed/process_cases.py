@@ -136,7 +136,8 @@ class CameraPaced:
             if self.stopped:
                 return
             number = self.first + place
-            self.arrived[number] = arrived = time.monotonic()
+            self.arrived[number] = time.monotonic()
+            arrived = SYSTEM_CLOCK.monotonic()
             yield Frame(number, float(number), picture.frame, None, arrived=arrived)
 
     def stop(self) -> None:

@@ -388,7 +388,7 @@ class HandDriver:
 
     def give(self, frame_id: int, taken_s: float) -> None:
         picture = np.zeros((4, 4), np.uint8)
-        self._deliver(Capture(0, frame_id, taken_s, time.monotonic(), time.time(), picture))
+        self._deliver(Capture(0, frame_id, taken_s, SYSTEM_CLOCK.monotonic(), time.time(), picture))
 
     def stop(self) -> None: ...
 
@@ -466,6 +466,20 @@ def test_numbers_and_times_that_jump(by_hand):
     hold_row("a camera's numbers or times jump ahead by 10^12", said, "left out")
 
 
+def test_a_suspend_is_no_silence_of_a_camera(hand_clock):
+    driver = BrokenDriver()
+    source = CameraSource([driver], hand_clock, lambda event: None)
+    (keeper,) = source._keepers
+    for number in (1, 2, 3):
+        hand_clock.suspend(60 * (number > 1))
+        keeper._deliver(Capture(0, number, number / 10, hand_clock.now, 0.0, None))
+        hand_clock.now += 0.1
+    hand_clock.suspend(60)
+    assert keeper._trouble() == ""
+    hand_clock.now += live_source._MIN_SILENCE_S
+    assert "camera broken has sent nothing for 1.1 s" in keeper._trouble()
+
+
 class BrokenDriver:
     """Opens, and then turns out to have a mistake in it."""
 
@@ -473,7 +487,7 @@ class BrokenDriver:
     stopped = False
 
     def start(self, deliver: Deliver) -> None:
-        deliver(Capture(0, 1, 0.0, time.monotonic(), time.time(), None))
+        deliver(Capture(0, 1, 0.0, SYSTEM_CLOCK.monotonic(), time.time(), None))
 
     def stop(self) -> None:
         self.stopped = True
