@@ -266,11 +266,9 @@ def test_matches_without_one_geometry_are_none():
     """OpenCV ends in an assertion on these: eight of forty matches start at one place."""
     rng = np.random.default_rng(0)
     left = rng.uniform(0, 1000, (40, 2))
-    right = left + [20, 0]
+    right = np.add(left, (20, 0))
     left[:8], right[:8] = 3.0, rng.uniform(0, 1000, (8, 2))
-    with pytest.raises(cv2.error, match="model.empty"):
-        cv2.findFundamentalMat(left, right, cv2.USAC_MAGSAC, 3.0, 0.999, 5000)
-    assert not _one_geometry(left, right).any()
+    assert len(fit := _one_geometry(left, right)) == 40 and not fit.any()
 
 
 def test_a_track_that_returns_to_a_frame_falls_apart(dive):
