@@ -97,7 +97,7 @@ def gray_view(mission: Mission, frame: int, camera: str) -> tuple[F32, tuple[int
     image = gray_frame(mission, frame, camera)
     height, width = image.shape
     scale = view_scale(width)
-    size = (round(width * scale), round(height * scale))
+    size = (round(width * scale), max(1, round(height * scale)))
     view = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     return np.asarray(view, np.float32), (width, height)
 
