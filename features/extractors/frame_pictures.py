@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.arrays import U8
-from tokt.features.frames.grid import Grid
+from tokt.features.frames.grid import MAX_PICTURE, Grid
 from tokt.features.kernels.checks import check_frame
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.features.kernels.quantization import STEPS_PER_LEVEL, Quantization
@@ -14,7 +14,8 @@ from tokt.features.kernels.quantization import STEPS_PER_LEVEL, Quantization
 
 def _picture_size(frame: U8, grid: Grid) -> tuple[int, int]:
     height, width = grid.resized(*frame.shape[:2])
-    grid.patch_size(height, width)
+    if not 1 <= height * width <= MAX_PICTURE:
+        raise ValueError(f"a frame of {frame.shape} becomes {width}x{height} pixels in grid {grid}")
     return height, width
 
 

@@ -14,7 +14,7 @@ from tokt.features.common.errors import ToktError
 
 _TEXT = re.compile(r"(\d{1,9})x(\d{1,9})(?:@(\d{1,9}|native))?")
 _WIDEST = 10_000  # pixels; no camera here gives more, and a resize to more only fills memory
-_MAX_PICTURE = 100_000_000  # pixels; a thinner strip than any camera's would become more
+MAX_PICTURE = 100_000_000  # pixels; a thinner strip than any camera's would become more
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class Grid:
         ToktError
             If a patch would be smaller than 3x3 pixels, or the frame larger than any camera's.
         """
-        if height * width > _MAX_PICTURE:
+        if height * width > MAX_PICTURE:
             raise ToktError(f"a frame becomes {width}x{height} pixels in grid {self}: too many")
         size = height // self.rows, width // self.cols
         if min(size) < 3:

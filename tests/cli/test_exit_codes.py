@@ -1,13 +1,29 @@
 """How a command ends when something is wrong that is no mistake of the user's."""
 
 import os
+import sys
 import tempfile
 
 import pytest
 import typer
 
 from tests.calls import call_tokt
+from tests.inference.test_faults import hold_row
 from tokt.cli.app import run_app
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.monitoring.watchdog import Notifier, Watchdog
+
+DIES_ONCE = """
+import pathlib, sys
+from tokt.cli.app import run_app
+
+def run(standalone_mode):
+    if not pathlib.Path("been").exists():
+        pathlib.Path("been").touch()
+        raise RuntimeError("nobody thought of it")
+
+run_app(run)
+"""
 
 
 def ends_with(error):
@@ -56,6 +72,8 @@ def test_without_room_for_the_file_it_is_still_one_line(temporary):
     assert ran.err.endswith(
         "KeyError: 'x'; the traceback cannot be written: No such file or directory\n"
     )
+    ends = "one line and exit code 70, without the traceback; back with the same model"
+    hold_row("an error nobody thought of, and no room for its traceback", ends, "restarts +1")
 
 
 def test_what_dies_again_and_again_does_not_fill_the_disk(temporary):
@@ -75,3 +93,18 @@ def test_what_dies_again_and_again_does_not_fill_the_disk(temporary):
 def test_other_ends_leave_no_file(error, code, temporary):
     ran = ends_with(error)
     assert (ran.code, ran.err, [*temporary.iterdir()]) == (code, "", [])
+
+
+@pytest.mark.process
+def test_the_watchdog_starts_it_again(temporary, monkeypatch, capfd):
+    monkeypatch.chdir(temporary)
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    said = []
+    command = [sys.executable, "-c", DIES_ONCE]
+    dog = Watchdog(command, said.append, Notifier(SYSTEM_CLOCK, {}))
+    assert (dog.run(), dog.restarts) == (0, 1)
+    assert said == ["the runtime ended with exit code 70; started again (1)"]
+    (file,) = temporary.glob("tokt-traceback-*")
+    assert "nobody thought of it" in file.read_text() and file.name in capfd.readouterr().err
+    ends = "one line and exit code 70, the traceback in a file; back with the same model"
+    hold_row("an error nobody thought of ends the runtime", ends, "restarts +1")
