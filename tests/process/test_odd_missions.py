@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from threading import Event, Thread
 from urllib.error import HTTPError
 from urllib.request import urlopen
@@ -19,6 +20,7 @@ from tests.calls import call_tokt, free_port
 from tests.conftest import write_labels
 from tests.inference.stereo.plain_rig import store_parts
 from tests.waiting import MAX_S
+from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 
 FRAMES = 6
 SIDES = ("Left", "Right")
@@ -140,7 +142,7 @@ COMMANDS = (
     "rollback store",
     "store store",
     *(f"evaluate sound.tokt --mission MISSION --labels {name}.csv" for name in LABELS),
-    "compare sound.tokt odd --mission MISSION --labels labels.csv -o compared.html",
+    "compare sound.tokt other.tokt --mission MISSION --labels labels.csv -o compared.html",
     f"{RUN} texture --bundle sound.tokt --log t.jsonl --log-values --record clips --json",
     f"{RUN} either --bundle sound.tokt --calibration rig.yml --log e.jsonl "
     "--shadow sound.tokt --shadow-log s.jsonl",
@@ -231,6 +233,8 @@ def test_every_command_ends_with_an_answer_or_one_line(name, tmp_path, tiny_bund
     MISSIONS[name](mission)
     write_files(tmp_path, sorted(mission.glob("*/m_L_*")), mission)
     shutil.copy(tiny_bundle, tmp_path / "sound.tokt")
+    other = bundle_bytes(replace(read_bundle(tiny_bundle).content, version="8"))
+    (tmp_path / "other.tokt").write_bytes(other)
     port, faults = free_port(), []
     for command in (*COMMANDS, *(SLOW if name in HOLDS_NOTHING else ())):
         if name == "4000x3000 pixels" and ("--board" in command or "sgbm" in command):
