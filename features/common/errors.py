@@ -14,7 +14,7 @@ class ToktError(Exception):
     """Something the user gave cannot be used; the message is one line, in the user's words.
 
     The command line prints it as ``tokt: error: MESSAGE`` and exits with code 2. Programming
-    mistakes raise the usual built-in exceptions instead, and do show a traceback.
+    mistakes raise the usual built-in exceptions instead: exit code 70, and the traceback in a file.
 
     Parameters
     ----------

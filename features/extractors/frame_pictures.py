@@ -6,17 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.arrays import U8
-from tokt.features.frames.grid import Grid
+from tokt.features.frames.grid import MAX_PICTURE, Grid
 from tokt.features.kernels.checks import check_frame
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.features.kernels.quantization import STEPS_PER_LEVEL, Quantization
 
-_MAX_PICTURE = 100_000_000  # pixels; a thinner strip than any camera's would become more
-
 
 def _picture_size(frame: U8, grid: Grid) -> tuple[int, int]:
     height, width = grid.resized(*frame.shape[:2])
-    if not 1 <= height * width <= _MAX_PICTURE:
+    if not 1 <= height * width <= MAX_PICTURE:
         raise ValueError(f"a frame of {frame.shape} becomes {width}x{height} pixels in grid {grid}")
     return height, width
 

@@ -14,6 +14,7 @@ from tokt.features.common.errors import ToktError
 
 _TEXT = re.compile(r"(\d{1,9})x(\d{1,9})(?:@(\d{1,9}|native))?")
 _WIDEST = 10_000  # pixels; no camera here gives more, and a resize to more only fills memory
+MAX_PICTURE = 100_000_000  # pixels; a thinner strip than any camera's would become more
 
 
 @dataclass(frozen=True)
@@ -96,8 +97,10 @@ class Grid:
         Raises
         ------
         ToktError
-            If a patch would be smaller than 3x3 pixels.
+            If a patch would be smaller than 3x3 pixels, or the frame larger than any camera's.
         """
+        if height * width > MAX_PICTURE:
+            raise ToktError(f"a frame becomes {width}x{height} pixels in grid {self}: too many")
         size = height // self.rows, width // self.cols
         if min(size) < 3:
             raise ToktError(

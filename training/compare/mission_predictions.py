@@ -18,7 +18,11 @@ from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.bundle.bundle import Bundle, frame_id
 from tokt.models.operating_point import frame_step
 from tokt.training.datasets.splits import BLOCK_FRAMES, block_of
-from tokt.training.evaluation.evaluate import classes_and_targets, mission_in_training
+from tokt.training.evaluation.evaluate import (
+    classes_and_targets,
+    mission_in_training,
+    unjudged_values,
+)
 from tokt.training.evaluation.frame_scores import KEYS
 
 from .frames import FrameSeries, kind_of_frame
@@ -65,7 +69,7 @@ def check_unseen(
 
 
 def _score(
-    bundles: Sequence[Bundle], images: Iterable[U8]
+    bundles: Sequence[Bundle], images: Iterable[tuple[int, U8]]
 ) -> tuple[list[list[F64]], list[list[bool]], int]:
     """Each model's decision values of whole frames, and whether the runtime would judge these.
 
@@ -73,11 +77,11 @@ def _score(
     """
     values: list[list[F64]] = [[] for _ in bundles]
     judged: list[list[bool]] = [[] for _ in bundles]
-    for image in images:
+    for number, image in images:
         for bundle, its_values, its_judged in zip(bundles, values, judged, strict=True):
             found = judge_image(bundle, image).decision_values
             its_judged.append(found is not None)
-            its_values.append(bundle.decision_values(image) if found is None else found)
+            its_values.append(unjudged_values(bundle, image, number) if found is None else found)
     grid = bundles[0].grid
     return values, judged, min_mask_patches(grid, *grid.resized(*image.shape[:2]))
 
@@ -171,7 +175,7 @@ def predict_mission(
     truth = np.array([taxonomy.is_obstacle(label) for label in patches.label], bool)
     name = sure[0].mission
     table = _frames(name, numbers, merged, taxonomy, bundles[0].grid.n_patches)
-    images = (mission.read(n, LEFT) for n in progress(numbers, len(numbers), "scoring"))
+    images = ((n, mission.read(n, LEFT)) for n in progress(numbers, len(numbers), "scoring"))
     values, judged, white = _score(bundles, images)
     places = np.searchsorted(numbers, patches.frame.to_numpy())
     return ComparedModels(

@@ -85,18 +85,24 @@ def score_mission(
         image = mission.read(number, LEFT)
         judgement = policy.judge(Frame(number, 0.0, image, None, missed=missed[index]))
         decided = judgement.decision_values
-        values.append(_unjudged_values(bundle, image, number) if decided is None else decided)
+        values.append(unjudged_values(bundle, image, number) if decided is None else decided)
         verdicts.append(judgement.verdict)
         if int(frame_id(pixel_sha256(image))) in known:
             seen.append(number)
     return ScoredMission(numbers, missed, np.stack(values), verdicts, seen)
 
 
-def _unjudged_values(bundle: Bundle, image: U8, number: int) -> F64:
-    """What the model says of the patches of a frame that the runtime calls unknown."""
+def unjudged_values(bundle: Bundle, image: U8, number: int) -> F64:
+    """What the model says of the patches of a frame that the runtime calls unknown.
+
+    Raises
+    ------
+    ToktError
+        If they cannot be described.
+    """
     try:
         return bundle.decision_values(image)
-    except ValueError as error:
+    except (ToktError, ValueError) as error:
         raise ToktError(
             f"frame {number} cannot be scored: {error} (--frames leaves it out)"
         ) from None

@@ -1,16 +1,23 @@
 """The `tokt` program: its commands, and how it ends when something is wrong."""
 
+import os
 import sys
+import tempfile
+import time
+import traceback
+from pathlib import Path
 from typing import Annotated
 
 import typer
 from typer import Option
 
-from tokt.features.common.errors import ToktError, printable
+from tokt.features.common.errors import ToktError, os_words
 
 from . import compare, dataset, doctor, labels, models, replay, rig, run, studies, train
-from .output import live_without_terminal, open_standard_files
+from .output import live_without_terminal, open_standard_files, say
 
+_TRACEBACKS = 20
+"""Files with tracebacks that are kept."""
 _EXTRAS = {
     "scipy": "train",
     **dict.fromkeys(("mlflow", "sklearn", "skops", "pandas", "pyarrow", "joblib"), "train"),
@@ -28,6 +35,8 @@ def _new_app() -> typer.Typer:
         name="tokt",
         help="Label, train, compare and deploy small texture models that keep an ROV off "
         "obstacles.",
+        epilog="Exit codes: 0 done, 1 the answer is no (a check failed), 2 a user's mistake, 70 an "
+        "error in tokt (its traceback is in a file), 130 Ctrl-C.",
         add_completion=False,
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
@@ -101,28 +110,49 @@ def main() -> None:
 
 
 def run_app(commands: typer.Typer) -> None:
-    """Run commands; a user's mistake is one line on stderr and exit code 2."""
+    """Run commands; an error is one line on stderr: exit code 2 for a user's mistake, else 70."""
     try:
         code = commands(standalone_mode=False)
-    except ToktError as error:
-        _fail(str(error))
-    except typer.TyperException as error:
-        _fail(error.format_message())
-    except ModuleNotFoundError as error:
-        extra = _EXTRAS.get((error.name or "").partition(".")[0])
-        if extra is None:
-            raise
-        _fail(f"this command needs {error.name}: install tokt[{extra}]")
-    except OSError as error:
-        if error.strerror is None:
-            raise
-        _fail(f"{error.filename}: {error.strerror}" if error.filename else error.strerror)
     except typer.Abort:
         sys.exit(130)
+    except Exception as error:  # noqa: BLE001 - nobody is left to catch it
+        message, code = _mistake(error), 2
+        if message is None:
+            message, code = _unexpected(error), 70
+        say(f"tokt: error: {' '.join(message.split())}")
+        sys.exit(code)
     else:
         sys.exit(code if isinstance(code, int) else 0)
 
 
-def _fail(message: str) -> None:
-    print(f"tokt: error: {printable(' '.join(message.split()))}", file=sys.stderr)
-    sys.exit(2)
+def _mistake(error: Exception) -> str | None:
+    """What a user can mend, or None."""
+    if isinstance(error, ToktError):
+        return str(error)
+    if isinstance(error, typer.TyperException):
+        return error.format_message()
+    if isinstance(error, ModuleNotFoundError):
+        extra = _EXTRAS.get((error.name or "").partition(".")[0])
+        return extra and f"this command needs {error.name}: install tokt[{extra}]"
+    if isinstance(error, OSError) and error.strerror is not None:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return None
+
+
+def _unexpected(error: Exception) -> str:
+    """Put an error's traceback into a file; what it is and where.
+
+    The newest files only are kept: what is started again may die of the same error each time.
+    """
+    name = "tokt-traceback-"
+    prefix = f"{name}{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}-"
+    try:
+        with tempfile.NamedTemporaryFile(suffix=".txt", prefix=prefix, delete=False) as file:
+            file.write("".join(traceback.format_exception(error)).encode(errors="replace"))
+        where = f"the traceback is in {file.name}"
+        for old in sorted(Path(file.name).parent.glob(f"{name}*.txt"))[:-_TRACEBACKS]:
+            old.unlink()
+    except OSError as failure:
+        where = f"the traceback cannot be written: {os_words(failure)}"
+    what = ToktError(f"{type(error).__name__}: {error}")  # printable, and not too long
+    return f"a fault in tokt, please report it: {what}; {where}"

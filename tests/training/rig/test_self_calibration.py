@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 
 from tests.calls import refuses
 from tokt.training.rig.calibrate.adjustment import LOSS_PX, Path, Problem
-from tokt.training.rig.calibrate.matching import FrameMatches, Tracks, build_tracks
+from tokt.training.rig.calibrate.matching import FrameMatches, Tracks, _one_geometry, build_tracks
 from tokt.training.rig.calibrate.parameter_uncertainty import (
     FIXED,
     NOT_FIXED,
@@ -260,6 +260,15 @@ def test_points_that_cannot_be_followed_are_one_line(dive):
         left, right = rng.random((2, *one.left_look.shape), np.float32)
         strangers.append(replace(one, left_look=left, right_look=right))
     refuses("can be followed over", fit_rig, strangers, dive.plain)
+
+
+def test_matches_without_one_geometry_are_none():
+    """OpenCV ends in an assertion on these: eight of forty matches start at one place."""
+    rng = np.random.default_rng(0)
+    left = rng.uniform(0, 1000, (40, 2))
+    right = np.add(left, (20, 0))
+    left[:8], right[:8] = 3.0, rng.uniform(0, 1000, (8, 2))
+    assert len(fit := _one_geometry(left, right)) == 40 and not fit.any()
 
 
 def test_a_track_that_returns_to_a_frame_falls_apart(dive):

@@ -14,7 +14,7 @@ from .matching import FrameMatches, gray_frame, match_frame
 T = TypeVar("T")
 Progress = Callable[[Iterable[int], int, str], Iterable[int]]
 
-_WIDTH = 340
+_WIDTH, _HIGHEST = 340, 10_000
 _LOCAL_PX = 6.0
 _CONTRAST_LEVELS = 2.0
 _MIN_SHARE = 0.004
@@ -106,7 +106,7 @@ def texture(mission: Mission, frame: int) -> float:
         image = gray_frame(mission, frame, LEFT)
     except FrameError:
         return 0.0
-    size = (_WIDTH, max(1, round(image.shape[0] * _WIDTH / image.shape[1])))
+    size = (_WIDTH, min(max(1, round(image.shape[0] * _WIDTH / image.shape[1])), _HIGHEST))
     view = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     detail = view - cv2.GaussianBlur(view, (0, 0), _LOCAL_PX)
     contrast = cv2.GaussianBlur(detail * detail, (0, 0), _LOCAL_PX)

@@ -97,7 +97,7 @@ def gray_view(mission: Mission, frame: int, camera: str) -> tuple[F32, tuple[int
     image = gray_frame(mission, frame, camera)
     height, width = image.shape
     scale = view_scale(width)
-    size = (round(width * scale), round(height * scale))
+    size = (round(width * scale), max(1, round(height * scale)))
     view = cv2.resize(image.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     return np.asarray(view, np.float32), (width, height)
 
@@ -198,9 +198,11 @@ def mutual_matches(a: F32, b: F32, ratio: float) -> I64:
 
 
 def _one_geometry(left: F64, right: F64) -> Bools:
-    """Which matches fit one epipolar geometry."""
-    found: Any = cv2.findFundamentalMat(left, right, cv2.USAC_MAGSAC, _EPIPOLAR_PX, 0.999, 5000)
-    mask = found[1]
+    """Which matches fit one epipolar geometry; none where there is none to be found."""
+    try:
+        mask = cv2.findFundamentalMat(left, right, cv2.USAC_MAGSAC, _EPIPOLAR_PX, 0.999, 5000)[1]
+    except cv2.error:  # matches that hold no model: a plane, many of one point
+        mask = None
     if mask is None:
         return np.zeros(len(left), bool)
     return np.asarray(mask.ravel() > 0)

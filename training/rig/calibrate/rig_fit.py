@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -129,13 +130,15 @@ def _pose(points_m: F64, rays: F64, focal_px: float) -> tuple[F64, F64] | None:
     """Rotation vector and shift of a camera that sees world points along rays; None if unclear."""
     if len(points_m) < _MIN_SHARED:
         return None
-    good, turn, shift, inliers = cv2.solvePnPRansac(
-        points_m, rays, np.eye(3), None, iterationsCount=300, reprojectionError=_PNP_PX / focal_px
-    )
-    if not good or inliers is None or len(inliers) < _MIN_SHARED:
+    how: Any = {"iterationsCount": 300, "reprojectionError": _PNP_PX / focal_px}
+    try:
+        good, turn, shift, inliers = cv2.solvePnPRansac(points_m, rays, np.eye(3), None, **how)
+        if not good or inliers is None or len(inliers) < _MIN_SHARED:
+            return None
+        some = inliers.ravel()
+        turn, shift = cv2.solvePnPRefineLM(points_m[some], rays[some], np.eye(3), None, turn, shift)
+    except cv2.error:  # points that hold no pose
         return None
-    some = inliers.ravel()
-    turn, shift = cv2.solvePnPRefineLM(points_m[some], rays[some], np.eye(3), None, turn, shift)
     return np.asarray(turn, np.float64).ravel(), np.asarray(shift, np.float64).ravel()
 
 
