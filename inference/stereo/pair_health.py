@@ -22,6 +22,7 @@ What cannot be found:
 - What is textured in less than `TEXTURED_FRACTION` of the view, with a wrong right frame.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -84,6 +85,20 @@ MAX_DEVIATION_PX = 1.2
 MAX_VARIATION_PX = 1.0
 """Median deviation of the remembered pairs' row offsets. True pairs: at most 0.17 / 0.15."""
 
+LEVELNESS = 0.1
+"""What is left of a view's contrast: the standard deviation of the mean grey levels of its 10x10
+parts over their mean, without an even rise or fall. A lamp's light falls off from the middle, and
+open water shows that; under haze, glow or a raised black level, inverted or enlarged it does not.
+Frames without a near thing (1 to 146, 210 to 246): 0.175 / 0.174 and more; halved and raised by 50
+at most 0.050 / 0.050, raised by 60 0.071 / 0.071, lit from below 0.047 / 0.047, enlarged twice
+0.057 / 0.066."""
+LEAST_ALIKE = 0.85
+"""Least correlation of the light of two views (the logarithms of those means). The same frames:
+0.941 / 0.933 and more; cameras swapped at most 0.762 / 0.794. One view turned or mirrored is more
+like the other when turned back, by 0.148 / 0.175 and more; a true one at least 0.116 / 0.106 less."""
+_PARTS = 10
+_BLACK_GREY = 3.0
+
 MISFIT = "the left and right frames do not match: another moment, or something too near"
 NEARER = "much of the left view matches nowhere: something may be nearer than the distance"
 OUT_OF_STEP = "the rows of the two views do not agree: another moment, or a camera has moved"
@@ -138,6 +153,54 @@ def pair_fault(
     dark = _darkness_fault(left_view, right_view, matches)
     # Darkness explains a misfit.
     return misfit if dark is None else replace(dark, matches_stand=misfit is None)
+
+
+def open_water_fault(left_view: F32, right_view: F32) -> PairFault | None:
+    """Why two views in which nothing was found are not to be taken for open water, or None.
+
+    Open water gives no match, so that the light alone tells whether both views are what they
+    should be.
+
+    Parameters
+    ----------
+    left_view, right_view : array of float32, shape (height, width)
+        Rectified views in grey levels.
+    """
+    left, right = (_light(view) for view in (left_view, right_view))
+    for side, light in (("left", left), ("right", right)):
+        if _levelness(light) < LEVELNESS:
+            level = f"the {side} view has lost its contrast: haze, glow or no true picture"
+            return PairFault(level, vetoes_clear=True)
+    alike = _alike(left, right)
+    turned = max(_alike(left, np.rot90(one, by)) for one in (right, right.T) for by in range(4))
+    if alike < max(LEAST_ALIKE, turned):
+        words = "the light of the two views is not alike: swapped, turned, mirrored or covered"
+        return PairFault(words, vetoes_clear=True)
+    return None
+
+
+def _light(view: F32) -> F64:
+    """Mean grey levels of a view's parts, shape (`_PARTS`, `_PARTS`)."""
+    some = np.ascontiguousarray(view[::_COLUMN_STEP, ::_COLUMN_STEP], np.float64)
+    parts = cv2.resize(some, (_PARTS, _PARTS), interpolation=cv2.INTER_AREA)
+    return np.asarray(parts, np.float64)
+
+
+def _levelness(light: F64) -> float:
+    """See `LEVELNESS`."""
+    across = np.arange(_PARTS) - (_PARTS - 1) / 2
+    rest = light - light.mean()
+    for axis in (0, 1):
+        slope = rest.mean(axis=axis) @ across / (across @ across)
+        rest -= slope * (across if axis == 0 else across[:, None])
+    return float(rest.std() / max(light.mean(), 1.0))
+
+
+def _alike(one: F64, other: F64) -> float:
+    """Correlation of the light of two views."""
+    logs = [np.log(light + _BLACK_GREY) for light in (one, other)]
+    one, other = (values - values.mean() for values in logs)
+    return float((one * other).sum() / max(math.sqrt((one**2).sum() * (other**2).sum()), 1e-9))
 
 
 def _darkness_fault(left_view: F32, right_view: F32, matches: Matches) -> PairFault | None:
