@@ -24,19 +24,13 @@ from tokt.inference.config import BM, DEFAULT_SCALE
 from tokt.inference.frame import Frame
 from tokt.inference.frame_checks import PATCH_GRID, frame_fault, pair_shape_fault
 from tokt.inference.reason import NO_FAULT, Fault, Reason
-from tokt.inference.verdict import (
-    DISPARITY,
-    OBSTACLE,
-    STATUS_MEAN_THRESHOLD,
-    UNKNOWN,
-    Detection,
-)
+from tokt.inference.verdict import DISPARITY, OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN, Detection
 
 from .calibration import StereoCalibration
 from .epipolar_drift import EpipolarDriftCorrection
-from .faint_matches import HITS, WINDOW, Faint, FaintMatches
+from .faint_matches import MATCHED_HITS, MATCHED_WINDOW, Faint, FaintMatches
 from .matching import STEP_PX, DenseMatcher, Matches
-from .pair_health import MISFIT, PairFault, PairHealth, open_water_fault
+from .pair_health import MISFIT, PairFault, PairHealth, one_picture_fault, open_water_fault
 from .rectify import Rectifier
 
 NEAR_PERCENTILE = 20.0
@@ -120,7 +114,7 @@ class DisparityDetector:
             self._faint.skip(1)
             return Observation(Detection(None, DISPARITY, fault=fault), None)
         scaled = [self.rectifier.scaled(picture) for picture in (frame.left, frame.right)]
-        unfit = _unfit(frame.left, frame.right, scaled)
+        unfit = _unfit(frame.left, frame.right, scaled) or one_picture_fault(frame)
         views = (
             self.rectifier.left_of(scaled[0]),
             self.rectifier.right_of(scaled[1], self.row_shift_px),
@@ -150,7 +144,9 @@ class DisparityDetector:
         self, views: tuple[F32, F32], found: Matches, unfit: Fault, doubt: PairFault | None
     ) -> Detection:
         """What matches come to: `unfit` says why a picture is, `doubt` why the two do not fit."""
-        mask = self.rectifier.to_left(found.valid.astype(np.uint8) * 255, *self._mask_size)
+        mask = np.zeros(self._mask_size, np.uint8)
+        if found.valid.any():
+            mask = self.rectifier.to_left(found.valid.astype(np.uint8) * 255, *self._mask_size)
         obstacle = cv2.mean(mask)[0] > STATUS_MEAN_THRESHOLD
         if doubt is not None and not (doubt.matches_stand and obstacle):
             self._faint.skip(1)
@@ -177,7 +173,7 @@ class DisparityDetector:
             mask = np.asarray(cv2.resize(patches, size, interpolation=cv2.INTER_NEAREST), np.uint8)
             if distance_m is None and faint.disparity_px is not None:
                 distance_m = self._faint.rectifier.focal_baseline_px_m / faint.disparity_px
-            note = f"faint: few matches, in {HITS} of the last {WINDOW} frames"
+            note = f"faint: few matches, in {MATCHED_HITS} of the last {MATCHED_WINDOW} frames"
             return Detection(mask, DISPARITY, distance_m=distance_m, note=note)
         fault = NO_FAULT
         water = open_water_fault(*views)

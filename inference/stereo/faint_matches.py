@@ -9,7 +9,7 @@ r"""Faint matches: what is too small or too faint for one pair to prove, and sta
 
 The views are halved again, which takes noise away, and matched where they have a third of the
 contrast that one pair's proof needs. A patch with texture of which hardly any is matched counts
-likewise: where that stays, something is in view and the views do not fit together, or it is too
+likewise, in 4 of 5: where that stays, something is in view and the views do not fit together, or it is too
 near; then the frame is unknown.
 """
 
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, F64, Bools
 from tokt.features.kernels.dispatch import Kernels
-from tokt.models.operating_point import MofNRule, MofNState
+from tokt.models.operating_point import OBSTACLE, MofNRule, MofNState
 
 from .calibration import StereoCalibration
 from .matching import Contrast, DenseMatcher
@@ -36,12 +36,15 @@ FAINT = Contrast(local_sigma=0.7, least_sigma=0.5, blob_px=100)
 """Frames 1 to 131: 1 to 4 % of the view is textured so, and some 40 pixels of it match by chance."""
 PATCHES = 10
 """Rows and columns of patches that are followed."""
-MATCHED_SHARE = 0.05
-"""Of a patch, matched in one frame."""
+MATCHED_SHARE = 0.055
+"""Of a patch, matched in one frame. With 0.03 to 0.06 no patch of frames 1 to 131 reaches
+`MATCHED_HITS`, and every frame from 140 to 246 has one; at half the frames, odd or even, the first
+at 142 or 143."""
 TEXTURED_SHARE = 0.3
 """Of a patch, textured in one frame while less than `MATCHED_OF_TEXTURED` of that is matched."""
 MATCHED_OF_TEXTURED = 0.25
-HITS, WINDOW = 4, 6
+MATCHED_HITS, MATCHED_WINDOW = 4, 6
+ALONE_HITS, ALONE_WINDOW = 4, 5
 """A patch counts with so many of the last frames."""
 _SAMPLES = 20
 """Rows and columns of points of a patch that are looked at."""
@@ -87,8 +90,8 @@ class FaintMatches:
         smaller = min(VIEW_WIDTH / calibration.frame_size[0], scale)
         self.rectifier = Rectifier(calibration, smaller)
         self._matcher = DenseMatcher(self.rectifier, kernels=kernels, step=1, contrast=FAINT)
-        self._matched = MofNState(MofNRule(MATCHED_SHARE, m=HITS, n=WINDOW))
-        self._alone = MofNState(MofNRule(TEXTURED_SHARE, m=HITS, n=WINDOW))
+        self._matched = MofNState(MofNRule(MATCHED_SHARE, m=MATCHED_HITS, n=MATCHED_WINDOW))
+        self._alone = MofNState(MofNRule(TEXTURED_SHARE, m=ALONE_HITS, n=ALONE_WINDOW))
 
     def skip(self, frames: int) -> None:
         """Leave out frames that are missing or could not be judged."""
@@ -110,7 +113,10 @@ class FaintMatches:
         alone = np.where(shares < MATCHED_OF_TEXTURED * textured, textured, 0.0)
         statuses = self._matched.add(shares.ravel()), self._alone.add(alone.ravel())
         patches = self._matched.confirmed.reshape(shares.shape)
-        return Faint(*statuses, patches, self._nearest(found.disparity_px, found.valid, patches))
+        nearest = None
+        if statuses[0] == OBSTACLE:
+            nearest = self._nearest(found.disparity_px, found.valid, patches)
+        return Faint(*statuses, patches, nearest)
 
     def _nearest(self, disparity: F32, valid: Bools, patches: Bools) -> float | None:
         """See `Faint.disparity_px`."""

@@ -22,7 +22,6 @@ What cannot be found:
 - What is textured in less than `TEXTURED_FRACTION` of the view, with a wrong right frame.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -31,7 +30,8 @@ import numpy as np
 
 from tokt.features.common.arrays import F32, F64, U8
 from tokt.inference.config import Limits
-from tokt.inference.reason import Fault, Reason
+from tokt.inference.frame import Frame
+from tokt.inference.reason import NO_FAULT, Fault, Reason
 
 from .epipolar_drift import EpipolarDriftCorrection, EpipolarOffset
 from .matching import LOCAL_SIGMA_GREY, Matches, local_mean_and_sigma
@@ -98,6 +98,7 @@ LEAST_ALIKE = 0.85
 like the other when turned back, by 0.148 / 0.175 and more; a true one at least 0.116 / 0.106 less."""
 _PARTS = 10
 _BLACK_GREY = 3.0
+"""Grey levels that are added before the logarithm: differences below are noise."""
 
 MISFIT = "the left and right frames do not match: another moment, or something too near"
 NEARER = "much of the left view matches nowhere: something may be nearer than the distance"
@@ -155,6 +156,14 @@ def pair_fault(
     return misfit if dark is None else replace(dark, matches_stand=misfit is None)
 
 
+def one_picture_fault(frame: Frame) -> Fault:
+    """Whether both cameras give one and the same picture, or an empty string."""
+    left, right = frame.left, frame.right
+    if left is None or right is None or not np.array_equal(left[::_ROW_STEP], right[::_ROW_STEP]):
+        return NO_FAULT
+    return Fault(Reason.STEREO, "the left and right frames are one and the same picture")
+
+
 def open_water_fault(left_view: F32, right_view: F32) -> PairFault | None:
     """Why two views in which nothing was found are not to be taken for open water, or None.
 
@@ -171,8 +180,11 @@ def open_water_fault(left_view: F32, right_view: F32) -> PairFault | None:
         if _levelness(light) < LEVELNESS:
             level = f"the {side} view has lost its contrast: haze, glow or no true picture"
             return PairFault(level, vetoes_clear=True)
-    alike = _alike(left, right)
-    turned = max(_alike(left, np.rot90(one, by)) for one in (right, right.T) for by in range(4))
+    one, other = _fall(left), _fall(right)
+    alike = float(np.vdot(one, other))
+    turned = max(
+        float(np.vdot(one, np.rot90(way, by))) for way in (other, other.T) for by in range(4)
+    )
     if alike < max(LEAST_ALIKE, turned):
         words = "the light of the two views is not alike: swapped, turned, mirrored or covered"
         return PairFault(words, vetoes_clear=True)
@@ -196,11 +208,11 @@ def _levelness(light: F64) -> float:
     return float(rest.std() / max(light.mean(), 1.0))
 
 
-def _alike(one: F64, other: F64) -> float:
-    """Correlation of the light of two views."""
-    logs = [np.log(light + _BLACK_GREY) for light in (one, other)]
-    one, other = (values - values.mean() for values in logs)
-    return float((one * other).sum() / max(math.sqrt((one**2).sum() * (other**2).sum()), 1e-9))
+def _fall(light: F64) -> F64:
+    """How the light falls off over a view, whatever its level: of mean 0 and length 1."""
+    logs = np.log(light + _BLACK_GREY)
+    logs -= logs.mean()
+    return np.asarray(logs / max(float(np.linalg.norm(logs)), 1e-9), np.float64)
 
 
 def _darkness_fault(left_view: F32, right_view: F32, matches: Matches) -> PairFault | None:
