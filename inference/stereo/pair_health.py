@@ -3,12 +3,13 @@
 What is found, each with its reason in words: a covered or dark camera, a frozen one, views of
 which hardly any texture matches (swapped cameras, one mounted upside down, a wrong calibration,
 another moment), texture that the right view alone shows, and rows that do not agree (out of step,
-a camera that has turned).
+a camera that has turned). Where nothing is found, the light of both views has to be open water's
+(`open_water_fault`): not level, and alike in both.
 
 What cannot be found:
 
-- Open water looks the same in every order: without texture nothing but darkness and frozen
-  pictures is seen, and a swapped pair of it is clear.
+- Open water of another moment looks the same.
+- Both pictures turned by 180 degrees in open water, whose light is alike then, too.
 - A camera out of step while the scene hardly moves, or before `SETTLED_PAIRS` pairs with something
   to match. With the right frames one late (one early), 62 (64) of 66 (69) pairs with something to
   match have a fault; the others are the first, and give distances within 2 % of the true ones. Two
@@ -94,8 +95,9 @@ at most 0.050 / 0.050, raised by 60 0.071 / 0.071, lit from below 0.047 / 0.047,
 0.057 / 0.066."""
 LEAST_ALIKE = 0.85
 """Least correlation of the light of two views (the logarithms of those means). The same frames:
-0.941 / 0.933 and more; cameras swapped at most 0.762 / 0.794. One view turned or mirrored is more
-like the other when turned back, by 0.148 / 0.175 and more; a true one at least 0.116 / 0.106 less."""
+0.941 / 0.933 and more; cameras swapped at most 0.762 / 0.794. A view turned or mirrored is more
+like the other when turned back, by 0.148 / 0.175 and more; a true one at least 0.116 / 0.106
+less."""
 _PARTS = 10
 _BLACK_GREY = 3.0
 """Grey levels that are added before the logarithm: differences below are noise."""

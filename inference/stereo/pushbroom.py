@@ -15,7 +15,8 @@ sees less:
       x, B, D and whatever is nearer than 2 m: not seen in this pair. On the way towards B the
       6 m line met it, and it is remembered; x, when it has just swum in, was never met.
 
-Clear means: nothing at these distances, nothing remembered, and hardly anything with texture.
+Clear means: nothing at these distances, nothing remembered, hardly anything with texture, and
+light as open water's (`open_water_fault`).
 With texture in view of which nothing is at these distances, the frame is unknown; so it is where
 `pair_health` finds a camera frozen or covered. Whether two textured views belong together cannot
 be told by a detector that looks at so few disparities, except by the former: a wrong pair has
