@@ -31,9 +31,9 @@ VIEW_WIDTH = 340
 """Pixels: a quarter of the mission cameras' resolution."""
 
 # Chosen on the sea trial's odd frames taken for a run of their own, which moves twice as far from
-# frame to frame, and held on the even ones taken so: no patch in open water either way. Over all 246
-# frames in their order, which were looked at as well, a rule of 3 hits would have one, a drifting
-# speck 5 m away in frames 17 to 21; hence 4.
+# frame to frame, and held on the even ones taken so: no patch in open water either way. Over all
+# 246 frames in their order, which were looked at as well, a rule of 3 hits would have one, a
+# drifting speck 5 m away in frames 17 to 21; hence 4.
 FAINT = Contrast(local_sigma=0.7, least_sigma=0.5, blob_px=100)
 """Frames 1 to 131: at most 4 % of the view is textured so, and at times 40 pixels of it match."""
 PATCHES = 10
