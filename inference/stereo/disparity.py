@@ -151,7 +151,7 @@ class DisparityDetector:
         if doubt is not None and not (doubt.matches_stand and obstacle):
             self._faint.skip(1)
             # An unfit picture explains it; two good ones that do not match are a sign of danger.
-            vetoes_clear = doubt.vetoes_clear and not unfit
+            vetoes_clear = (doubt.vetoes_clear and not unfit) or unfit.reason is Reason.STEREO
             return Detection(None, DISPARITY, fault=unfit or doubt.fault, vetoes_clear=vetoes_clear)
         distance = self.distance_m(found)
         if obstacle:
@@ -160,7 +160,9 @@ class DisparityDetector:
             return Detection(mask, DISPARITY, distance_m=distance, note=note)
         if unfit:
             self._faint.skip(1)
-            return Detection(None, DISPARITY, fault=unfit)
+            # One picture in both places: the left one may not be the left camera's.
+            vetoes_clear = unfit.reason is Reason.STEREO
+            return Detection(None, DISPARITY, fault=unfit, vetoes_clear=vetoes_clear)
         return self._without_proof(self._faint.look(*views), views, distance)
 
     def _without_proof(

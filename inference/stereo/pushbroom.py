@@ -212,7 +212,7 @@ class PushbroomDetector:
                 )
                 return judged if water is None else self._unjudged(water.fault, vetoes_clear=True)
         if unfit or doubt is None:
-            return self._unjudged(unfit)
+            return self._unjudged(unfit, unfit.reason is Reason.STEREO)
         return self._unjudged(doubt.fault, doubt.vetoes_clear or textured)
 
     def look(self, left: U8, right: U8) -> F32:

@@ -131,7 +131,7 @@ def test_a_left_view_that_is_not_what_it_should_be_is_never_clear(
     verdict = judge.judge(frame).verdict
     if name == "disparity":
         assert verdict.status == UNKNOWN
-    assert change == "the right camera's" or verdict.status != CLEAR
+    assert verdict.status != CLEAR
 
 
 def test_a_right_frame_of_another_moment_is_unknown_to_stereo_alone(policy, pair, mission):
