@@ -162,14 +162,20 @@ class FallbackPolicy:
     disparity: Detector
     stopwatch: Stopwatch = SYSTEM_STOPWATCH
 
+    def __post_init__(self) -> None:
+        self._unasked = 0
+
     def judge(self, frame: Frame) -> Judgement:
         """The first detector's answer, or the second's where the first has none."""
         found, took_s = self.stopwatch.took(lambda: guarded(self.texture, frame))
         first = self._in_time(found, took_s)
         if first.mask is not None:
+            self._unasked += 1 + frame.missed
             judgement = _judgement(first, health_of(first.note), first.fault.reason)
             return replace(judgement, texture_s=took_s)
-        second = guarded(self.disparity, frame)
+        # Frames that it is not asked about are missing to it: what it remembers is older by them.
+        second = guarded(self.disparity, replace(frame, missed=frame.missed + self._unasked))
+        self._unasked = 0
         health = health_of(_unable(first), _unable(second))
         judgement = _judgement(second, health, _reason(first, second))
         judgement = replace(judgement, features=found.features, texture_s=took_s)

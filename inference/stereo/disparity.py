@@ -4,7 +4,9 @@ Whatever both cameras see at a distance that is searched is white in the mask; o
 match at all. Works at half the camera's resolution. What it cannot see is drawn in `matching`.
 
 A frame with texture in it of which hardly any is matched is unknown, not clear: a wrong pair, a
-wrong calibration, or something nearer than the nearest distance.
+wrong calibration, or something nearer than the nearest distance. So is one with some matches, yet
+too few for a status. What stays over several frames is an obstacle, also where each of them shows
+too little (`faint_matches`); and clear is only what looks like open water (`open_water_fault`).
 """
 
 import math
@@ -21,13 +23,14 @@ from tokt.features.kernels.dispatch import KERNELS, Kernels
 from tokt.inference.config import BM, DEFAULT_SCALE
 from tokt.inference.frame import Frame
 from tokt.inference.frame_checks import PATCH_GRID, frame_fault, pair_shape_fault
-from tokt.inference.reason import NO_FAULT, Fault
-from tokt.inference.verdict import DISPARITY, STATUS_MEAN_THRESHOLD, Detection
+from tokt.inference.reason import NO_FAULT, Fault, Reason
+from tokt.inference.verdict import DISPARITY, OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN, Detection
 
 from .calibration import StereoCalibration
 from .epipolar_drift import EpipolarDriftCorrection
+from .faint_matches import MATCHED_HITS, MATCHED_WINDOW, Faint, FaintMatches
 from .matching import STEP_PX, DenseMatcher, Matches
-from .pair_health import PairFault, PairHealth
+from .pair_health import MISFIT, PairFault, PairHealth, one_picture_fault, open_water_fault
 from .rectify import Rectifier
 
 NEAR_PERCENTILE = 20.0
@@ -70,7 +73,7 @@ class DisparityDetector:
     Notes
     -----
     It judges the pairs of one run in their order: the drift correction, the check for a frozen
-    camera and the closing speed come from those before.
+    camera, faint matches and the closing speed come from those before.
 
     The mask is in the *unrectified* left frame resized to the grid's width: positions are those
     of the picture that the texture detector and the pilot see. Blind at the left edge are as many
@@ -91,6 +94,7 @@ class DisparityDetector:
         self._health = PairHealth()
         self._closing = ClosingSpeed()
         self._matcher = DenseMatcher(self.rectifier, self.matcher, self.kernels, self.step)
+        self._faint = FaintMatches(self.calibration, self.scale, self.kernels)
         width, height = self.calibration.frame_size
         self._mask_size = self.grid.resized(height, width)
 
@@ -104,11 +108,13 @@ class DisparityDetector:
 
     def observe(self, frame: Frame) -> Observation:
         """Judge one pair, and tell the matches."""
+        self._faint.skip(frame.missed)
         fault = pair_shape_fault(frame, self.calibration.frame_size)
         if frame.left is None or frame.right is None or fault:
+            self._faint.skip(1)
             return Observation(Detection(None, DISPARITY, fault=fault), None)
         scaled = [self.rectifier.scaled(picture) for picture in (frame.left, frame.right)]
-        unfit = _unfit(frame.left, frame.right, scaled)
+        unfit = _unfit(frame.left, frame.right, scaled) or one_picture_fault(frame)
         views = (
             self.rectifier.left_of(scaled[0]),
             self.rectifier.right_of(scaled[1], self.row_shift_px),
@@ -118,7 +124,7 @@ class DisparityDetector:
         doubt = self._health.judge(*views, found, offset, self._drift)
         if doubt is not None and not unfit:
             doubt = self._health.explained(doubt, frame.left, frame.right, self.match)
-        judged = self._judged(found, unfit, doubt)
+        judged = self._judged(views, found, unfit, doubt)
         if frame.timed:
             closing_m_s, contact_s = self._closing.add(frame.t, judged.distance_m)
             judged = replace(judged, closing_m_s=closing_m_s, contact_s=contact_s)
@@ -134,22 +140,58 @@ class DisparityDetector:
         views = self.rectifier.left(left), self.rectifier.right(right, row_shift_px)
         return self._matcher.match(*views)
 
-    def _judged(self, found: Matches, unfit: Fault, doubt: PairFault | None) -> Detection:
+    def _judged(
+        self, views: tuple[F32, F32], found: Matches, unfit: Fault, doubt: PairFault | None
+    ) -> Detection:
         """What matches come to: `unfit` says why a picture is, `doubt` why the two do not fit."""
-        mask = self.rectifier.to_left(found.valid.astype(np.uint8) * 255, *self._mask_size)
+        mask = np.zeros(self._mask_size, np.uint8)
+        if found.valid.any():
+            mask = self.rectifier.to_left(found.valid.astype(np.uint8) * 255, *self._mask_size)
         obstacle = cv2.mean(mask)[0] > STATUS_MEAN_THRESHOLD
         if doubt is not None and not (doubt.matches_stand and obstacle):
+            self._faint.skip(1)
             # An unfit picture explains it; two good ones that do not match are a sign of danger.
-            vetoes_clear = doubt.vetoes_clear and not unfit
+            vetoes_clear = (doubt.vetoes_clear and not unfit) or unfit.reason is Reason.STEREO
             return Detection(None, DISPARITY, fault=unfit or doubt.fault, vetoes_clear=vetoes_clear)
         distance = self.distance_m(found)
         if obstacle:
+            self._faint.take(found.valid, self.rectifier)
             note = unfit or (doubt.reason if doubt is not None else "")
             return Detection(mask, DISPARITY, distance_m=distance, note=note)
         if unfit:
-            return Detection(None, DISPARITY, fault=unfit)
-        few = "" if distance is None else f"too few matches for a status, at {distance:.1f} m"
-        return Detection(np.zeros_like(mask), DISPARITY, note=few)
+            self._faint.skip(1)
+            # One picture in both places: the left one may not be the left camera's.
+            vetoes_clear = unfit.reason is Reason.STEREO
+            return Detection(None, DISPARITY, fault=unfit, vetoes_clear=vetoes_clear)
+        return self._without_proof(self._faint.look(*views), views, distance)
+
+    def _without_proof(
+        self, faint: Faint, views: tuple[F32, F32], distance_m: float | None
+    ) -> Detection:
+        """What a pair comes to that shows no obstacle by itself; `distance_m` of a few matches."""
+        if faint.matched == OBSTACLE:
+            patches = faint.patches.astype(np.uint8) * 255
+            size = self._mask_size[::-1]
+            mask = np.asarray(cv2.resize(patches, size, interpolation=cv2.INTER_NEAREST), np.uint8)
+            if distance_m is None and faint.disparity_px is not None:
+                distance_m = self._faint.rectifier.focal_baseline_px_m / faint.disparity_px
+            note = f"faint: few matches, in {MATCHED_HITS} of the last {MATCHED_WINDOW} frames"
+            return Detection(mask, DISPARITY, distance_m=distance_m, note=note)
+        fault = NO_FAULT
+        water = open_water_fault(*views)
+        if water is not None:
+            fault = water.fault
+        elif faint.alone == OBSTACLE:
+            fault = Fault(Reason.STEREO, MISFIT)
+        elif distance_m is not None:
+            few = f"too few matches for a status, at {distance_m:.1f} m"
+            fault = Fault(Reason.STEREO, few)
+        elif UNKNOWN in (faint.matched, faint.alone):
+            words = "something faint is in view, and the frames before are not known"
+            fault = Fault(Reason.FRAME_RULE, words)
+        if fault:
+            return Detection(None, DISPARITY, fault=fault, vetoes_clear=True)
+        return Detection(np.zeros(self._mask_size, np.uint8), DISPARITY)
 
     def depth_m(self, found: Matches) -> F32:
         """Depth in metres along the views' axis, float32, (height, width); nan without a match."""

@@ -15,7 +15,7 @@ left finds it too, where both views have enough contrast, and in patches that ar
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -64,7 +64,9 @@ def local_mean_and_sigma(view: F32, window_px: int) -> tuple[F32, F32]:
     return np.asarray(mean, np.float32), np.asarray(sigma, np.float32)
 
 
-def even_contrast(view: F32, mean: F32, sigma: F32, gain: float) -> U8:
+def even_contrast(
+    view: F32, mean: F32, sigma: F32, gain: float, least_sigma: float = MIN_SIGMA_GREY
+) -> U8:
     """The view with the same local contrast everywhere, 128 being the local mean.
 
     Parameters
@@ -73,9 +75,11 @@ def even_contrast(view: F32, mean: F32, sigma: F32, gain: float) -> U8:
         A view, and what `local_mean_and_sigma` says of it.
     gain : float
         Grey levels that one local standard deviation becomes.
+    least_sigma : float
+        What a smaller deviation counts as, in grey levels.
     """
     even = cv2.subtract(view, mean)
-    cv2.divide(even, np.maximum(sigma, MIN_SIGMA_GREY), dst=even, scale=gain)
+    cv2.divide(even, np.maximum(sigma, least_sigma), dst=even, scale=gain)
     raised = cv2.addWeighted(even, 1.0, even, 0.0, _MIDDLE, dtype=cv2.CV_8U)
     return np.asarray(raised, np.uint8)
 
@@ -111,6 +115,28 @@ STEP_PX = 2
 blocks of two neighbours share nine tenths of their pixels."""
 _MIN_SEARCHED = 0.5
 """Part of the left frame that is searched: what is not cannot be told from open water."""
+
+
+class Contrast(NamedTuple):
+    """How little of a thing is looked for.
+
+    Parameters
+    ----------
+    local_sigma : float
+        Grey levels of local contrast that a pixel needs in both views.
+    least_sigma : float
+        Grey levels. A local deviation below counts as this much.
+    blob_px : int
+        Fewest pixels of a patch of matches, of a view `SETTINGS_WIDTH` wide.
+    """
+
+    local_sigma: float = LOCAL_SIGMA_GREY
+    least_sigma: float = MIN_SIGMA_GREY
+    blob_px: int = BLOB_PX
+
+
+CLEAR_CONTRAST = Contrast()
+"""What stands out so much that one pair proves it."""
 
 
 @dataclass(frozen=True)
@@ -154,6 +180,7 @@ class DenseMatcher:
     kernels : Kernels
     step : int
         See `STEP_PX`; 1 for every pixel.
+    contrast : Contrast
 
     Raises
     ------
@@ -166,6 +193,7 @@ class DenseMatcher:
     matcher: str = BM
     kernels: Kernels = KERNELS
     step: int = STEP_PX
+    contrast: Contrast = CLEAR_CONTRAST
 
     def __post_init__(self) -> None:
         if self.matcher not in MATCHERS:
@@ -188,7 +216,7 @@ class DenseMatcher:
         texture = round(TEXTURE * block**2 / BLOCK_PX**2)
         self.settings = BlockMatching(smallest, count, block, CAP, texture, UNIQUENESS_PERCENT)
         self._window = max(2 * round((WINDOW_PX * ratio - 1) / 2) + 1, 3)
-        self._least_blob = max(round(BLOB_PX * ratio**2), 2)
+        self._least_blob = max(round(self.contrast.blob_px * ratio**2), 2)
         self.searched = _searched(self.rectifier, self.settings)
         seen = self.rectifier.to_left(self.searched, 64, 64).mean()
         if seen < _MIN_SEARCHED:
@@ -203,15 +231,16 @@ class DenseMatcher:
     def match(self, left: F32, right: F32) -> Matches:
         """Match a pair of rectified views, float32, of the rectifier's size."""
         left_mean, left_sigma = local_mean_and_sigma(left, self._window)
-        textured = (left_sigma > LOCAL_SIGMA_GREY).view(np.uint8)
+        textured = (left_sigma > self.contrast.local_sigma).view(np.uint8)
         textured &= self._searched
         if cv2.countNonZero(textured) < self._least_blob:
             nothing = np.zeros(left.shape, bool)
             none = np.full(left.shape, self.settings.unmatched / PER_PIXEL, np.float32)
             return Matches(none, nothing, textured.view(bool), self.searched)
         right_mean, right_sigma = local_mean_and_sigma(right, self._window)
-        left_even = even_contrast(left, left_mean, left_sigma, GAIN)
-        right_even = even_contrast(right, right_mean, right_sigma, GAIN)
+        least = self.contrast.least_sigma
+        left_even = even_contrast(left, left_mean, left_sigma, GAIN, least)
+        right_even = even_contrast(right, right_mean, right_sigma, GAIN, least)
         wanted = np.asarray(cv2.bitwise_and(textured, self._matched_pixels), np.uint8)
         disparity = self._disparity(left_even, right_even, wanted)
         seen = self._seen_twice(disparity, left_even, right_even, right_sigma)
@@ -247,7 +276,7 @@ class DenseMatcher:
         shift = (found + PER_PIXEL // 2) // PER_PIXEL
         there = here - shift
         kept = here % width >= shift
-        kept &= right_sigma.ravel()[np.maximum(there, 0)] > LOCAL_SIGMA_GREY
+        kept &= right_sigma.ravel()[np.maximum(there, 0)] > self.contrast.local_sigma
         here, found, there = here[kept], found[kept], there[kept]
         wanted = np.zeros(disparity.shape, np.uint8)
         wanted.ravel()[there] = 1

@@ -3,12 +3,13 @@
 What is found, each with its reason in words: a covered or dark camera, a frozen one, views of
 which hardly any texture matches (swapped cameras, one mounted upside down, a wrong calibration,
 another moment), texture that the right view alone shows, and rows that do not agree (out of step,
-a camera that has turned).
+a camera that has turned). Where nothing is found, the light of both views has to be open water's
+(`open_water_fault`): not level, and alike in both.
 
 What cannot be found:
 
-- Open water looks the same in every order: without texture nothing but darkness and frozen
-  pictures is seen, and a swapped pair of it is clear.
+- Open water of another moment looks the same.
+- Both pictures turned by 180 degrees in open water, whose light is alike then, too.
 - A camera out of step while the scene hardly moves, or before `SETTLED_PAIRS` pairs with something
   to match. With the right frames one late (one early), 62 (64) of 66 (69) pairs with something to
   match have a fault; the others are the first, and give distances within 2 % of the true ones. Two
@@ -30,7 +31,8 @@ import numpy as np
 
 from tokt.features.common.arrays import F32, F64, U8
 from tokt.inference.config import Limits
-from tokt.inference.reason import Fault, Reason
+from tokt.inference.frame import Frame
+from tokt.inference.reason import NO_FAULT, Fault, Reason
 
 from .epipolar_drift import EpipolarDriftCorrection, EpipolarOffset
 from .matching import LOCAL_SIGMA_GREY, Matches, local_mean_and_sigma
@@ -83,6 +85,22 @@ MAX_DEVIATION_PX = 1.2
 0.36 / 0.46."""
 MAX_VARIATION_PX = 1.0
 """Median deviation of the remembered pairs' row offsets. True pairs: at most 0.17 / 0.15."""
+
+LEVELNESS = 0.1
+"""What is left of a view's contrast: the standard deviation of the mean grey levels of its 10x10
+parts over their mean, without an even rise or fall. A lamp's light falls off from the middle, and
+open water shows that; under haze, glow or a raised black level, inverted or enlarged it does not.
+Frames without a near thing (1 to 146, 210 to 246): 0.175 / 0.174 and more; halved and raised by 50
+at most 0.050 / 0.050, raised by 60 0.071 / 0.071, lit from below 0.047 / 0.047, enlarged twice
+0.057 / 0.066."""
+LEAST_ALIKE = 0.8
+"""Least correlation of the light of two views (the logarithms of those means). The same frames:
+0.941 / 0.933 and more; cameras swapped at most 0.762 / 0.794. A view turned or mirrored is more
+like the other when turned back, by 0.148 / 0.175 and more; a true one at least 0.116 / 0.106
+less."""
+_PARTS = 10
+_BLACK_GREY = 3.0
+"""Grey levels that are added before the logarithm: differences below are noise."""
 
 MISFIT = "the left and right frames do not match: another moment, or something too near"
 NEARER = "much of the left view matches nowhere: something may be nearer than the distance"
@@ -138,6 +156,65 @@ def pair_fault(
     dark = _darkness_fault(left_view, right_view, matches)
     # Darkness explains a misfit.
     return misfit if dark is None else replace(dark, matches_stand=misfit is None)
+
+
+def one_picture_fault(frame: Frame) -> Fault:
+    """Whether both cameras give one and the same picture, or an empty string."""
+    left, right = frame.left, frame.right
+    if left is None or right is None or not np.array_equal(left[::_ROW_STEP], right[::_ROW_STEP]):
+        return NO_FAULT
+    return Fault(Reason.STEREO, "the left and right frames are one and the same picture")
+
+
+def open_water_fault(left_view: F32, right_view: F32) -> PairFault | None:
+    """Why two views in which nothing was found are not to be taken for open water, or None.
+
+    Open water gives no match, so that the light alone tells whether both views are what they
+    should be.
+
+    Parameters
+    ----------
+    left_view, right_view : array of float32, shape (height, width)
+        Rectified views in grey levels.
+    """
+    left, right = (_light(view) for view in (left_view, right_view))
+    for side, light in (("left", left), ("right", right)):
+        if _levelness(light) < LEVELNESS:
+            level = f"the {side} view has lost its contrast: haze, glow or no true picture"
+            return PairFault(level, vetoes_clear=True)
+    one, other = _fall(left), _fall(right)
+    alike = float(np.vdot(one, other))
+    turned = max(
+        float(np.vdot(one, np.rot90(way, by))) for way in (other, other.T) for by in range(4)
+    )
+    if alike < max(LEAST_ALIKE, turned):
+        words = "the light of the two views is not alike: swapped, turned, mirrored or covered"
+        return PairFault(words, vetoes_clear=True)
+    return None
+
+
+def _light(view: F32) -> F64:
+    """Mean grey levels of a view's parts, shape (`_PARTS`, `_PARTS`)."""
+    some = np.ascontiguousarray(view[::_COLUMN_STEP, ::_COLUMN_STEP], np.float64)
+    parts = cv2.resize(some, (_PARTS, _PARTS), interpolation=cv2.INTER_AREA)
+    return np.asarray(parts, np.float64)
+
+
+def _levelness(light: F64) -> float:
+    """See `LEVELNESS`."""
+    across = np.arange(_PARTS) - (_PARTS - 1) / 2
+    rest = light - light.mean()
+    for axis in (0, 1):
+        slope = rest.mean(axis=axis) @ across / (across @ across)
+        rest -= slope * (across if axis == 0 else across[:, None])
+    return float(rest.std() / max(light.mean(), 1.0))
+
+
+def _fall(light: F64) -> F64:
+    """How the light falls off over a view, whatever its level: of mean 0 and length 1."""
+    logs = np.log(light + _BLACK_GREY)
+    logs -= logs.mean()
+    return np.asarray(logs / max(float(np.linalg.norm(logs)), 1e-9), np.float64)
 
 
 def _darkness_fault(left_view: F32, right_view: F32, matches: Matches) -> PairFault | None:

@@ -15,7 +15,8 @@ sees less:
       x, B, D and whatever is nearer than 2 m: not seen in this pair. On the way towards B the
       6 m line met it, and it is remembered; x, when it has just swum in, was never met.
 
-Clear means: nothing at these distances, nothing remembered, and hardly anything with texture.
+Clear means: nothing at these distances, nothing remembered, hardly anything with texture, and
+light as open water's (`open_water_fault`).
 With texture in view of which nothing is at these distances, the frame is unknown; so it is where
 `pair_health` finds a camera frozen or covered. Whether two textured views belong together cannot
 be told by a detector that looks at so few disparities, except by the former: a wrong pair has
@@ -51,7 +52,7 @@ from tokt.inference.verdict import PUSHBROOM, STATUS_MEAN_THRESHOLD, Detection
 from .calibration import StereoCalibration
 from .matching import Matches, even_contrast, local_mean_and_sigma
 from .odometry import Motion, Odometry, Pose, motion_between
-from .pair_health import PairFault, PairHealth
+from .pair_health import PairFault, PairHealth, one_picture_fault, open_water_fault
 from .rectify import Rectifier
 
 DISTANCES_M = (8.0, 6.0, 4.0, 3.0, 2.0)
@@ -200,13 +201,18 @@ class PushbroomDetector:
         unfit = left_fault.about("left") if left_fault else NO_FAULT
         if right_fault and not unfit:
             unfit = right_fault.about("right")
+        unfit = unfit or one_picture_fault(frame)
         doubt = self._doubt(*views, seen)
         if doubt is None or doubt.matches_stand:
             self._memory.add(seen)
             if seen.any() or not (unfit or doubt):
-                return self._judged(textured)
+                judged = self._judged(textured)
+                water = (
+                    None if judged.mask is None or judged.mask.any() else open_water_fault(*views)
+                )
+                return judged if water is None else self._unjudged(water.fault, vetoes_clear=True)
         if unfit or doubt is None:
-            return self._unjudged(unfit)
+            return self._unjudged(unfit, unfit.reason is Reason.STEREO)
         return self._unjudged(doubt.fault, doubt.vetoes_clear or textured)
 
     def look(self, left: U8, right: U8) -> F32:

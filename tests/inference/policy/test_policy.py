@@ -8,6 +8,7 @@ from tests.calls import refuses
 from tests.inference.conftest import NoiseScorer
 from tests.inference.logged_runs import Seconds
 from tests.inference.stereo.plain_rig import PLAIN as CALIBRATION
+from tests.inference.test_faults import hold_row
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.inference.frame import Frame
@@ -212,3 +213,24 @@ def test_threads_reach_the_detector_and_are_at_least_one():
     assert assemble("texture", NoiseScorer, None, threads=3).texture.detector.threads == 3
     for threads in (0, -1):
         refuses("at least one thread", assemble, "texture", NoiseScorer, None, threads)
+
+
+def test_frames_that_disparity_is_not_asked_about_are_missing_to_it():
+    asked = []
+
+    class Asked(Says):
+        def detect(self, frame):
+            asked.append(frame.missed)
+            return super().detect(frame)
+
+    texture = Says("texture", "dark")
+    policy = FallbackPolicy(texture, Asked("disparity", mask()))
+    for number, able in enumerate((False, True, True, False, False)):
+        policy.texture = Says("texture", mask()) if able else texture
+        policy.judge(replace(FRAME, number=number, missed=number % 2))
+    assert asked == [0, 1 + 1 + 1 + 1, 0]
+    hold_row(
+        "frames that stereo is not asked about (`fallback`)",
+        "missing to it: nothing it remembers is younger than it is",
+        "nothing",
+    )

@@ -1,5 +1,6 @@
 """Policies on the sea trial's own frames: each loss of a part, and what is said then."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -15,7 +16,7 @@ from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
 from tokt.models.bundle.bundle import read_bundle
 
 pytestmark = pytest.mark.mission
-TOWER, WATER = 180, 50
+TOWER, WATER = 180, 30
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +103,35 @@ def test_a_killed_model_file_leaves_disparity(bundle_file, tmp_path, stereo, pai
     assert (verdict.status, verdict.method) == (OBSTACLE, "disparity")
     assert verdict.distance_m == pytest.approx(2.8, abs=0.1)
     assert verdict.health.startswith("texture: no model: ") and "killed.tokt" in verdict.health
-    assert judge.judge(pair(WATER)).verdict.status == CLEAR
+    # The frame rule of what is faint first has to have seen that nothing stays.
+    water = [judge.judge(pair(number)).verdict.status for number in range(WATER - 5, WATER + 1)]
+    assert water[-1] == CLEAR
+
+
+TURNED = {
+    "turned by 180": lambda view: cv2.rotate(view, cv2.ROTATE_180),
+    "turned by 90": lambda view: cv2.resize(np.rot90(view), view.shape[1::-1]),
+    "turned by 270": lambda view: cv2.resize(np.rot90(view, 3), view.shape[1::-1]),
+    "mirrored": lambda view: cv2.flip(view, 1),
+    "enlarged": lambda view: cv2.resize(view[256:768, 340:1020], (1360, 1024)),
+    "the right camera's": None,
+}
+
+
+@pytest.mark.parametrize("name", ["disparity", "either"])
+@pytest.mark.parametrize("change", TURNED)
+@pytest.mark.parametrize("number", [145, 180, 240, WATER])
+def test_a_left_view_that_is_not_what_it_should_be_is_never_clear(
+    change, name, number, policy, pair
+):
+    seen = pair(number)
+    left = seen.right if TURNED[change] is None else TURNED[change](seen.left)
+    judge = policy(name)
+    frame = Frame(number, 0.0, np.ascontiguousarray(left), seen.right)
+    verdict = judge.judge(frame).verdict
+    if name == "disparity":
+        assert verdict.status == UNKNOWN
+    assert verdict.status != CLEAR
 
 
 def test_a_right_frame_of_another_moment_is_unknown_to_stereo_alone(policy, pair, mission):

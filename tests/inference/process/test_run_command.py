@@ -214,7 +214,7 @@ def test_a_run_without_its_model_goes_on_with_disparity(
     broken.write_bytes(b"PK not really")
     log = tmp_path / "log.jsonl"
     run(
-        *("--bundle", broken, "--source", mission, "--frames", "60,180"),
+        *("--bundle", broken, "--source", mission, "--frames", "30,180"),
         *("--calibration", calibration_path, "--log", log, "--udp", f"127.0.0.1:{closed_port}"),
     )
     ocean, tower = lines(log)

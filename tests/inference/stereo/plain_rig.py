@@ -51,6 +51,18 @@ def unfit_pairs(left: np.ndarray, right: np.ndarray) -> dict[str, Frame]:
     }
 
 
+def lamp_light() -> np.ndarray:
+    """A view of open water in a lamp's light, which falls off from left below the middle."""
+    rows, columns = np.indices((HEIGHT, WIDTH), np.float64)
+    return 8 + 25 * np.exp(-((columns - 560) ** 2 + (rows - 600) ** 2) / (2 * 400**2))
+
+
+def lit_sea(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Both views of it with the cameras' noise; grey levels, float64."""
+    noise = np.random.default_rng(seed).normal(0, 0.6, (2, HEIGHT, WIDTH))
+    return lamp_light() + noise[0], lamp_light() + noise[1]
+
+
 def sea_trial(mission: Path, camera: str, number: int) -> np.ndarray:
     """A frame of the real mission."""
     return read_image(mission / camera / f"tokt1_{camera[0]}_{number}.jpg")

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.calls import refuses
+from tests.inference.test_faults import hold_row
 from tests.tiers import scaled
 from tokt.features.frames.grid import Grid
 from tokt.features.kernels.dispatch import KERNELS, load_kernels
@@ -19,7 +20,7 @@ from tokt.inference.stereo.matching import NEAREST_M, disparity_range
 from tokt.inference.stereo.rectify import Rectifier
 from tokt.inference.verdict import verdict_from_mask
 
-from .plain_rig import CAMERA, HEIGHT, PLAIN, WIDTH, even_sea, sea_trial_pair, unfit_pairs
+from .plain_rig import CAMERA, HEIGHT, PLAIN, WIDTH, even_sea, lit_sea, sea_trial_pair, unfit_pairs
 
 SQUARE_PX = 320
 DISPARITY_PX = 200  # at full size: 2200 * 0.3 / 200 = 3.3 m
@@ -69,15 +70,9 @@ def test_a_saturated_pair_can_show_an_obstacle_but_is_never_clear(plain):
     left[:600], right[:600] = 255, 255
     found = plain.detect(Frame(1, 0.0, left, right))
     assert found.mask is not None and found.mask.any()
-    left[600:], right[600:] = sea()[600:], sea()[600:]
+    left[600:], right[600:] = sea()[600], sea()[600]
     found = plain.detect(Frame(1, 0.0, left, right))
     assert found.mask is None and "saturated" in found.fault
-
-
-def test_an_even_sea_is_clear(plain):
-    left = sea()
-    found = plain.detect(Frame(1, 0.0, left, left.copy()))
-    assert found.mask is not None and not found.mask.any() and found.distance_m is None
 
 
 def test_texture_that_matches_nowhere_is_unknown_not_clear(plain):
@@ -226,14 +221,17 @@ def test_the_tower_is_an_obstacle_at_its_measured_depth(mission, real):
         assert 0.9 * depth_m < detection.distance_m < 1.03 * depth_m
 
 
-def test_a_few_matches_are_no_status_and_are_told(plain):
-    left, right = sea(), sea()
+def test_a_few_matches_are_no_status_and_no_clear(plain):
+    left, right = (view.round().astype(np.uint8) for view in lit_sea(1))
     speck = np.array([[12, 0], [0, 12]], np.uint8).repeat(8, axis=0).repeat(8, axis=1)
     left[400:416, 720:736] += speck
     right[400:416, 720 - DISPARITY_PX : 736 - DISPARITY_PX] += speck
     found = plain.detect(Frame(1, 0.0, left, right))
-    assert found.mask is not None and not found.mask.any() and found.distance_m is None
-    assert found.note == "too few matches for a status, at 3.3 m"
+    assert found.mask is None and found.distance_m is None and found.vetoes_clear
+    assert found.fault == "too few matches for a status, at 3.3 m"
+    hold_row(
+        "a few matches, too few for a status (`disparity`)", "unknown `stereo`", "frames by reason"
+    )
 
 
 def test_the_blind_margin_is_not_searched(plain):

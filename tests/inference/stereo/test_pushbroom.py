@@ -22,6 +22,8 @@ from .plain_rig import (
     PLAIN,
     WIDTH,
     even_sea,
+    lamp_light,
+    lit_sea,
     sea_trial_pair,
     unfit_pairs,
 )
@@ -47,7 +49,7 @@ def draw(distance_m: float, texture: np.ndarray | None = None, x: int = X, y: in
     return left.round().astype(np.uint8), right.round().astype(np.uint8)
 
 
-EMPTY = (even_sea().round().astype(np.uint8),) * 2
+EMPTY = tuple(view.round().astype(np.uint8) for view in lit_sea(1))
 
 
 @pytest.fixture
@@ -84,7 +86,7 @@ def test_what_stands_elsewhere_is_not_found_and_not_called_clear(detector, dista
     assert found.fault.startswith("something is in view, but at none of 8, 6, 4, 3 and 2 m")
 
 
-def test_an_even_sea_is_clear_and_the_note_says_what_that_means(detector):
+def test_open_water_is_clear_and_the_note_says_what_that_means(detector):
     found = detector.detect(Frame(1, 0.0, *EMPTY))
     assert is_clear(found) and "sees only at" in found.note
 
@@ -179,7 +181,9 @@ def test_what_is_remembered_but_has_become_too_small_is_not_clear():
 def noise(seed: int, light: float = 1.0) -> np.ndarray:
     """Open water, never twice the same."""
     rng = np.random.default_rng(seed)
-    return (light * even_sea() + rng.normal(0, 2, (HEIGHT, WIDTH))).round().clip(0).astype(np.uint8)
+    return (
+        (light * lamp_light() + rng.normal(0, 2, (HEIGHT, WIDTH))).round().clip(0).astype(np.uint8)
+    )
 
 
 def test_a_camera_that_sees_nothing_makes_no_clear(detector):

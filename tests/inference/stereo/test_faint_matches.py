@@ -1,0 +1,218 @@
+import csv
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.inference.test_faults import hold_row
+from tokt.features.frames.grid import Grid
+from tokt.inference.frame import Frame
+from tokt.inference.reason import Reason
+from tokt.inference.stereo.calibration import load_calibration
+from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.stereo.pushbroom import PushbroomDetector
+from tokt.inference.verdict import verdict_from_mask
+
+from .plain_rig import PLAIN, lit_sea, sea_trial
+
+DISPARITY_PX = 132  # at full size: 2200 * 0.3 / 132 = 5 m
+SIDE_PX = 160
+
+
+def faint_pair(number: int, shift_px: int | None = DISPARITY_PX) -> tuple[np.ndarray, np.ndarray]:
+    """Noisy lit water with one square of 1.5 grey levels' texture; no square without a shift."""
+    left, right = lit_sea(number)
+    texture = np.random.default_rng(1).normal(0, 1.6, (SIDE_PX // 8, SIDE_PX // 8))
+    square = cv2.resize(texture, (SIDE_PX, SIDE_PX))
+    if shift_px is not None:
+        for view, x in ((left, 700), (right, 700 - shift_px)):
+            view[400 : 400 + SIDE_PX, x : x + SIDE_PX] += square
+    return tuple(view.round().clip(0, 255).astype(np.uint8) for view in (left, right))
+
+
+def status(found) -> int:
+    return -1 if found.mask is None else verdict_from_mask(found.mask, "disparity").status
+
+
+def statuses(frames, detector=None):
+    detector = DisparityDetector(PLAIN, Grid()) if detector is None else detector
+    return [detector.detect(frame) for frame in frames]
+
+
+def test_what_one_pair_shows_too_faintly_is_an_obstacle_after_four_of_six():
+    found = statuses(Frame(n, 0.0, *faint_pair(n)) for n in range(1, 6))
+    assert [status(one) for one in found] == [-1, -1, -1, 1, 1]
+    assert found[0].fault.reason is Reason.FRAME_RULE and found[0].vetoes_clear
+    assert (
+        found[3].distance_m == pytest.approx(5.0, rel=0.03) and "4 of the last 6" in found[3].note
+    )
+    x, y, width, height = verdict_from_mask(found[3].mask, "disparity").box
+    assert x <= 740 * 360 / 1360 <= x + width and y <= 440 * 271 / 1024 <= y + height
+
+
+def test_it_is_held_while_four_of_six_frames_have_it_and_then_the_water_is_clear():
+    seen = [Frame(n, 0.0, *faint_pair(n)) for n in range(1, 7)]
+    gone = [Frame(n, 0.0, *faint_pair(n, None)) for n in range(7, 11)]
+    assert [status(one) for one in statuses([*seen, *gone])[6:]] == [1, 1, 0, 0]
+
+
+def test_a_frame_that_is_missing_is_no_frame_without_it():
+    water = [Frame(n, 0.0, *faint_pair(n, None)) for n in range(1, 7)]
+    one = Frame(7, 0.0, *faint_pair(7))
+    assert status(statuses([*water, one])[-1]) == 0
+    late = Frame(10, 0.0, *faint_pair(10), missed=3)
+    found = statuses([*water, late])[-1]
+    assert found.mask is None and found.fault.reason is Reason.FRAME_RULE
+
+
+def test_faint_texture_that_stays_and_matches_nowhere_is_unknown():
+    # 0.6 m away: nearer than is searched.
+    found = statuses(Frame(n, 0.0, *faint_pair(n, 690)) for n in range(1, 7))
+    assert all(one.mask is None and one.vetoes_clear for one in found)
+    assert "do not match" in found[-1].fault
+
+
+def test_the_documented_rows_of_what_is_faint():
+    found = statuses(Frame(n, 0.0, *faint_pair(n)) for n in range(1, 6))
+    assert [one.fault.reason for one in found[:3]] == [Reason.FRAME_RULE] * 3 and found[
+        3
+    ].mask.any()
+    hold_row(
+        "too faint for one pair, there in 4 of 6 (`disparity`)",
+        "obstacle; before, unknown `frame_rule` while frames are not known",
+        "frames by reason",
+    )
+    found = statuses(Frame(n, 0.0, *faint_pair(n, 690)) for n in range(1, 7))
+    assert found[-1].fault.reason is Reason.STEREO
+    hold_row(
+        "faint texture that stays and matches nowhere (`disparity`)",
+        "unknown `stereo`",
+        "frames by reason",
+    )
+
+
+def hazy(view: np.ndarray) -> np.ndarray:
+    return 0.5 * view + 50
+
+
+def glowing(view: np.ndarray) -> np.ndarray:
+    return 0.5 * view + np.linspace(0, 120, len(view))[:, None]
+
+
+def enlarged(view: np.ndarray) -> np.ndarray:
+    height, width = view.shape
+    part = view[height // 4 : -(height // 4), width // 4 : -(width // 4)]
+    return cv2.resize(part, (width, height))
+
+
+def turned(quarters: int):
+    return lambda view: cv2.resize(np.rot90(view, quarters), view.shape[::-1])
+
+
+LOST = {
+    "hazy": hazy,
+    "raised": lambda view: view + 60,
+    "glowing": glowing,
+    "inverted": lambda view: 255 - view,
+    "enlarged": enlarged,
+}
+TURNED = {
+    "90": turned(1),
+    "180": turned(2),
+    "270": turned(3),
+    "mirrored": lambda view: view[:, ::-1],
+    "upside down": lambda view: view[::-1],
+}
+
+
+def judged_with(change, sides: str, stereo=DisparityDetector):
+    """The sixth pair of open water with one or both views changed."""
+    detector = stereo(PLAIN, Grid())
+    for number in range(1, 7):
+        views = [
+            change(view) if side in sides else view
+            for side, view in zip("lr", lit_sea(number), strict=True)
+        ]
+        pictures = [np.ascontiguousarray(view.round().clip(0, 255), np.uint8) for view in views]
+        found = detector.detect(Frame(number, 0.0, *pictures))
+    return found
+
+
+@pytest.mark.parametrize("stereo", [DisparityDetector, PushbroomDetector])
+def test_open_water_is_clear(stereo):
+    assert status(judged_with(None, "", stereo)) == 0
+
+
+@pytest.mark.parametrize("stereo", [DisparityDetector, PushbroomDetector])
+@pytest.mark.parametrize("sides", ["lr", "l", "r"])
+@pytest.mark.parametrize("name", LOST)
+def test_water_that_has_lost_its_contrast_is_unknown(name, sides, stereo):
+    found = judged_with(LOST[name], sides, stereo)
+    assert found.mask is None
+    if sides == "lr":  # one alone is also much brighter than the other
+        assert found.vetoes_clear and found.fault.reason is Reason.STEREO
+    hold_row(
+        "contrast lost in open water: haze, glow, inverted, enlarged (`disparity`)",
+        "unknown `stereo`",
+        "frames by reason",
+    )
+
+
+@pytest.mark.parametrize("stereo", [DisparityDetector, PushbroomDetector])
+@pytest.mark.parametrize("sides", ["l", "r"])
+@pytest.mark.parametrize("name", TURNED)
+def test_a_view_turned_against_the_other_is_unknown_in_open_water_too(name, sides, stereo):
+    found = judged_with(TURNED[name], sides, stereo)
+    assert found.mask is None and found.vetoes_clear and "not alike" in found.fault
+    hold_row(
+        "one view turned or mirrored, in open water (`disparity`)",
+        "unknown `stereo`",
+        "frames by reason",
+    )
+
+
+@pytest.mark.parametrize("stereo", [DisparityDetector, PushbroomDetector])
+def test_one_picture_in_both_places_is_unknown(stereo):
+    left, _ = faint_pair(1, None)
+    found = stereo(PLAIN, Grid()).detect(Frame(1, 0.0, left, left.copy()))
+    assert found.mask is None and found.vetoes_clear and "one and the same" in found.fault
+    hold_row(
+        "one camera's picture in both places (`disparity`)", "unknown `stereo`", "frames by reason"
+    )
+
+
+def labelled(path: Path) -> set[int]:
+    with path.open() as rows:
+        of_obstacles = (row for row in csv.DictReader(rows) if row["label"] == OBSTACLE_CLASS)
+        return {int(row["frame"]) for row in of_obstacles}
+
+
+OBSTACLE_CLASS = "subsea_installation"
+
+
+@pytest.fixture(scope="module")
+def whole_run(mission, calibration_path):
+    """Disparity's status of every frame of the sea trial, in their order."""
+    detector = DisparityDetector(load_calibration(calibration_path), Grid())
+    return {
+        number: status(
+            detector.detect(
+                Frame(
+                    number,
+                    0.0,
+                    sea_trial(mission, "Left", number),
+                    sea_trial(mission, "Right", number),
+                )
+            )
+        )
+        for number in range(1, 247)
+    }
+
+
+@pytest.mark.mission
+def test_no_labelled_frame_of_the_sea_trial_is_clear_and_no_water_an_obstacle(mission, whole_run):
+    tower = labelled(mission / "labels.csv")
+    assert len(tower) == 107 and {whole_run[number] for number in tower} == {1}
+    water = [whole_run[number] for number in range(1, 132)]
+    assert 1 not in water and water.count(-1) <= 2
