@@ -14,13 +14,16 @@ from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.monitoring.watchdog import Notifier, Watchdog
 
 DIES_ONCE = """
-import pathlib, sys
+import os, pathlib
 from tokt.cli.app import run_app
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.monitoring.watchdog import Notifier
 
 def run(standalone_mode):
     if not pathlib.Path("been").exists():
         pathlib.Path("been").touch()
         raise RuntimeError("nobody thought of it")
+    Notifier(SYSTEM_CLOCK, os.environ).stopping()  # its source has ended
 
 run_app(run)
 """

@@ -30,8 +30,9 @@ from tokt.studies.speed.stereo_cases import (
 
 
 def flat(seed):
-    """Even water: enough of a picture to be judged, and nothing to match."""
-    fall = np.linspace(25, 45, WIDTH)[None].repeat(HEIGHT, 0)
+    """Water in a lamp's light: enough of a picture to be judged, and nothing to match."""
+    rows, columns = np.indices((HEIGHT, WIDTH), np.float64)
+    fall = 8 + 25 * np.exp(-((columns - 560) ** 2 + (rows - 600) ** 2) / (2 * 400**2))
     return (fall + np.random.default_rng(seed).normal(0, 0.5, fall.shape)).round().astype(np.uint8)
 
 

@@ -75,7 +75,7 @@ def test_views_that_do_not_fit_together_avoid_nothing(avoided, monkeypatch):
 def test_without_pictures_it_keeps_its_station(monkeypatch):
     start, end = 1.5, 6.5
     scene = replace(draw_scene("blind", SEED, WIDTH), blind_s=(start, end))
-    monkeypatch.setattr(flight, "MAX_S", end + 1.5)
+    monkeypatch.setattr(flight, "MAX_S", end + 3.5)
     track = fly(scene, "disparity")
     blind = (track.frame_t_s >= start) & (track.frame_t_s < end)
     assert blind.sum() == 20 and (track.frame_status[blind] == -1).all()
@@ -84,7 +84,8 @@ def test_without_pictures_it_keeps_its_station(monkeypatch):
     stands = (track.t_s > end - 2.0) & (track.t_s < end)  # it has stopped, in the current
     places = track.position[stands]
     assert np.linalg.norm(places - places.mean(axis=0), axis=1).max() < 0.15
-    assert (track.mode[track.t_s > end + 1.0] != Mode.HOLD).any()
+    # Until enough frames are known again to see what is faint in them.
+    assert (track.mode[track.t_s > end + 2.0] != Mode.HOLD).any()
 
 
 @pytest.fixture
