@@ -270,6 +270,8 @@ def carry_out(config: RunConfig) -> None:
             summary = runtime.run()
             if not signals:  # a watchdog knows of its own, and starts again after anybody else's
                 notifier.stopping()
+        if signals:  # a watchdog asks, too, after a Ctrl-C: what ends is not to be cut off
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)
     summary.log_failures = 0 if looking.log is None else looking.log.failed
     say(_words(summary, senders.values()))
     if config.monitoring.json:
