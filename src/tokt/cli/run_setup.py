@@ -49,7 +49,7 @@ from tokt.inference.outputs.udp import (
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
 from tokt.inference.policy.temporal_cues import Anchor
 from tokt.inference.publisher import Observer, Sender
-from tokt.inference.recording.log import JsonLines, LogRotation
+from tokt.inference.recording.log import JsonLines, LinesApart, LogRotation
 from tokt.inference.recording.run_log import RunLog, events_path, new_run_id
 from tokt.inference.recording.run_start import ModelName, RunStart
 from tokt.inference.report import Event, EventQueue
@@ -454,7 +454,7 @@ def _observers(
         from tokt.inference.replay.replay import model_named
         from tokt.inference.replay.shadow import Challenger, Shadow
 
-        lines = JsonLines(model.shadow_log, rotation)
+        lines = (LinesApart if source.live else JsonLines)(model.shadow_log, rotation)
         other = model_named(model.shadow)
         challenger = Challenger.of(other, config.policy.policy, pairs, model.threads)
         # After the others: in a replay without a rate it waits for its challenger.
