@@ -212,8 +212,8 @@ class Watchdog:
         # Not the runtime's clock: this one, as both processes, stands still in a suspend.
         until = time.monotonic() + START_S
         asked = ended = False
-        sign = b""
-        while not ended or sign:
+        sign: bytes | None = None
+        while not ended or sign is not None:
             # Looked at before the signs are: what it said last is heard.
             ended = child.poll() is not None
             sign = _next_sign(signs, token)
@@ -242,10 +242,10 @@ class Watchdog:
             self.notifier.ready()
 
 
-def _next_sign(signs: socket.socket, token: bytes) -> bytes:
-    """What the runtime said within the next moment, or nothing; others' datagrams are no signs."""
+def _next_sign(signs: socket.socket, token: bytes) -> bytes | None:
+    """What the runtime said within the next moment, empty for what somebody else did, or None."""
     try:
         data = signs.recv(_MAX_DATAGRAM)
     except (TimeoutError, ConnectionResetError):
-        return b""  # the latter: Windows reports another socket's ICMP answer here
+        return None  # the latter: Windows reports another socket's ICMP answer here
     return data.removeprefix(token) if data.startswith(token) else b""

@@ -33,7 +33,7 @@ from tokt.inference.frame import Frame
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
 from tokt.inference.policy.policy import Judgement, Policy
 from tokt.inference.publisher import Observer
-from tokt.inference.recording.log import JsonLines
+from tokt.inference.recording.log import JsonLines, LinesApart
 from tokt.inference.report import Event, Report
 from tokt.inference.verdict import UNKNOWN
 from tokt.models.bundle.bundle import Bundle, bundle_from_bytes
@@ -194,7 +194,7 @@ class Shadow(Observer):
     Parameters
     ----------
     challenger : Challenger
-    log : JsonLines
+    log : JsonLines or LinesApart
         For this run's lines only; closed by `close`.
     run : str
         The run's id.
@@ -214,7 +214,7 @@ class Shadow(Observer):
     """
 
     challenger: Challenger
-    log: JsonLines
+    log: JsonLines | LinesApart
     run: str
     live: bool
     clock: Clock

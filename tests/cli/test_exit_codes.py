@@ -1,8 +1,10 @@
 """How a command ends when something is wrong that is no mistake of the user's."""
 
+import errno
 import os
 import sys
 import tempfile
+from pathlib import Path
 
 import pytest
 import typer
@@ -14,7 +16,7 @@ from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.monitoring.watchdog import Notifier, Watchdog
 
 DIES_ONCE = """
-import os, pathlib
+import pathlib, sys
 from tokt.cli.app import run_app
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.monitoring.watchdog import Notifier
@@ -23,7 +25,7 @@ def run(standalone_mode):
     if not pathlib.Path("been").exists():
         pathlib.Path("been").touch()
         raise RuntimeError("nobody thought of it")
-    Notifier(SYSTEM_CLOCK, os.environ).stopping()  # its source has ended
+    Notifier(SYSTEM_CLOCK).stopping()
 
 run_app(run)
 """
@@ -79,15 +81,39 @@ def test_without_room_for_the_file_it_is_still_one_line(temporary):
     hold_row("an error nobody thought of, and no room for its traceback", ends, "restarts +1")
 
 
-def test_what_dies_again_and_again_does_not_fill_the_disk(temporary):
+@pytest.mark.parametrize("year", [2016, 2999])
+def test_what_dies_again_and_again_does_not_fill_the_disk(year, temporary):
+    """Nor where the clock was set back since."""
     others = temporary / "tokt-other.txt"
     others.touch()
     for day in range(30):
-        (temporary / f"tokt-traceback-201601{day:02}-000000-1-x.txt").touch()
-    ends_with(KeyError("x"))
+        (temporary / f"tokt-traceback-{year}01{day:02}-000000-1-x.txt").touch()
+    said = ends_with(KeyError("x")).err
     kept = sorted(path.name for path in temporary.iterdir())
     assert len(kept) == 21 and others.name in kept
-    assert any(f"-{os.getpid()}-" in name for name in kept)
+    (new,) = (name for name in kept if f"-{os.getpid()}-" in name)
+    assert said.endswith(f"; the traceback is in {temporary / new}\n")
+
+
+def test_what_a_full_disk_takes_no_traceback_of_does_not_add_up(temporary, monkeypatch):
+    def refuse(self, data):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(tempfile._TemporaryFileWrapper, "write", refuse, raising=False)
+    for _ in range(30):
+        assert ends_with(KeyError("x")).err.endswith("written: No space left on device\n")
+    assert len([*temporary.iterdir()]) <= 20
+
+
+def test_a_file_of_another_user_s_is_left(temporary, monkeypatch):
+    for day in range(30):
+        (temporary / f"tokt-traceback-201601{day:02}-000000-1-x.txt").touch()
+
+    def refuse(path):
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    assert "; the traceback is in " in ends_with(KeyError("x")).err
 
 
 @pytest.mark.parametrize(

@@ -545,6 +545,7 @@ def test_a_disk_that_hangs_under_the_log(tmp_path, monkeypatch):
         log.heartbeat(dive.listener.reports[-1])
         assert json.loads(disk.readline()) == {"lost_lines": 4, "why": "the disk hangs"}
         assert json.loads(disk.readline())["seq"] == 24
+        monkeypatch.setattr(log_module, "_PATIENCE_S", MAX_S)
         log.close()
         assert log.failed == 4 and disk.read() == b""
     row("the log's disk hangs", finish(dive), "log failures +1 a line, after 1000")

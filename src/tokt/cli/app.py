@@ -5,6 +5,7 @@ import sys
 import tempfile
 import time
 import traceback
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -147,11 +148,13 @@ def _unexpected(error: Exception) -> str:
     name = "tokt-traceback-"
     prefix = f"{name}{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}-"
     try:
+        # First, and not after it: a disk may be full, or a clock set back.
+        for old in sorted(Path(tempfile.gettempdir()).glob(f"{name}*.txt"))[: 1 - _TRACEBACKS]:
+            with suppress(OSError):  # another user's
+                old.unlink()
         with tempfile.NamedTemporaryFile(suffix=".txt", prefix=prefix, delete=False) as file:
             file.write("".join(traceback.format_exception(error)).encode(errors="replace"))
         where = f"the traceback is in {file.name}"
-        for old in sorted(Path(file.name).parent.glob(f"{name}*.txt"))[:-_TRACEBACKS]:
-            old.unlink()
     except OSError as failure:
         where = f"the traceback cannot be written: {os_words(failure)}"
     what = ToktError(f"{type(error).__name__}: {error}")  # printable, and not too long

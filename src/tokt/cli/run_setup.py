@@ -49,7 +49,7 @@ from tokt.inference.outputs.udp import (
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
 from tokt.inference.policy.temporal_cues import Anchor
 from tokt.inference.publisher import Observer, Sender
-from tokt.inference.recording.log import JsonLines, LogRotation
+from tokt.inference.recording.log import JsonLines, LinesApart, LogRotation
 from tokt.inference.recording.run_log import RunLog, events_path, new_run_id
 from tokt.inference.recording.run_start import ModelName, RunStart
 from tokt.inference.report import Event, EventQueue
@@ -270,6 +270,8 @@ def carry_out(config: RunConfig) -> None:
             summary = runtime.run()
             if not signals:  # a watchdog knows of its own, and starts again after anybody else's
                 notifier.stopping()
+        if signals:  # a watchdog asks, too, after a Ctrl-C: what ends is not to be cut off
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)
     summary.log_failures = 0 if looking.log is None else looking.log.failed
     say(_words(summary, senders.values()))
     if config.monitoring.json:
@@ -452,7 +454,7 @@ def _observers(
         from tokt.inference.replay.replay import model_named
         from tokt.inference.replay.shadow import Challenger, Shadow
 
-        lines = JsonLines(model.shadow_log, rotation)
+        lines = (LinesApart if source.live else JsonLines)(model.shadow_log, rotation)
         other = model_named(model.shadow)
         challenger = Challenger.of(other, config.policy.policy, pairs, model.threads)
         # After the others: in a replay without a rate it waits for its challenger.

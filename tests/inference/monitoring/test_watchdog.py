@@ -182,6 +182,25 @@ def test_a_runtime_that_cannot_be_started_is_tried_again(tmp_path, monkeypatch):
     assert lines == ["the runtime cannot be started: Cannot allocate memory; started again (1)"]
 
 
+def test_a_last_word_is_heard_behind_what_somebody_else_says(monkeypatch):
+    """On a busy machine: both wait to be read when the runtime has ended."""
+    real, starts = Watchdog._start, []
+
+    def start(dog: Watchdog, where: str) -> subprocess.Popen[bytes]:
+        assert not starts, "it is started again"
+        port, token, _ = where.split(":")
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as anybody:
+            for said in (b"hello", token.encode() + b" STOPPING=1"):
+                anybody.sendto(said, ("127.0.0.1", int(port)))
+        starts.append(real(dog, where))
+        starts[0].wait()
+        return starts[0]
+
+    monkeypatch.setattr(Watchdog, "_start", start)
+    command = [sys.executable, "-S", "-c", ""]
+    assert Watchdog(command, print, Notifier(SYSTEM_CLOCK, {})).run() == 0
+
+
 def test_one_that_not_even_a_kill_ends_is_not_waited_for(monkeypatch, hand_clock):
     class Held(subprocess.Popen):
         """As one that the kernel holds."""

@@ -72,14 +72,15 @@ class Ship:
         return psutil.Process(self.process.pid).children()[0]
 
     def killed(self, number: int = signal.SIGKILL) -> dict[str, Any]:
-        """Send the runtime a signal; what is said first by the next one, seq 1."""
+        """Send the runtime a signal; the first verdict of the next one, whose seq 1 came."""
         runtime = self.runtime()
         runtime.send_signal(number)
         until(lambda: not is_alive(runtime), self.words)
         died_s = time.monotonic()
         first = self.until(lambda one: one["seq"] == 1)
         print(f"back after {time.monotonic() - died_s:.2f} s")
-        return first
+        # On a busy machine a heartbeat may come before it.
+        return first if first["model"] else self.until(lambda one: one["model"])
 
     def words(self) -> str:
         self._errors.seek(0)
@@ -136,7 +137,8 @@ def test_a_run_at_sea(ship):
     whole = bundle_path.read_bytes()
     bundle_path.write_bytes(whole[:-100])
     while not ship.store.last_good_file.exists():  # it has judged ten frames
-        assert ship.next()["health"] == "ok"
+        one = ship.next()
+        assert one["model"] in ("noise/7", None) and "refused" not in one["health"], one
     hold_row("the bundle is damaged on disk while it runs", "as without it", "nothing")
 
     again = ship.killed()
@@ -150,11 +152,11 @@ def test_a_run_at_sea(ship):
     other = replace(ship.first.content, version="of another camera", golden=golden)
     ship.store.deploy(bundle_from_bytes(bundle_bytes(other), "other"))
     while "it cannot judge the newest frame: frames are 360x271" not in ship.words():
-        assert ship.next()["model"] == "noise/7"
+        assert ship.next()["model"] in ("noise/7", None)
 
     second = bundle_from_bytes(bundle_bytes(replace(ship.first.content, version="8")), "8")
     entry = ship.store.deploy(second)
-    assert ship.until(lambda one: one["model"] == "noise/8")["health"] == "ok"
+    assert "refused" not in ship.until(lambda one: one["model"] == "noise/8")["health"]
     hold_row(
         "a new model becomes active while it runs",
         "the new model from the next frame on",
@@ -166,10 +168,10 @@ def test_a_run_at_sea(ship):
     ship.store.bundle_file(third.sha256).write_bytes(b"\0" * 4000)
     while "noise/9 is refused" not in ship.words():
         one = ship.next()
-        assert one["model"] in ("noise/8", "noise/9"), one
+        assert one["model"] in ("noise/8", "noise/9", None), one
         if one["model"] == "noise/9":
             pytest.skip("the new model was checked before the test could damage it")
-    assert ship.next()["model"] == "noise/8" and entry.version == "8"
+    assert ship.until(lambda one: one["model"])["model"] == "noise/8" and entry.version == "8"
     hold_row(
         "a new model that does not pass its checks",
         "as without it: the old one goes on",
@@ -258,12 +260,20 @@ def test_standard_files_that_are_closed_from_the_start(launch):
 
 def test_a_log_on_a_disk_that_hangs_from_the_start(launch, tmp_path):
     os.mkfifo(tmp_path / "log.jsonl")
-    ship = launch("--log", tmp_path / "log.jsonl")
-    ship.until(lambda one: one["seq"] == 80)
+    ship = launch("--log", tmp_path / "log.jsonl", "--rate", 100, start_new_session=True)
+    ship.until(lambda one: one["seq"] == 40)
     hold_row("the log's disk hangs from the start", "as without it", "log failures")
-    ship.process.terminate()
+    # Ctrl-C: the runtime is ending already when its watchdog asks it to.
+    os.killpg(ship.process.pid, signal.SIGINT)
     assert ship.process.wait(MAX_S) == 0
     assert re.search(r"\d\d log lines could not be written", ship.words())
+
+
+def test_a_challenger_s_log_on_a_disk_that_hangs_from_the_start(launch, bundle_file, tmp_path):
+    os.mkfifo(tmp_path / "shadow.jsonl")
+    ship = launch("--shadow", bundle_file, "--shadow-log", tmp_path / "shadow.jsonl")
+    assert ship.until(lambda one: one["status"] == 1)["model"] == "noise/7"
+    hold_row("the challenger's log: its disk hangs from the start", "as without it", "nothing")
 
 
 SUSPENDED = """
