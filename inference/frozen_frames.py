@@ -58,9 +58,11 @@ SAME_NOISE = 0.2
 """By how much more often signs agree with those of the last picture than with those of the one
 before it, from -1 to 1. Measured: at most 0.09; one frozen picture, compressed again at quality 75
 to 95, or with noise of 1 grey level put on top: 0.45 and more; of 2: 0.30; of 3: 0.21."""
-_SIGMAS = 4.5
+_SIGMAS = 5.0
 
 _ROWS = 32
+_SAMPLES = 43_520
+"""Pixels that are looked at in pictures less than 1360 wide: signs agree by chance in a few."""
 _PIECE_PX = 240
 """At least, unless the picture is narrower: compressed, a shorter one comes again by chance."""
 _WORD = 8
@@ -106,7 +108,8 @@ def _weights(words: int, pieces: int) -> tuple[Hashes, NDArray[np.intp]]:
 
 
 def _look(picture: U8) -> _Look:
-    step = max(len(picture) // _ROWS, 1)
+    rows_wanted = max(_ROWS, _SAMPLES // picture.shape[1])
+    step = max(len(picture) // rows_wanted, 1)
     rows = np.ascontiguousarray(picture[step // 2 :: step])
     flat = rows.reshape(len(rows), -1)
     words = flat.shape[1] // _WORD
