@@ -169,6 +169,9 @@ class DisparityDetector:
         self, faint: Faint, views: tuple[F32, F32], distance_m: float | None
     ) -> Detection:
         """What a pair comes to that shows no obstacle by itself; `distance_m` of a few matches."""
+        water = open_water_fault(*views)
+        if water is not None:
+            self._faint.doubt()
         if faint.matched == OBSTACLE:
             patches = faint.patches.astype(np.uint8) * 255
             size = self._mask_size[::-1]
@@ -178,7 +181,6 @@ class DisparityDetector:
             note = f"faint: few matches, in {MATCHED_HITS} of the last {MATCHED_WINDOW} frames"
             return Detection(mask, DISPARITY, distance_m=distance_m, note=note)
         fault = NO_FAULT
-        water = open_water_fault(*views)
         if water is not None:
             fault = water.fault
         elif faint.alone == OBSTACLE:

@@ -100,6 +100,11 @@ class FaintMatches:
         self._matched.skip(frames)
         self._alone.skip(frames)
 
+    def doubt(self) -> None:
+        """Nothing that the last pair shows is believed."""
+        self._matched.doubt()
+        self._alone.doubt()
+
     def take(self, valid: Bools, rectifier: Rectifier) -> None:
         """A pair that is proof by itself: its matches, in the views of its own rectifier."""
         self._matched.add(_shares(valid, rectifier).ravel())

@@ -122,6 +122,10 @@ class MofNRun:
         nothing = np.zeros_like(patches)
         return MofNResult(nothing, self._words("waits", over) if over else "")
 
+    def doubt(self) -> None:
+        """Nothing that the frame just judged shows is believed."""
+        self._state.doubt()
+
     def _words(self, does: str, over: int) -> str:
         rule = self.rule
         return (
@@ -177,9 +181,10 @@ class TextureDetector:
             words = "the model gave a decision value that is not finite"
             return self._unjudged(Fault(Reason.NOT_FINITE, words))
         found = self._ruled(values, *gray.shape)
-        if found.mask is not None and not found.mask.any():
-            fault = self._unlike_training(frame.left, features)
-            if fault:
+        fault = self._unlike_training(frame.left, features)
+        if fault:
+            self._rule.doubt()
+            if found.mask is None or not found.mask.any():
                 found = replace(found, mask=None, fault=fault, vetoes_clear=True)
         return replace(found, features=features)
 

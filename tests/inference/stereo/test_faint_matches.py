@@ -159,6 +159,19 @@ def test_water_that_has_lost_its_contrast_is_unknown(name, sides, stereo):
     )
 
 
+def test_a_pair_that_is_not_believed_is_no_frame_without_it():
+    water = [Frame(n, 0.0, *faint_pair(n, None)) for n in range(1, 7)]
+    views = [[hazy(view).round().astype(np.uint8) for view in lit_sea(n)] for n in range(7, 11)]
+    lost = [Frame(7, 0.0, *pair) for pair in views]
+    found = statuses([*water, *lost, Frame(11, 0.0, *faint_pair(11))])
+    assert [status(one) for one in found[5:]] == [0, -1, -1, -1, -1, -1]
+    hold_row(
+        "haze while something faint comes into view, then none (`disparity`)",
+        f"unknown `{found[-2].fault.reason}`, then unknown `{found[-1].fault.reason}`",
+        "frames by reason",
+    )
+
+
 @pytest.mark.parametrize("stereo", [DisparityDetector, PushbroomDetector])
 @pytest.mark.parametrize("sides", ["l", "r"])
 @pytest.mark.parametrize("name", TURNED)
