@@ -11,8 +11,8 @@ from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import decode_image, read_image
 from tokt.inference.frame import Frame
 from tokt.inference.frame_checks import frame_fault
-from tokt.inference.reason import Fault, Reason
 from tokt.inference.policy.policy import judge_image
+from tokt.inference.reason import Fault, Reason
 from tokt.inference.texture import detector as detector_module
 from tokt.inference.texture.detector import TextureDetector
 from tokt.models.bundle.bundle import read_bundle
