@@ -11,7 +11,7 @@ from tokt.inference.reason import Reason
 RNG = np.random.default_rng(3)
 
 
-SIZES = [(1024, 1360), (480, 640), (271, 360), (135, 180)]
+SIZES = [(1024, 1360), (480, 640), (271, 360), (135, 180), (48, 64), (30, 40), (120, 1360)]
 
 
 def light(height, width):
