@@ -168,7 +168,9 @@ def _whole_frame_fault(gray: U8, pixels: U8) -> Fault:
     return NO_FAULT
 
 
-def _by_patch(reduce: np.ufunc, gray: U8, grid: Grid, dtype: type = np.uint8) -> NDArray[Any]:
+def _by_patch(
+    reduce: np.ufunc, gray: NDArray[Any], grid: Grid, dtype: type = np.uint8
+) -> NDArray[Any]:
     """One value of each patch's grey levels; down first, whole rows at a time."""
     height, width = grid.patch_size(*gray.shape)
     covered = gray[: grid.rows * height, : grid.cols * width]

@@ -120,7 +120,7 @@ class Distribution:
         """
         limits = self.limits
         out = ks_distances(bin_counts(features, self.edges), self.counts) > limits
-        return np.count_nonzero(out) / max(np.count_nonzero(limits < 1), 1)
+        return int(out.sum()) / max(int((limits < 1).sum()), 1)
 
     def summary(self) -> dict[str, Any]:
         """The figures behind the limits, as plain JSON; `drift_words` says them."""

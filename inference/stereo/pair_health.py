@@ -93,7 +93,7 @@ open water shows that; under haze, glow or a raised black level, inverted or enl
 Frames without a near thing (1 to 146, 210 to 246): 0.175 / 0.174 and more; halved and raised by 50
 at most 0.050 / 0.050, raised by 60 0.071 / 0.071, lit from below 0.047 / 0.047, enlarged twice
 0.057 / 0.066."""
-LEAST_ALIKE = 0.8
+MIN_ALIKE = 0.8
 """Least correlation of the light of two views (the logarithms of those means). The same frames:
 0.941 / 0.933 and more; cameras swapped at most 0.762 / 0.794. A view turned or mirrored is more
 like the other when turned back, by 0.148 / 0.175 and more; a true one at least 0.116 / 0.106
@@ -187,7 +187,7 @@ def open_water_fault(left_view: F32, right_view: F32) -> PairFault | None:
     turned = max(
         float(np.vdot(one, np.rot90(way, by))) for way in (other, other.T) for by in range(4)
     )
-    if alike < max(LEAST_ALIKE, turned):
+    if alike < max(MIN_ALIKE, turned):
         words = "the light of the two views is not alike: swapped, turned, mirrored or covered"
         return PairFault(words, vetoes_clear=True)
     return None

@@ -376,7 +376,7 @@ def back_up_labels(
     with _open_store(workspace) as store:
         events = back_up(store, file)
     value = {"file": str(file), "store": str(store.path), "events": events}
-    answer(json, value, lambda: typer.echo(f"{file}: {events} events, checked"))
+    answer(json, value, lambda: print(f"{file}: {events} events, checked"))
 
 
 @labels_app.command("stats")
