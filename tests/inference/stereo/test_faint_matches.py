@@ -8,6 +8,7 @@ import pytest
 from tests.inference.test_faults import hold_row
 from tokt.features.frames.grid import Grid
 from tokt.inference.frame import Frame
+from tokt.inference.policy.policy import guarded
 from tokt.inference.reason import Reason
 from tokt.inference.stereo.calibration import load_calibration
 from tokt.inference.stereo.disparity import DisparityDetector
@@ -64,6 +65,17 @@ def test_a_frame_that_is_missing_is_no_frame_without_it():
     late = Frame(10, 0.0, *faint_pair(10), missed=3)
     found = statuses([*water, late])[-1]
     assert found.mask is None and found.fault.reason is Reason.FRAME_RULE
+
+
+def test_a_pair_at_which_the_detector_fails_is_no_frame_without_it():
+    detector = DisparityDetector(PLAIN, Grid())
+    statuses((Frame(n, 0.0, *faint_pair(n, None)) for n in range(1, 7)), detector)
+    matcher, detector._matcher = detector._matcher, None
+    for number in range(7, 11):
+        found = guarded(detector, Frame(number, 0.0, *faint_pair(number)))
+        assert found.fault.reason is Reason.DETECTOR_FAILED
+    detector._matcher = matcher
+    assert detector.detect(Frame(11, 0.0, *faint_pair(11))).fault.reason is Reason.FRAME_RULE
 
 
 def test_faint_texture_that_stays_and_matches_nowhere_is_unknown():
