@@ -12,7 +12,9 @@ from tokt.inference.policy.policy import guarded
 from tokt.inference.reason import Reason
 from tokt.inference.stereo.calibration import load_calibration
 from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.stereo.pair_health import open_water_fault
 from tokt.inference.stereo.pushbroom import PushbroomDetector
+from tokt.inference.stereo.rectify import Rectifier
 from tokt.inference.verdict import verdict_from_mask
 
 from .plain_rig import PLAIN, lit_sea, sea_trial
@@ -205,6 +207,18 @@ def test_one_picture_in_both_places_is_unknown(stereo):
     hold_row(
         "one camera's picture in both places (`disparity`)", "unknown `stereo`", "frames by reason"
     )
+
+
+@pytest.mark.mission
+@pytest.mark.parametrize("number", [50, 104, 216, 237, 246])
+def test_the_light_of_swapped_cameras_is_told_without_anything_to_match(
+    number, mission, calibration_path
+):
+    rectifier = Rectifier(load_calibration(calibration_path), 0.5)
+    left, right = (sea_trial(mission, side, number) for side in ("Left", "Right"))
+    assert open_water_fault(rectifier.left(left), rectifier.right(right)) is None
+    swapped = open_water_fault(rectifier.left(right), rectifier.right(left))
+    assert swapped is not None and "not alike" in swapped.reason
 
 
 def labelled(path: Path) -> set[int]:
