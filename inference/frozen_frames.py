@@ -7,8 +7,8 @@ signs of its finest differences, where noise is all that there is in water.
 What cannot be told from a new picture:
 
 - Buffers that go round and are more than `REMEMBERED`.
-- An old picture in a stream whose compression leaves no noise (`NOISY`), where it changes over
-  more than `MOSTLY_SAME` of the picture: it is compressed otherwise each time, or brighter and
+- An old picture in a stream whose compression leaves no noise (`NOISY`), where no more than
+  `MOSTLY_SAME` of it stays as it was: it is compressed otherwise each time, or brighter and
   darker. JPEG of quality 75 leaves none where the noise is below 1.5 grey levels.
 - One compressed below quality 70, or with noise of 3 grey levels and more put on top; part of a
   picture compressed otherwise each time, at times.
@@ -161,6 +161,8 @@ def _moved(last: U8, picture: U8) -> bool:
     """Whether the middle row of a picture, or its middle column, is another one of the last."""
     for old, new in ((last, picture), (last.T, picture.T)):
         line, some = new[len(new) // 2], slice(new.shape[1] // 2, new.shape[1] // 2 + _BLOCK)
+        if line.min() == line.max():  # drawn, as a crosshair
+            continue
         near = np.flatnonzero((old[:, some] == line[some]).all(axis=1))
         if any(np.array_equal(old[index], line) for index in near[:REMEMBERED]):
             return True

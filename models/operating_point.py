@@ -233,6 +233,12 @@ class MofNState:
         """Leave out places where a frame is missing: they are not known."""
         self._last.extend([None] * min(frames, self.rule.n))
 
+    def doubt(self) -> None:
+        """Where the last frame shows nothing, that is not believed: it is not known."""
+        last = self._last[-1]
+        if last is not None and not last.any():
+            self._last[-1] = None
+
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)

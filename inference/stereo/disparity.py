@@ -108,10 +108,9 @@ class DisparityDetector:
 
     def observe(self, frame: Frame) -> Observation:
         """Judge one pair, and tell the matches."""
-        self._faint.skip(frame.missed)
+        self._faint.begin(frame.missed)
         fault = pair_shape_fault(frame, self.calibration.frame_size)
         if frame.left is None or frame.right is None or fault:
-            self._faint.skip(1)
             return Observation(Detection(None, DISPARITY, fault=fault), None)
         scaled = [self.rectifier.scaled(picture) for picture in (frame.left, frame.right)]
         unfit = _unfit(frame.left, frame.right, scaled) or one_picture_fault(frame)
@@ -149,7 +148,6 @@ class DisparityDetector:
             mask = self.rectifier.to_left(found.valid.astype(np.uint8) * 255, *self._mask_size)
         obstacle = cv2.mean(mask)[0] > STATUS_MEAN_THRESHOLD
         if doubt is not None and not (doubt.matches_stand and obstacle):
-            self._faint.skip(1)
             # An unfit picture explains it; two good ones that do not match are a sign of danger.
             vetoes_clear = (doubt.vetoes_clear and not unfit) or unfit.reason is Reason.STEREO
             return Detection(None, DISPARITY, fault=unfit or doubt.fault, vetoes_clear=vetoes_clear)
@@ -159,7 +157,6 @@ class DisparityDetector:
             note = unfit or (doubt.reason if doubt is not None else "")
             return Detection(mask, DISPARITY, distance_m=distance, note=note)
         if unfit:
-            self._faint.skip(1)
             # One picture in both places: the left one may not be the left camera's.
             vetoes_clear = unfit.reason is Reason.STEREO
             return Detection(None, DISPARITY, fault=unfit, vetoes_clear=vetoes_clear)
@@ -169,6 +166,9 @@ class DisparityDetector:
         self, faint: Faint, views: tuple[F32, F32], distance_m: float | None
     ) -> Detection:
         """What a pair comes to that shows no obstacle by itself; `distance_m` of a few matches."""
+        water = open_water_fault(*views)
+        if water is not None:
+            self._faint.doubt()
         if faint.matched == OBSTACLE:
             patches = faint.patches.astype(np.uint8) * 255
             size = self._mask_size[::-1]
@@ -178,7 +178,6 @@ class DisparityDetector:
             note = f"faint: few matches, in {MATCHED_HITS} of the last {MATCHED_WINDOW} frames"
             return Detection(mask, DISPARITY, distance_m=distance_m, note=note)
         fault = NO_FAULT
-        water = open_water_fault(*views)
         if water is not None:
             fault = water.fault
         elif faint.alone == OBSTACLE:

@@ -94,19 +94,27 @@ class FaintMatches:
         self._matcher = DenseMatcher(self.rectifier, kernels=kernels, step=1, contrast=FAINT)
         self._matched = MofNState(MofNRule(MATCHED_SHARE, m=MATCHED_HITS, n=MATCHED_WINDOW))
         self._alone = MofNState(MofNRule(TEXTURED_SHARE, m=ALONE_HITS, n=ALONE_WINDOW))
+        self._begun = 0
 
-    def skip(self, frames: int) -> None:
-        """Leave out frames that are missing or could not be judged."""
-        self._matched.skip(frames)
-        self._alone.skip(frames)
+    def begin(self, missed: int) -> None:
+        """The next pair, `missed` pairs after the one before; not known unless it is looked at."""
+        for state in (self._matched, self._alone):
+            state.skip(missed + self._begun)
+        self._begun = 1
+
+    def doubt(self) -> None:
+        """Nothing that the last pair shows is believed."""
+        self._matched.doubt()
+        self._alone.doubt()
 
     def take(self, valid: Bools, rectifier: Rectifier) -> None:
         """A pair that is proof by itself: its matches, in the views of its own rectifier."""
         self._matched.add(_shares(valid, rectifier).ravel())
         self._alone.skip(1)
+        self._begun = 0
 
     def look(self, left: F32, right: F32) -> Faint:
-        """Match the next pair of rectified views, float32, and say what stays."""
+        """Match a pair of rectified views, float32, and say what stays."""
         size = self.rectifier.size
         views = (cv2.resize(view, size, interpolation=cv2.INTER_AREA) for view in (left, right))
         found = self._matcher.match(*(np.asarray(view, np.float32) for view in views))
@@ -114,6 +122,7 @@ class FaintMatches:
         textured = _shares(found.textured, self.rectifier)
         alone = np.where(shares < MATCHED_OF_TEXTURED * textured, textured, 0.0)
         statuses = self._matched.add(shares.ravel()), self._alone.add(alone.ravel())
+        self._begun = 0
         patches = self._matched.confirmed.reshape(shares.shape)
         nearest = None
         if statuses[0] == OBSTACLE:

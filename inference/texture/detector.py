@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -122,6 +123,10 @@ class MofNRun:
         nothing = np.zeros_like(patches)
         return MofNResult(nothing, self._words("waits", over) if over else "")
 
+    def doubt(self) -> None:
+        """Nothing that the frame just judged shows is believed."""
+        self._state.doubt()
+
     def _words(self, does: str, over: int) -> str:
         rule = self.rule
         return (
@@ -151,7 +156,8 @@ class TextureDetector:
         self.scorer = scorer
         self.threads = threads
         self._rule = MofNRun(scorer.operating_point.rule)
-        self._least_detail = _least_detail(scorer)
+        known = scorer.distribution is not None
+        self._least_detail = _least_detail(scorer.golden.frames) if known else 0.0
 
     def detect(self, frame: Frame) -> Detection:
         """Judge the left picture."""
@@ -177,9 +183,10 @@ class TextureDetector:
             words = "the model gave a decision value that is not finite"
             return self._unjudged(Fault(Reason.NOT_FINITE, words))
         found = self._ruled(values, *gray.shape)
-        if found.mask is not None and not found.mask.any():
-            fault = self._unlike_training(frame.left, features)
-            if fault:
+        fault = self._unlike_training(frame.left, features)
+        if fault:
+            self._rule.doubt()
+            if found.mask is None or not found.mask.any():
                 found = replace(found, mask=None, fault=fault, vetoes_clear=True)
         return replace(found, features=features)
 
@@ -230,11 +237,10 @@ class TextureDetector:
         return Fault(Reason.WRONG_SIZE, words)
 
 
-def _least_detail(scorer: Bundle) -> float:
+@lru_cache(maxsize=4)  # a detector a picture is made by `judge_image`, and decoding takes 60 ms
+def _least_detail(golden_frames: tuple[bytes, ...]) -> float:
     """The fine detail that a frame needs to be clear; 0 where training frames have none."""
-    if scorer.distribution is None:
-        return 0.0
-    golden = [decode_image(png, "golden frame") for png in scorer.golden.frames]
+    golden = [decode_image(png, "golden frame") for png in golden_frames]
     over = min(map(fine_detail, golden)) - _NO_DETAIL
     return _NO_DETAIL + DETAIL_LEFT * over if over > _SOME_DETAIL else 0.0
 

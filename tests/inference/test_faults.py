@@ -162,6 +162,22 @@ def test_a_picture_without_the_fine_detail_that_the_model_learnt_from():
     assert detector.detect(Frame(3, 0.0, picture, None)).mask.any()
 
 
+def test_a_frame_that_is_not_believed_is_not_known_to_the_frame_rule_either():
+    scorer = LevelScorer([draw([], seed) for seed in range(8)])
+    scorer.operating_point = OperatingPoint(MofNRule(m=3, n=5))
+    hazy = unlike_training()["haze over a model's frames"]
+    pictures = [draw([], seed) for seed in range(9, 14)] + [hazy] * 3 + [draw([(4, 5)], 14)]
+    detector = TextureDetector(scorer)
+    found = [detector.detect(Frame(number, 0.0, one, None)) for number, one in enumerate(pictures)]
+    assert [one.fault.reason for one in found[4:8]] == [Reason.OK] + [Reason.DRIFT] * 3
+    assert found[8].mask is None and found[8].vetoes_clear
+    hold_row(
+        "haze while something comes into view, then none",
+        f"unknown `drift`, then unknown `{found[8].fault.reason}`",
+        "frames by reason",
+    )
+
+
 def few_bits_video(folder: Path) -> None:
     codec, options = cv2.VideoWriter.fourcc(*"FFV1"), [cv2.VIDEOWRITER_PROP_DEPTH, cv2.CV_16U]
     options += [cv2.VIDEOWRITER_PROP_IS_COLOR, 0]

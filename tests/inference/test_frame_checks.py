@@ -11,7 +11,7 @@ from tokt.inference.reason import Reason
 RNG = np.random.default_rng(3)
 
 
-SIZES = [(1024, 1360), (480, 640), (271, 360), (135, 180)]
+SIZES = [(1024, 1360), (480, 640), (271, 360), (135, 180), (48, 64), (30, 40), (120, 1360)]
 
 
 def light(height, width):
@@ -66,5 +66,7 @@ def test_detail_as_fine_as_pixels_is_lost_by_blur_and_by_enlarging():
     assert fine_detail(np.ascontiguousarray(picture[:, :, None].repeat(3, axis=2))) == found
     assert fine_detail(cv2.GaussianBlur(picture, (0, 0), 4)) < 0.6
     assert fine_detail(cv2.resize(picture, None, fx=2, fy=2)[:480, :640]) < 0.7
+    for across, down in ((2, 1), (1, 2)):
+        assert fine_detail(cv2.resize(picture, None, fx=across, fy=down)) < 0.75
     assert fine_detail(np.full((480, 640), 90, np.uint8)) == 0
     assert fine_detail(picture[:30, :30]) == 1.0

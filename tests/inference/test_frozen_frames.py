@@ -152,6 +152,17 @@ def test_pictures_of_any_size_are_looked_at(shape):
     assert faults([*pictures, pictures[-1], *[noise()] * 8])[-1]
 
 
+@pytest.mark.parametrize("colour", [False, True])
+@pytest.mark.parametrize("place", [np.s_[HEIGHT // 2], np.s_[:, WIDTH // 2]])
+def test_a_line_drawn_through_the_middle_of_each_picture_is_no_picture_that_moved(place, colour):
+    pictures = [water(LIGHT) for _ in range(6)]
+    for picture in pictures:
+        picture[place] = 255
+    if colour:
+        pictures = [np.dstack([one, one, one]) for one in pictures]
+    assert not any(faults(pictures))
+
+
 def test_what_is_no_picture_is_left_to_others():
     for odd in (np.zeros((4, 4), np.float32), np.zeros((9, 9, 1), np.uint8)):
         assert not any(faults([odd] * 9))

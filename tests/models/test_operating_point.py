@@ -104,6 +104,16 @@ def test_a_patch_seen_before_a_gap_and_not_now_is_not_clear_yet():
     assert [_added(state, scores) for scores in frames] == [0, 0, 0, -1, -1, 0]
 
 
+def test_a_doubted_frame_that_shows_nothing_is_not_known_and_what_it_shows_stays():
+    rule = MofNRule(0.5, 1, 2, 3)
+    for before, then in (([0.0], UNKNOWN), ([1.0], OBSTACLE)):
+        state = MofNState(rule)
+        for scores in ([0.0], [0.0], before):
+            _added(state, scores)
+        state.doubt()
+        assert _added(state, [1.0]) == then
+
+
 def test_by_default_any_patch_over_its_threshold_is_an_obstacle_at_once():
     rule, state = MofNRule(), MofNState(MofNRule())
     frames = ([-1.0, 1e-12], [-1.0, 0.0], None)

@@ -8,10 +8,13 @@ import pytest
 from tests.inference.test_faults import hold_row
 from tokt.features.frames.grid import Grid
 from tokt.inference.frame import Frame
+from tokt.inference.policy.policy import guarded
 from tokt.inference.reason import Reason
 from tokt.inference.stereo.calibration import load_calibration
 from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.stereo.pair_health import open_water_fault
 from tokt.inference.stereo.pushbroom import PushbroomDetector
+from tokt.inference.stereo.rectify import Rectifier
 from tokt.inference.verdict import verdict_from_mask
 
 from .plain_rig import PLAIN, lit_sea, sea_trial
@@ -64,6 +67,17 @@ def test_a_frame_that_is_missing_is_no_frame_without_it():
     late = Frame(10, 0.0, *faint_pair(10), missed=3)
     found = statuses([*water, late])[-1]
     assert found.mask is None and found.fault.reason is Reason.FRAME_RULE
+
+
+def test_a_pair_at_which_the_detector_fails_is_no_frame_without_it():
+    detector = DisparityDetector(PLAIN, Grid())
+    statuses((Frame(n, 0.0, *faint_pair(n, None)) for n in range(1, 7)), detector)
+    matcher, detector._matcher = detector._matcher, None
+    for number in range(7, 11):
+        found = guarded(detector, Frame(number, 0.0, *faint_pair(number)))
+        assert found.fault.reason is Reason.DETECTOR_FAILED
+    detector._matcher = matcher
+    assert detector.detect(Frame(11, 0.0, *faint_pair(11))).fault.reason is Reason.FRAME_RULE
 
 
 def test_faint_texture_that_stays_and_matches_nowhere_is_unknown():
@@ -159,6 +173,19 @@ def test_water_that_has_lost_its_contrast_is_unknown(name, sides, stereo):
     )
 
 
+def test_a_pair_that_is_not_believed_is_no_frame_without_it():
+    water = [Frame(n, 0.0, *faint_pair(n, None)) for n in range(1, 7)]
+    views = [[hazy(view).round().astype(np.uint8) for view in lit_sea(n)] for n in range(7, 11)]
+    lost = [Frame(7, 0.0, *pair) for pair in views]
+    found = statuses([*water, *lost, Frame(11, 0.0, *faint_pair(11))])
+    assert [status(one) for one in found[5:]] == [0, -1, -1, -1, -1, -1]
+    hold_row(
+        "haze while something faint comes into view, then none (`disparity`)",
+        f"unknown `{found[-2].fault.reason}`, then unknown `{found[-1].fault.reason}`",
+        "frames by reason",
+    )
+
+
 @pytest.mark.parametrize("stereo", [DisparityDetector, PushbroomDetector])
 @pytest.mark.parametrize("sides", ["l", "r"])
 @pytest.mark.parametrize("name", TURNED)
@@ -180,6 +207,18 @@ def test_one_picture_in_both_places_is_unknown(stereo):
     hold_row(
         "one camera's picture in both places (`disparity`)", "unknown `stereo`", "frames by reason"
     )
+
+
+@pytest.mark.mission
+@pytest.mark.parametrize("number", [50, 104, 216, 237, 246])
+def test_the_light_of_swapped_cameras_is_told_without_anything_to_match(
+    number, mission, calibration_path
+):
+    rectifier = Rectifier(load_calibration(calibration_path), 0.5)
+    left, right = (sea_trial(mission, side, number) for side in ("Left", "Right"))
+    assert open_water_fault(rectifier.left(left), rectifier.right(right)) is None
+    swapped = open_water_fault(rectifier.left(right), rectifier.right(left))
+    assert swapped is not None and "not alike" in swapped.reason
 
 
 def labelled(path: Path) -> set[int]:

@@ -4,13 +4,16 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.inference.conftest import LevelScorer, draw
 from tokt.features.extractors.extractor import gray_picture
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import decode_image, read_image
 from tokt.inference.frame import Frame
 from tokt.inference.frame_checks import frame_fault
+from tokt.inference.policy.policy import judge_image
 from tokt.inference.reason import Fault, Reason
+from tokt.inference.texture import detector as detector_module
 from tokt.inference.texture.detector import TextureDetector
 from tokt.models.bundle.bundle import read_bundle
 
@@ -219,3 +222,16 @@ def test_every_frame_of_the_sea_trial_can_be_judged(mission):
     paths = sorted(mission.glob("*/*.jpg"))
     assert len(paths) == 492
     assert {frame_fault(read_image(path)) for path in paths} == {""}
+
+
+def test_golden_frames_are_decoded_once_a_model_and_not_once_a_picture(monkeypatch):
+    decoded = []
+    monkeypatch.setattr(
+        detector_module,
+        "decode_image",
+        lambda data, name: decoded.append(data) or decode_image(data, name),
+    )
+    scorer = LevelScorer([draw([], seed) for seed in range(200, 204)])
+    for seed in range(3):
+        judge_image(scorer, draw([], seed))
+    assert decoded == list(scorer.golden.frames)

@@ -20,7 +20,9 @@ from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Detection
 from tokt.models.operating_point import MofNRule, MofNState, OperatingPoint
 
-PICTURE = np.random.default_rng(1).integers(40, 60, (60, 60), np.uint8)
+PICTURE = np.random.default_rng(1).integers(0, 20, (60, 60), np.uint8) + np.arange(
+    60, dtype=np.uint8
+)
 
 
 class Script(NoiseScorer):
