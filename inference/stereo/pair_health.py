@@ -23,6 +23,7 @@ What cannot be found:
 - What is textured in less than `TEXTURED_FRACTION` of the view, with a wrong right frame.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -99,6 +100,10 @@ LEAST_ALIKE = 0.8
 like the other when turned back, by 0.148 / 0.175 and more; a true one at least 0.116 / 0.106
 less."""
 _PARTS = 10
+_PLACES = np.arange(_PARTS**2).reshape(_PARTS, _PARTS)
+_TURNS = np.array([np.rot90(way, by).ravel() for way in (_PLACES, _PLACES.T) for by in range(4)])
+"""Where each part comes from when a view is turned and mirrored; first as it is."""
+_EVENLY = (np.arange(_PARTS) - (_PARTS - 1) / 2) / np.arange(_PARTS).std()
 _BLACK_GREY = 3.0
 """Grey levels that are added before the logarithm: differences below are noise."""
 
@@ -182,12 +187,8 @@ def open_water_fault(left_view: F32, right_view: F32) -> PairFault | None:
         if _levelness(light) < LEVELNESS:
             level = f"the {side} view has lost its contrast: haze, glow or no true picture"
             return PairFault(level, vetoes_clear=True)
-    one, other = _fall(left), _fall(right)
-    alike = float(np.vdot(one, other))
-    turned = max(
-        float(np.vdot(one, np.rot90(way, by))) for way in (other, other.T) for by in range(4)
-    )
-    if alike < max(LEAST_ALIKE, turned):
+    alike = _fall(right).ravel()[_TURNS] @ _fall(left).ravel()
+    if alike[0] < max(LEAST_ALIKE, alike.max()):
         words = "the light of the two views is not alike: swapped, turned, mirrored or covered"
         return PairFault(words, vetoes_clear=True)
     return None
@@ -202,12 +203,9 @@ def _light(view: F32) -> F64:
 
 def _levelness(light: F64) -> float:
     """See `LEVELNESS`."""
-    across = np.arange(_PARTS) - (_PARTS - 1) / 2
-    rest = light - light.mean()
-    for axis in (0, 1):
-        slope = rest.mean(axis=axis) @ across / (across @ across)
-        rest -= slope * (across if axis == 0 else across[:, None])
-    return float(rest.std() / max(light.mean(), 1.0))
+    rises = (float(light.mean(axis=axis) @ _EVENLY) / _PARTS for axis in (0, 1))
+    rest = float(light.var()) - sum(rise**2 for rise in rises)
+    return math.sqrt(max(rest, 0.0)) / max(float(light.mean()), 1.0)
 
 
 def _fall(light: F64) -> F64:
