@@ -192,7 +192,11 @@ def _band_fault(gray: U8) -> Fault:
     if width == 0:
         return NO_FAULT
     parts = gray[:, :width].reshape(height, _BAND_PARTS, -1)
-    equal = (parts[1:] == parts[:-1]).all(axis=2) & (parts[1:, :, 0] < SATURATED_GREY)
+    below, above = parts[1:], parts[:-1]
+    some = np.s_[BAND_ROWS - 2 :: BAND_ROWS - 1]  # one pair of each band at least
+    if not (below[some] == above[some]).all(axis=2).any():
+        return NO_FAULT
+    equal = (below == above).all(axis=2) & (below[:, :, 0] < SATURATED_GREY)
     # How many rows before each row are equal to it and to one another.
     row = np.arange(1, height)[:, None]
     longest = int((row - np.maximum.accumulate(np.where(equal, 0, row))).max(initial=0))
