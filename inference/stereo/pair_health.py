@@ -242,7 +242,7 @@ def _nearer_fault(matches: Matches) -> PairFault | None:
     some = np.s_[::step, ::step]
     around = np.ones((_NEAR_BY, _NEAR_BY), np.uint8)
     near_by = cv2.dilate(matches.valid[some].astype(np.uint8), around)
-    alone = (matches.textured & matches.searched)[some] & (near_by == 0)
+    alone = matches.textured[some] & matches.searched[some] & (near_by == 0)
     if np.count_nonzero(alone) <= UNMATCHED_FRACTION * alone.size:
         return None
     return PairFault(NEARER, vetoes_clear=True, matches_stand=True)
@@ -280,10 +280,11 @@ def _right_only_fault(left_view: F32, right_view: F32, matches: Matches) -> Pair
 
 def _textured_fraction(view: F32) -> float:
     """Part of a view with local contrast, seen at a quarter of its size."""
-    height, width = view.shape
-    size = (max(width // _QUARTER, 1), max(height // _QUARTER, 1))
-    small = cv2.resize(view, size, interpolation=cv2.INTER_AREA)
-    _, sigma = local_mean_and_sigma(np.asarray(small, np.float32), _WINDOW_PX)
+    small = view
+    for by in (2, _QUARTER):  # in two steps, which take half the time of one
+        size = (max(view.shape[1] // by, 1), max(view.shape[0] // by, 1))
+        small = np.asarray(cv2.resize(small, size, interpolation=cv2.INTER_AREA), np.float32)
+    _, sigma = local_mean_and_sigma(small, _WINDOW_PX)
     return float(np.count_nonzero(sigma > LOCAL_SIGMA_GREY) / sigma.size)
 
 
