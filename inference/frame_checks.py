@@ -68,8 +68,8 @@ much smaller ones (40x40 at width 360) a real frame does have some blank."""
 
 WIDTH_TOLERANCE = 0.15
 """Of the picture's width: a frame reduced by a whole number will do, which is a tenth of the work.
-Measured on the frames reduced by 4: as above but for 24.7 times, and in a patch a standard deviation
-of 0.27 grey levels and a difference of 1."""
+Measured on the frames reduced by 4: as above but for 24.7 times, and in a patch a standard
+deviation of 0.27 grey levels and a difference of 1."""
 
 _STEP_ROWS = 32
 _MIN_PATCH_PX = 8
