@@ -298,7 +298,7 @@ def _gradients(view: U8, cap: int) -> U8:
     """OpenCV's XSOBEL filter: gradients across, clipped at `cap`, which itself means none."""
     # In bytes: what is below -cap becomes 0.
     raised = cv2.Sobel(view, cv2.CV_8U, 1, 0, delta=cap)
-    clipped = np.asarray(cv2.min(raised, 2 * cap), np.uint8)
+    clipped = np.asarray(cv2.threshold(raised, 2 * cap, 0, cv2.THRESH_TRUNC)[1], np.uint8)
     clipped[:, [0, -1]] = cap
     if len(clipped) % 2:  # it works on pairs of rows, and leaves a last single one without any
         clipped[-1] = cap

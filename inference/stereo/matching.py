@@ -59,7 +59,7 @@ def local_mean_and_sigma(view: F32, window_px: int) -> tuple[F32, F32]:
     mean = cv2.boxFilter(view, cv2.CV_32F, window)
     variance = cv2.sqrBoxFilter(view, cv2.CV_32F, window)
     cv2.subtract(variance, cv2.multiply(mean, mean), dst=variance)
-    cv2.max(variance, 0, dst=variance)
+    cv2.threshold(variance, 0, 0, cv2.THRESH_TOZERO, dst=variance)
     sigma = cv2.sqrt(variance, dst=variance)
     return np.asarray(mean, np.float32), np.asarray(sigma, np.float32)
 
@@ -79,7 +79,7 @@ def even_contrast(
         What a smaller deviation counts as, in grey levels.
     """
     even = cv2.subtract(view, mean)
-    cv2.divide(even, cv2.max(sigma, least_sigma), dst=even, scale=gain)
+    cv2.divide(even, np.maximum(sigma, least_sigma), dst=even, scale=gain)
     raised = cv2.addWeighted(even, 1.0, even, 0.0, _MIDDLE, dtype=cv2.CV_8U)
     return np.asarray(raised, np.uint8)
 

@@ -188,7 +188,7 @@ def open_water_fault(left_view: F32, right_view: F32) -> PairFault | None:
             level = f"the {side} view has lost its contrast: haze, glow or no true picture"
             return PairFault(level, vetoes_clear=True)
     alike = _fall(right).ravel()[_TURNS] @ _fall(left).ravel()
-    if alike[0] < max(LEAST_ALIKE, alike.max()):
+    if alike[0] < max(LEAST_ALIKE, float(alike.max())):
         words = "the light of the two views is not alike: swapped, turned, mirrored or covered"
         return PairFault(words, vetoes_clear=True)
     return None

@@ -194,9 +194,10 @@ class Rectifier:
         """
         key = (height, width)
         if key not in self._places:
-            self._places[key] = self._frame_places(height, width).astype(np.float32)
-        seen = np.asarray(view, np.uint8)
-        mask = cv2.remap(seen, self._places[key], None, cv2.INTER_NEAREST)  # beyond the edge 0
+            places = np.moveaxis(self._frame_places(height, width), -1, 0)
+            self._places[key] = np.ascontiguousarray(places, np.float32)
+        x, y = self._places[key]
+        mask = cv2.remap(np.asarray(view, np.uint8), x, y, cv2.INTER_NEAREST)  # beyond the edge 0
         return np.asarray(mask, np.uint8)
 
     def _frame_places(self, height: int, width: int) -> F64:
@@ -215,7 +216,7 @@ class Rectifier:
 
 def _within(places: NDArray[Any], end: int) -> NDArray[Any]:
     """What lies beyond the picture's edge moved to it; OpenCV's own border takes a third longer."""
-    return np.asarray(cv2.min(cv2.max(places, 0), end - 1))
+    return np.asarray(places.clip(0, end - 1), np.float32)
 
 
 def _moved(picture: F32, x: NDArray[Any], y: NDArray[Any]) -> F32:
