@@ -222,10 +222,10 @@ class MofNState:
         needed = max(self.rule.min_patches, min_mask_patches)
         now = self.rule.instant_margin
         at_once = now is not None and np.count_nonzero(scores > now) >= min_mask_patches
-        if at_once or np.count_nonzero(self.confirmed) >= needed:
-            return OBSTACLE
         known = [past for past in self._last if past is not None]
         times = np.sum(known, axis=0)
+        if at_once or np.count_nonzero(times >= self.rule.m) >= needed:
+            return OBSTACLE
         possible = (times > 0) & (times + self.rule.n - len(known) >= self.rule.m)
         return UNKNOWN if np.count_nonzero(possible) >= needed else CLEAR
 

@@ -296,10 +296,9 @@ def block_disparity(left: U8, right: U8, settings: BlockMatching, wanted: U8) ->
 
 def _gradients(view: U8, cap: int) -> U8:
     """OpenCV's XSOBEL filter: gradients across, clipped at `cap`, which itself means none."""
-    gradient = cv2.Sobel(view, cv2.CV_16S, 1, 0)
-    # To bytes: what is below -cap becomes 0.
-    raised = cv2.addWeighted(gradient, 1.0, gradient, 0.0, float(cap), dtype=cv2.CV_8U)
-    clipped = np.minimum(np.asarray(raised, np.uint8), np.uint8(2 * cap))
+    # In bytes: what is below -cap becomes 0.
+    raised = cv2.Sobel(view, cv2.CV_8U, 1, 0, delta=cap)
+    clipped = np.asarray(cv2.threshold(raised, 2 * cap, 0, cv2.THRESH_TRUNC)[1], np.uint8)
     clipped[:, [0, -1]] = cap
     if len(clipped) % 2:  # it works on pairs of rows, and leaves a last single one without any
         clipped[-1] = cap

@@ -209,12 +209,11 @@ class DisparityDetector:
 def _unfit(left: U8, right: U8, scaled: list[F32]) -> Fault:
     """Which picture `frame_fault` finds fault with and why, or an empty string."""
     for side, picture, half in (("left", left, scaled[0]), ("right", right, scaled[1])):
-        height, width = PATCH_GRID.resized(*picture.shape[:2])
-        gray = None
-        if width <= min(half.shape[1], picture.shape[1]):  # the scaled picture is less work
-            small = cv2.resize(half, (width, height), interpolation=cv2.INTER_AREA)
-            gray = np.asarray(cv2.convertScaleAbs(small), np.uint8)
-        fault = frame_fault(picture, gray, PATCH_GRID)
+        by = max(round(half.shape[1] / (PATCH_GRID.width or half.shape[1])), 1)
+        height, width = (max(side_px // by, 1) for side_px in half.shape)
+        small = cv2.resize(half, (width, height), interpolation=cv2.INTER_AREA)
+        gray = np.asarray(cv2.convertScaleAbs(small), np.uint8)
+        fault = frame_fault(picture, gray, replace(PATCH_GRID, width=width))
         if fault:
             return fault.about(side)
     return NO_FAULT

@@ -59,8 +59,8 @@ def local_mean_and_sigma(view: F32, window_px: int) -> tuple[F32, F32]:
     mean = cv2.boxFilter(view, cv2.CV_32F, window)
     variance = cv2.sqrBoxFilter(view, cv2.CV_32F, window)
     cv2.subtract(variance, cv2.multiply(mean, mean), dst=variance)
-    np.maximum(variance, 0, out=variance)
-    sigma = cv2.sqrt(variance)
+    cv2.threshold(variance, 0, 0, cv2.THRESH_TOZERO, dst=variance)
+    sigma = cv2.sqrt(variance, dst=variance)
     return np.asarray(mean, np.float32), np.asarray(sigma, np.float32)
 
 
@@ -243,18 +243,24 @@ class DenseMatcher:
         right_even = even_contrast(right, right_mean, right_sigma, GAIN, least)
         wanted = np.asarray(cv2.bitwise_and(textured, self._matched_pixels), np.uint8)
         disparity = self._disparity(left_even, right_even, wanted)
-        seen = self._seen_twice(disparity, left_even, right_even, right_sigma)
         matched = np.s_[:: self.step, :: self.step]
-        # Only connected regions of enough pixels of like disparity.
-        unmatched = self.settings.unmatched
-        kept = np.where(seen[matched] != 0, disparity[matched], unmatched).astype(np.int16)
-        largest_speck = math.ceil(self._least_blob / self.step**2) - 1
-        cv2.filterSpeckles(kept, unmatched, largest_speck, LIKE_PX * PER_PIXEL)
-        valid = np.asarray(kept != unmatched, np.uint8)
         sparse = disparity[matched].astype(np.float32) / np.float32(PER_PIXEL)
+        # First without specks: what is lost from right to left makes no speck larger.
+        disparity[matched] = self._without_specks(disparity[matched])
+        seen = self._seen_twice(disparity, left_even, right_even, right_sigma)
+        unmatched = self.settings.unmatched
+        kept = self._without_specks(np.where(seen[matched] != 0, disparity[matched], unmatched))
+        valid = np.asarray(kept != unmatched, np.uint8)
         return Matches(
             self._spread(sparse), self._spread(valid).view(bool), textured.view(bool), self.searched
         )
+
+    def _without_specks(self, disparity: NDArray[Any]) -> I16:
+        """Only connected regions of enough pixels of like disparity."""
+        kept = disparity.astype(np.int16)
+        largest_speck = math.ceil(self._least_blob / self.step**2) - 1
+        cv2.filterSpeckles(kept, self.settings.unmatched, largest_speck, LIKE_PX * PER_PIXEL)
+        return kept
 
     def _spread(self, values: NDArray[Any]) -> NDArray[Any]:
         """What was found of every `step`-th pixel, for all of them."""

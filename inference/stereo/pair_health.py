@@ -23,6 +23,7 @@ What cannot be found:
 - What is textured in less than `TEXTURED_FRACTION` of the view, with a wrong right frame.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -99,6 +100,10 @@ MIN_ALIKE = 0.88
 like the other when turned back, by 0.148 / 0.175 and more; a true one at least 0.116 / 0.106
 less."""
 _PARTS = 10
+_PLACES = np.arange(_PARTS**2).reshape(_PARTS, _PARTS)
+_TURNS = np.array([np.rot90(way, by).ravel() for way in (_PLACES, _PLACES.T) for by in range(4)])
+"""Where each part comes from when a view is turned and mirrored; first as it is."""
+_EVENLY = (np.arange(_PARTS) - (_PARTS - 1) / 2) / np.arange(_PARTS).std()
 _BLACK_GREY = 3.0
 """Grey levels that are added before the logarithm: differences below are noise."""
 
@@ -182,12 +187,8 @@ def open_water_fault(left_view: F32, right_view: F32) -> PairFault | None:
         if _levelness(light) < LEVELNESS:
             level = f"the {side} view has lost its contrast: haze, glow or no true picture"
             return PairFault(level, vetoes_clear=True)
-    one, other = _fall(left), _fall(right)
-    alike = float(np.vdot(one, other))
-    turned = max(
-        float(np.vdot(one, np.rot90(way, by))) for way in (other, other.T) for by in range(4)
-    )
-    if alike < max(MIN_ALIKE, turned):
+    alike = _fall(right).ravel()[_TURNS] @ _fall(left).ravel()
+    if alike[0] < max(MIN_ALIKE, float(alike.max())):
         words = "the light of the two views is not alike: swapped, turned, mirrored or covered"
         return PairFault(words, vetoes_clear=True)
     return None
@@ -202,12 +203,9 @@ def _light(view: F32) -> F64:
 
 def _levelness(light: F64) -> float:
     """See `LEVELNESS`."""
-    across = np.arange(_PARTS) - (_PARTS - 1) / 2
-    rest = light - light.mean()
-    for axis in (0, 1):
-        slope = rest.mean(axis=axis) @ across / (across @ across)
-        rest -= slope * (across if axis == 0 else across[:, None])
-    return float(rest.std() / max(light.mean(), 1.0))
+    rises = (float(light.mean(axis=axis) @ _EVENLY) / _PARTS for axis in (0, 1))
+    rest = float(light.var()) - sum(rise**2 for rise in rises)
+    return math.sqrt(max(rest, 0.0)) / max(float(light.mean()), 1.0)
 
 
 def _fall(light: F64) -> F64:
@@ -244,7 +242,7 @@ def _nearer_fault(matches: Matches) -> PairFault | None:
     some = np.s_[::step, ::step]
     around = np.ones((_NEAR_BY, _NEAR_BY), np.uint8)
     near_by = cv2.dilate(matches.valid[some].astype(np.uint8), around)
-    alone = (matches.textured & matches.searched)[some] & (near_by == 0)
+    alone = matches.textured[some] & matches.searched[some] & (near_by == 0)
     if np.count_nonzero(alone) <= UNMATCHED_FRACTION * alone.size:
         return None
     return PairFault(NEARER, vetoes_clear=True, matches_stand=True)
@@ -282,10 +280,11 @@ def _right_only_fault(left_view: F32, right_view: F32, matches: Matches) -> Pair
 
 def _textured_fraction(view: F32) -> float:
     """Part of a view with local contrast, seen at a quarter of its size."""
-    height, width = view.shape
-    size = (max(width // _QUARTER, 1), max(height // _QUARTER, 1))
-    small = cv2.resize(view, size, interpolation=cv2.INTER_AREA)
-    _, sigma = local_mean_and_sigma(np.asarray(small, np.float32), _WINDOW_PX)
+    small = view
+    for by in (2, _QUARTER):  # in two steps, which take half the time of one
+        size = (max(view.shape[1] // by, 1), max(view.shape[0] // by, 1))
+        small = np.asarray(cv2.resize(small, size, interpolation=cv2.INTER_AREA), np.float32)
+    _, sigma = local_mean_and_sigma(small, _WINDOW_PX)
     return float(np.count_nonzero(sigma > LOCAL_SIGMA_GREY) / sigma.size)
 
 

@@ -164,6 +164,7 @@ def test_the_check_is_the_same_with_a_picture_at_hand(width, grid, covered):
 def test_a_picture_of_another_width_is_not_what_is_looked_at():
     picture, black = noisy(60, 9, 480, 640), np.zeros((360, 480), np.uint8)
     assert frame_fault(picture, black, Grid(10, 10, 480)) == ""
+    assert "dark" in frame_fault(picture, black[:255, :340], Grid(10, 10, 340))  # about as wide
     # Narrower than the patches were measured on: looked at as it is, and not enlarged.
     assert frame_fault(noisy(60, 9), black, Grid()) == ""
 
