@@ -388,6 +388,42 @@ def test_a_signature_that_is_none(pair, key_files):
         export_refused("signature is", pair, "tiny-haralick", "--sign", key_files["boat"])
 
 
+# --- what training reads of a run -----------------------------------------------------------------
+
+
+def test_parameters_of_a_run_that_do_not_fit(pair):
+    """They stand in the database, without hashes."""
+    words, where = "model tiny-lbp/1: its list of parameters does not fit", ("--workspace", pair)
+    compare = ("compare", "tiny-lbp", "tiny-haralick", "-o", pair / "c.html", *where)
+    audit = ("labels", "audit", "tiny-lbp", *where)
+    change(pair, ("CREATE TABLE before AS SELECT * FROM params",))
+    for name, values, commands in (
+        ("split_folds", ("abc", "0", "9" * 5000), (compare, audit)),
+        ("split_embargo_frames", ("-1", "9" * 30), (audit,)),
+        ("setting_scale", ("nothing(", "5", "-" * 100_000 + "1", "\0"), (compare,)),
+        ("setting_changes", ("5", "(5,)"), (compare,)),
+    ):
+        for value in values:
+            change(pair, ("UPDATE params SET value = ? WHERE key = ?", value, name))
+            for command in commands:
+                refused(words, *command)
+        change(pair, ("DELETE FROM params",), ("INSERT INTO params SELECT * FROM before",))
+    change(pair, ("DELETE FROM params",))
+    refused(words, *compare)
+    refused(words, *audit)
+    said = "refused: `its list of parameters does not fit`"
+    hold_row("the logged parameters of a registered model edited", said, "nothing")
+
+
+def test_a_recipe_that_training_cannot_read_is_one_line(old):
+    before = json.loads((run_folder(old) / "recipe.json").read_text("utf-8"))["provenance"]
+    for key, value in (("dataset", 5), ("preset", []), ("penalty", -1.0), ("learnt_changes", None)):
+        edit_recipe(old, provenance={**before, key: value})
+        refused("", "labels", "audit", "tiny-lbp", "--workspace", old)
+    edit_recipe(old, provenance=None)
+    refused("its recipe.json", "labels", "audit", "tiny-lbp", "--workspace", old)
+
+
 # --- an operating point that never warns ----------------------------------------------------------
 
 SILENT = OperatingPoint(MofNRule(margin=1e6))
