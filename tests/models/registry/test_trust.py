@@ -415,6 +415,17 @@ def test_parameters_of_a_run_that_do_not_fit(pair):
     hold_row("the logged parameters of a registered model edited", said, "nothing")
 
 
+def test_names_in_the_database_move_no_cursor(workspace):
+    for table in ("registered_models", "model_versions", "model_version_tags"):
+        change(
+            workspace, ("PRAGMA foreign_keys = OFF",), (f"UPDATE {table} SET name = ?", "\x1b[2J")
+        )
+    change(workspace, ("UPDATE model_version_tags SET value = ?", "\x9b1A\u202e"))
+    listed = succeeds("models", "list", "--workspace", workspace).out
+    assert listed.startswith(r"\x1b[2J/1") and listed.replace("\n", "").isprintable()
+    assert r"\x9b1A\u202e on" in listed
+
+
 def test_a_recipe_that_training_cannot_read_is_one_line(old):
     before = json.loads((run_folder(old) / "recipe.json").read_text("utf-8"))["provenance"]
     for key, value in (("dataset", 5), ("preset", []), ("penalty", -1.0), ("learnt_changes", None)):
