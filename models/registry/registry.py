@@ -81,6 +81,7 @@ _PLACES = (
 _NO_VALUE = (TypeError, ValueError, SyntaxError, MemoryError, RecursionError)
 """What Python raises for a text that is no value; the last two where it is nested too deeply."""
 _MAX_TABLE_BYTES = 1 << 32
+_TEXTS, _NUMBERS = {"mission", "camera", "label", "group"}, ("frame", "row", "col", "fold")
 _MAX_TABLE_VALUES = 500_000_000
 """Of ``held_out.parquet``: days of labelled frames; a small file can say it is far larger."""
 
@@ -370,10 +371,16 @@ class Registry:
             file = parquet.ParquetFile(io.BytesIO(data))
             if file.metadata.num_rows * file.metadata.num_columns > _MAX_TABLE_VALUES:
                 raise ToktError(f"model {version.label}: its held_out.parquet is far too large")
-            return file.read().to_pandas()
+            # pandas' own notes in the file say nothing that its columns do not.
+            table = file.read().to_pandas(ignore_metadata=True)
         except (ArrowException, OSError, ValueError) as error:
             fault = str(error).strip().partition("\n")[0]
             raise ToktError(f"model {version.label}: held_out.parquet: {fault}") from None
+        kinds = {name: table[name].dtype.kind for name in table} if table.columns.is_unique else {}
+        numbers = [*_NUMBERS, *(name for name in kinds if name.startswith("value_"))]
+        if not set(kinds) >= _TEXTS or any(kinds.get(name) not in ("i", "f") for name in numbers):
+            raise ToktError(f"model {version.label}: held_out.parquet is not what training writes")
+        return table
 
     def card(self, reference: str) -> str:
         """The model card of a registered version, as its bundle has it.

@@ -218,7 +218,12 @@ def test_a_skops_file_of_something_else_is_refused(old):
         text = members["schema.json"].replace(b'"LinearSVC"', edit) if b'"' in edit else edit
         file.write_bytes(pack({**members, "schema.json": text}))
         export_refused(said, old)
-    for array in (np.array([{"a": 1}], object), np.zeros((1, 1 << 20)), np.zeros(12, "f4")):
+    for array in (
+        np.float64(1),
+        np.array([{"a": 1}], object),
+        np.zeros((1, 1 << 20)),
+        np.zeros(12, "f4"),
+    ):
         np.save(old / "x.npy", array, allow_pickle=True)
         data = (old / "x.npy").read_bytes()
         others = {name: data for name in members if name.endswith(".npy")}
@@ -413,6 +418,19 @@ def test_parameters_of_a_run_that_do_not_fit(pair):
     refused(words, *audit)
     said = "refused: `its list of parameters does not fit`"
     hold_row("the logged parameters of a registered model edited", said, "nothing")
+
+
+def test_a_table_of_held_out_patches_that_does_not_fit(old):
+    file, registry = run_folder(old) / "held_out.parquet", Registry(old)
+    table, before = parquet.read_table(file), registry.held_out("tiny-lbp")
+    for notes in (b"5", b"[]", b"{}", b'{"index_columns": ["x"], "columns": []}'):
+        parquet.write_table(table.replace_schema_metadata({b"pandas": notes}), file)
+        assert registry.held_out("tiny-lbp").equals(before)
+    value = table.column_names.index("value_0")
+    texts = pa.array(["a"] * len(table))
+    for other in (table.drop_columns(["frame"]), table.set_column(value, "value_0", texts)):
+        parquet.write_table(other, file)
+        refused("not what training writes", "labels", "audit", "tiny-lbp", "--workspace", old)
 
 
 def test_names_in_the_database_move_no_cursor(workspace):
@@ -614,7 +632,7 @@ def test_a_table_that_says_it_is_huge_is_refused(workspace, monkeypatch):
     parquet.write_table(pa.table({"a": rows, "b": rows}), file)
     assert file.stat().st_size < 20_000
     make_fit(workspace)
-    assert len(Registry(workspace).held_out("tiny-lbp")) == 1_000_000
+    refuses("is not what training writes", Registry(workspace).held_out, "tiny-lbp")
     monkeypatch.setattr("tokt.models.registry.registry._MAX_TABLE_VALUES", 1_999_999)
     refuses("is far too large", Registry(workspace).held_out, "tiny-lbp")
     for data in (b"", b"PAR1" * 10):
