@@ -55,7 +55,8 @@ def write_bytes(target: Path, data: bytes, spare: Path | None = None) -> None:
             os.fsync(handle.fileno())
         partial.replace(target)
     except OSError as error:
-        if spare is None or error.errno not in _FULL or _size(spare) < len(data):
+        # One that is too short was perhaps cut by a process that was killed here: it has its block.
+        if spare is None or error.errno not in _FULL or not spare.is_file():
             raise
         with spare.open("r+b") as handle:
             handle.write(data)

@@ -150,8 +150,7 @@ class ModelReloader(Observer):
             events, self._events = self._events, []
             if ready is None:
                 return events
-            self._judged = self._wrong_sizes = 0
-            self._can_judge = self._cannot_judge = None
+            self._judged, self._wrong_sizes, self._cannot_judge = 0, 0, None
             bundle, note = ready
             self._to_remember = bundle
         self.put(bundle, note)

@@ -71,6 +71,8 @@ def check_log(file: Path) -> None:
 
 
 def _fault(file: Path) -> str:
+    if not file.is_file() or not file.stat().st_size:  # SQLite would remove the log
+        return f"{file.name} is {'empty' if file.is_file() else 'missing'}"
     try:
         with closing(_reading(file, "&immutable=1")) as alone:
             last = alone.execute(_LAST).fetchone()

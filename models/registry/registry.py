@@ -78,7 +78,10 @@ _PLACES = (
     *(("logged_models", "artifact_location"), ("model_versions", "storage_location")),
 )
 """Where MLflow's database names artifacts: tables and columns."""
+_NO_VALUE = (TypeError, ValueError, SyntaxError, MemoryError, RecursionError)
+"""What Python raises for a text that is no value; the last two where it is nested too deeply."""
 _MAX_TABLE_BYTES = 1 << 32
+_TEXTS, _NUMBERS = {"mission", "camera", "label", "group"}, ("frame", "row", "col", "fold")
 _MAX_TABLE_VALUES = 500_000_000
 """Of ``held_out.parquet``: days of labelled frames; a small file can say it is far larger."""
 
@@ -143,13 +146,13 @@ def _empty_database() -> bytes:
 
 
 @contextmanager
-def _fitting(version: RegisteredVersion) -> Iterator[None]:
+def fitting(version: RegisteredVersion, what: str = "recipe.json") -> Iterator[None]:
     """Around what takes a recipe for what training writes: say that it is not."""
     try:
         yield
-    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, LookupError, *_NO_VALUE) as error:
         fault = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        raise ToktError(f"model {version.label}: its recipe.json does not fit ({fault})") from None
+        raise ToktError(f"model {version.label}: its {what} does not fit ({fault})") from None
 
 
 def _provenance(version: RegisteredVersion, recipe: dict[str, Any]) -> dict[str, Any]:
@@ -206,7 +209,7 @@ class Registry:
         try:
             yield
         except (MlflowException, SQLAlchemyError, sqlite3.Error) as error:
-            reason = str(error).strip().splitlines()[0]
+            reason = str(error).strip().partition("\n")[0]
             raise ToktError(f"the model registry at {self.uri}: {reason}") from error
 
     def experiment_id(self) -> str:
@@ -341,6 +344,11 @@ class Registry:
             raise ToktError(f"model {version.label}: the hashes of its files are gone")
         return {"operating_point": OperatingPoint().to_json(), "distribution": None, **recipe}
 
+    def parameters(self, version: RegisteredVersion) -> dict[str, str]:
+        """What the version's run logged of how it was trained, as text."""
+        with self.reported():
+            return dict(self.client.get_run(version.run_id).data.params)
+
     def held_out(self, reference: str) -> pandas.DataFrame:
         """What cross-validation said of every patch, by a model that did not learn from it.
 
@@ -363,10 +371,16 @@ class Registry:
             file = parquet.ParquetFile(io.BytesIO(data))
             if file.metadata.num_rows * file.metadata.num_columns > _MAX_TABLE_VALUES:
                 raise ToktError(f"model {version.label}: its held_out.parquet is far too large")
-            return file.read().to_pandas()
+            # pandas' own notes in the file say nothing that its columns do not.
+            table = file.read().to_pandas(ignore_metadata=True)
         except (ArrowException, OSError, ValueError) as error:
-            fault = str(error).strip().splitlines()[0]
+            fault = str(error).strip().partition("\n")[0]
             raise ToktError(f"model {version.label}: held_out.parquet: {fault}") from None
+        kinds = {name: table[name].dtype.kind for name in table} if table.columns.is_unique else {}
+        numbers = [*_NUMBERS, *(name for name in kinds if name.startswith("value_"))]
+        if not set(kinds) >= _TEXTS or any(kinds.get(name) not in ("i", "f") for name in numbers):
+            raise ToktError(f"model {version.label}: held_out.parquet is not what training writes")
+        return table
 
     def card(self, reference: str) -> str:
         """The model card of a registered version, as its bundle has it.
@@ -378,7 +392,7 @@ class Registry:
         """
         version = self.find(reference)
         recipe = self.recipe(version)
-        with _fitting(version):
+        with fitting(version):
             return model_card(version.label, recipe, _provenance(version, recipe))
 
     def bundle(
@@ -418,7 +432,7 @@ class Registry:
                 f"note: {version.label} was registered by tokt 0.1.0, without hashes of its files"
             )
         recipe = self.recipe(version)
-        with _fitting(version):
+        with fitting(version):
             data = bundle_bytes(self._content(version, recipe))
         return bundle_from_bytes(data, f"model {version.label}")
 
@@ -505,7 +519,7 @@ class Registry:
         return RegisteredVersion(
             name=version.name,
             version=str(version.version),
-            aliases=tuple(sorted(version.aliases or ())),
+            aliases=tuple(sorted(map(str, version.aliases or ()))),
             run_id=version.run_id or "",
             tags={str(key): str(value) for key, value in (version.tags or {}).items()},
         )

@@ -1,10 +1,12 @@
 import contextlib
 import json
+import sqlite3
 
 import pytest
 
 from tests.calls import refused, succeeds
 from tests.conftest import taxonomy_toml
+from tests.inference.test_faults import hold_row
 
 HEADER = "mission,camera,frame,row,col,label\n"
 ANN = HEADER + "".join(f"dive,left,1,0,{n},{'reef' if n > 6 else 'ocean'}\n" for n in range(10))
@@ -120,3 +122,17 @@ def test_other_mistakes_are_one_line(folder):
     assert "missions dive" in _refused(folder, "export", "out.csv", "--mission", "transit")
     (folder / ".tokt" / "labels.db").write_text("not a database at all" * 50)
     assert "not a database" in _refused(folder, "stats")
+
+
+def test_names_in_an_edited_store_move_no_cursor(folder):
+    _good(folder, "import", "ann.csv")
+    with contextlib.closing(sqlite3.connect(folder / ".tokt" / "labels.db")) as store, store:
+        for (name,) in store.execute("SELECT name FROM sqlite_master WHERE type = 'trigger'"):
+            store.execute(f"DROP TRIGGER {name}")
+        store.execute(
+            "UPDATE events SET mission = ?, annotator = ?, label = ?", ["\x1b[2Jx\u202e"] * 3
+        )
+    table = _good(folder, "stats")
+    assert table.count(r"\x1b[2Jx\u202e") == 3 and table.replace("\n", "").isprintable()
+    said = r"shown as text, such as `\x1b`"
+    hold_row("escape sequences in the label store or the model registry", said, "nothing")

@@ -14,13 +14,14 @@ import numpy as np
 
 from tokt.features.common.arrays import F64, I64
 from tokt.features.frames.mission import format_frames
-from tokt.models.registry.registry import Registry
+from tokt.models.registry.registry import Registry, fitting
+from tokt.training.datasets.augmentations import parse_augmentation
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import Fold, blocked_folds
 from tokt.training.fitting.classifier import decision_values, linear_model
-from tokt.training.fitting.cross_validation import fit_rows
-from tokt.training.fitting.presets import Hyperparameters, TrainingSettings
+from tokt.training.fitting.cross_validation import Split, fit_rows
+from tokt.training.fitting.presets import PRESETS, Hyperparameters, TrainingSettings
 
 from .bootstrap import ComparisonMetric, block_numbers, drawn_blocks, interval, summed
 from .predictions import ModelPredictions
@@ -91,7 +92,12 @@ def _settings(parameters: Mapping[str, str]) -> TrainingSettings:
     for field in fields(TrainingSettings):
         text = parameters.get(f"setting_{field.name}")
         if text is not None:  # an older tokt knew fewer settings
-            values[field.name] = text if field.name == "preset" else ast.literal_eval(text)
+            value = text if field.name == "preset" else ast.literal_eval(text)
+            if type(value) is not type(getattr(PRESETS["best"], field.name)):
+                raise ValueError(f"setting_{field.name} is {text}")
+            values[field.name] = value
+    for change in values.get("changes", ()):
+        parse_augmentation(change)
     return TrainingSettings(**values)
 
 
@@ -103,27 +109,24 @@ def _set_up(
 ) -> _Setting:
     recipe: Any = predictions.recipe
     registry = Registry(workspace)
-    with registry.reported():
-        run = registry.client.get_run(registry.find(predictions.label).run_id)
-    parameters = run.data.params
+    version = registry.find(predictions.label)
+    with fitting(version, "list of parameters"):
+        parameters = registry.parameters(version)
+        split, settings = Split.logged(parameters), _settings(parameters)
+    with fitting(version):
+        choices = [
+            Hyperparameters(float(fold["penalty"]), fold.get("class_weight"))
+            for fold in recipe["metrics"]["folds"]
+        ]
     targets = dataset.targets()
-    folds = blocked_folds(
-        dataset.patches,
-        targets,
-        int(parameters["split_folds"]),
-        int(parameters["split_embargo_frames"]),
-    )
-    spec, settings = dict(predictions.bundle.content.extractor_spec), _settings(parameters)
+    folds = blocked_folds(dataset.patches, targets, split.folds, split.embargo_frames)
+    spec = dict(predictions.bundle.content.extractor_spec)
     features, *augmented = (
         cached_features(dataset, spec, workspace / "cache", progress, augmentation=augmentation)
         for augmentation in ("", *settings.changes)
     )
     folds, every = _thinned(dataset, folds, features.shape[1] * (1 + len(augmented)))
     names, block = block_numbers(dataset.patches.group.to_numpy())
-    choices = [
-        Hyperparameters(float(fold["penalty"]), fold.get("class_weight"))
-        for fold in recipe["metrics"]["folds"]
-    ]
     measure = ComparisonMetric.of(dataset.obstacle_flags())
     return _Setting(
         dataset=dataset,

@@ -5,7 +5,7 @@ Before it, what cannot be learnt from or tested is refused; after it come the fi
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -41,6 +41,15 @@ class Split:
 
     folds: int
     embargo_frames: int
+
+    def __post_init__(self) -> None:
+        if self.folds < 2 or not 0 <= self.embargo_frames < 1 << 31:
+            raise ValueError(f"{self.folds} folds, {self.embargo_frames} frames apart")
+
+    @classmethod
+    def logged(cls, parameters: Mapping[str, str]) -> Self:
+        """What a run's parameters say."""
+        return cls(int(parameters["split_folds"]), int(parameters["split_embargo_frames"]))
 
 
 @dataclass(frozen=True)

@@ -37,14 +37,21 @@ from threadpoolctl import ThreadpoolController
 from tokt.features.common.arrays import F64, I64
 from tokt.features.common.errors import ToktError
 from tokt.labels.formats.audit_csv import Audit, AuditedPatch
-from tokt.models.registry.registry import Registry
+from tokt.models.registry.registry import Registry, fitting
 from tokt.training.datasets.dataset import OBSTACLE, DatasetVersion, open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
 
 from .classifier import decision_values
 from .cross_validation import Split, Tables, check_features, choose_hyperparameters, fit_rows
-from .presets import DEFAULT_EXTRACTOR, PRESETS, TrainingSettings, extractor_for, settings_named
+from .presets import (
+    DEFAULT_EXTRACTOR,
+    PRESETS,
+    Hyperparameters,
+    TrainingSettings,
+    extractor_for,
+    settings_named,
+)
 
 PRESET = "best"
 _CELL = ["mission", "camera", "frame", "row", "col"]
@@ -128,32 +135,34 @@ def _of_dataset(dataset: DatasetVersion, folds: int) -> AuditInput:
 def _of_model(registry: Registry, reference: str, datasets: Path) -> AuditInput:
     version = registry.find(reference)
     recipe = registry.recipe(version)
-    made_by = recipe["provenance"]
-    if made_by["preset"] == "thesis":
-        raise ToktError(
-            f"model {version.label} learnt from two images and no label of its dataset; audit "
-            f"dataset {made_by['dataset']} instead"
-        )
-    dataset = open_dataset(made_by["dataset"], datasets)
-    with registry.reported():
-        known = registry.client.get_run(version.run_id).data.params
+    with fitting(version):
+        made_by, extractor = recipe["provenance"], recipe["extractor"]
+        if made_by["preset"] == "thesis":
+            raise ToktError(
+                f"model {version.label} learnt from two images and no label of its dataset; audit "
+                f"dataset {made_by['dataset']} instead"
+            )
+        dataset, settings = open_dataset(made_by["dataset"], datasets), _settings_of(made_by)
+    with fitting(version, "list of parameters"):
+        split = Split.logged(registry.parameters(version))
     return AuditInput(
         f"model {version.label} ({dataset.label})",
         f"{version.name}-{version.version}",
         dataset,
-        recipe["extractor"],
-        Split(int(known["split_folds"]), int(known["split_embargo_frames"])),
-        _settings_of(made_by),
+        extractor,
+        split,
+        settings,
         _first_values(registry.held_out(version.label), dataset),
     )
 
 
 def _settings_of(made_by: dict[str, Any]) -> TrainingSettings:
     weight, changes = made_by.get("class_weight", "none"), made_by.get("learnt_changes", "none")
+    choice = Hyperparameters(made_by["penalty"], None if weight == "none" else weight)
     return replace(
         PRESETS.get(made_by["preset"], PRESETS[PRESET]),  # a search's are those of the best one
-        penalties=(made_by["penalty"],),
-        class_weights=(None if weight == "none" else weight,),
+        penalties=(choice.penalty,),
+        class_weights=(choice.class_weight,),
         changes=() if changes == "none" else tuple(changes.split(", ")),
     )
 

@@ -1,5 +1,6 @@
 """The presets and settings of training, as plain values that are logged with every run."""
 
+import math
 from dataclasses import dataclass, replace
 
 from tokt.features.common.errors import ToktError
@@ -22,6 +23,10 @@ class Hyperparameters:
 
     penalty: float
     class_weight: str | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 < self.penalty < math.inf or self.class_weight not in (None, "balanced"):
+            raise ValueError(f"penalty {self.penalty!r}, class weight {self.class_weight!r}")
 
 
 @dataclass(frozen=True)

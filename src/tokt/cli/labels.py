@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from typer import Argument, Option
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, printable
 from tokt.labels.formats import CSV, NAMES
 
 from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
@@ -20,8 +20,6 @@ from .output import answer, print_json, progress, say, stop_on_signal
 from .output import print_line as print
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from tokt.features.frames.grid import Grid
     from tokt.labels.agreement import Agreement, ClassAgreement
     from tokt.labels.formats.audit_csv import Audit
@@ -392,12 +390,12 @@ def show_stats(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption 
     known = (*load_taxonomy(workspace).names, UNSURE)
     used = {label for entry in stats for label in entry.counts}
     labels = [name for name in known if name in used] + sorted(used - set(known))
-    table = _table(("mission", "annotator"), ("frames", "patches", *labels, "events"))
+    rows = []
     for entry in stats:
         counts = [entry.counts.get(label, 0) for label in labels]
         numbers = [entry.frames, entry.patches, *counts, entry.events]
-        table.add_row(entry.mission, entry.annotator, *map(str, numbers))
-    _print_table(table)
+        rows.append([entry.mission, entry.annotator, *map(str, numbers)])
+    _print_table(("mission", "annotator"), ("frames", "patches", *labels, "events"), rows)
 
 
 @labels_app.command("agreement")
@@ -456,23 +454,20 @@ def _print_agreement(a: str, b: str, found: Agreement, taxonomy: Path) -> None:
     print(f"A: {a} ({found.n_a} patches)")
     print(f"B: {b} ({found.n_b} patches)")
     print()
-    summary = _table(("",), ("patches", "kappa", "equal"))
     sure, every = str(found.n_both_sure), str(found.n_both)
-    summary.add_row("both sure", sure, _number(found.kappa), _number(found.agreement))
     with_unsure = (found.kappa_with_unsure, found.agreement_with_unsure)
-    summary.add_row("both, unsure as a class", every, *map(_number, with_unsure))
-    _print_table(summary)
+    summary = [
+        ["both sure", sure, _number(found.kappa), _number(found.agreement)],
+        ["both, unsure as a class", every, *map(_number, with_unsure)],
+    ]
+    _print_table(("",), ("patches", "kappa", "equal"), summary)
     print()
-    classes = _table(("class",), ("in A", "in B", "in both", "precision", "recall", "F1"))
-    for name, entry in found.per_class.items():
-        classes.add_row(name, *_class_cells(entry))
-    classes.add_row("obstacle (A sure; B's unsure is none)", *_class_cells(found.obstacle))
-    _print_table(classes)
+    classes = [[name, *_class_cells(entry)] for name, entry in found.per_class.items()]
+    classes.append(["obstacle (A sure; B's unsure is none)", *_class_cells(found.obstacle)])
+    _print_table(("class",), ("in A", "in B", "in both", "precision", "recall", "F1"), classes)
     print()
-    confusion = _table(("A \\ B",), found.labels)
-    for name, counts in zip(found.labels, found.confusion, strict=True):
-        confusion.add_row(name, *map(str, counts))
-    _print_table(confusion)
+    pairs = zip(found.labels, found.confusion, strict=True)
+    _print_table(("A \\ B",), found.labels, [[name, *map(str, counts)] for name, counts in pairs])
     for name in found.unknown:
         say(f"note: class {name!r} is not in the taxonomy: add it to {taxonomy}")
 
@@ -488,20 +483,17 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.4f}"
 
 
-def _table(texts: Iterable[str], numbers: Iterable[str]) -> Table:
+def _print_table(texts: Iterable[str], numbers: Iterable[str], rows: Iterable[list[str]]) -> None:
     from rich import box
+    from rich.console import Console
     from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
     for name in texts:
-        table.add_column(name, no_wrap=True)
+        table.add_column(printable(name), no_wrap=True)
     for name in numbers:
-        table.add_column(name, justify="right", no_wrap=True)
-    return table
-
-
-def _print_table(table: Table) -> None:
-    from rich.console import Console
-
+        table.add_column(printable(name), justify="right", no_wrap=True)
+    for row in rows:
+        table.add_row(*map(printable, row))
     # Names are printed as they are, and no number is cut to the width of a terminal.
     Console(markup=False, emoji=False, highlight=False, width=1000).print(table)

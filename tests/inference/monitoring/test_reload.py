@@ -3,6 +3,7 @@
 import json
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -238,6 +239,18 @@ def test_a_damaged_one_is_refused_once_and_tried_again_later(store, make_bundle,
     file.write_bytes(whole)
     hand_clock.now += 31
     assert len(watched.look()) == 1 and watched.put == ["noise/2"]
+
+
+def test_the_next_one_has_to_judge_what_the_one_before_it_did(store, make_bundle, hand_clock):
+    """Also where no frame has come since the running one took over."""
+    watched, asked = Watched(store, hand_clock), []
+    watched.watch.misfit = lambda bundle, frame: asked.append(frame) or ""
+    seen = SimpleNamespace(features=np.zeros(1), verdict=SimpleNamespace(model="noise/1"))
+    watched.watch.judged("frame", seen, None)
+    for version in "23":
+        store.deploy(make_bundle(version))
+        watched.look()
+    assert watched.put == ["noise/2", "noise/3"] and asked == ["frame", "frame"]
 
 
 def test_the_active_one_takes_its_copy_s_place_once_it_is_made_good(store, hand_clock):

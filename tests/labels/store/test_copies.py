@@ -103,6 +103,25 @@ def test_a_log_of_another_file_is_refused_and_nothing_is_changed(annas, tmp_path
     )
 
 
+@pytest.mark.parametrize("left", ["empty", "missing"])
+def test_a_log_without_its_file_is_kept(annas, left):
+    """SQLite removes the log of an empty file."""
+    labelled_and_killed(annas, "anna", 49, 60)
+    log = log_of(annas).read_bytes()
+    annas.write_bytes(b"")
+    if left == "missing":
+        annas.unlink()
+    labels = annas.parent / "more.csv"
+    labels.write_text("mission,camera,frame,row,col,label\ndive,left,1,0,0,ocean\n")
+    refused(left, "labels", "import", labels, "--annotator", "a", "--workspace", annas.parent)
+    assert log_of(annas).read_bytes() == log
+    hold_row(
+        "labels.db is empty or gone, and its log is there",
+        "refused in one line, code 2; the log stays",
+        "nothing",
+    )
+
+
 def test_a_killed_process_has_its_log(annas):
     labelled_and_killed(annas, "anna", 49, 200)
     assert labels_in(annas) == said("anna", 0, 200)

@@ -218,7 +218,12 @@ def test_a_skops_file_of_something_else_is_refused(old):
         text = members["schema.json"].replace(b'"LinearSVC"', edit) if b'"' in edit else edit
         file.write_bytes(pack({**members, "schema.json": text}))
         export_refused(said, old)
-    for array in (np.array([{"a": 1}], object), np.zeros((1, 1 << 20)), np.zeros(12, "f4")):
+    for array in (
+        np.float64(1),
+        np.array([{"a": 1}], object),
+        np.zeros((1, 1 << 20)),
+        np.zeros(12, "f4"),
+    ):
         np.save(old / "x.npy", array, allow_pickle=True)
         data = (old / "x.npy").read_bytes()
         others = {name: data for name in members if name.endswith(".npy")}
@@ -386,6 +391,66 @@ def test_a_signature_that_is_none(pair, key_files):
     for value in ("", "{}", '{"format_version": 9}'):
         change(pair, (update, value, SIGNATURE_TAG))
         export_refused("signature is", pair, "tiny-haralick", "--sign", key_files["boat"])
+
+
+# --- what training reads of a run -----------------------------------------------------------------
+
+
+def test_parameters_of_a_run_that_do_not_fit(pair):
+    """They stand in the database, without hashes."""
+    words, where = "model tiny-lbp/1: its list of parameters does not fit", ("--workspace", pair)
+    compare = ("compare", "tiny-lbp", "tiny-haralick", "-o", pair / "c.html", *where)
+    audit = ("labels", "audit", "tiny-lbp", *where)
+    change(pair, ("CREATE TABLE before AS SELECT * FROM params",))
+    for name, values, commands in (
+        ("split_folds", ("abc", "0", "9" * 5000), (compare, audit)),
+        ("split_embargo_frames", ("-1", "9" * 30), (audit,)),
+        ("setting_scale", ("nothing(", "5", "-" * 100_000 + "1", "\0"), (compare,)),
+        ("setting_changes", ("5", "(5,)"), (compare,)),
+    ):
+        for value in values:
+            change(pair, ("UPDATE params SET value = ? WHERE key = ?", value, name))
+            for command in commands:
+                refused(words, *command)
+        change(pair, ("DELETE FROM params",), ("INSERT INTO params SELECT * FROM before",))
+    change(pair, ("DELETE FROM params",))
+    refused(words, *compare)
+    refused(words, *audit)
+    said = "refused: `its list of parameters does not fit`"
+    hold_row("the logged parameters of a registered model edited", said, "nothing")
+
+
+def test_a_table_of_held_out_patches_that_does_not_fit(old):
+    file, registry = run_folder(old) / "held_out.parquet", Registry(old)
+    table, before = parquet.read_table(file), registry.held_out("tiny-lbp")
+    for notes in (b"5", b"[]", b"{}", b'{"index_columns": ["x"], "columns": []}'):
+        parquet.write_table(table.replace_schema_metadata({b"pandas": notes}), file)
+        assert registry.held_out("tiny-lbp").equals(before)
+    value = table.column_names.index("value_0")
+    texts = pa.array(["a"] * len(table))
+    for other in (table.drop_columns(["frame"]), table.set_column(value, "value_0", texts)):
+        parquet.write_table(other, file)
+        refused("not what training writes", "labels", "audit", "tiny-lbp", "--workspace", old)
+
+
+def test_names_in_the_database_move_no_cursor(workspace):
+    for table in ("registered_models", "model_versions", "model_version_tags"):
+        change(
+            workspace, ("PRAGMA foreign_keys = OFF",), (f"UPDATE {table} SET name = ?", "\x1b[2J")
+        )
+    change(workspace, ("UPDATE model_version_tags SET value = ?", "\x9b1A\u202e"))
+    listed = succeeds("models", "list", "--workspace", workspace).out
+    assert listed.startswith(r"\x1b[2J/1") and listed.replace("\n", "").isprintable()
+    assert r"\x9b1A\u202e on" in listed
+
+
+def test_a_recipe_that_training_cannot_read_is_one_line(old):
+    before = json.loads((run_folder(old) / "recipe.json").read_text("utf-8"))["provenance"]
+    for key, value in (("dataset", 5), ("preset", []), ("penalty", -1.0), ("learnt_changes", None)):
+        edit_recipe(old, provenance={**before, key: value})
+        refused("", "labels", "audit", "tiny-lbp", "--workspace", old)
+    edit_recipe(old, provenance=None)
+    refused("its recipe.json", "labels", "audit", "tiny-lbp", "--workspace", old)
 
 
 # --- an operating point that never warns ----------------------------------------------------------
@@ -567,7 +632,7 @@ def test_a_table_that_says_it_is_huge_is_refused(workspace, monkeypatch):
     parquet.write_table(pa.table({"a": rows, "b": rows}), file)
     assert file.stat().st_size < 20_000
     make_fit(workspace)
-    assert len(Registry(workspace).held_out("tiny-lbp")) == 1_000_000
+    refuses("is not what training writes", Registry(workspace).held_out, "tiny-lbp")
     monkeypatch.setattr("tokt.models.registry.registry._MAX_TABLE_VALUES", 1_999_999)
     refuses("is far too large", Registry(workspace).held_out, "tiny-lbp")
     for data in (b"", b"PAR1" * 10):

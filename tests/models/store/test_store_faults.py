@@ -152,6 +152,10 @@ fill()
 writer = os.fork() if "writer" in sys.argv else None  # or one that takes every byte that comes free
 while writer == 0 and os.getppid() != 1:
     fill()
+if "killed" in sys.argv:  # as it wrote into the place kept for it
+    for spare in store.path.glob("*.spare"):
+        os.truncate(spare, 300)
+    fill()
 before = files()
 try:
     store.deploy(c)
@@ -165,8 +169,9 @@ for reason in ("b is bad", "a is bad", "b is bad after all", "damaged"):
         to = "2"
     store.rollback(reason * 9, to, notice=notices.append)
     told.append([notices, state()])
-    if writer:
-        os.kill(writer, 9)
+    if len(sys.argv) > 3:
+        if writer:
+            os.kill(writer, 9)
         break
 print(json.dumps(told))
 """
@@ -203,6 +208,8 @@ def test_a_rollback_on_a_full_disk(bundles, tmp_path):
     assert "active was damaged; it cannot be kept: No space left" in notice
     _, (notices, state) = on_a_full_disk(tmp_path, bundles, "writer")
     assert state == ["a/1", [], 5, []] and len(notices) <= 1
+    _, (_, state) = on_a_full_disk(tmp_path, bundles, "killed")
+    assert state == ["a/1", [], 5, []]
     hold_row("a rollback on a full disk", "the earlier model, by the place kept for it", "nothing")
 
 
