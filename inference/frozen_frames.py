@@ -10,7 +10,7 @@ What cannot be told from a new picture:
 - An old picture in a stream whose compression leaves no noise (`NOISY`), where no more than
   `MOSTLY_SAME` of it stays as it was: it is compressed otherwise each time, or brighter and
   darker. JPEG of quality 75 leaves none where the noise is below 1.5 grey levels.
-- One compressed below quality 70, or with noise of 3 grey levels and more put on top; part of a
+- One compressed below quality 70 (85 in pictures 360 wide), or with noise of 3 grey levels and more put on top; part of a
   picture compressed otherwise each time, at times.
 - One that froze before the run began and changes all over: no picture without its noise is known.
 - Less than `PART` of a picture.
@@ -61,8 +61,6 @@ to 95, or with noise of 1 grey level put on top: 0.45 and more; of 2: 0.30; of 3
 _SIGMAS = 5.0
 
 _ROWS = 32
-_SAMPLES = 43_520
-"""Pixels that are looked at in pictures less than 1360 wide: signs agree by chance in a few."""
 _PIECE_PX = 240
 """At least, unless the picture is narrower: compressed, a shorter one comes again by chance."""
 _WORD = 8
@@ -108,8 +106,7 @@ def _weights(words: int, pieces: int) -> tuple[Hashes, NDArray[np.intp]]:
 
 
 def _look(picture: U8) -> _Look:
-    rows_wanted = max(_ROWS, _SAMPLES // picture.shape[1])
-    step = max(len(picture) // rows_wanted, 1)
+    step = max(len(picture) // _ROWS, 1)
     rows = np.ascontiguousarray(picture[step // 2 :: step])
     flat = rows.reshape(len(rows), -1)
     words = flat.shape[1] // _WORD

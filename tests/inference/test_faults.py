@@ -259,7 +259,7 @@ FROZEN: dict[str, Callable[[list[np.ndarray], int], np.ndarray]] = {
     "a camera's buffers go round: four pictures": lambda seen, n: seen[-1 - -n % 4],
     "a frozen camera: a bit changes": lambda seen, n: with_bit(seen[-1], n),
     "a frozen camera: a clock in the corner goes on": lambda seen, n: with_clock(seen[-1], n),
-    "a frozen camera: compressed otherwise each time": lambda seen, n: jpeg(seen[-1], 98 - 3 * n),
+    "a frozen camera: compressed otherwise each time": lambda seen, n: jpeg(seen[-1], 98 - 2 * n),
     "a frozen camera: noise of a grey level on it": lambda seen, n: np.asarray(
         seen[-1] + RNG.integers(-1, 2, STILL.shape), np.uint8
     ),
