@@ -10,8 +10,8 @@ What cannot be told from a new picture:
 - An old picture in a stream whose compression leaves no noise (`NOISY`), where no more than
   `MOSTLY_SAME` of it stays as it was: it is compressed otherwise each time, or brighter and
   darker. JPEG of quality 75 leaves none where the noise is below 1.5 grey levels.
-- One compressed below quality 70 (85 in pictures 360 wide), or with noise of 3 grey levels and more put on top; part of a
-  picture compressed otherwise each time, at times.
+- One compressed below quality 70 (85 in pictures 360 wide), or with noise of 3 grey levels and
+  more put on top; part of a picture compressed otherwise each time, at times.
 - One that froze before the run began and changes all over: no picture without its noise is known.
 - Less than `PART` of a picture.
 

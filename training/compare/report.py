@@ -162,7 +162,8 @@ def _surroundings(image: U8, grid: Grid, row: int, col: int) -> U8:
     # A patch at the edge keeps as much around it, on its other side.
     top = round(min(max(0.0, y0 - dy), max(0.0, height - (y1 - y0) - 2 * dy)))
     left = round(min(max(0.0, x0 - dx), max(0.0, width - (x1 - x0) - 2 * dx)))
-    cut = image[top : round(top + (y1 - y0) + 2 * dy), left : round(left + (x1 - x0) + 2 * dx)]
+    bottom, right = round(top + (y1 - y0) + 2 * dy), round(left + (x1 - x0) + 2 * dx)
+    cut = image[top : max(bottom, top + 1), left : max(right, left + 1)]  # a pixel at least
     scale = _WIDTH / cut.shape[1]
     size = (_WIDTH, max(1, round(cut.shape[0] * scale)))
     view = cv2.resize(cut, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC)
