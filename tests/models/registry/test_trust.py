@@ -501,10 +501,10 @@ def test_a_rule_over_frames_is_held_to_a_frame_that_stays(tiny_bundle):
     honest = read_bundle(tiny_bundle)
     for rule, silent in (
         (MofNRule(0.0, 1, 60, 60), False),
-        (MofNRule(2.0, 6, 3, 5), False),
-        (MofNRule(2.5, 8, 3, 5), True),
-        (MofNRule(6.5, 8, 3, 5, 6.6), False),  # one patch is enough at once
-        (MofNRule(6.5, 8, 3, 5, 1e9), True),
+        (MofNRule(1.0, 6, 3, 5), False),
+        (MofNRule(1.0, 8, 3, 5), True),
+        (MofNRule(3.0, 8, 3, 5, 3.3), False),  # one patch is enough at once
+        (MofNRule(3.0, 8, 3, 5, 1e9), True),
     ):
         content = replace(honest.content, operating_point=OperatingPoint(rule))
         assert bool(bundle_from_bytes(bundle_bytes(content), "x").silence) == silent
