@@ -5,6 +5,7 @@ import sys
 import tempfile
 import time
 import traceback
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -151,7 +152,8 @@ def _unexpected(error: Exception) -> str:
             file.write("".join(traceback.format_exception(error)).encode(errors="replace"))
         where = f"the traceback is in {file.name}"
         for old in sorted(Path(file.name).parent.glob(f"{name}*.txt"))[:-_TRACEBACKS]:
-            old.unlink()
+            with suppress(OSError):  # another account's, or gone meanwhile
+                old.unlink()
     except OSError as failure:
         where = f"the traceback cannot be written: {os_words(failure)}"
     what = ToktError(f"{type(error).__name__}: {error}")  # printable, and not too long
