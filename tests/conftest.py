@@ -132,7 +132,7 @@ def tower_cells(frame: int) -> list[tuple[int, int]]:
 def draw_tiny_frame(frame: int) -> NDArray[np.uint8]:
     """Dark noisy water, 272x360; the tower is coarse texture, and touches the row above it."""
     rng = np.random.default_rng(frame)
-    image = rng.normal(20, 2.5, (272, 360)) + np.linspace(-4, 4, 360)
+    image = rng.normal(20, 2.5, (272, 360)) + np.linspace(-2.5, 2.5, 360)
     for row, col in tower_cells(frame):
         y, x = row * PATCH_HEIGHT, col * PATCH_WIDTH
         coarse = rng.normal(0, 12, (9, 12)).repeat(3, 0).repeat(3, 1)

@@ -116,6 +116,14 @@ def test_a_file_of_another_user_s_is_left(temporary, monkeypatch):
     assert "; the traceback is in " in ends_with(KeyError("x")).err
 
 
+def test_one_that_cannot_be_removed_is_left(temporary):
+    """Such as another account's, in the folder that all share."""
+    for day in range(30):
+        (temporary / f"tokt-traceback-201601{day:02}-000000-1-x.txt").mkdir()
+    ran = ends_with(KeyError("x"))
+    assert "the traceback is in" in ran.err and len([*temporary.iterdir()]) == 31
+
+
 @pytest.mark.parametrize(
     ("error", "code"), [(typer.Abort(), 130), (KeyboardInterrupt(), 130), (typer.Exit(1), 1)]
 )
