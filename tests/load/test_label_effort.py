@@ -64,7 +64,7 @@ HELD = [8, 9, 20]
 
 @pytest.mark.parametrize(
     ("way", "suggested", "most"),
-    [("clicks", False, 27), ("frames", True, 8), ("drags_unsure", False, 10), ("drags", True, 6)],
+    [("clicks", False, 27), ("frames", True, 9), ("drags_unsure", False, 10), ("drags", True, 6)],
 )
 def test_few_actions_in_the_browser_give_the_labels(
     way, suggested, most, browser, tiny, tiny_bundle, records, tmp_path

@@ -101,7 +101,7 @@ def test_learning_from_darker_frames_helps_on_darker_frames(trained, tmp_path, n
 
     plain, taught = run(PLAIN), run(replace(PLAIN, changes=("gain_0.5",)))
     before, after = (one.metrics["stress"]["gain_0.5"] for one in (plain, taught))
-    assert after["f1"] > before["f1"] + 0.05 and after["f1"] > 0.8
+    assert after["f1"] > before["f1"] + 0.03 and after["f1"] > 0.8
     assert (before["learnt"], after["learnt"]) == (False, True)
     assert np.isclose(after["fall"], taught.metrics["patch"]["f1"] - after["f1"])
     assert after["ocean_frames"] == 15

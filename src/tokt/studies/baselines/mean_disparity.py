@@ -55,9 +55,9 @@ class Thirds:
             raise ToktError("the left, centre, right disparity needs frames of two cameras")
         self._number += 1
         seen = self._detector.observe(Frame(self._number, t_s, left, right))
-        if seen.matches is None:
+        if seen.detection.mask is None or seen.matches is None:
             return not_judged(seen.detection.fault)
-        return self._decide(seen.matches, GRID.resized(*left.shape[:2]))
+        return self._decide(seen.matches, seen.detection.mask.shape)
 
     def _decide(self, matches: Matches, size: tuple[int, ...]) -> BaselineResult:
         rectifier = self._detector.rectifier

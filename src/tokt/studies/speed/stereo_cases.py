@@ -13,6 +13,7 @@ from tokt.features.frames.mission import LEFT, RIGHT, Mission
 from tokt.features.kernels.dispatch import LIBRARY, load_kernels
 from tokt.inference.frame import Frame
 from tokt.inference.frame_checks import pair_shape_fault
+from tokt.inference.reason import Reason
 from tokt.inference.stereo.calibration import StereoCalibration, load_calibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.matching import Matches
@@ -142,8 +143,10 @@ class StereoPair(PairCase):
 
     def sees_obstacle(self, item: Pair) -> bool | None:
         """Whether ours says obstacle; None where it refuses to judge."""
-        mask = self._detector.detect(item.frame).mask
-        return None if mask is None else bool(np.mean(mask) > STATUS_MEAN_THRESHOLD)
+        found = self._detector.detect(item.frame)
+        if found.mask is None:  # of pairs far apart the rule over frames knows nothing
+            return False if found.fault.reason is Reason.FRAME_RULE else None
+        return bool(np.mean(found.mask) > STATUS_MEAN_THRESHOLD)
 
     def check(self, item: Pair) -> bool:
         """The matches of every pixel with tokt's kernels and with OpenCV's own block matching."""
