@@ -248,8 +248,8 @@ def fine_detail(frame: U8) -> float:
         0.5 where nothing changes from one pixel to the next alone (blurred, enlarged,
         compressed), 1 for noise. Measured: 0.58 to 0.66 on the sea trial, 0.61 and more on the
         other site; blurred by 8 pixels or enlarged to twice the size, saved at JPEG quality 95 or
-        not, at most 0.55 and 0.59. 1 also of frames too small to tell. What the sensor adds to a blurred picture is
-        as fine as its pixels: a lens out of focus is not seen by this.
+        not, at most 0.55 and 0.59. 1 also of frames too small to tell. What the sensor adds to a
+        blurred picture is as fine as its pixels: a lens out of focus is not seen by this.
     """
     plane = frame if frame.ndim == 2 else frame[:, :, 1]
     step = max((len(plane) - 2) // _DETAIL_ROWS, 1)
