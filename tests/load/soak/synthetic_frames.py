@@ -16,6 +16,7 @@ from tokt.features.extractors.extractor import Lbp
 from tokt.features.frames.grid import Grid
 from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
 from tokt.models.distribution import MIN_TYPICAL, Distribution, bin_counts, quantile_edges
+from tokt.models.operating_point import MofNRule, OperatingPoint
 
 WIDTH, HEIGHT = 180, 135
 GRID = Grid(width=WIDTH)
@@ -26,10 +27,13 @@ PICTURES = 32
 _LIGHT, _FALL, _CLOUDS = 60.0, 25.0, 4.0
 _COLOUR = (1.2, 1.0, 0.5)
 _GREY, _ROUGH = 90.0, 30.0
-_SMOOTH = 6.0
-"""Pixels over which water is smooth; an obstacle is rough from one pixel to the next."""
+_SMOOTH, _NOISE = 6.0, 1.0
+"""Pixels over which water is smooth, but for the noise of a sensor (grey levels); an obstacle is
+rough from one pixel to the next."""
 _ROWS, _COLS = 3, 5
 """Patches that an obstacle covers."""
+_RULE_PATCHES = 3
+"""A single patch of water is taken for one now and then: the model is a plain one."""
 _WINDOW, _FACTOR = 60, 16.0
 """Half of all patches may be another's before it is called drift: obstacles come and go here."""
 
@@ -59,8 +63,8 @@ def _seen(what: int, seed: int, smooth: float = 0.0) -> F64:
 
 
 def water(seed: int) -> U8:
-    """Open water: light that falls off towards the edges, and clouds in it."""
-    light = _light() + _CLOUDS * _seen(0, seed, _SMOOTH)
+    """Open water: light that falls off towards the edges, clouds in it, and a sensor's noise."""
+    light = _light() + _CLOUDS * _seen(0, seed, _SMOOTH) + _NOISE * _seen(4, seed)
     return np.asarray(np.clip(light[:, :, None] * _COLOUR, 0, 255), np.uint8)
 
 
@@ -131,6 +135,7 @@ def bundles(versions: int) -> list[Bundle]:
         ),
         trained_on=np.zeros(0, np.uint64),
         card="Made by tokt bench to run for long; not to be deployed.\n",
+        operating_point=OperatingPoint(MofNRule(min_patches=_RULE_PATCHES)),
         distribution=Distribution(edges, counts, typical, _FACTOR, _WINDOW, 90, 4),
     )
     return [
