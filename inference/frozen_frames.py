@@ -6,7 +6,8 @@ signs of its finest differences, where noise is all that there is in water.
 
 What cannot be told from a new picture:
 
-- Buffers that go round and are more than `REMEMBERED`.
+- Buffers that go round and are more than `REMEMBERED`; more than `COMPARED`, where each picture is
+  compressed anew or gets noise on top.
 - An old picture in a stream whose compression leaves no noise (`NOISY`), where no more than
   `MOSTLY_SAME` of it stays as it was: it is compressed otherwise each time, or brighter and
   darker. JPEG of quality 75 leaves none where the noise is below 1.5 grey levels.
@@ -18,16 +19,18 @@ What cannot be told from a new picture:
 A label written into each picture, which covers `PART` of it, looks like a part that is frozen.
 """
 
+import math
 from collections import deque
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import U8
+from tokt.features.common.arrays import F64, U8
 
 from .config import Limits
 from .frame import Frame
@@ -54,11 +57,14 @@ NOISY = 0.1
 """Part of the finest differences that are not zero, above which a picture has noise. Measured: 0.3
 and more."""
 
+COMPARED = 8
+"""Pictures of each camera whose noise must not come again: as many as drivers have buffers."""
+
 SAME_NOISE = 0.2
-"""By how much more often signs agree with those of the last picture than with those of the one
-before it, from -1 to 1. Measured: at most 0.09; one frozen picture, compressed again at quality 75
-to 95, or with noise of 1 grey level put on top: 0.45 and more; of 2: 0.30; of 3: 0.21."""
-_SIGMAS = 5.0
+"""By how much more often signs agree with those of one of the last pictures than with those of any
+other of them, from -1 to 1. Measured: at most 0.08; one frozen picture, compressed again at quality
+75 to 95, 0.42 and more; with noise of 1 grey level put on top 0.59, of 2 0.29, of 3 0.16."""
+_SIGMAS, _FEWEST_SIGNS = 5.0, 50
 
 _ROWS = 32
 _PIECE_PX = 240
@@ -81,7 +87,10 @@ picture and more, close to the tower; of that reef 0.1."""
 _FAR_PX, _TILE_PX = 16, 64
 
 Hashes = NDArray[np.uint64]
-Signs = NDArray[np.int8]
+Signs = NDArray[np.uint64]
+"""A bit for each pixel of a tile: where a difference is above zero, and where below; shape
+(2, rows, tiles)."""
+_NONE, _ALL = np.uint64(0), np.uint64(2**64 - 1)
 
 
 class _Look(NamedTuple):
@@ -90,7 +99,7 @@ class _Look(NamedTuple):
     hashes: Hashes  # of pieces of rows; 0 where a piece is flat
     signs: Signs
     noise: float  # part of the differences that are not zero
-    quiet: NDArray[np.bool_]  # where they are of noise alone
+    quiet: Signs  # where they are of noise alone, whatever their sign
 
 
 @lru_cache(maxsize=8)
@@ -115,43 +124,53 @@ def _look(picture: U8) -> _Look:
         weights, starts = _weights(words, max(rows.shape[1] // _PIECE_PX, 1))
         values = np.ascontiguousarray(flat[:, : words * _WORD]).view(np.uint64)
         hashes = np.add.reduceat(values * weights, starts, axis=1)
-    grey = _plane(rows).astype(np.int16)
-    steps = grey[:, _LAG:] - grey[:, :-_LAG]
-    signs = np.sign(steps).astype(np.int8)
-    signs[np.abs(steps) > _LARGEST] = 0
+    grey = np.ascontiguousarray(_plane(rows))
+    wide = max(grey.shape[1] - _LAG, 0) // _TILE_PX * _TILE_PX
+    earlier, later = grey[:, :wide], grey[:, _LAG : wide + _LAG]
+    highest = np.maximum(later, earlier)
+    steps = np.stack([highest - earlier, highest - later])  # one of them is 0
+    some = steps - np.uint8(1) < _LARGEST  # 0 becomes 255
     for column in range(_BLOCK - _LAG, _BLOCK):
-        signs[:, column::_BLOCK] = 0
-    inside = signs.size * (_BLOCK - _LAG) / _BLOCK
-    noise = np.count_nonzero(signs) / max(inside, 1)
-    return _Look(hashes, signs, noise, _quiet(grey, steps))
+        some[:, :, column::_BLOCK] = False
+    inside = later.size * (_BLOCK - _LAG) / _BLOCK
+    noise = np.count_nonzero(some) / max(inside, 1)
+    tiles = _quiet(earlier, steps[0] | steps[1])
+    return _Look(hashes, np.packbits(some, axis=2).view(np.uint64), noise, tiles)
 
 
-def _quiet(grey: NDArray[np.int16], steps: NDArray[np.int16]) -> NDArray[np.bool_]:
+def _quiet(grey: U8, steps: U8) -> Signs:
     """Where rows show noise alone: they change no more over some pixels than over `_LAG`."""
-    wide = steps.shape[1] // _TILE_PX * _TILE_PX
-    if wide <= _FAR_PX:
-        return np.ones(steps.shape, bool)
-    far = np.zeros_like(steps[:, :wide])
-    far[:, _FAR_PX:] = grey[:, _FAR_PX:wide] - grey[:, : wide - _FAR_PX]
+    if not steps.size:
+        return np.zeros((len(grey), 0), np.uint64)
+    far = np.zeros_like(steps)
+    far[:, _FAR_PX:] = cv2.absdiff(grey[:, _FAR_PX:], grey[:, :-_FAR_PX])
     near, over = (
-        np.abs(each).reshape(len(grey), -1, _TILE_PX).sum(axis=2) for each in (steps[:, :wide], far)
+        cv2.reduce(each.reshape(-1, _TILE_PX), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)
+        for each in (steps, far)
     )
     tiles = over <= QUIET * near
-    quiet = np.zeros(steps.shape, bool)
-    if tiles.mean() >= QUIET_PART:
-        quiet[:, :wide] = tiles.repeat(_TILE_PX, axis=1)
-    return quiet
+    if np.count_nonzero(tiles) < QUIET_PART * len(tiles):
+        tiles[:] = False
+    return np.where(tiles, _ALL, _NONE).reshape(len(grey), -1)
 
 
 def _plane(picture: U8) -> U8:
     return picture if picture.ndim == 2 else picture[:, :, 1]
 
 
-def _agreement(one: Signs, other: Signs) -> tuple[float, int]:
-    """How often signs agree, less how often they do not; and how many there are."""
-    both = one * other
-    count = int(np.count_nonzero(both))
-    return float(both.sum(dtype=np.int32)) / max(count, 1), count
+def _agreements(one: Signs, others: list[Signs]) -> tuple[F64, F64]:
+    """How often signs agree with each other picture's, less how often they do not; its variance.
+
+    Of those pictures that have some signs in the same places.
+    """
+    known = np.stack(others)
+    alike, unlike = (
+        np.bitwise_count(one & signs).sum(axis=(1, 2, 3), dtype=np.int64)
+        for signs in (known, known[:, ::-1])
+    )
+    count = alike + unlike
+    some = count >= _FEWEST_SIGNS
+    return (alike - unlike)[some] / count[some], 1 / count[some]
 
 
 def _moved(last: U8, picture: U8) -> bool:
@@ -176,7 +195,7 @@ class _Camera:
         self._again = False  # whether an old picture has come since
         self._known = np.zeros((0, 0, 0), np.uint64)  # a ring of hashes, the last one's at `_place`
         self._place = 0
-        self._signs: deque[Signs] = deque(maxlen=2)  # of the last pictures with noise
+        self._signs: deque[Signs] = deque(maxlen=COMPARED)  # of the last pictures with noise
 
     def fault(self, picture: U8, frame: Frame, limits: Limits) -> str:
         """What is wrong with the next picture, in words: empty if it is a new one."""
@@ -194,7 +213,7 @@ class _Camera:
         self._place = (self._place + 1) % REMEMBERED
         self._known[self._place] = look.hashes
         if look.noise > NOISY:
-            self._signs.append(look.signs * look.quiet)
+            self._signs.append(look.signs & look.quiet)
         return ""
 
     def _is_last(self, last: U8, picture: U8, look: _Look) -> bool:
@@ -224,13 +243,14 @@ class _Camera:
             return "gives an earlier picture again"
         if look.noise > NOISY and _moved(_plane(last), _plane(picture)):
             return "gives its last picture again, moved"
-        if len(self._signs) == 2:
-            before, newest = self._signs
-            agree, count = _agreement(look.signs, newest)
-            by_chance, others = _agreement(look.signs, before)
-            spread = _SIGMAS * np.sqrt(1 / max(count, 1) + 1 / max(others, 1))
-            if agree - by_chance > max(SAME_NOISE, spread):
-                return "gives its last picture again with the same noise"
+        if not self._signs:
+            return ""
+        agree, variance = _agreements(look.signs, [*self._signs])
+        if len(agree) > 1:
+            by_chance, best = np.argsort(agree)[-2:]
+            spread = _SIGMAS * math.sqrt(variance[best] + variance[by_chance])
+            if agree[best] - agree[by_chance] > max(SAME_NOISE, spread):
+                return "gives an earlier picture again with the same noise"
         return ""
 
 

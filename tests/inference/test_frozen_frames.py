@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from tokt.features.frames.mission import LEFT, RIGHT, open_mission
 from tokt.inference.config import Limits
 from tokt.inference.frame import Frame
-from tokt.inference.frozen_frames import REMEMBERED, StuckFrameDetector
+from tokt.inference.frozen_frames import COMPARED, REMEMBERED, StuckFrameDetector
 from tokt.inference.reason import Reason
 
 RNG = np.random.default_rng(3)
@@ -98,6 +98,15 @@ def test_buffers_that_go_round_are_told_from_the_first_that_comes_again(buffers)
     told = faults([ring[number % buffers] for number in range(3 * buffers)])
     assert not any(told[:buffers]) and all("again" in one for one in told[buffers:])
     assert not faults([*ring, ring[0], water(LIGHT)])[-1]  # and it is over with a new picture
+
+
+@pytest.mark.parametrize("buffers", [2, 4, COMPARED])
+@pytest.mark.parametrize("change", ["dithered", "compressed otherwise each time"])
+def test_buffers_that_go_round_are_told_where_each_picture_is_changed_as_well(buffers, change):
+    before, ring = ([water(LIGHT, 1.5) for _ in range(n)] for n in (4, buffers))
+    pictures = [AT_ONCE[change](ring[number % buffers], number) for number in range(3 * buffers)]
+    told = faults([*before, *pictures, water(LIGHT, 1.5)])
+    assert not any(told[: 4 + buffers]) and all(told[4 + buffers : -1]) and not told[-1]
 
 
 def test_a_picture_repeated_within_the_limits_is_no_ring():
