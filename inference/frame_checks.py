@@ -12,9 +12,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from tokt.features.common.arrays import U8
+from tokt.features.common.arrays import F64, U8
 from tokt.features.extractors.extractor import gray_picture
 from tokt.features.frames.grid import Grid
 
@@ -174,15 +173,19 @@ def _whole_frame_fault(gray: U8, pixels: U8) -> Fault:
     return NO_FAULT
 
 
-def _by_patch(
-    reduce: np.ufunc, gray: NDArray[Any], grid: Grid, dtype: type = np.uint8
-) -> NDArray[Any]:
+def _by_patch(reduce: np.ufunc, gray: U8, grid: Grid) -> U8:
     """One value of each patch's grey levels; down first, whole rows at a time."""
     height, width = grid.patch_size(*gray.shape)
     covered = gray[: grid.rows * height, : grid.cols * width]
-    down = reduce.reduce(covered.reshape(grid.rows, height, -1), axis=1, dtype=dtype)
-    across = down.reshape(grid.rows, grid.cols, width)
-    return np.asarray(reduce.reduce(across, axis=2, dtype=dtype))
+    down = reduce.reduce(covered.reshape(grid.rows, height, -1), axis=1)
+    return np.asarray(reduce.reduce(down.reshape(grid.rows, grid.cols, width), axis=2), np.uint8)
+
+
+def _patch_sums(gray: U8, grid: Grid) -> F64:
+    """The sum of each patch's grey levels."""
+    height, width = grid.patch_size(*gray.shape)
+    sums = cv2.integral(gray)[: grid.rows * height + 1 : height, : grid.cols * width + 1 : width]
+    return np.asarray(np.diff(np.diff(sums, axis=0), axis=1), np.float64)
 
 
 def _blank_patches_fault(gray: U8, grid: Grid) -> Fault:
@@ -218,7 +221,7 @@ def _band_fault(gray: U8) -> Fault:
 def _no_structure_fault(gray: U8, grid: Grid) -> Fault:
     """Why a picture is noise alone, or an empty string."""
     patch_px = math.prod(grid.patch_size(*gray.shape))
-    between = float(_by_patch(np.add, gray, grid, np.uint32).std()) / patch_px
+    between = float(_patch_sums(gray, grid).std()) / patch_px
     whole = cv2.meanStdDev(gray)[1].item()
     if between >= max(BLANK_GREY, NOISE_FACTOR * whole / math.sqrt(patch_px)):
         return NO_FAULT
@@ -265,7 +268,7 @@ def fine_detail(frame: U8) -> float:
 
 def _detail(pixels: U8, neighbours: U8, second: U8) -> float:
     near, far = (
-        _by_patch(np.add, cv2.absdiff(pixels, other), PATCH_GRID, np.uint32)
+        _patch_sums(np.asarray(cv2.absdiff(pixels, other), np.uint8), PATCH_GRID)
         for other in (neighbours, second)
     )
     return float(np.quantile(near / np.maximum(far, 1), 0.75))
