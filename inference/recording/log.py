@@ -79,6 +79,8 @@ class JsonLines:
         One process at a time writes it.
     rotation : LogRotation, optional
         Without one the file grows without end.
+    later : bool
+        Leave it to `open`, or to the first line, to open the file.
 
     Attributes
     ----------
@@ -90,10 +92,12 @@ class JsonLines:
     Raises
     ------
     ToktError
-        If the file cannot be opened.
+        If the file cannot be opened, unless that is left for later.
     """
 
-    def __init__(self, path: Path | str, rotation: LogRotation | None = None) -> None:
+    def __init__(
+        self, path: Path | str, rotation: LogRotation | None = None, later: bool = False
+    ) -> None:
         self.failed = 0
         self.last_error = ""
         self._path = Path(path)
@@ -103,7 +107,12 @@ class JsonLines:
         self._size = 0
         self._torn = False
         self._rotate_at = math.inf
-        with os_errors_as(f"log {path} cannot be written"):
+        if not later:
+            self.open()
+
+    def open(self) -> None:
+        """Open the file, or raise ToktError; `write` does it too, and counts where it cannot."""
+        with os_errors_as(f"log {self._path} cannot be written"):
             self._open()
 
     def write(self, value: dict[str, Any]) -> None:
@@ -204,31 +213,28 @@ class LinesApart:
     """
 
     def __init__(self, path: Path | str, rotation: LogRotation | None = None) -> None:
-        self._lines: JsonLines | None = None
+        self._lines = JsonLines(path, rotation, later=True)
         self._fault: ToktError | None = None
         self._left_out = self._untold = self._given = self._written = 0
         self._waiting: queue.Queue[dict[str, Any] | int | None] = queue.Queue(_MAX_WAITING)
         self._opened = threading.Event()
         self._changed = threading.Condition()
-        self._thread = threading.Thread(
-            target=self._write_all, args=(path, rotation), name="tokt log", daemon=True
-        )
+        self._thread = threading.Thread(target=self._write_all, name="tokt log", daemon=True)
         self._thread.start()
         self._opened.wait(_PATIENCE_S)
         if self._fault is not None:
+            self._waiting.put(None)
             raise self._fault
 
     @property
     def failed(self) -> int:
         """Lines that could not be written."""
-        return self._left_out + (0 if self._lines is None else self._lines.failed)
+        return self._left_out + self._lines.failed
 
     @property
     def last_error(self) -> str:
         """What went wrong last."""
-        if self._lines is None:
-            return _HANGS if self._fault is None else str(self._fault)
-        return self._lines.last_error
+        return self._lines.last_error or _HANGS
 
     def write(self, value: dict[str, Any]) -> None:
         """Have one line added, or count why not."""
@@ -253,23 +259,22 @@ class LinesApart:
         self._thread.join(_PATIENCE_S)
         self._left_out += self._given - self._written
 
-    def _write_all(self, path: Path | str, rotation: LogRotation | None) -> None:
+    def _write_all(self) -> None:
         try:
-            self._lines = lines = JsonLines(path, rotation)
+            self._lines.open()
         except ToktError as error:
-            self._fault = error
-            return
+            self._fault = error  # after the second, each line tries again
         finally:
             self._opened.set()
         while (value := self._waiting.get()) is not None:
             if isinstance(value, int):
-                lines.lose(value, _HANGS)
+                self._lines.lose(value, _HANGS)
             else:
-                lines.write(value)
+                self._lines.write(value)
             with self._changed:
                 self._written += 1
                 self._changed.notify()
-        lines.close()
+        self._lines.close()
 
 
 def older_file(path: Path, number: int) -> Path:

@@ -18,7 +18,15 @@ from hypothesis import strategies as st
 from tests.calls import refuses, run_python
 from tests.tiers import scaled
 from tests.waiting import until
-from tokt.inference.recording.log import JsonLines, LogGap, LogRotation, older_file, read_log
+from tokt.inference.recording import log as log_module
+from tokt.inference.recording.log import (
+    JsonLines,
+    LinesApart,
+    LogGap,
+    LogRotation,
+    older_file,
+    read_log,
+)
 
 SMALL = LogRotation(max_mb=0.0001, keep=3)  # 100 bytes: some seven short lines
 
@@ -252,6 +260,24 @@ def test_a_folder_that_went_and_came_back_is_written_again(tmp_path):
     found = numbers(folder / "run.jsonl")
     assert found[-5:] == list(range(130, 135)) and log.failed > 0
     assert len(found) + log.failed == 35
+
+
+def test_a_disk_that_takes_long_to_say_no_at_the_start_is_tried_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(log_module, "_PATIENCE_S", 0.05)
+    path, first, answered = tmp_path / "disk" / "run.jsonl", JsonLines.open, threading.Event()
+    monkeypatch.setattr(JsonLines, "open", lambda lines: (answered.wait(), first(lines)))
+    log = LinesApart(path)
+    log.write({"n": 1})
+    answered.set()
+    until(lambda: log.failed == 1)
+    path.parent.mkdir()
+    log.write({"n": 2})
+    until(path.exists)
+    monkeypatch.setattr(log_module, "_PATIENCE_S", 10.0)
+    log.close()
+    gaps: list[LogGap] = []
+    assert numbers(path, gaps) == [2] and log.failed == 1
+    assert gaps[0].words == "lines that could not be written here: 1 (No such file or directory)"
 
 
 def test_what_a_user_can_get_wrong(tmp_path):
