@@ -205,7 +205,9 @@ class ModelReloader(Observer):
 
     def _go_back(self, active: Activation) -> None:
         """Put the last good model in the active one's place, if it alone can judge what comes."""
-        unjudged = self._cannot_judge
+        with self._lock:
+            # Until the loop has put the active one in, it is another that cannot judge.
+            unjudged = None if self._ready else self._cannot_judge
         if unjudged is None or self.clock.monotonic() < self._retry_at:
             return
         self._retry_at = self.clock.monotonic() + RETRY_S

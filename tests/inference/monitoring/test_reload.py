@@ -203,6 +203,24 @@ def test_a_start_with_a_model_of_another_camera_goes_back_to_the_last_good_one(
     )
 
 
+def test_a_model_that_waits_to_be_put_in_is_not_blamed_for_the_one_before_it(
+    store, make_bundle, hand_clock
+):
+    """The loop may be in a long frame while the store is looked at again."""
+    assert remember_good(store, store.active()) == ""
+    store.deploy(make_bundle("2", large=True))
+    run = Run(store, hand_clock)
+    with looping(run.runtime):
+        for _ in range(GOOD_FRAMES):
+            run._give(draw)
+        assert run.verdict.reason == "wrong_size"
+        store.deploy(make_bundle("3"))
+        run.watch.look()
+        run.watch.look()
+        assert run.frames(0, draw) == ["model: model noise/3 runs from the next frame on"]
+        assert run.verdict.model == "noise/3"
+
+
 @pytest.mark.parametrize("last_good", ["", "large", "rolled back from", "damaged"])
 def test_there_it_goes_on_saying_unknown_where_the_last_good_one_is_no_better(
     store, make_bundle, hand_clock, last_good
