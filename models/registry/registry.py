@@ -224,6 +224,8 @@ class Registry:
         with self.reported():
             found = self.client.get_experiment_by_name(EXPERIMENT)
             if found is not None:
+                if found.artifact_location is None:
+                    raise ToktError(f"the model registry at {self.uri}: it has no artifact folder")
                 if self._database is not None and found.artifact_location != location:
                     self._move_artifacts(self._database, found.artifact_location)
                 return str(found.experiment_id)

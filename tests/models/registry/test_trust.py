@@ -586,6 +586,12 @@ def test_places_in_the_database_are_not_read(workspace, tiny_bundle, tmp_path):
     hold_row("artifact URIs exchanged in `mlflow.db`, also for addresses", said, "nothing")
 
 
+def test_an_experiment_without_a_place_is_one_line(workspace):
+    change(workspace, ("UPDATE experiments SET artifact_location = NULL",))
+    where = ("--workspace", workspace)
+    refused("it has no artifact folder", "train", "tiny", "--extractor", "lbp", *TRAIN_TINY, *where)
+
+
 @pytest.mark.parametrize("depth", [0, 1, 2])
 def test_a_link_out_of_the_workspace_is_refused(workspace, tmp_path, depth):
     """Even to the very same bytes: what it leads to can be exchanged."""
