@@ -24,13 +24,13 @@ from tokt.inference.config import BM, DEFAULT_SCALE
 from tokt.inference.frame import Frame
 from tokt.inference.frame_checks import PATCH_GRID, frame_fault, pair_shape_fault
 from tokt.inference.reason import NO_FAULT, Fault, Reason
-from tokt.inference.verdict import DISPARITY, OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN, Detection
+from tokt.inference.verdict import DISPARITY, STATUS_MEAN_THRESHOLD, Detection
 
 from .calibration import StereoCalibration
 from .epipolar_drift import EpipolarDriftCorrection
-from .faint_matches import MATCHED_HITS, MATCHED_WINDOW, Faint, FaintMatches
+from .faint_matches import FaintMatches
 from .matching import STEP_PX, DenseMatcher, Matches
-from .pair_health import MISFIT, PairFault, PairHealth, one_picture_fault, open_water_fault
+from .pair_health import PairFault, PairHealth, one_picture_fault
 from .rectify import Rectifier
 
 NEAR_PERCENTILE = 20.0
@@ -94,9 +94,10 @@ class DisparityDetector:
         self._health = PairHealth()
         self._closing = ClosingSpeed()
         self._matcher = DenseMatcher(self.rectifier, self.matcher, self.kernels, self.step)
-        self._faint = FaintMatches(self.calibration, self.scale, self.kernels)
         width, height = self.calibration.frame_size
         self._mask_size = self.grid.resized(height, width)
+        views = self.calibration, self.scale, self.kernels
+        self._faint = FaintMatches(*views, self._mask_size, DISPARITY)
 
     def detect(self, frame: Frame) -> Detection:
         """Judge one pair.
@@ -160,37 +161,7 @@ class DisparityDetector:
             # One picture in both places: the left one may not be the left camera's.
             vetoes_clear = unfit.reason is Reason.STEREO
             return Detection(None, DISPARITY, fault=unfit, vetoes_clear=vetoes_clear)
-        return self._without_proof(self._faint.look(*views), views, distance)
-
-    def _without_proof(
-        self, faint: Faint, views: tuple[F32, F32], distance_m: float | None
-    ) -> Detection:
-        """What a pair comes to that shows no obstacle by itself; `distance_m` of a few matches."""
-        water = open_water_fault(*views)
-        if water is not None:
-            self._faint.doubt()
-        if faint.matched == OBSTACLE:
-            patches = faint.patches.astype(np.uint8) * 255
-            size = self._mask_size[::-1]
-            mask = np.asarray(cv2.resize(patches, size, interpolation=cv2.INTER_NEAREST), np.uint8)
-            if distance_m is None and faint.disparity_px is not None:
-                distance_m = self._faint.rectifier.focal_baseline_px_m / faint.disparity_px
-            note = f"faint: few matches, in {MATCHED_HITS} of the last {MATCHED_WINDOW} frames"
-            return Detection(mask, DISPARITY, distance_m=distance_m, note=note)
-        fault = NO_FAULT
-        if water is not None:
-            fault = water.fault
-        elif faint.alone == OBSTACLE:
-            fault = Fault(Reason.STEREO, MISFIT)
-        elif distance_m is not None:
-            few = f"too few matches for a status, at {distance_m:.1f} m"
-            fault = Fault(Reason.STEREO, few)
-        elif UNKNOWN in (faint.matched, faint.alone):
-            words = "something faint is in view, and the frames before are not known"
-            fault = Fault(Reason.FRAME_RULE, words)
-        if fault:
-            return Detection(None, DISPARITY, fault=fault, vetoes_clear=True)
-        return Detection(np.zeros(self._mask_size, np.uint8), DISPARITY)
+        return self._faint.judge(*views, distance)
 
     def depth_m(self, found: Matches) -> F32:
         """Depth in metres along the views' axis, float32, (height, width); nan without a match."""

@@ -21,10 +21,13 @@ from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, F64, Bools
 from tokt.features.kernels.dispatch import Kernels
-from tokt.models.operating_point import OBSTACLE, MofNRule, MofNState
+from tokt.inference.reason import NO_FAULT, Fault, Reason
+from tokt.inference.verdict import OBSTACLE, UNKNOWN, Detection
+from tokt.models.operating_point import MofNRule, MofNState
 
 from .calibration import StereoCalibration
 from .matching import Contrast, DenseMatcher
+from .pair_health import MISFIT, open_water_fault
 from .rectify import Rectifier
 
 VIEW_WIDTH = 340
@@ -52,7 +55,7 @@ _SAMPLES = 20
 """Rows and columns of points of a patch that are looked at."""
 
 
-class Faint(NamedTuple):
+class _Faint(NamedTuple):
     """What the last frames come to.
 
     Parameters
@@ -81,6 +84,9 @@ class FaintMatches:
     scale : float
         Of the views that are given, over the frames' size.
     kernels : Kernels
+    mask_size : (height, width) of int
+    method : str
+        Of the detector that asks.
 
     Attributes
     ----------
@@ -88,7 +94,15 @@ class FaintMatches:
         Of the smaller views that are matched.
     """
 
-    def __init__(self, calibration: StereoCalibration, scale: float, kernels: Kernels) -> None:
+    def __init__(
+        self,
+        calibration: StereoCalibration,
+        scale: float,
+        kernels: Kernels,
+        mask_size: tuple[int, int],
+        method: str,
+    ) -> None:
+        self._mask_size, self._method = mask_size, method
         smaller = min(VIEW_WIDTH / calibration.frame_size[0], scale)
         self.rectifier = Rectifier(calibration, smaller)
         self._matcher = DenseMatcher(self.rectifier, kernels=kernels, step=1, contrast=FAINT)
@@ -102,19 +116,52 @@ class FaintMatches:
             state.skip(missed + self._begun)
         self._begun = 1
 
-    def doubt(self) -> None:
-        """Nothing that the last pair shows is believed."""
-        self._matched.doubt()
-        self._alone.doubt()
-
     def take(self, valid: Bools, rectifier: Rectifier) -> None:
         """A pair that is proof by itself: its matches, in the views of its own rectifier."""
         self._matched.add(_shares(valid, rectifier).ravel())
         self._alone.skip(1)
         self._begun = 0
 
-    def look(self, left: F32, right: F32) -> Faint:
-        """Match a pair of rectified views, float32, and say what stays."""
+    def judge(self, left: F32, right: F32, distance_m: float | None = None) -> Detection:
+        """What a pair comes to that shows no obstacle by itself.
+
+        Parameters
+        ----------
+        left, right : array of float32, shape (height, width)
+            Rectified views in grey levels.
+        distance_m : float or None
+            Of the few matches that were found in it.
+        """
+        faint = self._look(left, right)
+        water = open_water_fault(left, right)
+        if water is not None:
+            self._matched.doubt()
+            self._alone.doubt()
+        if faint.matched == OBSTACLE:
+            patches = faint.patches.astype(np.uint8) * 255
+            size = self._mask_size[::-1]
+            mask = np.asarray(cv2.resize(patches, size, interpolation=cv2.INTER_NEAREST), np.uint8)
+            if distance_m is None and faint.disparity_px is not None:
+                distance_m = self.rectifier.focal_baseline_px_m / faint.disparity_px
+            note = f"faint: few matches, in {MATCHED_HITS} of the last {MATCHED_WINDOW} frames"
+            return Detection(mask, self._method, distance_m=distance_m, note=note)
+        fault = NO_FAULT
+        if water is not None:
+            fault = water.fault
+        elif faint.alone == OBSTACLE:
+            fault = Fault(Reason.STEREO, MISFIT)
+        elif distance_m is not None:
+            few = f"too few matches for a status, at {distance_m:.1f} m"
+            fault = Fault(Reason.STEREO, few)
+        elif UNKNOWN in (faint.matched, faint.alone):
+            words = "something faint is in view, and the frames before are not known"
+            fault = Fault(Reason.FRAME_RULE, words)
+        if fault:
+            return Detection(None, self._method, fault=fault, vetoes_clear=True)
+        return Detection(np.zeros(self._mask_size, np.uint8), self._method)
+
+    def _look(self, left: F32, right: F32) -> _Faint:
+        """Match a pair of views, and say what stays."""
         size = self.rectifier.size
         views = (cv2.resize(view, size, interpolation=cv2.INTER_AREA) for view in (left, right))
         found = self._matcher.match(*(np.asarray(view, np.float32) for view in views))
@@ -127,10 +174,10 @@ class FaintMatches:
         nearest = None
         if statuses[0] == OBSTACLE:
             nearest = self._nearest(found.disparity_px, found.valid, patches)
-        return Faint(*statuses, patches, nearest)
+        return _Faint(*statuses, patches, nearest)
 
     def _nearest(self, disparity: F32, valid: Bools, patches: Bools) -> float | None:
-        """See `Faint.disparity_px`."""
+        """See `_Faint.disparity_px`."""
         rows, columns = np.nonzero(valid)
         width, height = self.rectifier.calibration.frame_size
         places = self.rectifier.to_frame(np.column_stack([columns, rows]))

@@ -15,8 +15,8 @@ sees less:
       x, B, D and whatever is nearer than 2 m: not seen in this pair. On the way towards B the
       6 m line met it, and it is remembered; x, when it has just swum in, was never met.
 
-Clear means: nothing at these distances, nothing remembered, hardly anything with texture, and
-light as open water's (`open_water_fault`).
+Clear means: nothing at these distances, nothing remembered, hardly anything with texture, nothing
+faint that stays (`faint_matches`, at any distance), and light as open water's (`open_water_fault`).
 With texture in view of which nothing is at these distances, the frame is unknown; so it is where
 `pair_health` finds a camera frozen or covered. Whether two textured views belong together cannot
 be told by a detector that looks at so few disparities, except by the former: a wrong pair has
@@ -50,9 +50,10 @@ from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.verdict import PUSHBROOM, STATUS_MEAN_THRESHOLD, Detection
 
 from .calibration import StereoCalibration
+from .faint_matches import FaintMatches
 from .matching import Matches, even_contrast, local_mean_and_sigma
 from .odometry import Motion, Odometry, Pose, motion_between
-from .pair_health import PairFault, PairHealth, one_picture_fault, open_water_fault
+from .pair_health import PairFault, PairHealth, one_picture_fault
 from .rectify import Rectifier
 
 DISTANCES_M = (8.0, 6.0, 4.0, 3.0, 2.0)
@@ -180,6 +181,9 @@ class PushbroomDetector:
         self._health = PairHealth()
         kept = KEPT_FRAMES if self.odometry is None else KEPT_FRAMES_WITH_ODOMETRY
         self._memory = ObstacleMemory(self.rectifier, CELL_PX, kept)
+        self._mask_size = self.grid.resized(*self.calibration.frame_size[::-1])
+        views = self.calibration, self.rectifier.scale, KERNELS
+        self._faint = FaintMatches(*views, self._mask_size, PUSHBROOM)
 
     def detect(self, frame: Frame) -> Detection:
         """Judge one pair.
@@ -189,6 +193,7 @@ class PushbroomDetector:
         obstacle, while no hit proves nothing.
         """
         self._advance(frame)
+        self._faint.begin(frame.missed)
         fault = pair_shape_fault(frame, self.calibration.frame_size)
         if frame.left is None or frame.right is None or fault:
             return self._unjudged(fault)
@@ -197,20 +202,17 @@ class PushbroomDetector:
         views = self.rectifier.left_of(left), self.rectifier.right_of(right)
         evened = _normalized(views[0])
         seen = self._depths(evened, _normalized(views[1]))
+        hits = self._at_full_size(seen)
         textured = bool((evened.edges > EDGE_GREY).mean() > TEXTURED_FRACTION)
         unfit = left_fault.about("left") if left_fault else NO_FAULT
         if right_fault and not unfit:
             unfit = right_fault.about("right")
         unfit = unfit or one_picture_fault(frame)
-        doubt = self._doubt(*views, seen)
+        doubt = self._doubt(*views, hits)
         if doubt is None or doubt.matches_stand:
             self._memory.add(seen)
             if seen.any() or not (unfit or doubt):
-                judged = self._judged(textured)
-                water = (
-                    None if judged.mask is None or judged.mask.any() else open_water_fault(*views)
-                )
-                return judged if water is None else self._unjudged(water.fault, vetoes_clear=True)
+                return self._judged(views, hits, textured)
         if unfit or doubt is None:
             return self._unjudged(unfit, unfit.reason is Reason.STEREO)
         return self._unjudged(doubt.fault, doubt.vetoes_clear or textured)
@@ -232,15 +234,19 @@ class PushbroomDetector:
         remembered = bool(len(self._memory.ages))
         return Detection(None, PUSHBROOM, fault=fault, vetoes_clear=vetoes_clear or remembered)
 
-    def _doubt(self, left: F32, right: F32, seen: F32) -> PairFault | None:
+    def _at_full_size(self, seen: F32) -> Bools:
+        """Where the views show what was found in cells."""
+        hit = (seen > 0).astype(np.uint8)
+        hits = cv2.resize(hit, self.rectifier.size, interpolation=cv2.INTER_NEAREST)
+        return np.asarray(hits, bool)
+
+    def _doubt(self, left: F32, right: F32, hits: Bools) -> PairFault | None:
         """Whether a camera is frozen or covered; texture without a match is usual here, no fault.
 
         The rows of what matches at so few disparities tell nothing.
         """
-        hit = (seen > 0).astype(np.uint8)
-        hits = cv2.resize(hit, self.rectifier.size, interpolation=cv2.INTER_NEAREST)
         nowhere = np.zeros(left.shape, bool)
-        matches = Matches(np.zeros_like(left), np.asarray(hits, bool), nowhere, nowhere)
+        matches = Matches(np.zeros_like(left), hits, nowhere, nowhere)
         return self._health.judge(left, right, matches, None, None)
 
     def _advance(self, frame: Frame) -> None:
@@ -280,13 +286,21 @@ class PushbroomDetector:
             part[shift > 0] = self.rectifier.focal_baseline_px_m / shift[shift > 0]
         return found
 
-    def _judged(self, textured: bool) -> Detection:
+    def _judged(self, views: tuple[F32, F32], hits: Bools, textured: bool) -> Detection:
+        """What a pair comes to of which something is believed."""
+        judged = self._remembered(textured)
+        if hits.any():
+            self._faint.take(hits, self.rectifier)
+            return judged
+        faint = self._faint.judge(*views)
+        clear = judged.mask is not None and not judged.mask.any()
+        return replace(faint, note=faint.note or judged.note) if clear else judged
+
+    def _remembered(self, textured: bool) -> Detection:
         """The verdict's mask, distance and note from what is remembered, the present included."""
         memory = self._memory
         note = f"pushbroom sees only at {self._where}"
-        mask = self.rectifier.to_left(
-            memory.mask(), *self.grid.resized(*self.calibration.frame_size[::-1])
-        )
+        mask = self.rectifier.to_left(memory.mask(), *self._mask_size)
         if cv2.mean(mask)[0] <= STATUS_MEAN_THRESHOLD:
             if textured:
                 fault = f"something is in view, but at none of {self._where}; or a wrong pair"

@@ -155,6 +155,8 @@ def test_odometry_carries_an_obstacle_to_where_it_is_now():
 def test_what_was_passed_is_forgotten():
     path = poses("1,0,0,0,0,1,0,0,0", "2,0,0,0,4.5,1,0,0,0", "3,0,0,0,0,1,0,0,0")
     detector = PushbroomDetector(PLAIN, Grid(), odometry=path)
+    for number in range(-5, 1):  # before, nobody knows what stays
+        detector.detect(Frame(number, 0.0, *EMPTY))
     detector.detect(Frame(1, 0.0, *draw(4.0)))
     assert is_clear(detector.detect(Frame(2, 0.0, *EMPTY)))
 
