@@ -34,7 +34,7 @@ from tokt.features.common.arrays import F64, U8
 
 from .config import Limits
 from .frame import Frame
-from .frame_checks import shape_fault
+from .frame_checks import one_channel, shape_fault
 from .reason import Fault, Reason
 
 # Measured on the 490 pairs of successive frames of the sea trial of 20 April 2016, 245 of each
@@ -70,8 +70,8 @@ _ROWS = 32
 _PIECE_PX = 240
 """At least, unless the picture is narrower: compressed, a shorter one comes again by chance."""
 _WORD = 8
-_FEWEST_WORDS = 6
-"""In a row: two for each byte of a pixel's three, so that a flat piece is seen."""
+_FEWEST_WORDS = 2
+"""In a row, so that a flat piece is seen."""
 _LAG = 2
 _BLOCK = 8
 """A JPEG block's width in pixels. Steps between blocks come from the picture, not from noise."""
@@ -91,15 +91,17 @@ Signs = NDArray[np.uint64]
 """A bit for each pixel of a tile: where a difference is above zero, and where below; shape
 (2, rows, tiles)."""
 _NONE, _ALL = np.uint64(0), np.uint64(2**64 - 1)
+_INSIDE = np.full(8, 256 - 2**_LAG, np.uint8).view(np.uint64)
+"""Those that do not reach into the next JPEG block."""
 
 
 class _Look(NamedTuple):
     """What is kept of a picture."""
 
+    rows: U8  # some of its rows, grey
     hashes: Hashes  # of pieces of rows; 0 where a piece is flat
     signs: Signs
     noise: float  # part of the differences that are not zero
-    quiet: Signs  # where they are of noise alone, whatever their sign
 
 
 @lru_cache(maxsize=8)
@@ -108,78 +110,87 @@ def _weights(words: int, pieces: int) -> tuple[Hashes, NDArray[np.intp]]:
     starts = np.linspace(0, words, pieces + 1).astype(np.intp)
     weights = np.random.default_rng(0).integers(2**64, size=words, dtype=np.uint64)
     for start, end in pairwise(starts):
-        for first in range(start, start + 3):
-            same = weights[first:end:3]  # words that are alike where all pixels are
-            same[-1:] -= same.sum(dtype=np.uint64, keepdims=True)
+        weights[end - 1 : end] -= weights[start:end].sum(dtype=np.uint64, keepdims=True)
     return weights, starts[:-1]
 
 
 def _look(picture: U8) -> _Look:
     step = max(len(picture) // _ROWS, 1)
-    rows = np.ascontiguousarray(picture[step // 2 :: step])
-    flat = rows.reshape(len(rows), -1)
-    words = flat.shape[1] // _WORD
+    rows = one_channel(picture[step // 2 :: step])
+    words = rows.shape[1] // _WORD
     hashes = np.zeros((len(rows), 0), np.uint64)
     if words >= _FEWEST_WORDS:
         weights, starts = _weights(words, max(rows.shape[1] // _PIECE_PX, 1))
-        values = np.ascontiguousarray(flat[:, : words * _WORD]).view(np.uint64)
+        values = np.ascontiguousarray(rows[:, : words * _WORD]).view(np.uint64)
         hashes = np.add.reduceat(values * weights, starts, axis=1)
-    grey = np.ascontiguousarray(_plane(rows))
-    wide = max(grey.shape[1] - _LAG, 0) // _TILE_PX * _TILE_PX
-    earlier, later = grey[:, :wide], grey[:, _LAG : wide + _LAG]
+    earlier, later = _steps(rows)
     highest = np.maximum(later, earlier)
-    steps = np.stack([highest - earlier, highest - later])  # one of them is 0
-    some = steps - np.uint8(1) < _LARGEST  # 0 becomes 255
-    for column in range(_BLOCK - _LAG, _BLOCK):
-        some[:, :, column::_BLOCK] = False
+    steps = np.empty((2, *later.shape), np.uint8)  # one of them is 0
+    np.subtract(highest, earlier, out=steps[0])
+    np.subtract(highest, later, out=steps[1])
+    steps -= np.uint8(1)  # 0 becomes 255
+    signs = np.packbits(steps < _LARGEST, axis=2).view(np.uint64) & _INSIDE
     inside = later.size * (_BLOCK - _LAG) / _BLOCK
-    noise = np.count_nonzero(some) / max(inside, 1)
-    tiles = _quiet(earlier, steps[0] | steps[1])
-    return _Look(hashes, np.packbits(some, axis=2).view(np.uint64), noise, tiles)
+    noise = int(np.bitwise_count(signs).sum(dtype=np.int64)) / max(inside, 1)
+    return _Look(rows, hashes, signs, noise)
 
 
-def _quiet(grey: U8, steps: U8) -> Signs:
+def _steps(rows: U8) -> tuple[U8, U8]:
+    """Pixels, as many as whole tiles have, and those `_LAG` further on."""
+    wide = max(rows.shape[1] - _LAG, 0) // _TILE_PX * _TILE_PX
+    return rows[:, :wide], rows[:, _LAG : wide + _LAG]
+
+
+def _quiet(rows: U8) -> Signs:
     """Where rows show noise alone: they change no more over some pixels than over `_LAG`."""
-    if not steps.size:
-        return np.zeros((len(grey), 0), np.uint64)
-    far = np.zeros_like(steps)
-    far[:, _FAR_PX:] = cv2.absdiff(grey[:, _FAR_PX:], grey[:, :-_FAR_PX])
+    earlier, later = _steps(rows)
+    if not earlier.size:
+        return np.zeros((len(rows), 0), np.uint64)
+    far = np.zeros(earlier.shape, np.uint8)
+    far[:, _FAR_PX:] = cv2.absdiff(earlier[:, _FAR_PX:], earlier[:, :-_FAR_PX])
     near, over = (
         cv2.reduce(each.reshape(-1, _TILE_PX), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)
-        for each in (steps, far)
+        for each in (cv2.absdiff(earlier, later), far)
     )
     tiles = over <= QUIET * near
     if np.count_nonzero(tiles) < QUIET_PART * len(tiles):
         tiles[:] = False
-    return np.where(tiles, _ALL, _NONE).reshape(len(grey), -1)
+    return np.where(tiles, _ALL, _NONE).reshape(len(rows), -1)
 
 
 def _plane(picture: U8) -> U8:
     return picture if picture.ndim == 2 else picture[:, :, 1]
 
 
-def _agreements(one: Signs, others: list[Signs]) -> tuple[F64, F64]:
+def _agreements(one: Signs, others: NDArray[np.uint64]) -> tuple[F64, F64]:
     """How often signs agree with each other picture's, less how often they do not; its variance.
 
     Of those pictures that have some signs in the same places.
     """
-    known = np.stack(others)
     alike, unlike = (
         np.bitwise_count(one & signs).sum(axis=(1, 2, 3), dtype=np.int64)
-        for signs in (known, known[:, ::-1])
+        for signs in (others, others[:, ::-1])
     )
     count = alike + unlike
     some = count >= _FEWEST_SIGNS
     return (alike - unlike)[some] / count[some], 1 / count[some]
 
 
-def _moved(last: U8, picture: U8) -> bool:
+def _middles(picture: U8) -> tuple[Hashes, Hashes]:
+    """The middle `_WORD` pixels of each row, and of each column."""
+    y, x = (size // 2 for size in picture.shape)
+    middles = picture[:, x : x + _WORD], picture[y : y + _WORD].T
+    rows, columns = (np.ascontiguousarray(each).view(np.uint64)[:, 0] for each in middles)
+    return rows, columns
+
+
+def _moved(last: U8, middles: tuple[Hashes, Hashes], picture: U8) -> bool:
     """Whether the middle row of a picture, or its middle column, is another one of the last."""
-    for old, new in ((last, picture), (last.T, picture.T)):
-        line, some = new[len(new) // 2], slice(new.shape[1] // 2, new.shape[1] // 2 + _BLOCK)
-        if line.min() == line.max():  # drawn, as a crosshair
+    for old, middle, new in zip((last, last.T), middles, (picture, picture.T), strict=True):
+        line, x = new[len(new) // 2], new.shape[1] // 2
+        near = np.flatnonzero(middle == np.frombuffer(line[x : x + _WORD].tobytes(), np.uint64))
+        if not near.size or line.min() == line.max():  # the latter is drawn, as a crosshair
             continue
-        near = np.flatnonzero((old[:, some] == line[some]).all(axis=1))
         if any(np.array_equal(old[index], line) for index in near[:REMEMBERED]):
             return True
     return False
@@ -196,25 +207,39 @@ class _Camera:
         self._known = np.zeros((0, 0, 0), np.uint64)  # a ring of hashes, the last one's at `_place`
         self._place = 0
         self._signs: deque[Signs] = deque(maxlen=COMPARED)  # of the last pictures with noise
+        self._compared = np.zeros((0, 0, 0, 0), np.uint64)  # the same, as one array
+        self._middles: tuple[Hashes, Hashes] | None = None
+        self._new: _Look | None = None  # the last one's, until it is prepared for
 
     def fault(self, picture: U8, frame: Frame, limits: Limits) -> str:
         """What is wrong with the next picture, in words: empty if it is a new one."""
+        self.prepare()
         look, last = _look(picture), self._picture
         if last is None or last.shape != picture.shape:
             self._known = np.zeros((REMEMBERED, *look.hashes.shape), np.uint64)
             self._signs.clear()
+            self._middles = None
         elif self._is_last(last, picture, look):
             return self._repeated(frame, limits)
         elif words := self._old(last, picture, look):
             self._again = True
             return words
         self._picture, self._since, self._repeats = picture, frame.arrived, 0
-        self._again = False
+        self._again, self._new = False, look
+        return ""
+
+    def prepare(self) -> None:
+        """Remember the last picture: what the next one need not wait for."""
+        look, self._new = self._new, None
+        if look is None or self._picture is None:
+            return
         self._place = (self._place + 1) % REMEMBERED
         self._known[self._place] = look.hashes
+        if min(self._picture.shape[:2]) >= 2 * _WORD:
+            self._middles = _middles(_plane(self._picture))
         if look.noise > NOISY:
-            self._signs.append(look.signs & look.quiet)
-        return ""
+            self._signs.append(look.signs & _quiet(look.rows))
+        self._compared = np.stack(self._signs) if self._signs else self._compared[:0]
 
     def _is_last(self, last: U8, picture: U8, look: _Look) -> bool:
         # Hashes first: they differ in any two frames of a live camera.
@@ -234,18 +259,20 @@ class _Camera:
 
     def _old(self, last: U8, picture: U8, look: _Look) -> str:
         """What an earlier picture has to do with one that does not repeat the last."""
-        some = (self._known == look.hashes) & (look.hashes != 0)
-        same = np.count_nonzero(some, axis=(1, 2))
-        limit = (PART if look.noise > NOISY else MOSTLY_SAME) * look.hashes.size
-        if same[self._place] > limit:
-            return "repeats a part of its last picture"
-        if same.max() > limit:
-            return "gives an earlier picture again"
-        if look.noise > NOISY and _moved(_plane(last), _plane(picture)):
+        some = self._known == look.hashes
+        if some.any():
+            same = np.count_nonzero(some & (look.hashes != 0), axis=(1, 2))
+            limit = (PART if look.noise > NOISY else MOSTLY_SAME) * look.hashes.size
+            if same[self._place] > limit:
+                return "repeats a part of its last picture"
+            if same.max() > limit:
+                return "gives an earlier picture again"
+        noisy = look.noise > NOISY and self._middles is not None
+        if noisy and _moved(_plane(last), self._middles, _plane(picture)):
             return "gives its last picture again, moved"
-        if not self._signs:
+        if not len(self._compared):
             return ""
-        agree, variance = _agreements(look.signs, [*self._signs])
+        agree, variance = _agreements(look.signs, self._compared)
         if len(agree) > 1:
             by_chance, best = np.argsort(agree)[-2:]
             spread = _SIGMAS * math.sqrt(variance[best] + variance[by_chance])
@@ -284,3 +311,8 @@ class StuckFrameDetector:
                 gone: dict[str, Any] = {side: None, f"{side}_fault": fault}
                 frame = replace(frame, **gone)
         return frame
+
+    def prepare(self) -> None:
+        """Get ready for the next frame, once this one's verdict has been sent."""
+        for camera in self._cameras.values():
+            camera.prepare()

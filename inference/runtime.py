@@ -286,6 +286,7 @@ class Runtime:
         self._tell_heartbeats(summary)
         for observer in self.observers:
             observer.judged(frame, judgement, report)
+        self._stuck_frames.prepare()
 
     def _tell_heartbeats(self, summary: Summary) -> None:
         for report in self._publisher.heartbeats():
