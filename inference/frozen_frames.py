@@ -23,14 +23,13 @@ import math
 from collections import deque
 from dataclasses import replace
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, U8
+from tokt.features.common.arrays import U8, U64
+from tokt.features.kernels.dispatch import KERNELS
 
 from .config import Limits
 from .frame import Frame
@@ -86,12 +85,8 @@ slowly was frozen by its own texture before: 17 of 24 frames of a drawn reef. Me
 picture and more, close to the tower; of that reef 0.1."""
 _FAR_PX, _TILE_PX = 16, 64
 
-Hashes = NDArray[np.uint64]
-Signs = NDArray[np.uint64]
-"""A bit for each pixel of a tile: where a difference is above zero, and where below; shape
-(2, rows, tiles)."""
-_NONE, _ALL = np.uint64(0), np.uint64(2**64 - 1)
-_INSIDE = np.full(8, 256 - 2**_LAG, np.uint8).view(np.uint64)
+_NONE, _ALL = np.uint64(0), np.uint64(2**64 - 1)  # of a tile's pixels
+_INSIDE = np.full(8, 2 ** (_BLOCK - _LAG) - 1, np.uint8).view(np.uint64)
 """Those that do not reach into the next JPEG block."""
 
 
@@ -99,40 +94,32 @@ class _Look(NamedTuple):
     """What is kept of a picture."""
 
     rows: U8  # some of its rows, grey
-    hashes: Hashes  # of pieces of rows; 0 where a piece is flat
-    signs: Signs
+    hashes: U64  # of pieces of rows; 0 where a piece is flat
+    signs: U64  # a bit a pixel where a difference is above zero, and where below
     noise: float  # part of the differences that are not zero
 
 
 @lru_cache(maxsize=8)
-def _weights(words: int, pieces: int) -> tuple[Hashes, NDArray[np.intp]]:
-    """The weights of a row's words, which come to zero for a flat piece, and where pieces begin."""
-    starts = np.linspace(0, words, pieces + 1).astype(np.intp)
-    weights = np.random.default_rng(0).integers(2**64, size=words, dtype=np.uint64)
-    for start, end in pairwise(starts):
-        weights[end - 1 : end] -= weights[start:end].sum(dtype=np.uint64, keepdims=True)
-    return weights, starts[:-1]
+def _weights(width: int) -> U64:
+    """The weights of a row's words, by its pieces; they come to zero for a flat piece."""
+    pieces = max(width // _PIECE_PX, 1)
+    weights = np.random.default_rng(0).integers(
+        2**64, size=(pieces, width // _WORD // pieces), dtype=np.uint64
+    )
+    weights[:, -1] -= weights.sum(axis=1, dtype=np.uint64)
+    return weights
 
 
 def _look(picture: U8) -> _Look:
     step = max(len(picture) // _ROWS, 1)
     rows = one_channel(picture[step // 2 :: step])
-    words = rows.shape[1] // _WORD
-    hashes = np.zeros((len(rows), 0), np.uint64)
-    if words >= _FEWEST_WORDS:
-        weights, starts = _weights(words, max(rows.shape[1] // _PIECE_PX, 1))
-        values = np.ascontiguousarray(rows[:, : words * _WORD]).view(np.uint64)
-        hashes = np.add.reduceat(values * weights, starts, axis=1)
-    earlier, later = _steps(rows)
-    highest = np.maximum(later, earlier)
-    steps = np.empty((2, *later.shape), np.uint8)  # one of them is 0
-    np.subtract(highest, earlier, out=steps[0])
-    np.subtract(highest, later, out=steps[1])
-    steps -= np.uint8(1)  # 0 becomes 255
-    signs = np.packbits(steps < _LARGEST, axis=2).view(np.uint64) & _INSIDE
-    inside = later.size * (_BLOCK - _LAG) / _BLOCK
-    noise = int(np.bitwise_count(signs).sum(dtype=np.int64)) / max(inside, 1)
-    return _Look(rows, hashes, signs, noise)
+    if rows.shape[1] < _FEWEST_WORDS * _WORD:
+        none = np.zeros((2, len(rows), 0), np.uint64)
+        return _Look(rows, none[0], none, 0.0)
+    hashes, signs = KERNELS.row_marks(rows, _weights(rows.shape[1]), _LAG, _LARGEST)
+    signs &= _INSIDE
+    inside = signs[0].size * _TILE_PX * (_BLOCK - _LAG) / _BLOCK
+    return _Look(rows, hashes, signs, int(np.bitwise_count(signs).sum()) / max(inside, 1))
 
 
 def _steps(rows: U8) -> tuple[U8, U8]:
@@ -141,7 +128,7 @@ def _steps(rows: U8) -> tuple[U8, U8]:
     return rows[:, :wide], rows[:, _LAG : wide + _LAG]
 
 
-def _quiet(rows: U8) -> Signs:
+def _quiet(rows: U8) -> U64:
     """Where rows show noise alone: they change no more over some pixels than over `_LAG`."""
     earlier, later = _steps(rows)
     if not earlier.size:
@@ -162,21 +149,21 @@ def _plane(picture: U8) -> U8:
     return picture if picture.ndim == 2 else picture[:, :, 1]
 
 
-def _agreements(one: Signs, others: NDArray[np.uint64]) -> tuple[F64, F64]:
-    """How often signs agree with each other picture's, less how often they do not; its variance.
+def _gives_again(one: U64, others: U64) -> bool:
+    """Whether a picture's signs agree with those of one of the others as only one's own do."""
+    found = [
+        ((alike - opposite) / (alike + opposite), 1 / (alike + opposite))
+        for alike, opposite in KERNELS.sign_counts(one, others).tolist()
+        if alike + opposite >= _FEWEST_SIGNS
+    ]
+    if len(found) < 2:
+        return False
+    (by_chance, variance), (best, its_variance) = sorted(found)[-2:]
+    least = max(SAME_NOISE, _SIGMAS * math.sqrt(variance + its_variance))
+    return bool(best - by_chance > least)
 
-    Of those pictures that have some signs in the same places.
-    """
-    alike, unlike = (
-        np.bitwise_count(one & signs).sum(axis=(1, 2, 3), dtype=np.int64)
-        for signs in (others, others[:, ::-1])
-    )
-    count = alike + unlike
-    some = count >= _FEWEST_SIGNS
-    return (alike - unlike)[some] / count[some], 1 / count[some]
 
-
-def _middles(picture: U8) -> tuple[Hashes, Hashes]:
+def _middles(picture: U8) -> tuple[U64, U64]:
     """The middle `_WORD` pixels of each row, and of each column."""
     y, x = (size // 2 for size in picture.shape)
     middles = picture[:, x : x + _WORD], picture[y : y + _WORD].T
@@ -184,7 +171,7 @@ def _middles(picture: U8) -> tuple[Hashes, Hashes]:
     return rows, columns
 
 
-def _moved(last: U8, middles: tuple[Hashes, Hashes], picture: U8) -> bool:
+def _moved(last: U8, middles: tuple[U64, U64], picture: U8) -> bool:
     """Whether the middle row of a picture, or its middle column, is another one of the last."""
     for old, middle, new in zip((last, last.T), middles, (picture, picture.T), strict=True):
         line, x = new[len(new) // 2], new.shape[1] // 2
@@ -206,9 +193,9 @@ class _Camera:
         self._again = False  # whether an old picture has come since
         self._known = np.zeros((0, 0, 0), np.uint64)  # a ring of hashes, the last one's at `_place`
         self._place = 0
-        self._signs: deque[Signs] = deque(maxlen=COMPARED)  # of the last pictures with noise
+        self._signs: deque[U64] = deque(maxlen=COMPARED)  # of the last pictures with noise
         self._compared = np.zeros((0, 0, 0, 0), np.uint64)  # the same, as one array
-        self._middles: tuple[Hashes, Hashes] | None = None
+        self._middles: tuple[U64, U64] | None = None
         self._new: _Look | None = None  # the last one's, until it is prepared for
 
     def fault(self, picture: U8, frame: Frame, limits: Limits) -> str:
@@ -239,7 +226,8 @@ class _Camera:
             self._middles = _middles(_plane(self._picture))
         if look.noise > NOISY:
             self._signs.append(look.signs & _quiet(look.rows))
-        self._compared = np.stack(self._signs) if self._signs else self._compared[:0]
+        none = np.zeros((0, *look.signs.shape), np.uint64)
+        self._compared = np.stack(self._signs) if self._signs else none
 
     def _is_last(self, last: U8, picture: U8, look: _Look) -> bool:
         # Hashes first: they differ in any two frames of a live camera.
@@ -267,17 +255,11 @@ class _Camera:
                 return "repeats a part of its last picture"
             if same.max() > limit:
                 return "gives an earlier picture again"
-        noisy = look.noise > NOISY and self._middles is not None
-        if noisy and _moved(_plane(last), self._middles, _plane(picture)):
+        middles = self._middles if look.noise > NOISY else None
+        if middles is not None and _moved(_plane(last), middles, _plane(picture)):
             return "gives its last picture again, moved"
-        if not len(self._compared):
-            return ""
-        agree, variance = _agreements(look.signs, self._compared)
-        if len(agree) > 1:
-            by_chance, best = np.argsort(agree)[-2:]
-            spread = _SIGMAS * math.sqrt(variance[best] + variance[by_chance])
-            if agree[best] - agree[by_chance] > max(SAME_NOISE, spread):
-                return "gives an earlier picture again with the same noise"
+        if _gives_again(look.signs, self._compared):
+            return "gives an earlier picture again with the same noise"
         return ""
 
 

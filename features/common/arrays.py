@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 U8 = NDArray[np.uint8]
 I16 = NDArray[np.int16]
 I64 = NDArray[np.int64]
+U64 = NDArray[np.uint64]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import U8
+from tokt.features.common.arrays import U8, U64
 
 if TYPE_CHECKING:
     from concurrent.futures import ThreadPoolExecutor
@@ -93,6 +93,33 @@ def check_gray16_size(shape: tuple[int, ...], height: int, width: int) -> None:
     check_size(height, width)
     if shape[0] * shape[1] >= MAX_PIXELS:
         raise ValueError(f"a frame of {shape[1]}x{shape[0]} pixels has too many")
+
+
+def check_weights(weights: U64, width: int) -> None:
+    """Check that rows of that width have as many words of 8 pixels as there are weights.
+
+    Raises
+    ------
+    ValueError
+        If not, or if there are none.
+    """
+    fits = weights.ndim == 2 and 0 < weights.size <= width // 8
+    if weights.dtype != np.uint64 or not fits or not weights.flags.c_contiguous:
+        raise ValueError(f"weights of words in {width} pixels, not {weights.shape}")
+
+
+def check_signs(signs: U64, others: U64) -> None:
+    """Check that pictures' signs are of one size.
+
+    Raises
+    ------
+    ValueError
+        If not.
+    """
+    shapes = signs.ndim == 3 and len(signs) == 2 and others.shape[1:] == signs.shape
+    in_order = signs.flags.c_contiguous and others.flags.c_contiguous
+    if {signs.dtype, others.dtype} != {np.dtype(np.uint64)} or not shapes or not in_order:
+        raise ValueError(f"signs are (2, rows, tiles), not {signs.shape} and {others.shape}")
 
 
 def check_samples(samples: Sequence[int], middle: int) -> None:

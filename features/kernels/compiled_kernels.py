@@ -15,14 +15,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, I16, I64, U8
+from tokt.features.common.arrays import F64, I16, I64, U8, U64
 from tokt.features.frames.grid import Grid
 
 from . import _native, numpy_pictures
 from .block_matching import PADDING, BlockMatching, padded
 from .checks import over_rows
 from .lbp_points import LbpPoints, lbp_points, nearest_points, pattern_codes
-from .numpy_pictures import overlaps
+from .numpy_pictures import overlaps, sign_tiles
 from .quantization import (
     FRAME,
     MIN_AROUND,
@@ -33,7 +33,7 @@ from .quantization import (
     gray16_step,
 )
 
-_INTERFACE = 5
+_INTERFACE = 6
 if getattr(_native, "INTERFACE", None) != _INTERFACE:
     raise ImportError("the extension was built from other sources; install tokt again")
 
@@ -261,6 +261,21 @@ def level_counts(gray: U8, grid: Grid, threads: int = 1) -> I64:
         _native.level_counts(gray, grid.cols, patch_height, patch_width, first, last, counts)
 
     over_rows(work, grid.rows, threads)
+    return counts
+
+
+def row_marks(gray: U8, weights: U64, lag: int, largest: int) -> tuple[U64, U64]:
+    """`Kernels.row_marks`."""
+    hashes = np.empty((len(gray), len(weights)), np.uint64)
+    signs = np.empty((2, len(gray), sign_tiles(gray, lag)), np.uint64)
+    _native.row_marks(gray, weights, lag, largest, hashes, signs)
+    return hashes, signs
+
+
+def sign_counts(signs: U64, others: U64) -> I64:
+    """`Kernels.sign_counts`."""
+    counts = np.empty((len(others), 2), np.int64)
+    _native.sign_counts(signs, others, counts)
     return counts
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, I16, I64, U8
+from tokt.features.common.arrays import F64, I16, I64, U8, U64
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 
@@ -27,7 +27,9 @@ from .checks import (
     check_gray16_size,
     check_lbp,
     check_samples,
+    check_signs,
     check_size,
+    check_weights,
 )
 from .quantization import Quantization
 
@@ -220,6 +222,48 @@ class Kernels:
         gray = check_gray(gray, threads)
         check_samples(samples, middle)
         return np.asarray(self.module.line_sums(gray, grid, middle, samples, threads))
+
+    def row_marks(self, gray: U8, weights: U64, lag: int, largest: int) -> tuple[U64, U64]:
+        """Marks by which rows are known again: hashes of their pieces, and signs of differences.
+
+        Parameters
+        ----------
+        gray
+            The rows.
+        weights : array of uint64, shape (pieces, words), in C order
+            Of each 8 pixels of a row's pieces, at least one of each; as many as a row has.
+        lag, largest : int
+            Differences are those of pixels so far apart, and count up to so many grey levels.
+
+        Returns
+        -------
+        hashes : array of uint64, shape (height, pieces)
+            Sums of pixels, 8 as one number, times weights, modulo 2**64.
+        signs : array of uint64, shape (2, height, tiles)
+            A bit for each pixel where the one `lag` further on is brighter, then darker; the first
+            pixel lowest. As many tiles of 64 as a row has whole ones.
+        """
+        gray = check_gray(gray)
+        check_weights(weights, gray.shape[1])
+        hashes, signs = self.module.row_marks(gray, weights, lag, largest)
+        return hashes, signs
+
+    def sign_counts(self, signs: U64, others: U64) -> I64:
+        """Where the signs of other pictures are those of one, and where they are opposite.
+
+        Parameters
+        ----------
+        signs : array of uint64, shape (2, height, tiles), in C order
+            As `row_marks` gives them.
+        others : array of uint64, shape (n, 2, height, tiles), in C order
+
+        Returns
+        -------
+        numpy.ndarray
+            int64, shape (n, 2).
+        """
+        check_signs(signs, others)
+        return np.asarray(self.module.sign_counts(signs, others))
 
     def block_disparity(self, left: U8, right: U8, settings: BlockMatching, wanted: U8) -> I16:
         """Disparity of the wanted pixels of the left view, the integers of OpenCV's StereoBM.

@@ -24,6 +24,8 @@ from .numpy_pictures import level_counts as level_counts
 from .numpy_pictures import quantize as quantize
 from .numpy_pictures import resized_gray as resized_gray
 from .numpy_pictures import resized_gray16 as resized_gray16
+from .numpy_pictures import row_marks as row_marks
+from .numpy_pictures import sign_counts as sign_counts
 
 DETAIL = f"numpy {np.__version__}"
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, I64, U8
+from tokt.features.common.arrays import F64, I64, U8, U64
 from tokt.features.frames.grid import Grid
 
 from .quantization import (
@@ -116,3 +116,30 @@ def resized_gray(frame: U8, height: int, width: int, threads: int = 1) -> U8:
     if frame.ndim == 3:
         frame = np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
     return frame.astype(np.uint8, copy=False)
+
+
+_TILE = 64  # signs in a word
+
+
+def sign_tiles(gray: U8, lag: int) -> int:
+    """How many words of signs a row has."""
+    return int(max(gray.shape[1] - lag, 0) // _TILE)
+
+
+def row_marks(gray: U8, weights: U64, lag: int, largest: int) -> tuple[U64, U64]:
+    """`Kernels.row_marks`."""
+    pieces, words = weights.shape
+    values = np.ascontiguousarray(gray[:, : 8 * weights.size]).view(np.uint64)
+    hashes = np.einsum("rpw,pw->rp", values.reshape(len(gray), pieces, words), weights)
+    wide = _TILE * sign_tiles(gray, lag)
+    earlier, later = gray[:, :wide], gray[:, lag : wide + lag]
+    highest = np.maximum(later, earlier)
+    steps = np.stack([highest - earlier, highest - later])
+    steps -= np.uint8(1)  # 0 becomes 255
+    return hashes, np.packbits(steps < largest, axis=2, bitorder="little").view(np.uint64)
+
+
+def sign_counts(signs: U64, others: U64) -> I64:
+    """`Kernels.sign_counts`."""
+    counts = (np.bitwise_count(signs & each) for each in (others, others[:, ::-1]))
+    return np.stack([each.sum(axis=(1, 2, 3), dtype=np.int64) for each in counts], axis=1)

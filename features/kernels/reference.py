@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from skimage.feature import local_binary_pattern
 
-from tokt.features.common.arrays import F64, I64, U8
+from tokt.features.common.arrays import F64, I64, U8, U64
 from tokt.features.frames.grid import Grid
 
 from .block_matching import block_disparity as block_disparity
@@ -153,3 +153,33 @@ def line_sums(gray: U8, grid: Grid, middle: int, samples: Sequence[int], threads
         ridge = (8 * stack.max(axis=0) - stack.sum(axis=0)).sum(axis=1)
         out.append(np.concatenate([ridge[None], (stack * stack).sum(axis=2)]).T)
     return np.stack(out, axis=1)
+
+
+def row_marks(gray: U8, weights: U64, lag: int, largest: int) -> tuple[U64, U64]:
+    """`Kernels.row_marks`, number by number."""
+    pieces, words = weights.shape
+    hashes = np.empty((len(gray), pieces), np.uint64)
+    for place in np.ndindex(*hashes.shape):
+        start = 8 * words * place[1]
+        values = np.frombuffer(gray[place[0], start : start + 8 * words].tobytes(), np.uint64)
+        numbers = zip(values.tolist(), weights[place[1]].tolist(), strict=True)
+        hashes[place] = sum(value * weight for value, weight in numbers) % 2**64
+    steps = gray[:, lag:].astype(int) - gray[:, : max(gray.shape[1] - lag, 0)]
+    steps = steps[:, : max(steps.shape[1], 0) // 64 * 64].reshape(len(gray), -1, 64)
+    bits = np.uint64(1) << np.arange(64, dtype=np.uint64)
+    signs = [np.sum(((s > 0) & (s <= largest)) * bits, axis=2) for s in (steps, -steps)]
+    return hashes, np.array(signs, np.uint64)
+
+
+def sign_counts(signs: U64, others: U64) -> I64:
+    """`Kernels.sign_counts`, word by word."""
+    return np.array(
+        [
+            [
+                sum(int(word).bit_count() for word in (signs & each).ravel())
+                for each in (other, other[::-1])
+            ]
+            for other in others
+        ],
+        np.int64,
+    )

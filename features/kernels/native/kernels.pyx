@@ -6,7 +6,7 @@ several threads can share one frame. The caller vouches for the sizes; what it m
 here is only what memoryviews check: dtype, dimensions, C order.
 """
 
-from libc.stdint cimport int16_t, int32_t, int64_t, uint8_t, uint16_t, uint32_t
+from libc.stdint cimport int16_t, int32_t, int64_t, uint8_t, uint16_t, uint32_t, uint64_t
 
 
 cdef extern from "instructions.h" nogil:
@@ -119,6 +119,20 @@ cdef extern from "quantization.h" nogil:
                       int64_t *counts)
 
 
+cdef extern from "marks.h" nogil:
+    ctypedef struct MarksKinds:
+        int pieces
+        int words
+        int tiles
+        int lag
+        int largest
+        const uint64_t *weights
+
+    void marks_row(const uint8_t *row, const MarksKinds *kinds, uint64_t *hashes,
+                   uint64_t *rising, uint64_t *falling)
+    void marks_counts(const uint64_t *one, const uint64_t *other, Py_ssize_t half, int64_t *counts)
+
+
 cdef extern from "structure.h" nogil:
     ctypedef struct PatchedPicture:
         const uint8_t *pixels
@@ -180,7 +194,7 @@ cdef extern from "match.h" nogil:
                      int16_t *out)
 
 
-INTERFACE = 5
+INTERFACE = 6
 """To be raised here and in compiled_kernels.py with any change of what they call each other with:
 a checkout whose extension was built before must fall back, and say so."""
 
@@ -470,3 +484,25 @@ cdef class MatchKernel:
         cdef uint16_t *memory = <uint16_t *>scratch.of(needed * sizeof(uint16_t))
         with nogil:
             match_views(&views, &self.settings, memory, &out[0, 0])
+
+
+def row_marks(const uint8_t[:, ::1] gray, const uint64_t[:, ::1] weights, int lag, int largest,
+              uint64_t[:, ::1] hashes, uint64_t[:, :, ::1] signs):
+    """Write the hashes of all rows, and the signs of their differences."""
+    cdef MarksKinds kinds
+    cdef int row
+    kinds.pieces, kinds.words, kinds.tiles = weights.shape[0], weights.shape[1], signs.shape[2]
+    kinds.weights, kinds.lag, kinds.largest = &weights[0, 0], lag, largest
+    with nogil:
+        for row in range(gray.shape[0]):
+            marks_row(&gray[row, 0], &kinds, &hashes[row, 0], &signs[0, row, 0], &signs[1, row, 0])
+
+
+def sign_counts(const uint64_t[:, :, ::1] signs, const uint64_t[:, :, :, ::1] others,
+                int64_t[:, ::1] counts):
+    """Count where the signs of each other picture are alike, and where they are opposite."""
+    cdef Py_ssize_t half = signs.shape[1] * signs.shape[2]
+    cdef int other
+    with nogil:
+        for other in range(others.shape[0]):
+            marks_counts(&signs[0, 0, 0], &others[other, 0, 0, 0], half, &counts[other, 0])

@@ -58,6 +58,7 @@ def described(kernels: Kernels, gray: Image, grid: Grid, threads: int = 1) -> li
         kernels.lbp_nearest_counts(gray, grid, 8, 13, "frame", threads),
         kernels.structure_sums(gray, grid, threads),
         kernels.line_sums(gray, grid, 128, (2, 16), threads),
+        *kernels.row_marks(plain.repeat(8, axis=1), np.arange(width, dtype=np.uint64)[None], 2, 8),
     ]
 
 

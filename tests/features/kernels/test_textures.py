@@ -92,3 +92,57 @@ def test_samples_that_are_not_possible(kernels, samples):
 def test_a_middle_that_is_no_level(kernels, middle):
     with pytest.raises(ValueError, match="middle"):
         kernels.line_sums(np.zeros((9, 9), np.uint8), ONE, middle, (2,))
+
+
+def random(seed, shape, dtype=np.uint64):
+    return np.random.default_rng(seed).integers(0, np.iinfo(dtype).max, shape, dtype, endpoint=True)
+
+
+@fast
+@examples(60)
+@given(
+    size=st.tuples(st.integers(1, 9), st.integers(8, 300)),
+    pieces=st.integers(1, 4),
+    lag=st.integers(1, 20),
+    largest=st.integers(1, 255),
+    spread=st.sampled_from((2, 20, 255)),
+    seed=st.integers(0, 99),
+)
+def test_marks_of_rows(kernels, size, pieces, lag, largest, spread, seed):
+    gray = random(seed, size, np.uint8) % spread
+    weights = random(seed, (min(pieces, size[1] // 8), max(size[1] // 8 // pieces, 1)))
+    hashes, signs = kernels.row_marks(gray, weights, lag, largest)
+    expected = REFERENCE.row_marks(gray, weights, lag, largest)
+    assert hashes.dtype == signs.dtype == np.uint64
+    assert signs.shape == (2, len(gray), max(size[1] - lag, 0) // 64)
+    assert np.array_equal(hashes, expected[0]) and np.array_equal(signs, expected[1])
+    assert not (signs[0] & signs[1]).any()
+
+
+@fast
+@examples(40)
+@given(
+    shape=st.tuples(st.integers(0, 5), st.integers(1, 5), st.integers(0, 4)),
+    seed=st.integers(0, 99),
+)
+def test_counts_of_signs(kernels, shape, seed):
+    others = random(seed, (shape[0], 2, *shape[1:]))
+    signs = random(seed + 1, (2, *shape[1:]))
+    found = kernels.sign_counts(signs, others)
+    assert found.dtype == np.int64 and found.shape == (shape[0], 2)
+    assert np.array_equal(found, REFERENCE.sign_counts(signs, others).reshape(-1, 2))
+
+
+@fast
+def test_marks_that_do_not_fit_the_picture(kernels):
+    gray, weights = np.zeros((3, 30), np.uint8), random(1, (1, 3))
+    kernels.row_marks(gray, weights, 2, 8)
+    for odd in (weights[0], weights[:, :0], random(1, (2, 2)), weights.view(np.int64)):
+        with pytest.raises(ValueError, match="weights of words"):
+            kernels.row_marks(gray, odd, 2, 8)
+    with pytest.raises(ValueError, match="weights of words"):
+        kernels.row_marks(gray, random(1, (3, 2))[:, :1], 2, 8)  # not in C order
+    signs = random(2, (2, 3, 4))
+    for odd in (signs, signs[None, :1], random(2, (1, 2, 3, 5)), signs[None].view(np.int64)):
+        with pytest.raises(ValueError, match="signs are"):
+            kernels.sign_counts(signs, odd)
