@@ -233,9 +233,9 @@ def _no_structure_fault(gray: U8, grid: Grid) -> Fault:
     return Fault(Reason.BLANK, "the frame shows noise and no picture: covered, or no signal")
 
 
-_DETAIL_ROWS = 32
+_DETAIL_ROWS = 48
 """Rows of a frame that its fine detail is looked for in, or a few more."""
-_MIN_TILE_PX = 3
+_MIN_TILE_PX = 4
 
 
 def fine_detail(frame: U8) -> float:
