@@ -124,7 +124,7 @@ class DisparityDetector:
         doubt = self._health.judge(*views, found, offset, self._drift)
         if doubt is not None and not unfit:
             doubt = self._health.explained(doubt, frame.left, frame.right, self.match)
-        judged = self._judged(views, found, unfit, doubt)
+        judged = self._judged(frame, views, found, unfit, doubt)
         if frame.timed:
             closing_m_s, contact_s = self._closing.add(frame.t, judged.distance_m)
             judged = replace(judged, closing_m_s=closing_m_s, contact_s=contact_s)
@@ -141,7 +141,12 @@ class DisparityDetector:
         return self._matcher.match(*views)
 
     def _judged(
-        self, views: tuple[F32, F32], found: Matches, unfit: Fault, doubt: PairFault | None
+        self,
+        frame: Frame,
+        views: tuple[F32, F32],
+        found: Matches,
+        unfit: Fault,
+        doubt: PairFault | None,
     ) -> Detection:
         """What matches come to: `unfit` says why a picture is, `doubt` why the two do not fit."""
         mask = np.zeros(self._mask_size, np.uint8)
@@ -161,7 +166,7 @@ class DisparityDetector:
             # One picture in both places: the left one may not be the left camera's.
             vetoes_clear = unfit.reason is Reason.STEREO
             return Detection(None, DISPARITY, fault=unfit, vetoes_clear=vetoes_clear)
-        return self._faint.judge(*views, distance)
+        return self._faint.judge(frame, *views, distance)
 
     def depth_m(self, found: Matches) -> F32:
         """Depth in metres along the views' axis, float32, (height, width); nan without a match."""

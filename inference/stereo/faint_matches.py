@@ -21,13 +21,14 @@ from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, F64, Bools
 from tokt.features.kernels.dispatch import Kernels
+from tokt.inference.frame import Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.verdict import OBSTACLE, UNKNOWN, Detection
 from tokt.models.operating_point import MofNRule, MofNState
 
 from .calibration import StereoCalibration
 from .matching import Contrast, DenseMatcher
-from .pair_health import MISFIT, open_water_fault
+from .pair_health import MISFIT, no_detail_fault, open_water_fault
 from .rectify import Rectifier
 
 VIEW_WIDTH = 340
@@ -122,21 +123,23 @@ class FaintMatches:
         self._alone.skip(1)
         self._begun = 0
 
-    def judge(self, left: F32, right: F32, distance_m: float | None = None) -> Detection:
+    def judge(
+        self, frame: Frame, left: F32, right: F32, distance_m: float | None = None
+    ) -> Detection:
         """What a pair comes to that shows no obstacle by itself.
 
         Parameters
         ----------
+        frame : Frame
         left, right : array of float32, shape (height, width)
-            Rectified views in grey levels.
+            Its rectified views in grey levels.
         distance_m : float or None
             Of the few matches that were found in it.
         """
         faint = self._look(left, right)
         water = open_water_fault(left, right)
         if water is not None:
-            self._matched.doubt()
-            self._alone.doubt()
+            self._doubt()
         if faint.matched == OBSTACLE:
             patches = faint.patches.astype(np.uint8) * 255
             size = self._mask_size[::-1]
@@ -156,9 +159,18 @@ class FaintMatches:
         elif UNKNOWN in (faint.matched, faint.alone):
             words = "something faint is in view, and the frames before are not known"
             fault = Fault(Reason.FRAME_RULE, words)
+        else:
+            fault = no_detail_fault(frame)
+            if fault:
+                self._doubt()
         if fault:
             return Detection(None, self._method, fault=fault, vetoes_clear=True)
         return Detection(np.zeros(self._mask_size, np.uint8), self._method)
+
+    def _doubt(self) -> None:
+        """Nothing that the last pair shows is believed."""
+        self._matched.doubt()
+        self._alone.doubt()
 
     def _look(self, left: F32, right: F32) -> _Faint:
         """Match a pair of views, and say what stays."""

@@ -2,8 +2,8 @@ r"""Pushbroom stereo: a rectified pair looked at for obstacles at a few distance
 
 Not the distance of everything is measured, but whether something stands at 8, 6, 4, 3 or 2 m. As
 the vehicle moves, these distances sweep through the water like the bristles of a broom, and what
-each of them met is remembered. That takes a third to a half of the time of `disparity.py`, and
-sees less:
+each of them met is remembered. Before an obstacle that takes two fifths of the time of
+`disparity.py`; over open water, where both follow faint things, five sixths. It sees less:
 
 ::
 
@@ -212,7 +212,7 @@ class PushbroomDetector:
         if doubt is None or doubt.matches_stand:
             self._memory.add(seen)
             if seen.any() or not (unfit or doubt):
-                return self._judged(views, hits, textured)
+                return self._judged(frame, views, hits, textured)
         if unfit or doubt is None:
             return self._unjudged(unfit, unfit.reason is Reason.STEREO)
         return self._unjudged(doubt.fault, doubt.vetoes_clear or textured)
@@ -286,13 +286,15 @@ class PushbroomDetector:
             part[shift > 0] = self.rectifier.focal_baseline_px_m / shift[shift > 0]
         return found
 
-    def _judged(self, views: tuple[F32, F32], hits: Bools, textured: bool) -> Detection:
+    def _judged(
+        self, frame: Frame, views: tuple[F32, F32], hits: Bools, textured: bool
+    ) -> Detection:
         """What a pair comes to of which something is believed."""
         judged = self._remembered(textured)
         if hits.any():
             self._faint.take(hits, self.rectifier)
             return judged
-        faint = self._faint.judge(*views)
+        faint = self._faint.judge(frame, *views)
         clear = judged.mask is not None and not judged.mask.any()
         return replace(faint, note=faint.note or judged.note) if clear else judged
 

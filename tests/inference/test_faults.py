@@ -257,6 +257,9 @@ def with_clock(picture: np.ndarray, number: int) -> np.ndarray:
 FROZEN: dict[str, Callable[[list[np.ndarray], int], np.ndarray]] = {
     "a camera's buffers go round: two pictures by turns": lambda seen, n: seen[-1 - n % 2],
     "a camera's buffers go round: four pictures": lambda seen, n: seen[-1 - -n % 4],
+    "a camera's buffers go round: four pictures, each compressed anew": lambda seen, n: jpeg(
+        seen[-1 - -n % 4], 98 - 2 * n
+    ),
     "a frozen camera: a bit changes": lambda seen, n: with_bit(seen[-1], n),
     "a frozen camera: a clock in the corner goes on": lambda seen, n: with_clock(seen[-1], n),
     "a frozen camera: compressed otherwise each time": lambda seen, n: jpeg(seen[-1], 98 - 2 * n),

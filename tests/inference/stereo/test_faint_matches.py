@@ -178,6 +178,7 @@ LOST = {
     "glowing": glowing,
     "inverted": lambda view: 255 - view,
     "enlarged": enlarged,
+    "blurred": lambda view: cv2.GaussianBlur(view, (0, 0), 8),
 }
 TURNED = {
     "90": turned(1),
@@ -215,7 +216,7 @@ def test_water_that_has_lost_its_contrast_is_unknown(name, sides, stereo):
     if sides == "lr":  # one alone is also much brighter than the other
         assert found.vetoes_clear and found.fault.reason is Reason.STEREO
     hold_row(
-        "contrast lost in open water: haze, glow, inverted, enlarged (stereo)",
+        "open water in haze, under glow, inverted, enlarged or blurred (stereo)",
         "unknown `stereo`",
         "frames by reason",
     )
