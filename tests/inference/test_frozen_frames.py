@@ -10,7 +10,13 @@ from tokt.inference.frozen_frames import COMPARED, REMEMBERED, StuckFrameDetecto
 from tokt.inference.reason import Reason
 
 RNG = np.random.default_rng(3)
+START = RNG.bit_generator.state
 HEIGHT, WIDTH = 270, 480
+
+
+@pytest.fixture(autouse=True)
+def the_same_noise_whatever_was_tested_before():
+    RNG.bit_generator.state = START
 
 
 def noise() -> NDArray[np.uint8]:
