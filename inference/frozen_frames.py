@@ -158,9 +158,9 @@ def _gives_again(one: U64, others: U64) -> bool:
     ]
     if len(found) < 2:
         return False
-    *others, (best, its_variance) = sorted(found)
+    *rest, (best, its_variance) = sorted(found)
     # The middle one: where a copy was not known, it and its picture agree as well.
-    by_chance, variance = others[(len(others) - 1) // 2]
+    by_chance, variance = rest[(len(rest) - 1) // 2]
     least = max(SAME_NOISE, _SIGMAS * math.sqrt(variance + its_variance))
     return bool(best - by_chance > least)
 
