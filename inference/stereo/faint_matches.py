@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from tokt.features.common.arrays import F32, F64, Bools
 from tokt.features.kernels.dispatch import Kernels
 from tokt.inference.frame import Frame
-from tokt.inference.reason import NO_FAULT, Fault, Reason
+from tokt.inference.reason import Fault, Reason
 from tokt.inference.verdict import OBSTACLE, UNKNOWN, Detection
 from tokt.models.operating_point import MofNRule, MofNState
 
@@ -148,7 +148,6 @@ class FaintMatches:
                 distance_m = self.rectifier.focal_baseline_px_m / faint.disparity_px
             note = f"faint: few matches, in {MATCHED_HITS} of the last {MATCHED_WINDOW} frames"
             return Detection(mask, self._method, distance_m=distance_m, note=note)
-        fault = NO_FAULT
         if water is not None:
             fault = water.fault
         elif faint.alone == OBSTACLE:
