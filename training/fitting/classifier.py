@@ -1,11 +1,13 @@
-"""The classifier of a model: an optional scaler and a LinearSVC, as scikit-learn has them."""
+"""The classifier of a model: optional scaler and map, a LinearSVC, as scikit-learn has them."""
 
 import warnings
 
 import numpy as np
+from sklearn.base import TransformerMixin
 from sklearn.exceptions import ConvergenceWarning
+from sklearn.kernel_approximation import Nystroem
 from sklearn.pipeline import Pipeline
-from sklearn.preprocessing import StandardScaler
+from sklearn.preprocessing import MinMaxScaler, StandardScaler
 from sklearn.svm import LinearSVC
 
 from tokt.features.common.arrays import F64, I64
@@ -21,7 +23,7 @@ def fit_classifier(
     settings: TrainingSettings,
     weights: F64 | None = None,
 ) -> Pipeline:
-    """Fit scaler and LinearSVC; deterministic for the same input.
+    """Fit scaler, map if there is one, and LinearSVC; deterministic for the same input.
 
     Scaled features are solved in the primal, which converges to the same weights whatever the
     seed. The thesis's unscaled ones are solved in the dual with its seed, as scikit-learn did in
@@ -35,7 +37,7 @@ def fit_classifier(
         LinearSVC's C and the weights of the classes.
     settings : TrainingSettings
     weights : array of float64, shape (n,), optional
-        How much each patch's error counts; the scaler takes all patches alike.
+        How much each patch's error counts; a scaler without a map takes all patches alike.
     """
     svc = LinearSVC(
         C=choice.penalty,
@@ -44,12 +46,46 @@ def fit_classifier(
         dual=not settings.scale,
         max_iter=5000,
     )
-    steps = [("scaler", StandardScaler())] if settings.scale else []
-    pipeline = Pipeline([*steps, ("svc", svc)])
+    features = np.asarray(features)
+    steps = _fitted_map(features, weights, settings) if settings.landmarks else []
+    if settings.scale and not steps:
+        steps = [("scaler", StandardScaler().fit(features))]
+    mapped = Pipeline(steps).transform(features) if steps else features
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        pipeline.fit(np.asarray(features), targets, svc__sample_weight=weights)
-    return pipeline
+        svc.fit(mapped, targets, sample_weight=weights)
+    return Pipeline([*steps, ("svc", svc)])
+
+
+_MOST_DRAWN = 20_000
+"""Patches that landmarks are drawn from: their kernel with each landmark is held in memory."""
+
+
+def _fitted_map(
+    features: F64, weights: F64 | None, settings: TrainingSettings
+) -> list[tuple[str, TransformerMixin]]:
+    """A scaler that limits what lies far out, and Nystroem's map; both take weights into account.
+
+    Landmarks are drawn from the patches by weight, so that a long dive does not have them all.
+    """
+    parts = np.ones(len(features)) if weights is None else weights
+    usual = StandardScaler().fit(features, sample_weight=parts)
+    far = settings.limit * usual.scale_
+    scaler = MinMaxScaler((-settings.limit, settings.limit), clip=True)
+    scaler.fit(np.stack([usual.mean_ - far, usual.mean_ + far]))
+    drawn = np.random.default_rng(settings.seed).choice(
+        len(features),
+        min(np.count_nonzero(parts), _MOST_DRAWN),
+        replace=False,
+        p=parts / parts.sum(),
+    )
+    nystroem = Nystroem(
+        gamma=settings.gamma / features.shape[1],
+        n_components=min(settings.landmarks, len(drawn)),
+        random_state=settings.seed,
+    )
+    nystroem.fit(scaler.transform(features[drawn]))
+    return [("scaler", scaler), ("map", nystroem)]
 
 
 def converged(pipeline: Pipeline) -> bool:
@@ -67,6 +103,6 @@ def decision_values(pipeline: Pipeline, features: F64) -> F64:
 def linear_model(
     pipeline: Pipeline, classes: tuple[str, ...], obstacle: tuple[bool, ...]
 ) -> LinearModel:
-    """The same model with the scaler folded in and thresholds of 0."""
+    """The same model with scaler and map folded in and thresholds of 0."""
     outputs = len(pipeline.named_steps["svc"].coef_)
     return LinearModel.from_pipeline(pipeline, np.zeros(outputs), classes, obstacle)

@@ -52,7 +52,13 @@ class TrainingSettings:
         Train on one ocean image against one other image, as the thesis does, not on the
         dataset.
     seed : int
-        LinearSVC's random state.
+        LinearSVC's random state, and the landmarks'.
+    landmarks : int
+        Of Nystroem's map between scaler and LinearSVC; 0 for none.
+    gamma : float
+        Of that map's radial basis function, times the number of features.
+    limit : float
+        Standard deviations at which features are cut off before that map.
     """
 
     preset: str
@@ -63,6 +69,9 @@ class TrainingSettings:
     class_weights: tuple[str | None, ...] = (None,)
     changes: tuple[str, ...] = ()
     change_weight: float = 1.0
+    landmarks: int = 0
+    gamma: float = 0.3
+    limit: float = 1.5
 
     @property
     def choices(self) -> tuple[Hyperparameters, ...]:
