@@ -22,6 +22,8 @@ from . import _native, numpy_pictures
 from .block_matching import PADDING, BlockMatching, padded
 from .checks import over_rows
 from .lbp_points import LbpPoints, lbp_points, nearest_points, pattern_codes
+from .numpy_kernels import gradient_sums as gradient_sums
+from .numpy_pictures import box_sums as box_sums
 from .numpy_pictures import overlaps, sign_tiles
 from .quantization import (
     FRAME,
