@@ -199,19 +199,23 @@ def _texture(part: Mapping[str, Any]) -> str:
             return "strength and coherence of edges"
         case "lines":
             return f"lines of {', '.join(map(str, part['samples']))} samples"
-        case "gradients":
-            return f"gradients smoothed over {', '.join(map(str, part['smooth']))} pixels"
-        case "colour":
-            return "colour (CIELAB) and how it changes"
-        case "place":
-            return "the patch's place in the frame"
-        case "relative":
-            of = " + ".join(map(_texture, part["parts"]))
-            quietest = f"the quietest {part['quietest']:.0%} of the frame's patches"
-            return f"{of}, each less that of {quietest}"
         case "context":
             around = f"of each patch and the {part['statistic']} of its neighbours"
             return f"{extractor_summary(part['part'])}, {around}"
+    return _water(part)
+
+
+def _water(part: Mapping[str, Any]) -> str:
+    match part.get("name"):
+        case "gradients":
+            return f"gradients smoothed over {', '.join(map(str, part['smooth']))} pixels"
+        case "colour":
+            return "colour (CIELAB) and its changes"
+        case "place":
+            return "place in the frame"
+        case "relative":
+            of = extractor_summary({"name": "join", "parts": part["parts"]})
+            return f"{of}, less what the quietest {part['quietest']:.0%} of its patches show"
     return json.dumps(dict(part), sort_keys=True)
 
 

@@ -28,9 +28,9 @@ _NO_COLOUR_ENERGY = 0.01
 
 
 class Gradients(Extractor):
-    """For each smoothing: logarithms of a patch's gradient energy across, down, and of its strong ones.
+    """Logarithms of a patch's gradients at several smoothings: energy across and down, strong ones.
 
-    Gradients are of the gray frame in 1/256 grey level, smoothed by a mean of n x n pixels; the
+    They are of the gray frame in 1/256 grey level, smoothed by a mean of n x n pixels; the
     strong one is that which 5 % of a patch's pixels exceed.
 
     Parameters
@@ -119,8 +119,11 @@ class Colour(Extractor):
 
 # From linear sRGB (columns B, G, R) to X, Y, Z over those of white (IEC 61966-2-1).
 _XYZ = np.array(
-    [[0.1804375, 0.3575761, 0.4124564], [0.0721750, 0.7151522, 0.2126729]]
-    + [[0.9503041, 0.1191920, 0.0193339]]
+    [
+        [0.1804375, 0.3575761, 0.4124564],
+        [0.0721750, 0.7151522, 0.2126729],
+        [0.9503041, 0.1191920, 0.0193339],
+    ]
 ) / np.array([[0.95047], [1.0], [1.08883]])
 _DARK, _SLOPE = 216 / 24389, 24389 / 27 / 116
 
