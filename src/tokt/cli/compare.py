@@ -9,7 +9,7 @@ from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
-from .dataset import labels_for
+from .dataset import labelled_missions
 from .options import (
     DEFAULT_WORKSPACE,
     FramesOption,
@@ -23,10 +23,6 @@ from .output import answer, figure, print_patches, progress, say
 from .output import print_line as print
 
 if TYPE_CHECKING:
-    from tokt.features.frames.grid import Grid
-    from tokt.features.frames.mission import Mission
-    from tokt.labels.record import LabelRecord
-    from tokt.labels.taxonomy import Taxonomy
     from tokt.models.bundle.bundle import Bundle
 
 
@@ -57,7 +53,7 @@ def compare(
 ) -> None:
     """Compare models: which is better, by how much, and is the difference real?"""
     from tokt.features.common import atomic
-    from tokt.features.frames.mission import open_mission, parse_frames
+    from tokt.features.frames.mission import parse_frames
     from tokt.labels.taxonomy import load_taxonomy
     from tokt.models.registry.load import load_model
     from tokt.models.registry.registry import Registry
@@ -73,12 +69,12 @@ def compare(
     if mission is None:
         compared = read_held_out(models, workspace)
     else:
-        classes, opened = load_taxonomy(workspace, taxonomy), open_mission(mission)
+        classes = load_taxonomy(workspace, taxonomy)
         wanted = parse_frames(frames) if frames else None
         bundles = [load_model(model, workspace) for model in models]
         check_different([bundle.label for bundle in bundles], [bundle.sha256 for bundle in bundles])
-        mine = _labels_on(opened, labels or [], workspace, classes, bundles[0].grid)
-        compared = predict_mission(bundles, opened, mine, classes, progress, wanted)
+        (one,) = labelled_missions([mission], labels, workspace, classes, bundles[0].grid)
+        compared = predict_mission(bundles, one.mission, one.records, classes, progress, wanted)
     result = compare_models(compared, workspace, progress, learning_curve)
     html = report_html(compared, result)
     if output is not None:
@@ -90,19 +86,6 @@ def compare(
         say(f"MLflow run: {log_comparison(result, html, Registry(workspace))}")
     else:
         say(f"not logged: no registry in workspace {workspace}")
-
-
-def _labels_on(
-    mission: Mission, labels: list[Path], workspace: Path, taxonomy: Taxonomy, grid: Grid
-) -> list[LabelRecord]:
-    """A mission's labels, of the files given or else of the store; what is odd of them is said."""
-    from tokt.training.datasets.mission_source import labels_of_mission
-
-    records = labels_for(labels, workspace, taxonomy, grid, [mission])
-    mine, remark = labels_of_mission(mission, records, grid, only=bool(labels))
-    if remark:
-        say(f"note: {remark}")
-    return mine
 
 
 def _print_comparison(result: dict[str, Any]) -> None:
@@ -145,17 +128,16 @@ def evaluate(
     json: JsonOption = False,
 ) -> None:
     """Score a model on a labelled mission: patches, frame statuses, first detection."""
-    from tokt.features.frames.mission import open_mission, parse_frames
+    from tokt.features.frames.mission import parse_frames
     from tokt.labels.taxonomy import load_taxonomy
     from tokt.models.registry.load import load_model
     from tokt.training.evaluation.evaluate import evaluate as evaluate_task
 
     classes = load_taxonomy(workspace, taxonomy)
-    opened = open_mission(mission)
     wanted = parse_frames(frames) if frames else None
     bundle = load_model(model, workspace)
-    mine = _labels_on(opened, labels or [], workspace, classes, bundle.grid)
-    result = evaluate_task(bundle, opened, mine, classes, progress, wanted)
+    (one,) = labelled_missions([mission], labels, workspace, classes, bundle.grid)
+    result = evaluate_task(bundle, one.mission, one.records, classes, progress, wanted)
     if result["seen_in_training"]:
         say(
             f"WARNING: the model learnt from {result['seen_in_training']} of these frames: "

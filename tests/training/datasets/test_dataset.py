@@ -453,6 +453,40 @@ def test_one_mission_cannot_be_given_twice(tiny, tmp_path, refused):
     refused("two missions are named 'tiny'", "dataset", "build", "x", *twice)
 
 
+@pytest.fixture
+def two_dives(own_tiny, tiny_truth, tmp_path):
+    """Two dives whose folders have one name, each with a label file that names it otherwise."""
+    for year, shift in ((2016, 0), (2017, 1)):
+        frames = tmp_path / str(year) / "frames"
+        shutil.copytree(own_tiny.path, frames)
+        for file in frames.glob("Left/*") if shift else ():
+            cv2.imwrite(str(file), cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) + np.uint8(shift))
+        tiny_truth.write_labels(tmp_path / f"{year}.csv", tiny_truth.labels(f"dive-{year}"))
+    return tmp_path
+
+
+def test_missions_are_named_as_their_labels_call_them(build, two_dives, tmp_path, refused):
+    folders = [two_dives / f"{year}" / "frames" for year in (2016, 2017)]
+    labels = [part for year in (2016, 2017) for part in ("--labels", two_dives / f"{year}.csv")]
+    plain = [part for folder in folders for part in ("--mission", folder)]
+    space = ("--workspace", tmp_path / "ws")
+    refused("give NAME=DIR", "dataset", "build", "x", *plain, *labels, *space)
+    (two_dives / "second").symlink_to(folders[1])
+    named = ("--mission", f"dive-2016={folders[0]}", "--mission", f"dive-2017={two_dives}/second")
+    info = build(*named, *labels)
+    assert info["sources"][:2] == ["mission dive-2016", "mission dive-2017"]
+    frames = open_dataset("tiny", tmp_path / "ws" / "datasets").frames
+    assert frames.mission.value_counts().to_dict() == {"dive-2016": 40, "dive-2017": 40}
+    assert set(frames.group.str.partition("#")[0]) == {"dive-2016", "dive-2017"}
+
+
+def test_a_name_of_its_own_for_one_mission(build, tiny, tmp_path):
+    """Labels of one mission are taken for the one that is given, under its name."""
+    build("--mission", f"other={tiny.path}", "--labels", tiny.labels)
+    frames = open_dataset("tiny", tmp_path / "ws" / "datasets").frames
+    assert set(frames.mission) == {"other"}
+
+
 def test_own_taxonomy_file(build, tiny, tmp_path):
     (tmp_path / "two.toml").write_text(taxonomy_toml(ocean=False, subsea_installation=True))
     info = build(*inputs(tiny), "--taxonomy", tmp_path / "two.toml", "--task", "classes")
