@@ -22,6 +22,7 @@ from tokt.models.linear import LinearModel
 from tokt.models.operating_point import frame_step, missed_before
 from tokt.training.datasets.dataset import CLEAR
 from tokt.training.datasets.dataset import OBSTACLE as OBSTACLE_CLASS
+from tokt.training.datasets.mission_source import LabelledMission
 
 from .metrics import class_metrics, obstacle_metrics
 
@@ -173,19 +174,14 @@ def classes_and_targets(
 
 
 def _patch_figures(
-    bundle: Bundle, scored: ScoredMission, records: list[LabelRecord], taxonomy: Taxonomy
+    model: LinearModel, values: F64, labels: list[str], taxonomy: Taxonomy
 ) -> dict[str, Any]:
-    position = {number: index for index, number in enumerate(scored.frames)}
-    frame = np.array([position[record.frame] for record in records])
-    cell = np.array([record.row * bundle.grid.cols + record.col for record in records])
-    values = scored.values[frame, cell]
-    labels = [str(record.label) for record in records]
     truth = np.array([taxonomy.is_obstacle(label) for label in labels])
-    predicted = bundle.model.predicted(values)
-    figures = obstacle_metrics(truth, bundle.model.obstacle_score(values))
-    classes, targets = classes_and_targets(bundle.model, labels, truth)
+    predicted = model.predicted(values)
+    figures = {"n": len(labels), **obstacle_metrics(truth, model.obstacle_score(values))}
+    classes, targets = classes_and_targets(model, labels, truth)
     figures.update(class_metrics(targets, predicted, classes))
-    right = np.asarray(bundle.model.obstacle, bool)[predicted] == truth
+    right = np.asarray(model.obstacle, bool)[predicted] == truth
     figures["by_label"] = {
         label: {"n": int(mine.sum()), "right_side": float(right[mine].mean())}
         for label in sorted(set(labels))
@@ -194,44 +190,80 @@ def _patch_figures(
     return figures
 
 
-def evaluate(
-    bundle: Bundle,
-    mission: Mission,
-    records: Sequence[LabelRecord],
-    taxonomy: Taxonomy,
-    progress: Callable[..., Any],
-    frames: Sequence[int] | None = None,
+@dataclass(frozen=True)
+class _Part:
+    """What a model says of one mission's labelled patches and frames."""
+
+    name: str
+    site: str
+    values: F64
+    labels: list[str]
+    frames: dict[str, Any]
+    unsure: int
+    seen: int
+    known: bool
+
+
+def _part(bundle: Bundle, scored: ScoredMission, one: LabelledMission, taxonomy: Taxonomy) -> _Part:
+    name, wanted = one.mission.name, set(scored.frames)
+    merged = merge_annotators(r for r in one.records if r.camera == LEFT and r.frame in wanted)
+    sure = [record for record in merged.records if record.label != UNSURE]
+    if not sure:
+        raise ToktError(f"no labelled patch of mission {name!r} to evaluate on")
+    by_frame: dict[int, list[LabelRecord]] = {}
+    for record in merged.records:
+        by_frame.setdefault(record.frame, []).append(record)
+    position = {number: index for index, number in enumerate(scored.frames)}
+    frame = np.array([position[record.frame] for record in sure])
+    cell = np.array([record.row * bundle.grid.cols + record.col for record in sure])
+    return _Part(
+        name,
+        one.site,
+        scored.values[frame, cell],
+        [str(record.label) for record in sure],
+        _frame_figures(scored, by_frame, taxonomy, bundle.grid.n_patches),
+        len(merged.records) - len(sure),
+        len(scored.seen_in_training),
+        mission_in_training(bundle, one.records),
+    )
+
+
+def _together(
+    bundle: Bundle, parts: Sequence[_Part], taxonomy: Taxonomy, frames: dict[str, Any]
 ) -> dict[str, Any]:
-    """Score a model on a labelled mission.
+    """The figures of some missions' patches as if they were of one."""
+    values = np.concatenate([part.values for part in parts])
+    labels = [label for part in parts for label in part.labels]
+    return {
+        "patch": _patch_figures(bundle.model, values, labels, taxonomy),
+        "frames": frames,
+        "unsure_ignored": sum(part.unsure for part in parts),
+        "seen_in_training": sum(part.seen for part in parts),
+        "mission_in_training": any(part.known for part in parts),
+    }
 
-    Parameters
-    ----------
-    bundle : Bundle
-    mission : Mission
-    records : sequence of LabelRecord
-        Of this mission, in the model's grid; several annotators are merged.
-    taxonomy : Taxonomy
-        Says which labels are obstacles.
-    progress : callable
-    frames : sequence of int, optional
-        Judge these frames only.
 
-    Returns
-    -------
-    dict
-        patch (precision, recall, f1, average_precision, per_class, confusion, by_label), frames
-        (at the operating point: n, ocean_frames, false_status, detected, obstacle_frames,
-        first_detection, ...), operating_point, latency_frames (from the first alarm to the
-        first status at the least), unsure_ignored,
-        seen_in_training (frames whose very pixels were learnt from), mission_in_training, model.
+def _all_frames(parts: Sequence[_Part]) -> dict[str, Any]:
+    """Counts added up, frames by ``mission:frame``, what is the first one by mission."""
+    pooled: dict[str, Any] = {}
+    for key, value in parts[0].frames.items():
+        found = {part.name: part.frames[key] for part in parts}
+        if key.startswith("first_"):
+            pooled[key] = found
+        elif isinstance(value, list):
+            pooled[key] = [f"{name}:{number}" for name, those in found.items() for number in those]
+        else:
+            pooled[key] = sum(found.values())
+    return pooled
 
-    Raises
-    ------
-    ToktError
-        If no labelled patch is left to judge.
-    """
-    scored = score_mission(bundle, mission, progress, frames)
-    return evaluate_scored(bundle, scored, mission.name, records, taxonomy)
+
+def _model(bundle: Bundle) -> dict[str, Any]:
+    return {
+        "name": bundle.name,
+        "version": bundle.version,
+        "sha256": bundle.sha256,
+        "dataset_hash": bundle.content.provenance.get("dataset_hash"),
+    }
 
 
 def mission_in_training(bundle: Bundle, records: Sequence[LabelRecord]) -> bool:
@@ -243,35 +275,76 @@ def mission_in_training(bundle: Bundle, records: Sequence[LabelRecord]) -> bool:
     return isinstance(learnt, dict) and any(record.mission in learnt for record in records)
 
 
-def evaluate_scored(
+def evaluate(
     bundle: Bundle,
-    scored: ScoredMission,
-    mission: str,
-    records: Sequence[LabelRecord],
+    missions: Sequence[LabelledMission],
     taxonomy: Taxonomy,
+    progress: Callable[..., Any],
+    frames: Sequence[int] | None = None,
 ) -> dict[str, Any]:
-    """`evaluate` for a mission that has been scored already; `mission` is its name."""
-    wanted = set(scored.frames)
-    merged = merge_annotators(r for r in records if r.camera == LEFT and r.frame in wanted)
-    sure = [record for record in merged.records if record.label != UNSURE]
-    if not sure:
-        raise ToktError(f"no labelled patch of mission {mission!r} to evaluate on")
-    by_frame: dict[int, list[LabelRecord]] = {}
-    for record in merged.records:
-        by_frame.setdefault(record.frame, []).append(record)
+    """Score a model on labelled missions.
+
+    Parameters
+    ----------
+    bundle : Bundle
+    missions : sequence of LabelledMission
+        With labels in the model's grid; several annotators are merged.
+    taxonomy : Taxonomy
+        Says which labels are obstacles.
+    progress : callable
+    frames : sequence of int, optional
+        Judge these frames only.
+
+    Returns
+    -------
+    dict
+        patch (n, precision, recall, f1, average_precision, per_class, confusion, by_label),
+        frames (at the operating point: n, ocean_frames, false_status, detected, obstacle_frames,
+        first_detection, ...), operating_point, latency_frames (from the first alarm to the
+        first status at the least), unsure_ignored,
+        seen_in_training (frames whose very pixels were learnt from), mission_in_training, model.
+        Of one mission its name, `mission`. Of several all this is of them together, with the same
+        figures of each in a list `missions`, and by `sites` where these are known.
+
+    Raises
+    ------
+    ToktError
+        If no labelled patch of a mission is left to judge.
+    """
+    parts = [
+        _part(bundle, score_mission(bundle, one.mission, progress, frames), one, taxonomy)
+        for one in missions
+    ]
+    return _evaluated(bundle, parts, taxonomy)
+
+
+def evaluate_scored(
+    bundle: Bundle, scored: ScoredMission, one: LabelledMission, taxonomy: Taxonomy
+) -> dict[str, Any]:
+    """`evaluate` for a mission that has been scored already."""
+    return _evaluated(bundle, [_part(bundle, scored, one, taxonomy)], taxonomy)
+
+
+def _evaluated(bundle: Bundle, parts: Sequence[_Part], taxonomy: Taxonomy) -> dict[str, Any]:
+    point = bundle.operating_point
+    rule = {"operating_point": point.to_json(), "latency_frames": point.rule.latency_frames}
+    each = [
+        {"mission": part.name, **_together(bundle, [part], taxonomy, part.frames)} for part in parts
+    ]
+    if len(parts) == 1:
+        return {"model": _model(bundle), **each[0], **rule}
+    sites: dict[str, list[_Part]] = {}
+    for part, found in zip(parts, each, strict=True):
+        found["site"] = part.site or None
+        if part.site:
+            sites.setdefault(part.site, []).append(part)
     return {
-        "model": {
-            "name": bundle.name,
-            "version": bundle.version,
-            "sha256": bundle.sha256,
-            "dataset_hash": bundle.content.provenance.get("dataset_hash"),
+        "model": _model(bundle),
+        **_together(bundle, parts, taxonomy, _all_frames(parts)),
+        **rule,
+        "missions": each,
+        "sites": {
+            site: _together(bundle, dives, taxonomy, _all_frames(dives))
+            for site, dives in sorted(sites.items())
         },
-        "mission": mission,
-        "patch": {"n": len(sure), **_patch_figures(bundle, scored, sure, taxonomy)},
-        "frames": _frame_figures(scored, by_frame, taxonomy, bundle.grid.n_patches),
-        "operating_point": bundle.operating_point.to_json(),
-        "latency_frames": bundle.operating_point.rule.latency_frames,
-        "unsure_ignored": len(merged.records) - len(sure),
-        "seen_in_training": len(scored.seen_in_training),
-        "mission_in_training": mission_in_training(bundle, records),
     }

@@ -15,6 +15,7 @@ from .options import (
     FramesOption,
     JsonOption,
     LabelFilesOption,
+    MissionsOption,
     ModelArgument,
     TaxonomyOption,
     WorkspaceOption,
@@ -120,46 +121,77 @@ def _first(sequence: dict[str, Any]) -> str:
 
 def evaluate(
     model: ModelArgument,
-    mission: Annotated[Path, Option("--mission", help="Mission folder or video.")],
+    mission: MissionsOption = None,
     labels: LabelFilesOption = None,
     frames: FramesOption = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Score a model on a labelled mission: patches, frame statuses, first detection."""
+    """Score a model on labelled missions: patches, frame statuses, first detection."""
     from tokt.features.frames.mission import parse_frames
     from tokt.labels.taxonomy import load_taxonomy
     from tokt.models.registry.load import load_model
     from tokt.training.evaluation.evaluate import evaluate as evaluate_task
 
+    if not mission:
+        raise ToktError("give --mission DIR")
     classes = load_taxonomy(workspace, taxonomy)
     wanted = parse_frames(frames) if frames else None
     bundle = load_model(model, workspace)
-    (one,) = labelled_missions([mission], labels, workspace, classes, bundle.grid)
-    result = evaluate_task(bundle, one.mission, one.records, classes, progress, wanted)
+    missions = labelled_missions(mission, labels, workspace, classes, bundle.grid)
+    if wanted and len(missions) > 1:
+        raise ToktError("--frames goes with one mission")
+    result = evaluate_task(bundle, missions, classes, progress, wanted)
     if result["seen_in_training"]:
         say(
             f"WARNING: the model learnt from {result['seen_in_training']} of these frames: "
             "these are training figures, not a test"
         )
     elif result["mission_in_training"]:
+        dives = [one["mission"] for one in result.get("missions", []) if one["mission_in_training"]]
         say(
-            "note: the model learnt from other frames of this mission; another dive can go much "
-            "worse than these figures"
+            f"note: the model learnt from other frames of {', '.join(dives) or 'this mission'}; "
+            "another dive can go much worse than these figures"
         )
     answer(json, result, lambda: _print_evaluation(bundle, result))
 
 
 def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
-    patch, frames = result["patch"], result["frames"]
+    patch, frames, missions = result["patch"], result["frames"], result.get("missions", [])
+    where = f"{len(missions)} missions" if missions else result["mission"]
     print(
-        f"{bundle.label} on {result['mission']}: {patch['n']} patches, "
+        f"{bundle.label} on {where}: {patch['n']} patches, "
         f"{result['unsure_ignored']} unsure ones ignored"
     )
     print_patches(patch)
+    for label, seen in patch["by_label"].items():
+        print(f"    {label}: {figure(seen['right_side'])} of {seen['n']} on the right side")
     print(f"  status 1 with {bundle.operating_point.rule.words()}")
     print(f"  false status in {frames['false_status']} of {frames['ocean_frames']} ocean frames")
     print(f"  obstacle seen in {frames['detected']} of {frames['obstacle_frames']} obstacle frames")
     print(f"  status unknown in {frames['unknown']} of {frames['n']} frames")
-    print(f"  first of three frames in a row with status 1: {frames['first_detection']}")
+    if not missions:
+        print(f"  first of three frames in a row with status 1: {frames['first_detection']}")
+        return
+    rows = [(one["mission"], one) for one in missions]
+    rows += [(f"site {name}", one) for name, one in result["sites"].items()]
+    width = max(len(name) for name, _ in rows)
+    print(
+        f"  {'':{width}}  patches     F1  precision  recall     AP  false/ocean  seen/obstacle  "
+        "unknown  first of three"
+    )
+    for name, one in rows:
+        patch, frames, first = one["patch"], one["frames"], one["frames"]["first_detection"]
+        print(
+            f"  {name:{width}}  {patch['n']:7}  {figure(patch['f1']):>5}  "
+            f"{figure(patch['precision']):>9}  {figure(patch['recall']):>6}  "
+            f"{figure(patch['average_precision']):>5}  "
+            f"{_of(frames['false_status'], frames['ocean_frames']):>11}  "
+            f"{_of(frames['detected'], frames['obstacle_frames']):>13}  "
+            f"{frames['unknown']:7}  {'' if isinstance(first, dict) else first}"
+        )
+
+
+def _of(some: int, all_: int) -> str:
+    return f"{some}/{all_}"

@@ -69,6 +69,8 @@ def labelled_missions(
         if not labels and not one.labels:
             check_mission(workspace, mission)
         records = read_labels(one.labels, taxonomy, grid) if one.labels else shared
+        if missing := set(one.cameras) - set(mission.cameras):
+            raise ToktError(f"mission {mission.name!r} has no {missing.pop()} camera")
         if one.cameras:
             records = [record for record in records if record.camera in one.cameras]
         only = bool(one.labels or (labels and len(named) == 1))

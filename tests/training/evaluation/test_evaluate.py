@@ -96,6 +96,72 @@ def test_frames_are_judged_at_the_operating_point_across_a_gap(
     assert (result["latency_frames"], plain["latency_frames"]) == (1, 0)
 
 
+@pytest.fixture
+def listed(tiny, own_tiny, tiny_truth, tmp_path):
+    """A list of three dives at two sites, each with its own label file and other pictures."""
+    dives = {}
+    for name, shift in (("a", 0), ("b", 1), ("c", 2)):
+        folder = tmp_path / "dives" / name / "frames"
+        shutil.copytree(tiny.path, folder)
+        for file in folder.glob("Left/*"):
+            cv2.imwrite(str(file), cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) + np.uint8(shift))
+        dives[name] = tiny_truth.write_labels(folder.parent / "l.csv", tiny_truth.labels())
+    text = "".join(
+        f'[[mission]]\nname = "{name}"\ndir = "{name}/frames"\nlabels = "{name}/l.csv"\n'
+        f'site = "{site}"\ndate = 2016-04-20\n'
+        for name, site in (("a", "fjord"), ("b", "basin"), ("c", "basin"))
+    )
+    file = tmp_path / "dives" / "missions.toml"
+    file.write_text(text, "utf-8")
+    return file
+
+
+def test_several_missions_by_dive_and_site(
+    done, refused, evaluate, tiny_bundle, tiny_truth, listed
+):
+    found = json.loads(done("evaluate", tiny_bundle, "--mission", listed.parent, "--json").out)
+    alone = {
+        name: evaluate(tiny_bundle, mission=f"{name}={listed.parent / name / 'frames'}")[0]
+        for name in "abc"
+    }
+    assert alone["a"]["patch"]["n"] * 3 == found["patch"]["n"]
+    for one in found["missions"]:
+        name = one["mission"]
+        assert one["site"] == {"a": "fjord"}.get(name, "basin")
+        for key in ("patch", "frames", "unsure_ignored", "seen_in_training"):
+            assert one[key] == alone[name][key]
+    counts = ("true_positive", "false_positive", "false_negative", "true_negative")
+    for names, pooled in (
+        ("abc", found),
+        ("a", found["sites"]["fjord"]),
+        ("bc", found["sites"]["basin"]),
+    ):
+        for key in counts:
+            assert pooled["patch"][key] == sum(alone[name]["patch"][key] for name in names)
+        for key in ("n", "ocean_frames", "false_status", "obstacle_frames", "detected", "unknown"):
+            assert pooled["frames"][key] == sum(alone[name]["frames"][key] for name in names)
+        first = {name: alone[name]["frames"]["first_detection"] for name in names}
+        assert pooled["frames"]["first_detection"] == first
+        missed = [f"{n}:{at}" for n in names for at in alone[n]["frames"]["missed_frames"]]
+        assert pooled["frames"]["missed_frames"] == missed
+    assert "mission" not in found and found["seen_in_training"] == 40
+    rows = [row for name in "abc" for row in tiny_truth.labels(name)]
+    labels = tiny_truth.write_labels(listed.parent / "all.csv", rows)
+    each = [("--mission", f"{name}={listed.parent / name / 'frames'}") for name in "abc"]
+    command = ("evaluate", tiny_bundle, *each[0], *each[1], *each[2], "--labels", labels, "--json")
+    again = json.loads(done(*command).out)
+    assert again["sites"] == {} and again["patch"] == found["patch"]
+    assert again["missions"] == [{**one, "site": None} for one in found["missions"]]
+    refused("--frames goes with one mission", *command, "--frames", "1-8")
+
+
+def test_the_table_of_several_missions(done, tiny_bundle, listed):
+    out = done("evaluate", tiny_bundle, "--mission", listed).out
+    rows = out[out.index("first of three\n") :].splitlines()[1:]
+    assert [row.split()[0] for row in rows] == ["a", "b", "c", "site", "site"]
+    assert "subsea_installation: " in out and "on the right side" in out
+
+
 def test_three_in_a_row_do_not_reach_over_a_gap():
     def first(missed, status):
         return first_detection(list(range(10, 10 * len(missed) + 1, 10)), missed, status)

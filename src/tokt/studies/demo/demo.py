@@ -275,8 +275,9 @@ def run_demo(
     with run.stage("score all models on the held-back frames", say):
         for name, bundle in run.bundles.items():
             run.scored[name] = score_mission(bundle, run.mission, progress, run.held_frames)
+            labelled = LabelledMission(run.mission, run.records)
             run.evaluations[name] = evaluate_scored(
-                bundle, run.scored[name], run.mission.name, run.records, run.taxonomy
+                bundle, run.scored[name], labelled, run.taxonomy
             )
     say("-- write the report")
     write_report(out / "report.html", run, bundle_file)
