@@ -87,7 +87,7 @@ def _mission(table: Any, file: Path, number: int) -> NamedMission:
             raise ToktError(f"{where}: unknown key {key!r}; known: {', '.join((*_TEXTS, *_LISTS))}")
         texts = value if key in _LISTS and isinstance(value, list) else [value]
         kinds = (str, date) if key == "date" else (str,)
-        if not all(isinstance(text, kinds) and text for text in texts):
+        if not all(isinstance(text, kinds) and text and "\0" not in str(text) for text in texts):
             raise ToktError(f"{where}: {key} is text, not {value!r}")
     if not {"name", "dir"} <= set(table):
         raise ToktError(f"{where} needs a name and a dir")

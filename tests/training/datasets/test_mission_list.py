@@ -52,6 +52,7 @@ def test_paths_start_from_the_lists_folder(listed, tmp_path):
         (TABLE + TABLE + "labels = 3", "mission 2: labels is text, not 3"),
         (TABLE + 'labels = ["x", 3]', "mission 1: labels is text"),
         (TABLE + "site = 2016-04-20", "mission 1: site is text"),
+        (TABLE + 'labels = "a\\u0000"', "mission 1: labels is text"),
         (TABLE + 'site = ""', "mission 1: site is text"),
         (TABLE + "date = 3", "mission 1: date is text"),
         (TABLE + 'cameras = ["rear"]', "cameras are left and right, not rear"),
