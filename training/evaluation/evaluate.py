@@ -123,14 +123,30 @@ def first_detection(frames: list[int], missed: list[int], status: list[int]) -> 
     return None
 
 
+def _held(bundle: Bundle, scored: ScoredMission, obstacle: Sequence[int]) -> set[int]:
+    """Frames that show nothing, whose status is the frame rule's memory of obstacle frames."""
+    rule = bundle.operating_point.rule
+    held, last, place = set(), -rule.n, 0
+    for index, number in enumerate(scored.frames):
+        place += 1 + scored.missed[index]
+        if number in obstacle:
+            last = place
+        over = bundle.model.obstacle_score(scored.values[index]) > rule.margin
+        if scored.status[index] == OBSTACLE and not over.any() and 0 < place - last < rule.n:
+            held.add(number)
+    return held
+
+
 def _frame_figures(
-    scored: ScoredMission, labels: dict[int, list[LabelRecord]], taxonomy: Taxonomy, n_patches: int
+    bundle: Bundle, scored: ScoredMission, labels: dict[int, list[LabelRecord]], taxonomy: Taxonomy
 ) -> dict[str, Any]:
     """Statuses against what the labels say a frame holds.
 
     An *obstacle frame* has a patch labelled as an obstacle. An *ocean frame* has every patch
     labelled, all of them clear. A frame with neither (an `unsure` patch, or patches without a
-    label, and no sure obstacle) is not judged.
+    label, and no sure obstacle) is not judged. In an ocean frame that shows no patch over the
+    margin the rule may still hold a status on to what the labels say was there up to n - 1 frames
+    before: a *held* status, which is no false one.
     """
     ocean, obstacle = [], []
     for number in scored.frames:
@@ -138,17 +154,21 @@ def _frame_figures(
         sides = [label != UNSURE and taxonomy.is_obstacle(str(label)) for label in names]
         if any(sides):
             obstacle.append(number)
-        elif len(names) == n_patches and UNSURE not in names:
+        elif len(names) == bundle.grid.n_patches and UNSURE not in names:
             ocean.append(number)
     said = scored.status
     status = dict(zip(scored.frames, said, strict=True))
-    false = [number for number in ocean if status[number] == OBSTACLE]
+    memory = _held(bundle, scored, obstacle)
+    false = [number for number in ocean if status[number] == OBSTACLE and number not in memory]
+    held = [number for number in ocean if number in memory]
     missed = [number for number in obstacle if status[number] != OBSTACLE]
     return {
         "n": len(scored.frames),
         "ocean_frames": len(ocean),
         "false_status": len(false),
         "false_status_frames": false,
+        "held_status": len(held),
+        "held_status_frames": held,
         "obstacle_frames": len(obstacle),
         "detected": len(obstacle) - len(missed),
         "missed_frames": missed,
@@ -221,7 +241,7 @@ def _part(bundle: Bundle, scored: ScoredMission, one: LabelledMission, taxonomy:
         one.site,
         scored.values[frame, cell],
         [str(record.label) for record in sure],
-        _frame_figures(scored, by_frame, taxonomy, bundle.grid.n_patches),
+        _frame_figures(bundle, scored, by_frame, taxonomy),
         len(merged.records) - len(sure),
         len(scored.seen_in_training),
         mission_in_training(bundle, one.records),
@@ -299,10 +319,10 @@ def evaluate(
     -------
     dict
         patch (n, precision, recall, f1, average_precision, per_class, confusion, by_label),
-        frames (at the operating point: n, ocean_frames, false_status, detected, obstacle_frames,
-        first_detection, ...), operating_point, latency_frames (from the first alarm to the
-        first status at the least), unsure_ignored,
-        seen_in_training (frames whose very pixels were learnt from), mission_in_training, model.
+        frames (at the operating point: n, ocean_frames, false_status, held_status, detected,
+        obstacle_frames, first_detection, ...), operating_point, latency_frames (from the first
+        alarm to the first status at the least), unsure_ignored, seen_in_training (frames whose
+        very pixels were learnt from), mission_in_training, model.
         Of one mission its name, `mission`. Of several all this is of them together, with the same
         figures of each in a list `missions`, and by `sites` where these are known.
 

@@ -168,7 +168,11 @@ def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
     for label, seen in patch["by_label"].items():
         print(f"    {label}: {figure(seen['right_side'])} of {seen['n']} on the right side")
     print(f"  status 1 with {bundle.operating_point.rule.words()}")
-    print(f"  false status in {frames['false_status']} of {frames['ocean_frames']} ocean frames")
+    held = frames["held_status"]
+    print(
+        f"  false status in {frames['false_status']} of {frames['ocean_frames']} ocean frames"
+        + (f"; in {held} more it was held after an obstacle had left, by the rule" if held else "")
+    )
     print(f"  obstacle seen in {frames['detected']} of {frames['obstacle_frames']} obstacle frames")
     print(f"  status unknown in {frames['unknown']} of {frames['n']} frames")
     if not missions:
@@ -178,8 +182,8 @@ def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
     rows += [(f"site {name}", one) for name, one in result["sites"].items()]
     width = max(len(name) for name, _ in rows)
     print(
-        f"  {'':{width}}  patches     F1  precision  recall     AP  false/ocean  seen/obstacle  "
-        "unknown  first of three"
+        f"  {'':{width}}  patches     F1  precision  recall     AP  false/ocean  held  "
+        "seen/obstacle  unknown  first of three"
     )
     for name, one in rows:
         patch, frames, first = one["patch"], one["frames"], one["frames"]["first_detection"]
@@ -188,6 +192,7 @@ def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
             f"{figure(patch['precision']):>9}  {figure(patch['recall']):>6}  "
             f"{figure(patch['average_precision']):>5}  "
             f"{_of(frames['false_status'], frames['ocean_frames']):>11}  "
+            f"{frames['held_status']:4}  "
             f"{_of(frames['detected'], frames['obstacle_frames']):>13}  "
             f"{frames['unknown']:7}  {'' if isinstance(first, dict) else first}"
         )

@@ -89,11 +89,30 @@ def test_frames_are_judged_at_the_operating_point_across_a_gap(
     assert frames["missed_frames"] == sorted(set(tower) & set(wanted) - set(seen))
     assert frames["detected"] == len(seen) < plain["frames"]["detected"]
     assert frames["unknown"] == list(status.values()).count(-1) > 0
-    false = [frame for frame in wanted if frame not in tower and status[frame] == 1]
-    assert frames["false_status_frames"] == false
+    said = [frame for frame in wanted if frame not in tower and status[frame] == 1]
+    held = [
+        frame
+        for frame in said
+        if not (scores[frame] > margin).any() and {frame - 2, frame - 1} & set(tower) & set(wanted)
+    ]
+    assert frames["held_status_frames"] == held != []
+    assert frames["held_status"] == len(held)
+    assert frames["false_status_frames"] == sorted(set(said) - set(held))
+    assert frames["false_status"] == len(said) - len(held)
     assert result["patch"] == plain["patch"]
     assert result["operating_point"] == point.to_json()
     assert (result["latency_frames"], plain["latency_frames"]) == (1, 0)
+    assert plain["frames"]["held_status_frames"] == []
+
+    # What follows a status that was false itself is no hold.
+    rows = tiny_truth.labels()
+    for row in rows:
+        row[-1] = "ocean" if row[-1] == "unsure" or row[2] < 13 else row[-1]
+    labels = tiny_truth.write_labels(tmp_path / "l.csv", rows)
+    frames = evaluate(file, "--frames", "1-14,18-40", labels=labels)[0]["frames"]
+    gone = [frame for frame in held if frame < 15]
+    assert gone and set(gone) <= set(frames["false_status_frames"])
+    assert frames["held_status_frames"] == held[len(gone) :]
 
 
 @pytest.fixture
