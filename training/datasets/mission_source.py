@@ -20,6 +20,8 @@ from tokt.labels.taxonomy import UNSURE, Taxonomy
 from .dataset import DatasetPlan, FrameSource
 from .splits import BLOCK_FRAMES, block_of
 
+PATCH_GRID = Grid(1, 1, None)
+"""Of ready-cut patches, which are frames of one patch at their own size."""
 _COLUMNS = ["mission", "camera", "frame", "row", "col", "label"]
 
 
@@ -180,16 +182,9 @@ def plan_from_patch_folder(name: str, task: str, folder: Path, taxonomy: Taxonom
     ToktError
         If the folder is missing, has no images, or a sub-folder is not a class.
     """
-    if not folder.is_dir():
-        raise ToktError(f"folder of patches {folder} does not exist")
-    mission = folder.resolve().name
-    images = sorted(path for path in folder.glob("*/*") if path.suffix.lower() in SUFFIXES)
-    if not images:
-        raise ToktError(f"folder of patches {folder} has no images (one sub-folder a class)")
+    mission, images = folder.resolve().name, patch_images(folder, taxonomy)
     rows = [(mission, "left", n, 0, 0, image.parent.name) for n, image in enumerate(images, 1)]
     table = pd.DataFrame(rows, columns=_COLUMNS)
-    for label in table.label.unique():
-        taxonomy.check_label(label)
     sure = table[table.label != UNSURE]
     sources = [
         FrameSource(mission, "left", n, f"{mission}#{n:07d}", partial(_load, images[n - 1]))
@@ -198,7 +193,7 @@ def plan_from_patch_folder(name: str, task: str, folder: Path, taxonomy: Taxonom
     return DatasetPlan(
         name,
         task,
-        Grid(1, 1, None),
+        PATCH_GRID,
         taxonomy,
         sources,
         sure,
@@ -206,6 +201,24 @@ def plan_from_patch_folder(name: str, task: str, folder: Path, taxonomy: Taxonom
         None,
         [f"patches in {mission} (ungrouped)"],
     )
+
+
+def patch_images(folder: Path, taxonomy: Taxonomy) -> list[Path]:
+    """The images of a folder with one sub-folder a class; an image's label is its folder's name.
+
+    Raises
+    ------
+    ToktError
+        If the folder is missing, has no images, or a sub-folder is not a class.
+    """
+    if not folder.is_dir():
+        raise ToktError(f"folder of patches {folder} does not exist")
+    images = sorted(path for path in folder.glob("*/*") if path.suffix.lower() in SUFFIXES)
+    if not images:
+        raise ToktError(f"folder of patches {folder} has no images (one sub-folder a class)")
+    for label in sorted({image.parent.name for image in images}):
+        taxonomy.check_label(label)
+    return images
 
 
 def _load(path: Path) -> tuple[bytes, str]:

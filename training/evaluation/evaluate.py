@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tokt.features.common.arrays import F64, I64, U8, Bools
-from tokt.features.common.errors import ToktError
-from tokt.features.frames.image_file import pixel_sha256
+from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.frames.image_file import decode_image, pixel_sha256
 from tokt.features.frames.mission import LEFT, Mission
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import SinglePolicy
@@ -22,9 +23,9 @@ from tokt.models.linear import LinearModel
 from tokt.models.operating_point import frame_step, missed_before
 from tokt.training.datasets.dataset import CLEAR
 from tokt.training.datasets.dataset import OBSTACLE as OBSTACLE_CLASS
-from tokt.training.datasets.mission_source import LabelledMission
+from tokt.training.datasets.mission_source import PATCH_GRID, LabelledMission, patch_images
 
-from .metrics import class_metrics, obstacle_metrics
+from .metrics import class_metrics, obstacle_metrics, reliability
 
 
 @dataclass(frozen=True)
@@ -201,6 +202,7 @@ def _patch_figures(
     figures = {"n": len(labels), **obstacle_metrics(truth, model.obstacle_score(values))}
     classes, targets = classes_and_targets(model, labels, truth)
     figures.update(class_metrics(targets, predicted, classes))
+    figures["reliability"] = reliability(truth, model.obstacle_score(values))
     right = np.asarray(model.obstacle, bool)[predicted] == truth
     figures["by_label"] = {
         label: {"n": int(mine.sum()), "right_side": float(right[mine].mean())}
@@ -318,7 +320,8 @@ def evaluate(
     Returns
     -------
     dict
-        patch (n, precision, recall, f1, average_precision, per_class, confusion, by_label),
+        patch (n, precision, recall, f1, average_precision, per_class, confusion, by_label,
+        reliability),
         frames (at the operating point: n, ocean_frames, false_status, held_status, detected,
         obstacle_frames, first_detection, ...), operating_point, latency_frames (from the first
         alarm to the first status at the least), unsure_ignored, seen_in_training (frames whose
@@ -343,6 +346,50 @@ def evaluate_scored(
 ) -> dict[str, Any]:
     """`evaluate` for a mission that has been scored already."""
     return _evaluated(bundle, [_part(bundle, scored, one, taxonomy)], taxonomy)
+
+
+def evaluate_patches(
+    bundle: Bundle, folder: Path, taxonomy: Taxonomy, progress: Callable[..., Any]
+) -> dict[str, Any]:
+    """Score a model of ready-cut patches on a folder with one sub-folder of images a class.
+
+    Returns
+    -------
+    dict
+        As of `evaluate`: model, patch, unsure_ignored, seen_in_training; and the folder, `patches`.
+
+    Raises
+    ------
+    ToktError
+        If the model judges the patches of frames, an image cannot be read or described, or none
+        is labelled for sure.
+    """
+    if bundle.grid != PATCH_GRID:
+        raise ToktError(
+            f"{bundle.label} judges the patches of whole frames (grid {bundle.grid}), not "
+            "ready-cut ones; evaluate it on a mission"
+        )
+    images = patch_images(folder, taxonomy)
+    sure = [image for image in images if image.parent.name != UNSURE]
+    if not sure:
+        raise ToktError(f"no labelled patch in {folder} to evaluate on")
+    known, seen, values = set(bundle.content.trained_on.tolist()), 0, []
+    for path in progress(sure, len(sure), "scoring"):
+        with os_errors_as(str(path), ToktError):
+            image = decode_image(path.read_bytes(), str(path))
+        try:
+            values.append(bundle.decision_values(image))
+        except (ToktError, ValueError) as error:
+            raise ToktError(f"{path} cannot be scored: {error}") from None
+        seen += int(frame_id(pixel_sha256(image))) in known
+    labels = [image.parent.name for image in sure]
+    return {
+        "model": _model(bundle),
+        "patches": str(folder),
+        "patch": _patch_figures(bundle.model, np.concatenate(values), labels, taxonomy),
+        "unsure_ignored": len(images) - len(sure),
+        "seen_in_training": seen,
+    }
 
 
 def _evaluated(bundle: Bundle, parts: Sequence[_Part], taxonomy: Taxonomy) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from .options import (
     LabelFilesOption,
     MissionsOption,
     ModelArgument,
+    PatchesOption,
     TaxonomyOption,
     WorkspaceOption,
 )
@@ -123,43 +124,58 @@ def evaluate(
     model: ModelArgument,
     mission: MissionsOption = None,
     labels: LabelFilesOption = None,
+    patches: PatchesOption = None,
     frames: FramesOption = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Score a model on labelled missions: patches, frame statuses, first detection."""
+    """Score a model on labelled missions, or on ready-cut patches.
+
+    Patches, frame statuses, first detection; several missions also by dive and site.
+    """
     from tokt.features.frames.mission import parse_frames
     from tokt.labels.taxonomy import load_taxonomy
     from tokt.models.registry.load import load_model
     from tokt.training.evaluation.evaluate import evaluate as evaluate_task
+    from tokt.training.evaluation.evaluate import evaluate_patches
 
-    if not mission:
-        raise ToktError("give --mission DIR")
+    if bool(mission) == bool(patches):
+        raise ToktError("give either --mission DIR or --patches DIR")
+    if patches and (labels or frames):
+        raise ToktError(
+            "--patches has its labels in its folder names; --labels and --frames go with --mission"
+        )
     classes = load_taxonomy(workspace, taxonomy)
     wanted = parse_frames(frames) if frames else None
     bundle = load_model(model, workspace)
-    missions = labelled_missions(mission, labels, workspace, classes, bundle.grid)
-    if wanted and len(missions) > 1:
-        raise ToktError("--frames goes with one mission")
-    result = evaluate_task(bundle, missions, classes, progress, wanted)
+    if patches:
+        result = evaluate_patches(bundle, patches, classes, progress)
+    else:
+        missions = labelled_missions(mission or [], labels, workspace, classes, bundle.grid)
+        if wanted and len(missions) > 1:
+            raise ToktError("--frames goes with one mission")
+        result = evaluate_task(bundle, missions, classes, progress, wanted)
+    dives = result.get("missions", [])
     if result["seen_in_training"]:
+        names = ", ".join(one["mission"] for one in dives if one["seen_in_training"])
         say(
-            f"WARNING: the model learnt from {result['seen_in_training']} of these frames: "
+            f"WARNING: the model learnt from {result['seen_in_training']} of these "
+            f"{'patches' if patches else 'frames'}{f' ({names})' if names else ''}: "
             "these are training figures, not a test"
         )
-    elif result["mission_in_training"]:
-        dives = [one["mission"] for one in result.get("missions", []) if one["mission_in_training"]]
+    elif result.get("mission_in_training"):
+        names = ", ".join(one["mission"] for one in dives if one["mission_in_training"])
         say(
-            f"note: the model learnt from other frames of {', '.join(dives) or 'this mission'}; "
-            "another dive can go much worse than these figures"
+            f"note: the model learnt from other frames of {names or 'this mission'}; another dive "
+            "can go much worse than these figures"
         )
     answer(json, result, lambda: _print_evaluation(bundle, result))
 
 
 def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
-    patch, frames, missions = result["patch"], result["frames"], result.get("missions", [])
-    where = f"{len(missions)} missions" if missions else result["mission"]
+    patch, missions = result["patch"], result.get("missions", [])
+    where = result.get("mission") or result.get("patches") or f"{len(missions)} missions"
     print(
         f"{bundle.label} on {where}: {patch['n']} patches, "
         f"{result['unsure_ignored']} unsure ones ignored"
@@ -167,6 +183,13 @@ def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
     print_patches(patch)
     for label, seen in patch["by_label"].items():
         print(f"    {label}: {figure(seen['right_side'])} of {seen['n']} on the right side")
+    print("  obstacle labels by decision value, which is no probability:")
+    for one in patch["reliability"]:
+        between = f"{one['low']:.2f} to {one['high']:.2f}"
+        print(f"    {between:>16}: {figure(one['obstacle'])} of {one['n']}")
+    if "frames" not in result:
+        return
+    frames = result["frames"]
     print(f"  status 1 with {bundle.operating_point.rule.words()}")
     held = frames["held_status"]
     print(

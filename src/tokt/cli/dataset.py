@@ -18,6 +18,7 @@ from .options import (
     JsonOption,
     LabelFilesOption,
     MissionsOption,
+    PatchesOption,
     TaxonomyOption,
     WorkspaceOption,
 )
@@ -91,10 +92,7 @@ def build(
     name: Annotated[str, Argument(help="Name of the dataset.")],
     mission: MissionsOption = None,
     labels: LabelFilesOption = None,
-    patches: Annotated[
-        Path | None,
-        Option("--patches", help="Folder with one sub-folder of patch images per class."),
-    ] = None,
+    patches: PatchesOption = None,
     task: Annotated[str, Option(help="binary (obstacle or clear) or classes.")] = "binary",
     frames: FramesOption = None,
     grid: Annotated[str | None, Option(help="Grid of the labels. Default: 10x10@360.")] = None,

@@ -39,6 +39,9 @@ MissionsOption = Annotated[
         "several. Repeatable.",
     ),
 ]
+PatchesOption = Annotated[
+    Path | None, Option("--patches", help="Folder with one sub-folder of patch images per class.")
+]
 LabelFilesOption = Annotated[
     list[Path] | None, Option("--labels", help="Label file; repeatable. Default: the label store.")
 ]

@@ -364,16 +364,8 @@ def test_a_newer_format_is_refused(format_1):
 
 
 @pytest.fixture
-def patch_folder(tmp_path):
-    folder = tmp_path / "cut"
-    rng = np.random.default_rng(3)
-    for label, spread in (("ocean", 2), ("reef", 14), ("unsure", 5)):
-        (folder / label).mkdir(parents=True)
-        for number in range(30):
-            coarse = rng.normal(60, spread, (9, 12)).repeat(3, 0).repeat(3, 1)
-            patch = rng.normal(coarse, 2).clip(0, 255).astype(np.uint8)
-            cv2.imwrite(str(folder / label / f"{number}.png"), patch)
-    return folder
+def patch_folder(cut_patches, tmp_path):
+    return cut_patches(tmp_path / "cut", 3, 30)
 
 
 def test_a_patch_folder_is_ungrouped_and_its_figures_say_so(

@@ -14,6 +14,7 @@ from tokt.features.frames.mission import open_mission
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.models.operating_point import MofNRule, OperatingPoint
 from tokt.training.evaluation.evaluate import first_detection
+from tokt.training.evaluation.metrics import reliability
 
 SEVERAL = taxonomy_toml(ocean=False, subsea_installation=True, kelp=True)
 
@@ -175,7 +176,9 @@ def test_several_missions_by_dive_and_site(
 
 
 def test_the_table_of_several_missions(done, tiny_bundle, listed):
-    out = done("evaluate", tiny_bundle, "--mission", listed).out
+    ran = done("evaluate", tiny_bundle, "--mission", listed)
+    assert "learnt from 40 of these frames (a): " in ran.err
+    out = ran.out
     rows = out[out.index("first of three\n") :].splitlines()[1:]
     assert [row.split()[0] for row in rows] == ["a", "b", "c", "site", "site"]
     assert "subsea_installation: " in out and "on the right side" in out
@@ -288,3 +291,59 @@ def test_a_frame_that_cannot_be_described_is_one_line(refused, tiny_bundle, own_
     cv2.imwrite(str(strip), np.zeros((2, 1000), np.uint8))
     frames = ("--mission", own_tiny.path, "--labels", own_tiny.labels, "--frames", "7")
     refused("tokt: error: frame 7 cannot be scored: ", "evaluate", tiny_bundle, *frames)
+
+
+# --- ready-cut patches -------------------------------------------------------------------------
+
+
+def test_ready_cut_patches(done, refused, cut_patches, tiny_bundle, tmp_path):
+    space = ("--workspace", tmp_path / "ws")
+    learnt, other = (cut_patches(tmp_path / f"{n}", n, 20) for n in (1, 2))
+    done("dataset", "build", "cut", "--patches", learnt, *space)
+    done("train", "cut", "--extractor", "lbp", "--preset", "plain", *space)
+    command = ("evaluate", "cut-lbp", *space, "--patches")
+    ran = done(*command, other, "--json")
+    assert "WARNING" not in ran.err
+    found = json.loads(ran.out)
+    patch = found["patch"]
+    assert (patch["n"], found["unsure_ignored"], found["seen_in_training"]) == (40, 20, 0)
+    done("export", "cut-lbp", "-o", tmp_path / "cut.tokt", *space)
+    bundle = read_bundle(tmp_path / "cut.tokt")
+    said = {
+        label: [
+            bundle.decision_values(cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)).item() > 0
+            for file in (other / label).iterdir()
+        ]
+        for label in ("ocean", "reef")
+    }
+    assert patch["true_positive"] == sum(said["reef"]) > 15
+    assert patch["false_positive"] == sum(said["ocean"]) < 5
+    assert set(patch["by_label"]) == {"ocean", "reef"}
+    assert sum(one["n"] for one in patch["reliability"]) == 40
+    assert "learnt from 40 of these patches" in done(*command, learnt).err
+    out = done(*command, other).out
+    assert "reef: " in out and "status" not in out
+    refused("judges the patches of whole frames", "evaluate", tiny_bundle, "--patches", other)
+    refused("go with --mission", *command, other, "--frames", "1-2")
+    refused("either --mission DIR or --patches DIR", "evaluate", "cut-lbp", *space)
+    refused("has no images", *command, other.parent)
+    (other / "reef" / "1.png").write_bytes(b"no image")
+    refused("1.png", *command, other)
+
+
+# --- reliability -------------------------------------------------------------------------------
+
+
+def test_how_often_patches_are_obstacles_by_decision_value():
+    score = np.array([-3.0, -2, -1, -0.5, -0.4, -0.3, -0.1, 0, 0.5, 1, 2])
+    truth = np.array([0, 0, 0, 0, 1, 0, 0, 1, 0, 1, 1], bool)
+    rng = np.random.default_rng(1)
+    order = rng.permutation(len(score))
+    found = reliability(truth[order], score[order])
+    assert [(one["low"], one["high"], one["n"]) for one in found] == [
+        *((-3.0, -2.0, 2), (-1.0, -0.5, 2), (-0.4, -0.3, 2), (-0.1, -0.1, 1), (0.0, 0.0, 1)),
+        *((0.5, 0.5, 1), (1.0, 1.0, 1), (2.0, 2.0, 1)),
+    ]
+    assert [one["obstacle"] for one in found] == [0, 0, 0.5, 0, 1, 0, 1, 1]
+    assert reliability(truth[:2], np.array([np.inf, np.inf])) == []
+    assert [one["n"] for one in reliability(truth[:3], score[-3:])] == [1, 1, 1]
