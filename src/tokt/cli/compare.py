@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,22 +27,14 @@ from .output import print_line as print
 
 if TYPE_CHECKING:
     from tokt.models.bundle.bundle import Bundle
+    from tokt.training.datasets.mission_source import LabelledMission
 
 
 def compare(
     models: Annotated[list[str], Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")],
     output: Annotated[Path | None, Option("-o", "--output", help="HTML report to write.")] = None,
-    mission: Annotated[
-        Path | None,
-        Option(
-            "--mission",
-            help="Mission to compare on. Default: the patches that cross-validation held out.",
-        ),
-    ] = None,
-    labels: Annotated[
-        list[Path] | None,
-        Option("--labels", help="Label file of the mission; repeatable. Default: the label store."),
-    ] = None,
+    mission: MissionsOption = None,
+    labels: LabelFilesOption = None,
     frames: Annotated[
         str | None, Option(help="Use these frames of it only, such as 1-99,132-246.")
     ] = None,
@@ -53,7 +46,10 @@ def compare(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Compare models: which is better, by how much, and is the difference real?"""
+    """Compare models: which is better, by how much, and is the difference real?
+
+    On the patches that cross-validation held out, or on missions.
+    """
     from tokt.features.common import atomic
     from tokt.features.frames.mission import parse_frames
     from tokt.labels.taxonomy import load_taxonomy
@@ -61,22 +57,23 @@ def compare(
     from tokt.models.registry.registry import Registry
     from tokt.training.compare.comparison import compare_models
     from tokt.training.compare.held_out_predictions import check_different, read_held_out
-    from tokt.training.compare.mission_predictions import predict_mission
+    from tokt.training.compare.mission_predictions import predict_missions
     from tokt.training.compare.report import has_registry, log_comparison, report_html
 
-    if mission is None and (labels or frames or taxonomy):
+    if not mission and (labels or frames or taxonomy):
         raise ToktError("--labels, --frames and --taxonomy go with --mission")
     if output is not None and output.is_dir():
         raise ToktError(f"{output} is a folder; -o names the report's file")
-    if mission is None:
+    if not mission:
         compared = read_held_out(models, workspace)
     else:
         classes = load_taxonomy(workspace, taxonomy)
         wanted = parse_frames(frames) if frames else None
         bundles = [load_model(model, workspace) for model in models]
         check_different([bundle.label for bundle in bundles], [bundle.sha256 for bundle in bundles])
-        (one,) = labelled_missions([mission], labels, workspace, classes, bundles[0].grid)
-        compared = predict_mission(bundles, one.mission, one.records, classes, progress, wanted)
+        missions = labelled_missions(mission, labels, workspace, classes, bundles[0].grid)
+        _check_frames(frames, missions)
+        compared = predict_missions(bundles, missions, classes, progress, wanted)
     result = compare_models(compared, workspace, progress, learning_curve)
     html = report_html(compared, result)
     if output is not None:
@@ -88,6 +85,11 @@ def compare(
         say(f"MLflow run: {log_comparison(result, html, Registry(workspace))}")
     else:
         say(f"not logged: no registry in workspace {workspace}")
+
+
+def _check_frames(frames: str | None, missions: Sequence[LabelledMission]) -> None:
+    if frames and len(missions) > 1:
+        raise ToktError("--frames goes with one mission")
 
 
 def _print_comparison(result: dict[str, Any]) -> None:
@@ -153,8 +155,7 @@ def evaluate(
         result = evaluate_patches(bundle, patches, classes, progress)
     else:
         missions = labelled_missions(mission or [], labels, workspace, classes, bundle.grid)
-        if wanted and len(missions) > 1:
-            raise ToktError("--frames goes with one mission")
+        _check_frames(frames, missions)
         result = evaluate_task(bundle, missions, classes, progress, wanted)
     dives = result.get("missions", [])
     if result["seen_in_training"]:
