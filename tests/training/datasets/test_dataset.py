@@ -534,6 +534,7 @@ def test_labels_in_the_store_are_never_taken_for_another_dive(own_tiny, tmp_path
     command = ("dataset", "build", "d", "--mission", other, *space)
     refused("no labels for mission 'other-dive'", *command)
     assert "are taken for the frames in" in done(*command, "--labels", own_tiny.labels).err
+    done("dataset", "build", "d", "--mission", f"tiny={other}", *space)  # a person says so
 
 
 def test_a_dataset_whose_classes_are_all_clear_is_refused(own_tiny, tmp_path, refused):
