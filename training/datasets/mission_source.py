@@ -167,7 +167,7 @@ def plan_from_missions(
 def _describe_sources(missions: Sequence[LabelledMission]) -> list[str]:
     counts = Counter(record.annotator for one in missions for record in one.records)
     people = ", ".join(f"{who} ({count} records)" for who, count in sorted(counts.items()))
-    about = [", ".join(filter(None, (one.mission.name, one.site, one.date))) for one in missions]
+    about = [", ".join(filter(None, (one.mission.name, one.date))) for one in missions]
     return [f"mission {words}" for words in about] + [f"labels by {people}"]
 
 

@@ -184,7 +184,8 @@ def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
     print_patches(patch)
     for label, seen in patch["by_label"].items():
         print(f"    {label}: {figure(seen['right_side'])} of {seen['n']} on the right side")
-    print("  obstacle labels by decision value, which is no probability:")
+    if patch["reliability"]:
+        print("  obstacle labels by decision value, which is no probability:")
     for one in patch["reliability"]:
         between = f"{one['low']:.2f} to {one['high']:.2f}"
         print(f"    {between:>16}: {figure(one['obstacle'])} of {one['n']}")
@@ -210,17 +211,14 @@ def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
         "seen/obstacle  unknown  first of three"
     )
     for name, one in rows:
-        patch, frames, first = one["patch"], one["frames"], one["frames"]["first_detection"]
+        patch, frames = one["patch"], one["frames"]
+        false = f"{frames['false_status']}/{frames['ocean_frames']}"
+        seen = f"{frames['detected']}/{frames['obstacle_frames']}"
+        first = frames["first_detection"]
+        at = "-" if first is None else "" if isinstance(first, dict) else first
         print(
             f"  {name:{width}}  {patch['n']:7}  {figure(patch['f1']):>5}  "
             f"{figure(patch['precision']):>9}  {figure(patch['recall']):>6}  "
-            f"{figure(patch['average_precision']):>5}  "
-            f"{_of(frames['false_status'], frames['ocean_frames']):>11}  "
-            f"{frames['held_status']:4}  "
-            f"{_of(frames['detected'], frames['obstacle_frames']):>13}  "
-            f"{frames['unknown']:7}  {'' if isinstance(first, dict) else first}"
+            f"{figure(patch['average_precision']):>5}  {false:>11}  {frames['held_status']:4}  "
+            f"{seen:>13}  {frames['unknown']:7}  {at}"
         )
-
-
-def _of(some: int, all_: int) -> str:
-    return f"{some}/{all_}"

@@ -78,7 +78,7 @@ def labelled_missions(
         mine, remark = labels_of_mission(mission, records, grid, only)
         if remark:
             say(f"note: {remark}")
-        if one.name:
+        if one.name and one.name != mine[0].mission:
             mine = [replace(record, mission=one.name) for record in mine]
         both = LabelledMission(mission, mine, one.site, one.date)
         if both.name in found:
@@ -180,3 +180,5 @@ def _show(dataset: DatasetVersion) -> None:
     print(f"  task {info['task']}, {info['unsure_left_out']} unsure patches left out")
     for source in info["sources"]:
         print(f"  from {source}")
+    if dataset.sites:
+        print(f"  sites: {', '.join(f'{name} {site}' for name, site in dataset.sites.items())}")

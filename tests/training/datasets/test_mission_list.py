@@ -83,7 +83,8 @@ def test_a_dataset_from_a_list(tiny, own_tiny, tmp_path, done, refused, listed):
     refused("no labels for mission 'second'", *build, "--labels", own_tiny.labels)
     listed(first + place + second + f'labels = ["{own_tiny.labels}"]\n')
     info = json.loads(done(*build, "--json").out)
-    assert info["sources"][:2] == ["mission first, fjord, 2016-04-20", "mission second"]
+    assert info["sources"][:2] == ["mission first, 2016-04-20", "mission second"]
+    assert "sites: first fjord\n" in done("dataset", "show", "d", *space[:2]).out
     dataset = open_dataset("d", tmp_path / "ws" / "datasets")
     assert dataset.sites == info["sites"] == {"first": "fjord"}
     assert set(dataset.frames.mission) == {"first", "second"}
