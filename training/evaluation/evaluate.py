@@ -321,11 +321,10 @@ def evaluate(
     -------
     dict
         patch (n, precision, recall, f1, average_precision, per_class, confusion, by_label,
-        reliability),
-        frames (at the operating point: n, ocean_frames, false_status, held_status, detected,
-        obstacle_frames, first_detection, ...), operating_point, latency_frames (from the first
-        alarm to the first status at the least), unsure_ignored, seen_in_training (frames whose
-        very pixels were learnt from), mission_in_training, model.
+        reliability), frames (at the operating point: n, ocean_frames, false_status, held_status,
+        detected, obstacle_frames, first_detection, ...), operating_point, latency_frames (from
+        the first alarm to the first status at the least), unsure_ignored, seen_in_training
+        (frames whose very pixels were learnt from), mission_in_training, model.
         Of one mission its name, `mission`. Of several all this is of them together, with the same
         figures of each in a list `missions`, and by `sites` where these are known.
 
