@@ -21,6 +21,7 @@ from .options import (
     PatchesOption,
     TaxonomyOption,
     WorkspaceOption,
+    read_calibration_file,
 )
 from .output import answer, figure, print_patches, progress, say
 from .output import print_line as print
@@ -28,6 +29,35 @@ from .output import print_line as print
 if TYPE_CHECKING:
     from tokt.models.bundle.bundle import Bundle
     from tokt.training.datasets.mission_source import LabelledMission
+    from tokt.training.evaluation.approaches import AtSea
+
+
+RateOption = Annotated[
+    float | None,
+    Option(
+        metavar="FPS",
+        help="Frames a second of the missions: false statuses are told by the hour, and times to "
+        "contact.",
+    ),
+]
+StoppingOption = Annotated[
+    float | None,
+    Option(
+        "--stopping-distance",
+        metavar="M",
+        help="Distance in which the vehicle stops: each approach's first status is judged by it.",
+    ),
+]
+CalibrationOption = Annotated[
+    Path | None,
+    Option(metavar="FILE", help="Calibration of the missions' cameras: distances are measured."),
+]
+LogOption = Annotated[
+    Path | None,
+    Option(
+        metavar="FILE.jsonl", help="Log of a run over the mission: distances and times are its."
+    ),
+]
 
 
 def compare(
@@ -92,6 +122,58 @@ def _check_frames(frames: str | None, missions: Sequence[LabelledMission]) -> No
         raise ToktError("--frames goes with one mission")
 
 
+def _stated(
+    rate: float | None,
+    stopping_m: float | None,
+    calibration: Path | None,
+    log: Path | None,
+    missions: Sequence[LabelledMission],
+) -> AtSea:
+    from tokt.training.evaluation.approaches import AtSea, logged_distances
+
+    if log and len(missions) > 1:
+        raise ToktError("--log goes with one mission")
+    rig = read_calibration_file(calibration) if calibration else None
+    return AtSea(rate, stopping_m, rig, logged_distances(log) if log else {})
+
+
+def _print_at_sea(frames: dict[str, Any], indent: str) -> None:
+    """False statuses an hour, and what is left at each approach's first status."""
+    hourly = frames["false_status_per_hour"]
+    if hourly:
+        bound, rate = hourly["upper_bound"], hourly["rate_fps"]
+        per = "in 1,000 frames" if rate is None else f"an hour at {rate:.3g} frames a second"
+        print(
+            f"{indent}false statuses {per} of open ocean: {hourly['false_status']:.3g}; at most "
+            f"{bound['of_frames']:.3g} with {bound['confidence']:.0%} confidence, were frames "
+            f"independent; some in at most {bound['of_blocks']:.3g} of {bound['blocks']:.3g} "
+            "blocks of near copies"
+        )
+    for one in frames["approaches"]:
+        print(f"{indent}{_approach(one)}")
+    if not frames["approaches"]:
+        print(f"{indent}no approach in the labels: no obstacle frame after an ocean frame")
+
+
+def _approach(one: dict[str, Any]) -> str:
+    where = f"{one['mission']}:" if "mission" in one else ""
+    words = f"approach {where}{one['first_obstacle_frame']}-{one['last_obstacle_frame']}: "
+    if one["first_status"] is None:
+        return f"{words}NO STATUS"
+    late = one["frames_late"]
+    words += f"first status {one['first_status']}, {late} frame{'s' * (late != 1)} late"
+    if one["distance_m"] is not None:
+        words += f", {one['distance_m']:.2f} m away"
+        if one["distance_frame"] != one["first_status"]:
+            words += f" in frame {one['distance_frame']}"
+        if one["contact_s"] is not None:
+            words += f", contact in {one['contact_s']:.1f} s at {one['closing_m_s']:.2f} m/s"
+    if one["stopping_distance_m"] is None:
+        return words
+    said = {True: "enough", False: "TOO LATE", None: "not measured, not judged"}[one["enough"]]
+    return f"{words}; {said} for a stopping distance of {one['stopping_distance_m']:g} m"
+
+
 def _print_comparison(result: dict[str, Any]) -> None:
     print(f"on {result['what']} ({result['mode']}; {result['blocks']} {result['unit']})")
     for model in result["models"]:
@@ -128,13 +210,18 @@ def evaluate(
     labels: LabelFilesOption = None,
     patches: PatchesOption = None,
     frames: FramesOption = None,
+    rate: RateOption = None,
+    stopping_distance: StoppingOption = None,
+    calibration: CalibrationOption = None,
+    log: LogOption = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
     """Score a model on labelled missions, or on ready-cut patches.
 
-    Patches, frame statuses, first detection; several missions also by dive and site.
+    Patches, frame statuses, first detection; distance and time left at the first status of each
+    approach, false statuses an hour; several missions also by dive and site.
     """
     from tokt.features.frames.mission import parse_frames
     from tokt.labels.taxonomy import load_taxonomy
@@ -144,9 +231,11 @@ def evaluate(
 
     if bool(mission) == bool(patches):
         raise ToktError("give either --mission DIR or --patches DIR")
-    if patches and (labels or frames):
+    at_sea = (rate, stopping_distance, calibration, log)
+    if patches and (labels or frames or any(one is not None for one in at_sea)):
         raise ToktError(
-            "--patches has its labels in its folder names; --labels and --frames go with --mission"
+            "--patches has its labels in its folder names; --labels, --frames, --rate, "
+            "--stopping-distance, --calibration and --log go with --mission"
         )
     classes = load_taxonomy(workspace, taxonomy)
     wanted = parse_frames(frames) if frames else None
@@ -156,7 +245,8 @@ def evaluate(
     else:
         missions = labelled_missions(mission or [], labels, workspace, classes, bundle.grid)
         _check_frames(frames, missions)
-        result = evaluate_task(bundle, missions, classes, progress, wanted)
+        stated = _stated(*at_sea, missions)
+        result = evaluate_task(bundle, missions, classes, progress, wanted, stated)
     dives = result.get("missions", [])
     if result["seen_in_training"]:
         names = ", ".join(one["mission"] for one in dives if one["seen_in_training"])
@@ -200,6 +290,7 @@ def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
     )
     print(f"  obstacle seen in {frames['detected']} of {frames['obstacle_frames']} obstacle frames")
     print(f"  status unknown in {frames['unknown']} of {frames['n']} frames")
+    _print_at_sea(frames, "  ")
     if not missions:
         print(f"  first of three frames in a row with status 1: {frames['first_detection']}")
         return
