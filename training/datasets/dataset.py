@@ -10,7 +10,8 @@ On disk, below the workspace::
 
 The hash is SHA-256 over everything that can change what a model learns: task, grid, taxonomy,
 every patch's label and group, every frame's pixels. It does not cover the dataset's name, nor
-how a frame's file is compressed. `unsure` patches are counted, never stored.
+how a frame's file is compressed, nor the missions' `sites`, which are only there where some were
+given: they say how to test, not what is learnt. `unsure` patches are counted, never stored.
 
 To change the format: raise FORMAT_VERSION, keep reading the old one, prove it with a test.
 """
@@ -18,7 +19,7 @@ To change the format: raise FORMAT_VERSION, keep reading the old one, prove it w
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -90,6 +91,8 @@ class DatasetPlan:
         folder of patches): figures from such a dataset are marked ungrouped.
     sources : list of str
         For people: what was read. Not part of the hash.
+    sites : dict of str to str
+        The site of each mission whose site is known. Not part of the hash.
     """
 
     name: str
@@ -101,6 +104,7 @@ class DatasetPlan:
     unsure: int
     block_frames: int | None
     sources: list[str]
+    sites: dict[str, str] = field(default_factory=dict)
 
 
 class DatasetVersion:
@@ -118,6 +122,8 @@ class DatasetVersion:
             self.task = str(self.info["task"])
             self.block_frames: int | None = self.info["block_frames"]
             self.grid = Grid.from_json(self.info["grid"])
+            if not isinstance(self.sites, dict):
+                raise TypeError
         except (OSError, ValueError, KeyError, TypeError):
             raise ToktError(f"dataset {path} is damaged or not a dataset") from None
         self.taxonomy = Taxonomy.from_json(self.info.get("taxonomy"), f"dataset {path}")
@@ -126,6 +132,12 @@ class DatasetVersion:
     def label(self) -> str:
         """``name@hash``."""
         return f"{self.name}@{self.hash[:_HASH_CHARS]}"
+
+    @property
+    def sites(self) -> dict[str, str]:
+        """The site of each mission whose site was given; empty in older datasets."""
+        sites: dict[str, str] = self.info.get("sites", {})
+        return sites
 
     @cached_property
     def frames(self) -> pd.DataFrame:
@@ -300,6 +312,7 @@ def _summary(plan: DatasetPlan, patches: pd.DataFrame, frames: pd.DataFrame) -> 
         "frames_that_are_copies": int(frames.digest.duplicated().sum()),
         "unsure_left_out": plan.unsure,
         "sources": plan.sources,
+        **({"sites": plan.sites} if plan.sites else {}),
     }
 
 
@@ -348,7 +361,16 @@ def build_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -
             home.mkdir(exist_ok=True)
             _publish(folder, target)
     atomic.write_text(home / "latest", target.name + "\n")
-    return DatasetVersion(target)
+    return _with_sites(DatasetVersion(target), plan.sites)
+
+
+def _with_sites(dataset: DatasetVersion, sites: dict[str, str]) -> DatasetVersion:
+    """The same content may have been built before its missions' sites were known."""
+    if {**dataset.sites, **sites} == dataset.sites:
+        return dataset
+    info = {**dataset.info, "sites": {**dataset.sites, **sites}}
+    atomic.write_text(dataset.path / "dataset.json", json.dumps(info, indent=2) + "\n")
+    return DatasetVersion(dataset.path)
 
 
 def _publish(folder: Path, target: Path) -> None:

@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import time
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
@@ -41,6 +42,23 @@ def build(tmp_path, told):
         return told("dataset", "build", name, *where, *arguments)
 
     return run
+
+
+@pytest.fixture
+def fabricate_plan():
+    """Two frames of one patch of a dive, planned anew each time."""
+
+    def load(number):
+        return cv2.imencode(".png", np.full((6, 6), 40 * number, np.uint8))[1].tobytes(), ".png"
+
+    def plan(**more):
+        frames = [FrameSource("dive", "left", n, f"dive#{n}", partial(load, n)) for n in (1, 2)]
+        rows = [["dive", "left", 1, 0, 0, "ocean"], ["dive", "left", 2, 0, 0, "reef"]]
+        patches = pd.DataFrame(rows, columns=LABEL_COLUMNS)
+        about = (Grid(1, 1, None), Taxonomy.load(), frames, patches, 0, 1, ["by hand"])
+        return DatasetPlan("placed", "binary", *about, **more)
+
+    return plan
 
 
 def inputs(mission, labels=None):
@@ -333,6 +351,7 @@ def test_a_format_1_dataset_opens(format_1):
     assert dataset.classes() == ("clear", "obstacle")
     assert (dataset.read_frame(1) == 80).all()
     assert dataset.grid == Grid(1, 1, None)
+    assert dataset.sites == {}
 
 
 def test_a_newer_format_is_refused(format_1):
@@ -439,6 +458,22 @@ def test_own_taxonomy_file(build, tiny, tmp_path):
     info = build(*inputs(tiny), "--taxonomy", tmp_path / "two.toml", "--task", "classes")
     names = [known["name"] for known in info["taxonomy"]["classes"]]
     assert names == ["ocean", "subsea_installation"]
+
+
+def test_sites_are_kept_beside_the_content_also_where_they_become_known_later(
+    fabricate_plan, tmp_path, no_progress
+):
+    root = tmp_path / "datasets"
+    plain = build_dataset(fabricate_plan(), root, no_progress)
+    assert "sites" not in plain.info
+    for sites in ({"dive": "fjord"}, {}):
+        again = build_dataset(fabricate_plan(sites=sites), root, no_progress)
+        assert again.hash == plain.hash
+        assert open_dataset("placed", root).sites == {"dive": "fjord"}
+    again.check()
+    file = again.path / "dataset.json"
+    file.write_text(file.read_text("utf-8").replace('{\n    "dive": "fjord"\n  }', "7"), "utf-8")
+    refuses("is damaged", DatasetVersion, again.path)
 
 
 def test_truth_helpers_agree_with_what_is_built(trained, tiny_truth):
