@@ -20,6 +20,7 @@ def fit_classifier(
     choice: Hyperparameters,
     settings: TrainingSettings,
     weights: F64 | None = None,
+    scaled_by: F64 | None = None,
 ) -> Pipeline:
     """Fit scaler and LinearSVC; deterministic for the same input.
 
@@ -35,7 +36,9 @@ def fit_classifier(
         LinearSVC's C and the weights of the classes.
     settings : TrainingSettings
     weights : array of float64, shape (n,), optional
-        How much each patch's error counts; the scaler takes all patches alike.
+        How much each patch's error counts.
+    scaled_by : array of float64, shape (n,), optional
+        How much each patch counts in the scaler's mean and variance; by default all alike.
     """
     svc = LinearSVC(
         C=choice.penalty,
@@ -48,7 +51,10 @@ def fit_classifier(
     pipeline = Pipeline([*steps, ("svc", svc)])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        pipeline.fit(np.asarray(features), targets, svc__sample_weight=weights)
+        of_scaler = (
+            {} if scaled_by is None or not settings.scale else {"scaler__sample_weight": scaled_by}
+        )
+        pipeline.fit(np.asarray(features), targets, svc__sample_weight=weights, **of_scaler)
     return pipeline
 
 
