@@ -27,6 +27,7 @@ from tokt.training.compare.predictions import ComparedModels
 from tokt.training.compare.report import report_html
 from tokt.training.datasets.splits import Fold
 from tokt.training.evaluation.metrics import obstacle_metrics
+from tokt.training.fitting.cross_validation import Split
 
 pytestmark = pytest.mark.xdist_group("compare")  # what they share is made once
 
@@ -203,7 +204,8 @@ def test_a_stretch_whose_folds_hold_no_obstacle_is_left_out_of_the_learning_curv
     dataset = SimpleNamespace(patches=table, obstacle_flags=lambda: [False, True])
     folds = [Fold(np.array([]), np.array([0, 1])), Fold(np.array([]), np.array([2]))]
     learning = {"features": np.zeros((4, 1)), "augmented": [], "choices": [], "settings": None}
-    blocks = {"block": np.arange(4), "names": list("abcd"), "every": 1}
+    learning["split"] = Split(2, 0)
+    blocks = {"block": np.arange(4), "names": list("abcd"), "unit": np.arange(4), "every": 1}
     tested = {"targets": targets, "folds": folds, "measure": ComparisonMetric()}
     setting = _Setting(dataset=dataset, **learning, **tested, **blocks)
     without = {0: {0: targets[:2]}, 1: {1: targets[2:3]}}
