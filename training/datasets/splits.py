@@ -22,7 +22,7 @@ from tokt.features.common.errors import ToktError
 BLOCK_FRAMES = 20
 EMBARGO_FRAMES = 5
 FOLDS = 5
-MOST_HELD_OUT_ALONE = 10
+MAX_HELD_OUT_ALONE = 10
 """More dives than these are held out several at a time: each fold is a cross-validation more."""
 
 
@@ -152,7 +152,7 @@ def dive_folds(
 ) -> list[Fold]:
     """Hold out whole sites, or whole dives where fewer than two sites can be: one a fold.
 
-    More than `MOST_HELD_OUT_ALONE` of them are shared out among `n_folds` folds.
+    More than `MAX_HELD_OUT_ALONE` of them are shared out among `n_folds` folds.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def dive_folds(
         pairs: Iterator[tuple[I64, I64]] = (
             (np.flatnonzero(unit != one), np.flatnonzero(unit == one)) for one in range(len(names))
         )
-        if len(names) > MOST_HELD_OUT_ALONE:
+        if len(names) > MAX_HELD_OUT_ALONE:
             shared = _whole_groups(units, targets, min(n_folds, len(names)))
             pairs = (pair for pair in shared if len(pair[1]))
         folds = []

@@ -1,4 +1,4 @@
-"""One trial: the nested, blocked cross-validation of an extractor, kept when it is finished."""
+"""One trial: the nested cross-validation of an extractor, kept when it is finished."""
 
 import copy
 import time
@@ -12,7 +12,7 @@ from tokt.features.common.arrays import I64
 from tokt.features.common.errors import ToktError
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.fitting.cross_validation import Split, cross_validate
+from tokt.training.fitting.cross_validation import BLOCKS, Split, cross_validate
 from tokt.training.fitting.presets import TrainingSettings
 
 from .score import tally
@@ -88,7 +88,8 @@ def run_task(task: TrialTask) -> TrialOutcome:
     except ToktError as error:
         return TrialOutcome(task, fault=str(error))
     seconds = time.monotonic() - began
-    finished = Finished(tally(dataset, held_out), tuple(held_out.choices), seconds)
+    by_dive = split.unit(dataset.patches) != BLOCKS
+    finished = Finished(tally(dataset, held_out, by_dive), tuple(held_out.choices), seconds)
     write_finished(task.file, finished)
     return TrialOutcome(task, finished)
 

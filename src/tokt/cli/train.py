@@ -312,7 +312,7 @@ def search(
 ) -> None:
     """Search extractors; train and register the simplest of the best.
 
-    Each is scored by blocked cross-validation. A search that was stopped goes on where it was.
+    Each is scored by cross-validation, as `train` does it. A search that was stopped goes on.
     """
     from tokt.models.registry.registry import Registry, check_model_name
     from tokt.training.datasets.dataset import open_dataset
