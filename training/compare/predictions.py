@@ -14,7 +14,7 @@ from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.splits import held_out_together
-from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
+from tokt.training.evaluation.metrics import class_metrics, metrics_by, obstacle_metrics
 from tokt.training.fitting.cross_validation import BLOCKS, DIVES
 
 from .bootstrap import block_numbers
@@ -181,7 +181,12 @@ class ComparedModels:
                 **obstacle_metrics(self.truth, predictions.score),
                 **class_metrics(predictions.targets, predictions.predicted, predictions.classes),
             },
+            **({"dives": self._by_dive(predictions)} if self.unit == DIVES else {}),
             "frames": frame_figures(self.series, self.status(predictions))
             if self.has_frames
             else None,
         }
+
+    def _by_dive(self, predictions: ModelPredictions) -> dict[str, Any]:
+        said = predictions.targets, predictions.predicted, predictions.classes
+        return metrics_by(self.patches.mission.to_numpy(), self.truth, predictions.score, *said)

@@ -28,7 +28,7 @@ from tokt.training.datasets.splits import (
     sites_named,
 )
 from tokt.training.evaluation.frame_scores import frame_figures
-from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
+from tokt.training.evaluation.metrics import class_metrics, metrics_by, obstacle_metrics, over_dives
 from tokt.training.parallel import mapped
 
 from .choose_operating_point import DEFAULT_TARGET, FalseStatusTarget, choose_frame_rule
@@ -311,10 +311,16 @@ def _outputs(classes: int) -> int:
 
 def _mean_f1(targets: I64, values: F64, parts: Sequence[I64]) -> float:
     """Over the parts that have both sides tested; pooled where none has, or there are none."""
-    tested = np.isfinite(values).all(axis=1)
+    tested = rows_tested(values)
     rows = [part[tested[part]] for part in parts]
     mixed = [part for part in rows if len(np.unique(targets[part])) > 1]
-    return float(np.mean([_f1(targets[part], values[part]) for part in mixed or [tested]]))
+    pooled = [np.flatnonzero(tested)]
+    return float(np.mean([_f1(targets[part], values[part]) for part in mixed or pooled]))
+
+
+def rows_tested(values: F64) -> Bools:
+    """The patches that `BestCandidate` has values of."""
+    return np.asarray(np.isfinite(values).all(axis=1), bool)
 
 
 def _f1(targets: I64, values: F64) -> float:
@@ -393,7 +399,7 @@ def _inner_rule(
 ) -> MofNRule:
     """The frame rule that a fold's training part asks for."""
     scores, tested = np.full(len(dataset.patches), np.nan), np.zeros(len(dataset.patches), bool)
-    scores[rows], tested[rows] = model.obstacle_score(values), np.isfinite(values).all(axis=1)
+    scores[rows], tested[rows] = model.obstacle_score(values), rows_tested(values)
     return choose_frame_rule(dataset, scores, tested, target)[0]
 
 
@@ -433,22 +439,17 @@ def held_out_metrics(
     ]
     all_scores = model.obstacle_score(held_out.values)
     predicted = model.predicted(values)
-
-    def figures_by(names: pd.Series) -> dict[str, Any]:
-        return {
-            str(name): _part_figures(targets[at], predicted[at], truth[at], score[at], model)
-            for name, at in names[tested].groupby(names[tested].to_numpy()).indices.items()
-        }
-
-    mission = dataset.patches.mission
-    dives = figures_by(mission)
+    said = truth, score, targets, predicted, model.classes
+    mission = dataset.patches.mission[tested]
+    dives = metrics_by(mission.to_numpy(), *said)
+    by_site = mission.map(lambda name: (sites or {}).get(name, name)).to_numpy()
     return {
         "patch": {
             **obstacle_metrics(truth, score),
             **class_metrics(targets, predicted, model.classes),
         },
         **({"dives": dives, "over_dives": over_dives(dives)} if len(dives) > 1 else {}),
-        **({"sites": figures_by(mission.map(lambda name: sites.get(name, name)))} if sites else {}),
+        **({"sites": metrics_by(by_site, *said)} if sites else {}),
         "folds": folds,
         "frames": frame_figures(dataset, all_scores, held_out.fold, held_out.rules),
         "frames_at_zero": frame_figures(
@@ -456,45 +457,6 @@ def held_out_metrics(
         ),
         "fold_rules": [rule.to_json() for rule in held_out.rules],
         "patches_tested": int(tested.sum()),
-    }
-
-
-def _part_figures(
-    targets: I64, predicted: I64, truth: Bools, score: F64, model: LinearModel
-) -> dict[str, Any]:
-    """Of a dive or site; without an obstacle, or without water, it has no F1 and no AP."""
-    figures = {
-        "n": len(truth),
-        "obstacles": int(truth.sum()),
-        **obstacle_metrics(truth, score),
-        **class_metrics(targets, predicted, model.classes),
-    }
-    if truth.all():
-        figures |= {"f1": None, "average_precision": None}
-    return figures
-
-
-def over_dives(dives: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Means over the dives that have a figure, each dive counting the same, and the worst F1.
-
-    Returns
-    -------
-    dict
-        f1, average_precision, macro_f1 (None of no dive), worst_f1 and worst (its dive), n (dives)
-        and without_f1 (dives without an obstacle or without water, which are left out).
-    """
-    means: dict[str, Any] = {}
-    for name in ("f1", "average_precision", "macro_f1"):
-        values = [one[name] for one in dives.values() if one[name] is not None]
-        means[name] = float(np.mean(values)) if values else None
-    known = {name: one["f1"] for name, one in dives.items() if one["f1"] is not None}
-    worst = min(known, key=lambda name: known[name], default=None)
-    return {
-        **means,
-        "worst_f1": None if worst is None else known[worst],
-        "worst": worst,
-        "n": len(dives),
-        "without_f1": len(dives) - len(known),
     }
 
 

@@ -42,6 +42,7 @@ from .cross_validation import (
     held_out_metrics,
     inner_folds,
     robustness_figures,
+    rows_tested,
 )
 from .drift_limits import training_distribution
 from .presets import CHOSEN_ON, Hyperparameters, TrainingSettings
@@ -207,7 +208,7 @@ def _train_on_dataset(
     everything, dives = np.arange(len(targets)), split.dives(dataset.patches)
     pipeline = fit_rows(features, targets, everything, chosen.choice, settings, augmented, dives)
     model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
-    score, tested = model.obstacle_score(chosen.values), np.isfinite(chosen.values).all(axis=1)
+    score, tested = model.obstacle_score(chosen.values), rows_tested(chosen.values)
     rule, operating_point = choose_frame_rule(dataset, score, tested, request.target)
     metrics = _metrics(request, held_out, model, pipeline, _split_in_words(request))
     trained_on = np.array([frame_id(digest) for digest in dataset.frames.digest], np.uint64)

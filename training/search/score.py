@@ -98,7 +98,8 @@ class BlockConfusion:
         mixed = (by_block.sum(axis=2) > 0).sum(axis=1) > 1
         if self.by_dive and mixed.any():
             with np.errstate(invalid="ignore"):
-                return drawn[:, mixed] @ f1_of_counts(by_block[mixed]) / drawn[:, mixed].sum(axis=1)
+                scores = drawn[:, mixed] @ f1_of_counts(by_block[mixed])
+                return np.asarray(scores / drawn[:, mixed].sum(axis=1))
         # Whole numbers: the sums are exact on every machine.
         return f1_of_counts(np.einsum("rb,bij->rij", drawn, by_block))
 
@@ -235,12 +236,10 @@ def honest_score(
     """
     chosen = [winner(ranked(tallies)).trial for tallies in inside]
     parts = [(whole[trial], whole[trial].folds == fold) for fold, trial in enumerate(chosen)]
-    rows = {
-        name: np.concatenate([getattr(one, name)[at] for one, at in parts])
-        for name in ("blocks", "folds", "counts")
-    }
-    return {
-        "score": replace(parts[0][0], **rows).score,
-        "chosen": [trial.name for trial in chosen],
-        "how": HOW,
-    }
+    together = replace(
+        parts[0][0],
+        blocks=np.concatenate([one.blocks[at] for one, at in parts]),
+        folds=np.concatenate([one.folds[at] for one, at in parts]),
+        counts=np.concatenate([one.counts[at] for one, at in parts]),
+    )
+    return {"score": together.score, "chosen": [trial.name for trial in chosen], "how": HOW}

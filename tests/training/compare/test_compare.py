@@ -234,13 +234,19 @@ def test_models_of_several_dives_are_held_out_and_compared_by_dive(two_dives, to
         assert logged.data.params["split_by"] == logged.data.params["split_weight"] == "dive"
         assert logged.data.metrics["cv_dive_f1_tiny"] == by_fold[1]
         assert logged.data.metrics["cv_dives_f1"] == pytest.approx(np.mean(by_fold))
-    found = told("compare", "lbp", "haralick", *where)
+    page = workspace.parent / "page.html"
+    found = told("compare", "lbp", "haralick", "-o", page, *where)
     assert (found["unit"], found["blocks"]) == ("dives", 2)
     assert "2 dives count as independent. So few dives cannot show a difference" in found["method"]
     assert "bootstrap over whole dives, the same dives" in found["method"]
     assert any("learnt nothing of its dive" in note for note in found["notes"])
     assert len(found["stretches"]) == 22  # still by blocks along the dives
     assert found["pairs"][0]["verdict"] == "cannot tell"
+    for model, trained in zip(found["models"], models, strict=True):
+        for name, one in model["dives"].items():
+            assert one == trained["cv"]["dives"][name]
+    report = page.read_text("utf-8")
+    assert "F1 of dive late" in report and "dives that differ" in report
     points = found["learning_curve"]["points"]
     of_model = {"lbp/1": models[0], "haralick/1": models[1]}[found["learning_curve"]["model"]]
     assert points[-1]["mean"] == pytest.approx(of_model["cv"]["patch"]["f1"], abs=1e-9)
