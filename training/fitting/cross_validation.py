@@ -31,14 +31,20 @@ from tokt.training.evaluation.frame_scores import frame_figures
 from tokt.training.evaluation.metrics import class_metrics, metrics_by, obstacle_metrics, over_dives
 from tokt.training.parallel import mapped
 
-from .choose_operating_point import DEFAULT_TARGET, FalseStatusTarget, choose_frame_rule
+from .choose_operating_point import (
+    BLOCK,
+    DEFAULT_TARGET,
+    DIVE,
+    FalseStatusTarget,
+    choose_frame_rule,
+)
 from .classifier import decision_values, fit_classifier, linear_model
 from .presets import Hyperparameters, TrainingSettings
 
 Tables = Sequence[F64]
 
 
-DIVE, BLOCK, PATCH = "dive", "block", "patch"
+PATCH = "patch"
 SITES, DIVES, BLOCKS = "sites", "dives", "blocks of frames"
 
 
@@ -385,7 +391,8 @@ def cross_validate(
             features, targets, fold.train, chosen.choice, settings, augmented, dives
         )
         model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
-        rules.append(_inner_rule(dataset, fold.train, model, chosen.values, target))
+        by_dive = split.by == DIVE
+        rules.append(_inner_rule(dataset, fold.train, model, chosen.values, target, by_dive))
         values[fold.test] = decision_values(pipeline, features[fold.test])
         for name, table in stress.items():
             stressed[name][fold.test] = decision_values(pipeline, table[fold.test])
@@ -395,12 +402,17 @@ def cross_validate(
 
 
 def _inner_rule(
-    dataset: DatasetVersion, rows: I64, model: LinearModel, values: F64, target: FalseStatusTarget
+    dataset: DatasetVersion,
+    rows: I64,
+    model: LinearModel,
+    values: F64,
+    target: FalseStatusTarget,
+    by_dive: bool,
 ) -> MofNRule:
     """The frame rule that a fold's training part asks for."""
     scores, tested = np.full(len(dataset.patches), np.nan), np.zeros(len(dataset.patches), bool)
     scores[rows], tested[rows] = model.obstacle_score(values), rows_tested(values)
-    return choose_frame_rule(dataset, scores, tested, target)[0]
+    return choose_frame_rule(dataset, scores, tested, target, by_dive)[0]
 
 
 def held_out_metrics(

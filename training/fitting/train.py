@@ -25,6 +25,7 @@ from tokt.training.evaluation.frame_scores import KEYS
 
 from .choose_operating_point import (
     DEFAULT_TARGET,
+    DIVE,
     FalseStatusTarget,
     check_target,
     choose_frame_rule,
@@ -209,7 +210,8 @@ def _train_on_dataset(
     pipeline = fit_rows(features, targets, everything, chosen.choice, settings, augmented, dives)
     model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
     score, tested = model.obstacle_score(chosen.values), rows_tested(chosen.values)
-    rule, operating_point = choose_frame_rule(dataset, score, tested, request.target)
+    by_dive = split.by == DIVE
+    rule, operating_point = choose_frame_rule(dataset, score, tested, request.target, by_dive)
     metrics = _metrics(request, held_out, model, pipeline, _split_in_words(request))
     trained_on = np.array([frame_id(digest) for digest in dataset.frames.digest], np.uint64)
     return Trained(
