@@ -155,10 +155,9 @@ class Split:
         ToktError
             As `dive_folds` and `blocked_folds`.
         """
-        by_dive = self.by == DIVE
-        folds = (
-            dive_folds(patches, targets, self.sites, self.folds, not to_choose) if by_dive else []
-        )
+        folds: list[Fold] = []
+        if self.by == DIVE:
+            folds = dive_folds(patches, targets, self.sites, self.folds, refuse=not to_choose)
         return folds or blocked_folds(patches, targets, self.folds, self.embargo_frames)
 
     def unit(self, patches: pd.DataFrame) -> str:
@@ -170,8 +169,9 @@ class Split:
         return BLOCKS
 
     def dives(self, patches: pd.DataFrame) -> NDArray[np.object_] | None:
-        """The dive of each patch where dives count the same, for `fit_rows`."""
-        return patches.mission.to_numpy() if self.weight == DIVE else None
+        """The dive of each patch where there are several that count the same, for `fit_rows`."""
+        several = self.weight == DIVE and patches.mission.nunique() > 1
+        return patches.mission.to_numpy() if several else None
 
 
 @dataclass(frozen=True)
@@ -461,7 +461,7 @@ def held_out_metrics(
             **class_metrics(targets, predicted, model.classes),
         },
         **({"dives": dives, "over_dives": over_dives(dives)} if len(dives) > 1 else {}),
-        **({"sites": metrics_by(by_site, *said)} if sites else {}),
+        **({"sites": metrics_by(by_site, *said)} if sites and len(dives) > 1 else {}),
         "folds": folds,
         "frames": frame_figures(dataset, all_scores, held_out.fold, held_out.rules),
         "frames_at_zero": frame_figures(

@@ -255,7 +255,8 @@ def _folds_in_words(request: TrainRequest) -> str:
             "which patches come from one photo, so near copies may stand on both sides and the "
             f"figures may be too good.{_changes(request.settings)}"
         )
-    weights = " Every dive counts the same in learning." if _weighs_dives(request) else ""
+    weighed = split.dives(request.dataset.patches) is not None
+    weights = " Every dive counts the same in learning." if weighed else ""
     rest = f"{_DECIDED}{weights}{_changes(request.settings)}"
     candidates = f"{_candidates(request.settings)} chosen inside each training part"
     unit = split.unit(request.dataset.patches)
@@ -279,11 +280,6 @@ _DECIDED = (
     "Patches at decision threshold 0, not tuned; frames by a rule that was chosen inside each "
     "training part too. Patches marked unsure neither trained nor scored on."
 )
-
-
-def _weighs_dives(request: TrainRequest) -> bool:
-    dives = request.split.dives(request.dataset.patches)
-    return dives is not None and len(np.unique(dives)) > 1
 
 
 def _changes(settings: TrainingSettings) -> str:
