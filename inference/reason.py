@@ -46,6 +46,8 @@ class Reason(StrEnum):
     """The camera repeats its last picture."""
     WRONG_SIZE = "wrong_size"
     """Unlike those that the model learnt from, or that the calibration is for."""
+    NO_COLOUR = "no_colour"
+    """The frame is gray, and the model looks at colours."""
 
     # A detector that cannot judge.
     DETECTOR_FAILED = "detector_failed"

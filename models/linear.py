@@ -1,4 +1,4 @@
-"""The linear model: one matrix product from features to decision values."""
+"""The linear model: one matrix product from features to decision values, two with a map."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from tokt.features.common.arrays import F64, I64, Bools
+
+from .nystroem import NystroemMap
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,8 @@ class LinearModel:
         Two names for one output, otherwise one name an output.
     obstacle : tuple of bool
         For each class whether a patch of it is an obstacle.
+    map : NystroemMap or None
+        What the features go through first; the weights are then of shape (n_outputs, n_landmarks).
     """
 
     weights: F64
@@ -36,6 +40,7 @@ class LinearModel:
     thresholds: F64
     classes: tuple[str, ...]
     obstacle: tuple[bool, ...]
+    map: NystroemMap | None = None
 
     def __post_init__(self) -> None:
         outputs, dim = self.weights.shape if self.weights.ndim == 2 else (0, 0)
@@ -48,6 +53,8 @@ class LinearModel:
             raise ValueError("each class needs a name of its own and one obstacle flag")
         if outputs == 1 and self.obstacle == (True, False):
             raise ValueError("of two classes the obstacle comes second")
+        if self.map is not None and dim != len(self.map.landmarks):
+            raise ValueError(f"{dim} weights an output for {len(self.map.landmarks)} landmarks")
         for array in (self.weights, self.bias, self.thresholds):
             if array.dtype != np.float64 or not np.isfinite(array).all():
                 raise ValueError("weights, bias and thresholds are finite float64")
@@ -87,12 +94,20 @@ class LinearModel:
         Parameters
         ----------
         pipeline : sklearn.pipeline.Pipeline
-            With a step ``svc`` and, where features are scaled, a step ``scaler``. Only its fitted
-            arrays are read: scikit-learn need not be there.
+            With a step ``svc`` and, where features are scaled, a step ``scaler``; between the two
+            there may be a Nystroem ``map``. Only its fitted arrays are read: scikit-learn need not
+            be there.
         thresholds, classes, obstacle
             As in `LinearModel`.
         """
         svc, scaler = pipeline.named_steps["svc"], pipeline.named_steps.get("scaler")
+        if (nystroem := pipeline.named_steps.get("map")) is not None:
+            limit, landmarks = float(scaler.feature_range[1]), np.array(nystroem.components_)
+            mapped = NystroemMap(
+                scaler.scale_, scaler.min_, limit, landmarks, float(nystroem.gamma)
+            )
+            weights = np.asarray(svc.coef_ @ nystroem.normalization_, np.float64)
+            return cls(weights, svc.intercept_, thresholds, classes, obstacle, mapped)
         mean, scale = np.zeros(svc.coef_.shape[1]), np.ones(svc.coef_.shape[1])
         if scaler is not None:
             mean, scale = scaler.mean_, scaler.scale_
@@ -101,7 +116,7 @@ class LinearModel:
     @property
     def dim(self) -> int:
         """Number of features a patch must have."""
-        return int(self.weights.shape[1])
+        return int(self.weights.shape[1]) if self.map is None else self.map.dim
 
     def decision_values(self, features: F64) -> F64:
         """Signed distances, shape (n_patches, n_outputs), of features (n_patches, dim).
@@ -111,6 +126,8 @@ class LinearModel:
         ValueError
             If a feature is not finite: such a patch cannot be judged, and must not be clear.
         """
+        if self.map is not None:
+            features = self.map.likeness(features)
         with np.errstate(over="ignore", invalid="ignore"):  # refused below, and not warned of
             values = np.asarray(features @ self.weights.T + self.bias, np.float64)
         if not np.isfinite(values).all():

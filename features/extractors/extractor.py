@@ -13,10 +13,15 @@ Specs::
     {"name": "structure", "version": 1, "image": IMAGE}
     {"name": "lines", "version": 1, "samples": [8, 16, 32], "image": IMAGE}
     {"name": "moments", "version": 1, "image": IMAGE}
+    {"name": "gradients", "version": 1, "smooth": [1, 3, 5, 9]}
+    {"name": "colour", "version": 1, "cells": 9}
+    {"name": "place", "version": 1}
+    {"name": "relative", "version": 1, "parts": [SPEC, ...], "quietest": 0.3}
     {"name": "context", "version": 1, "part": SPEC, "statistic": "mean"}
     {"name": "join", "version": 1, "parts": [SPEC, SPEC, ...]}
 
 A join takes contexts and a context may be of a join, but nothing stands inside its own kind.
+Gradients, colour and place have no image; relative takes away what the frame's own water shows.
 
 ``IMAGE`` says how the frame becomes the picture of up to 256 levels that is looked at::
 
@@ -45,3 +50,7 @@ from .textures import Lbp as Lbp
 from .textures import Lines as Lines
 from .textures import Moments as Moments
 from .textures import Structure as Structure
+from .water import Colour as Colour
+from .water import Gradients as Gradients
+from .water import Place as Place
+from .water import Relative as Relative

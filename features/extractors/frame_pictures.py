@@ -1,11 +1,12 @@
 """The pictures that extractors look at, each prepared once a frame."""
 
 from collections.abc import Collection
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import U8
+from tokt.features.common.arrays import I64, U8
 from tokt.features.frames.grid import MAX_PICTURE, Grid
 from tokt.features.kernels.checks import check_frame
 from tokt.features.kernels.dispatch import KERNELS
@@ -46,6 +47,12 @@ def gray16_picture(frame: U8, grid: Grid, threads: int = 1) -> NDArray[np.uint16
     return KERNELS.resized_gray16(frame, *_picture_size(frame, grid), threads)
 
 
+def _box_ends(size: int, covered: int, of: int, n: int) -> I64:
+    """First pixel, and one past the last, of `n` boxes over `covered` / `of` of `size` pixels."""
+    edges = np.arange(n + 1) * size * covered // (of * n)
+    return np.stack([edges[:-1], np.maximum(edges[1:], edges[:-1] + 1)], axis=1)
+
+
 class FramePictures:
     """One frame's pictures on one grid.
 
@@ -82,13 +89,52 @@ class FramePictures:
         TypeError, ValueError
             As `gray_picture`.
         """
-        if None in images or None in self._made or not images:
+        if None in images or None in self._made:
             return self.picture(None)
-        rounded = self._gray16_picture() + np.uint16(STEPS_PER_LEVEL // 2)
+        rounded = self.gray16() + np.uint16(STEPS_PER_LEVEL // 2)
         rounded >>= np.uint16(STEPS_PER_LEVEL.bit_length() - 1)
         return rounded.astype(np.uint8)
 
-    def _gray16_picture(self) -> NDArray[np.uint16]:
+    @cached_property
+    def has_colour(self) -> bool:
+        """Whether any pixel's channels differ: what a gray camera gave as BGR has no colour."""
+        if self._frame.ndim == 2:
+            return False
+        # A few pixels nearly always show it already.
+        return any(
+            bool((part[..., 1:] != part[..., :1]).any())
+            for part in (self._frame[::16, ::16], self._frame)
+        )
+
+    def box_means(self, cells: int) -> I64:
+        """Mean colour of each part of each patch, in 1/256 level.
+
+        Parameters
+        ----------
+        cells : int
+            A patch has cells x cells parts, each of one frame pixel at least.
+
+        Returns
+        -------
+        numpy.ndarray
+            int64, shape (grid.rows * cells, grid.cols * cells, channels).
+        """
+        grid, sizes = self.grid, self._frame.shape[:2]
+        resized = _picture_size(self._frame, grid)
+        patch = grid.patch_size(*resized)
+        ends = [
+            _box_ends(size, per_patch * n, of, n * cells)
+            for size, per_patch, of, n in zip(
+                sizes, patch, resized, (grid.rows, grid.cols), strict=True
+            )
+        ]
+        sums = KERNELS.box_sums(self._frame, *ends, self.threads)
+        rows, columns = (last - first for first, last in (end.T for end in ends))
+        pixels = rows[:, None, None] * columns[None, :, None]
+        return (sums * STEPS_PER_LEVEL + pixels // 2) // pixels
+
+    def gray16(self) -> NDArray[np.uint16]:
+        """The frame resized and gray in 1/256 grey level, uint16."""
         if self._gray16 is None:
             self._gray16 = gray16_picture(self._frame, self.grid, self.threads)
         return self._gray16
@@ -96,4 +142,4 @@ class FramePictures:
     def _prepared(self, image: Quantization | None) -> U8:
         if image is None:
             return gray_picture(self._frame, self.grid, self.threads)
-        return KERNELS.quantize(self._gray16_picture(), image, self.threads)
+        return KERNELS.quantize(self.gray16(), image, self.threads)

@@ -8,7 +8,8 @@ from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.kernels.quantization import FRAME, Quantization
 
 from .spec import build_extractor
-from .textures import LOG, NEAREST, Extractor, Haralick, Join, Lbp, Lines, Structure
+from .textures import LOG, NEAREST, Context, Extractor, Haralick, Join, Lbp, Lines, Structure
+from .water import Colour, Gradients, Place, Relative
 
 _FILE = "spec:"
 
@@ -17,6 +18,14 @@ _GRAINS = Quantization(gain=8, smooth=3, window=121, by=FRAME)
 _PATTERNS = Quantization(gain=8, smooth=5, window=61, by=FRAME)
 _STROKES = Quantization(gain=24, smooth=3, window=31, by=FRAME)
 
+_SHAPES = Lbp(8, 13, "frame", _PATTERNS, NEAREST)
+
+
+def _water(*parts: Extractor) -> Extractor:
+    return Join([Context(Relative(parts, 0.3), "mean"), Place()])
+
+
+_GRADIENTS = Gradients((1, 3, 5, 9))
 NAMED: dict[str, Extractor] = {
     "lbp": Lbp(10, 5, "patch"),
     "lbp_10_5": Lbp(10, 5, "patch"),
@@ -27,12 +36,14 @@ NAMED: dict[str, Extractor] = {
     "haralick_flat": Haralick(ignore_zeros=False, image=replace(_GRAINS, levels=64), scale=LOG),
     "lbp_flat_8_5": Lbp(8, 5, "frame", _PATTERNS, NEAREST),
     "lbp_flat_8_9": Lbp(8, 9, "frame", _PATTERNS, NEAREST),
-    "lbp_flat_8_13": Lbp(8, 13, "frame", _PATTERNS, NEAREST),
+    "lbp_flat_8_13": _SHAPES,
     "lines": Lines((8, 16, 32), _STROKES),
     "lines_fine": Lines((2, 4), replace(_STROKES, smooth=1)),
     "structure_3": Structure(_GRAINS),
     "structure_7": Structure(Quantization(gain=24, smooth=7, window=121, by=FRAME)),
     "structure_11": Structure(Quantization(gain=24, smooth=11, window=121, by=FRAME)),
+    "water": _water(_GRADIENTS, Colour(9), _SHAPES),
+    "water_gray": _water(_GRADIENTS, _SHAPES),
     "lbp_8_1": Lbp(8, 1, "patch"),
     "lbp_8_2": Lbp(8, 2, "patch"),
     "lbp_12_3": Lbp(12, 3, "patch"),
@@ -61,14 +72,15 @@ def extractor_named(text: str) -> Extractor:
     """
     if text.startswith(_FILE):
         return _from_file(Path(text.removeprefix(_FILE)))
-    parts = []
+    parts: list[Extractor] = []
     for name in text.split("+"):
         if name not in NAMED:
             raise ToktError(
                 f"unknown extractor {name!r} (known: {', '.join(NAMED)}; join with +; "
                 f"or {_FILE}FILE.json)"
             )
-        parts.append(NAMED[name])
+        named = NAMED[name]
+        parts += named.parts if type(named) is Join else [named]
     return parts[0] if len(parts) == 1 else Join(parts)
 
 

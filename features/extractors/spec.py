@@ -24,6 +24,7 @@ from .textures import (
     Moments,
     Structure,
 )
+from .water import Colour, Gradients, Place, Relative
 
 Spec = Mapping[str, Any]
 Outer = frozenset[str]
@@ -84,6 +85,35 @@ def _join_from(spec: Spec, outer: Outer) -> Join:
     return Join([_built(part, outer | {"join"}) for part in parts])
 
 
+MAX_SMOOTH, MAX_CELLS = 15, 32
+
+
+def _gradients_from(spec: Spec, outer: Outer) -> Gradients:
+    smooth, known = spec["smooth"], range(1, MAX_SMOOTH + 1, 2)
+    sound = isinstance(smooth, list) and all(type(n) is int and n in known for n in smooth)
+    if not (sound and smooth and smooth == sorted(set(smooth))):
+        raise ToktError(f"gradients: smooth is rising odd numbers up to {MAX_SMOOTH}")
+    return Gradients(smooth)
+
+
+def _colour_from(spec: Spec, outer: Outer) -> Colour:
+    if type(spec["cells"]) is not int or not 3 <= spec["cells"] <= MAX_CELLS:
+        raise ToktError(f"colour: cells is a whole number, 3 to {MAX_CELLS}")
+    return Colour(spec["cells"])
+
+
+def _relative_from(spec: Spec, outer: Outer) -> Relative:
+    parts, quietest = spec["parts"], spec["quietest"]
+    if not isinstance(parts, list) or not parts:
+        raise ToktError("extractor relative: takes one other extractor or more")
+    if type(quietest) is not float or not 0 < quietest <= 1:
+        raise ToktError(f"relative: quietest is above 0.0 and at most 1.0, not {quietest!r}")
+    built = [_built(part, outer | {"relative"}) for part in parts]
+    if not any(flag for part in built for flag in part.energies):
+        raise ToktError("extractor relative: one of its parts is gradients or colour")
+    return Relative(built, quietest)
+
+
 # By version, the builder and the keys beside name and version; no other key comes to a builder.
 _BUILDERS: dict[str, dict[int, tuple[Callable[[Spec, Outer], Extractor], set[str]]]] = {
     "lbp": {
@@ -97,6 +127,10 @@ _BUILDERS: dict[str, dict[int, tuple[Callable[[Spec, Outer], Extractor], set[str
     "moments": {1: (lambda spec, outer: Moments(_image_from(spec)), {"image"})},
     "structure": {1: (lambda spec, outer: Structure(_image_from(spec)), {"image"})},
     "lines": {1: (_lines_from, {"samples", "image"})},
+    "gradients": {1: (_gradients_from, {"smooth"})},
+    "colour": {1: (_colour_from, {"cells"})},
+    "place": {1: (lambda spec, outer: Place(), set())},
+    "relative": {1: (_relative_from, {"parts", "quietest"})},
     "context": {1: (_context_from, {"part", "statistic"})},
     "join": {1: (_join_from, {"parts"})},
 }
@@ -168,6 +202,20 @@ def _texture(part: Mapping[str, Any]) -> str:
         case "context":
             around = f"of each patch and the {part['statistic']} of its neighbours"
             return f"{extractor_summary(part['part'])}, {around}"
+    return _water(part)
+
+
+def _water(part: Mapping[str, Any]) -> str:
+    match part.get("name"):
+        case "gradients":
+            return f"gradients smoothed over {', '.join(map(str, part['smooth']))} pixels"
+        case "colour":
+            return "colour (CIELAB) and its changes"
+        case "place":
+            return "place in the frame"
+        case "relative":
+            of = extractor_summary({"name": "join", "parts": part["parts"]})
+            return f"{of}, less what the quietest {part['quietest']:.0%} of its patches show"
     return json.dumps(dict(part), sort_keys=True)
 
 

@@ -31,12 +31,19 @@ class Extractor(ABC):
     names : tuple of str
         One name a feature.
     images : tuple of Quantization or None
-        The distinct pictures it looks at; None is the plain one.
+        The distinct quantized pictures it looks at; None is the plain one.
+    needs_colour : bool
+        Whether it cannot describe gray frames.
+    energies : tuple of bool
+        For each feature whether it is a logarithm of how much a patch changes within; empty where
+        none is.
     """
 
     dim: int
     names: tuple[str, ...]
     images: tuple[Quantization | None, ...]
+    needs_colour = False
+    energies: tuple[bool, ...] = ()
 
     @property
     @abstractmethod
@@ -326,6 +333,9 @@ class Join(Extractor):
         self.images = tuple(dict.fromkeys(image for part in parts for image in part.images))
         self.dim = sum(part.dim for part in self.parts)
         self.names = tuple(name for part in self.parts for name in part.names)
+        self.needs_colour = any(part.needs_colour for part in self.parts)
+        energies = (part.energies or (False,) * part.dim for part in self.parts)
+        self.energies = tuple(flag for flags in energies for flag in flags)
 
     @property
     def spec(self) -> dict[str, Any]:
@@ -413,6 +423,7 @@ class Context(Extractor):
     def __init__(self, part: Extractor, statistic: str) -> None:
         self.part = part
         self.images = part.images
+        self.needs_colour = part.needs_colour
         self.statistic = statistic
         self.dim = 2 * part.dim
         self.names = part.names + tuple(f"around_{statistic}.{name}" for name in part.names)

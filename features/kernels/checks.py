@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import U8, U64
+from tokt.features.common.arrays import I64, U8, U64
 
 if TYPE_CHECKING:
     from concurrent.futures import ThreadPoolExecutor
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 MAX_PIXELS = 1 << 31
 """Pixels of a frame; of more, a sum could pass 2**53, up to which double precision is exact."""
 MAX_SAMPLES = 64  # on a line; the sum of as many levels fits 16 bits
+MAX_BOX = 15  # pixels; the sum of a box fits 24 bits
 MAX_POINTS = 64  # a pattern is one machine word
 MAX_RADIUS = 1024.0  # pixels; wider than any patch, and sums of sizes stay small
 
@@ -93,6 +94,32 @@ def check_gray16_size(shape: tuple[int, ...], height: int, width: int) -> None:
     check_size(height, width)
     if shape[0] * shape[1] >= MAX_PIXELS:
         raise ValueError(f"a frame of {shape[1]}x{shape[0]} pixels has too many")
+
+
+def check_box(box: int) -> None:
+    """Check that gradients are known of means over boxes with that side; ValueError if not."""
+    if type(box) is not int or not 1 <= box <= MAX_BOX or box % 2 == 0:
+        raise ValueError(f"a box is an odd number of pixels, 1 to {MAX_BOX}, not {box!r}")
+
+
+def check_ranges(ranges: I64, length: int) -> I64:
+    """Ranges of a frame's rows or columns in C order, copied only if they are not in C order yet.
+
+    Raises
+    ------
+    TypeError
+        If they are not an array of int64.
+    ValueError
+        If there are none, or one is empty or leaves the frame.
+    """
+    if not isinstance(ranges, np.ndarray) or ranges.dtype != np.int64:
+        raise TypeError(f"ranges are an array of int64, not {getattr(ranges, 'dtype', ranges)!r}")
+    if ranges.ndim != 2 or ranges.shape[1] != 2 or not len(ranges):
+        raise ValueError(f"ranges are (n, 2), at least one, not {ranges.shape}")
+    first, last = ranges.T
+    if first.min() < 0 or (first >= last).any() or last.max() > length:
+        raise ValueError(f"a range has its first pixel, then one past its last, up to {length}")
+    return np.ascontiguousarray(ranges)
 
 
 def check_weights(weights: U64, width: int) -> None:

@@ -33,7 +33,7 @@ from .quantization import (
     gray16_step,
 )
 
-_INTERFACE = 6
+_INTERFACE = 7
 if getattr(_native, "INTERFACE", None) != _INTERFACE:
     raise ImportError("the extension was built from other sources; install tokt again")
 
@@ -189,6 +189,23 @@ def structure_sums(gray: U8, grid: Grid, threads: int = 1) -> I64:
     sums = np.empty((grid.n_patches, 3), np.int64)
     kernel = _native.structure_sums
     _do_rows("structure", kernel, grid.rows, threads, gray, grid.cols, *size, sums)
+    return sums
+
+
+def gradient_sums(gray16: NDArray[np.uint16], grid: Grid, box: int, threads: int = 1) -> I64:
+    """`Kernels.gradient_sums`."""
+    size = grid.patch_size(*gray16.shape)
+    sums = np.empty((grid.n_patches, 3), np.int64)
+    kernel = _native.gradient_sums
+    _do_rows("gradient", kernel, grid.rows, threads, gray16, grid.cols, *size, box, sums)
+    return sums
+
+
+def box_sums(frame: U8, rows: I64, columns: I64, threads: int = 1) -> I64:
+    """`Kernels.box_sums` in one pass over the rows of each range."""
+    pixels = frame.reshape(*frame.shape[:2], -1)
+    sums = np.empty((len(rows), len(columns), pixels.shape[2]), np.int64)
+    _do_rows("boxes", _native.box_sums, len(rows), threads, pixels, rows, columns, sums)
     return sums
 
 

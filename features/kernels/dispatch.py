@@ -21,11 +21,13 @@ from tokt.features.frames.grid import Grid
 
 from .block_matching import BlockMatching, check_views
 from .checks import (
+    check_box,
     check_frame,
     check_gray,
     check_gray16,
     check_gray16_size,
     check_lbp,
+    check_ranges,
     check_samples,
     check_signs,
     check_size,
@@ -195,6 +197,56 @@ class Kernels:
             int64, shape (n_patches, 3).
         """
         return np.asarray(self.module.structure_sums(check_gray(gray, threads), grid, threads))
+
+    def gradient_sums(
+        self, gray16: NDArray[np.uint16], grid: Grid, box: int, threads: int = 1
+    ) -> I64:
+        """Sums of squared gradients over each patch, and how strong its strong gradients are.
+
+        Each pixel becomes the mean of the `box` x `box` pixels around it, rounded to a whole step;
+        beyond the picture counts its nearest pixel. Then gx is the mean to the right less the one
+        to the left and gy the one below less the one above, 0 where the picture ends.
+
+        Parameters
+        ----------
+        gray16 : array of uint16, shape (height, width)
+            As `resized_gray16` gives it.
+        grid, threads
+            Its patches, and how many threads.
+        box : int
+            Pixels, odd, 1 to 15.
+
+        Returns
+        -------
+        numpy.ndarray
+            int64, shape (n_patches, 3): the sums of gx gx and of gy gy over a patch's pixels, then
+            the 95th of 100 of gx gx + gy gy in rising order, of which the first 4 binary digits
+            are kept. It is the least that 19 of 20 pixels or more do not exceed.
+        """
+        gray16 = check_gray16(gray16, threads)
+        check_box(box)
+        return np.asarray(self.module.gradient_sums(gray16, grid, box, threads))
+
+    def box_sums(self, frame: U8, rows: I64, columns: I64, threads: int = 1) -> I64:
+        """Sums of a frame's pixels over boxes: where ranges of its rows and columns cross.
+
+        Parameters
+        ----------
+        frame, threads
+            The frame as the camera gave it, and how many threads.
+        rows, columns : array of int64, shape (n, 2)
+            First pixel and one past the last of each range. Ranges may overlap and stand in any
+            order.
+
+        Returns
+        -------
+        numpy.ndarray
+            int64, shape (len(rows), len(columns), channels), 3 channels or 1.
+        """
+        frame = check_frame(frame, threads)
+        rows = check_ranges(rows, frame.shape[0])
+        columns = check_ranges(columns, frame.shape[1])
+        return np.asarray(self.module.box_sums(frame, rows, columns, threads))
 
     def line_sums(
         self, gray: U8, grid: Grid, middle: int, samples: Sequence[int], threads: int = 1

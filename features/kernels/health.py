@@ -33,6 +33,7 @@ _QUANTIZATIONS = (
     Quantization(2.0, 256, 1, 33, RATIO),
     Quantization(9.0, 32, 1, 9, FRAME),
 )
+_RANGES = np.array([[0, 30], [30, 107]]), np.array([[1, 60], [50, 145]])
 _MATCHING = BlockMatching(2, 16, 9, 31, 50, 10)
 
 
@@ -138,6 +139,8 @@ def _integers(
         *(kernels.quantize(gray16, quantization) for quantization in _QUANTIZATIONS),
         kernels.level_counts(gray, _GRID),
         kernels.structure_sums(gray, _GRID),
+        kernels.gradient_sums(gray16, _GRID, 5),
+        kernels.box_sums(frame, *_RANGES),
         kernels.line_sums(gray, _GRID, 128, (4, 16)),
         *(kernels.lbp_nearest_counts(gray, _GRID, 8, 5, border) for border in _BORDERS),
         # Of the picture and of itself moved by a few pixels.

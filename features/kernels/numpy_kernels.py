@@ -20,6 +20,7 @@ from tokt.features.frames.grid import Grid
 from .block_matching import block_disparity as block_disparity
 from .checks import over_rows
 from .lbp_points import lbp_points, nearest_points
+from .numpy_pictures import box_sums as box_sums
 from .numpy_pictures import level_counts as level_counts
 from .numpy_pictures import quantize as quantize
 from .numpy_pictures import resized_gray as resized_gray
@@ -403,6 +404,28 @@ def structure_sums(gray: U8, grid: Grid, threads: int = 1) -> I64:
         for axis in ((1, 0), (0, 1))
     )
     return np.stack([_patch_sums(product, grid) for product in (gx * gx, gy * gy, gx * gy)], axis=1)
+
+
+def gradient_sums(gray16: NDArray[np.uint16], grid: Grid, box: int, threads: int = 1) -> I64:
+    """`Kernels.gradient_sums`; squares are below 2**53, up to which double precision is exact."""
+    sums = cv2.boxFilter(
+        gray16.astype(np.float64),
+        cv2.CV_64F,
+        (box, box),
+        normalize=False,
+        borderType=cv2.BORDER_REPLICATE,
+    )
+    means = np.floor((sums + box * box // 2) / (box * box))
+    gx2, gy2 = (
+        cv2.Sobel(means, cv2.CV_64F, *axis, ksize=1, borderType=cv2.BORDER_REFLECT_101) ** 2
+        for axis in ((1, 0), (0, 1))
+    )
+    # A double's exponent and first 3 digits behind the leading one; it keeps the order.
+    digits = grid.cells(gx2 + gy2).reshape(grid.n_patches, -1).view(np.int64) >> 49
+    place = -(-19 * digits.shape[1] // 20) - 1
+    strong = (np.partition(digits, place, axis=1)[:, place] << 49).view(np.float64)
+    whole = (_patch_sums(squares.astype(np.int64), grid) for squares in (gx2, gy2))
+    return np.stack([*whole, strong.astype(np.int64)], axis=1)
 
 
 def line_sums(gray: U8, grid: Grid, middle: int, samples: Sequence[int], threads: int = 1) -> I64:

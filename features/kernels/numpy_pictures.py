@@ -118,6 +118,16 @@ def resized_gray(frame: U8, height: int, width: int, threads: int = 1) -> U8:
     return frame.astype(np.uint8, copy=False)
 
 
+def box_sums(frame: U8, rows: I64, columns: I64, threads: int = 1) -> I64:
+    """`Kernels.box_sums`, in double precision, which whole sums of pixels fit."""
+    channels = 1 if frame.ndim == 2 else frame.shape[2]
+    up_to = np.zeros((len(rows), frame.shape[1] + 1, channels))
+    for row, (first, last) in zip(up_to, rows.tolist(), strict=True):
+        sums = cv2.reduce(frame[first:last], 0, cv2.REDUCE_SUM, dtype=cv2.CV_64F)
+        np.cumsum(sums.reshape(-1, channels), axis=0, out=row[1:])
+    return (up_to[:, columns[:, 1]] - up_to[:, columns[:, 0]]).astype(np.int64)
+
+
 _TILE = 64  # signs in a word
 
 

@@ -137,6 +137,35 @@ def structure_sums(gray: U8, grid: Grid, threads: int = 1) -> I64:
     return np.stack([(slopes[one] * slopes[two]).sum(axis=1) for one, two in pairs], axis=1)
 
 
+def gradient_sums(gray16: NDArray[np.uint16], grid: Grid, box: int, threads: int = 1) -> I64:
+    """`Kernels.gradient_sums`."""
+    near = np.ones((box, box), np.int64)
+    sums = ndimage.correlate(gray16.astype(np.int64), near, mode="nearest")
+    means = (sums + near.size // 2) // near.size
+    gx, gy = (ndimage.correlate1d(means, [-1, 0, 1], axis, mode="mirror") for axis in (1, 0))
+    out = []
+    for across, down in zip(grid.cells(gx * gx), grid.cells(gy * gy), strict=True):
+        both = sorted((across + down).ravel().tolist())
+        strong = both[-(-19 * len(both) // 20) - 1]
+        digits = max(strong.bit_length() - 4, 0)
+        out.append((across.sum(), down.sum(), strong >> digits << digits))
+    return np.array(out, np.int64)
+
+
+def box_sums(frame: U8, rows: I64, columns: I64, threads: int = 1) -> I64:
+    """`Kernels.box_sums`, box by box."""
+    deep = frame.reshape(*frame.shape[:2], -1)
+    return np.array(
+        [
+            [
+                deep[top:bottom, left:right].sum(axis=(0, 1), dtype=np.int64)
+                for left, right in columns
+            ]
+            for top, bottom in rows
+        ]
+    )
+
+
 def line_sums(gray: U8, grid: Grid, middle: int, samples: Sequence[int], threads: int = 1) -> I64:
     """`Kernels.line_sums`, sample by sample."""
     height, width = gray.shape

@@ -113,7 +113,7 @@ class ModelReloader(Observer):
         self._running = self.running.sha256 if self.running and self.is_active else ""
         self._to_remember = self.running
         self._judged = 0
-        self._wrong_sizes = 0
+        self._unfit = 0
         self._can_judge: Frame | None = None
         self._cannot_judge: tuple[Frame, str] | None = None
         self._refused: tuple[int, str] | None = None
@@ -137,10 +137,10 @@ class ModelReloader(Observer):
         """Count what the running model could judge, and keep the newest frame that tells it."""
         self._judged += judgement.verdict.model is not None
         if judgement.features is not None:
-            self._wrong_sizes, self._can_judge, self._cannot_judge = 0, frame, None
-        elif judgement.verdict.reason is Reason.WRONG_SIZE:
-            self._wrong_sizes += 1
-            if self._wrong_sizes >= GOOD_FRAMES:
+            self._unfit, self._can_judge, self._cannot_judge = 0, frame, None
+        elif judgement.verdict.reason in (Reason.WRONG_SIZE, Reason.NO_COLOUR):
+            self._unfit += 1
+            if self._unfit >= GOOD_FRAMES:
                 self._can_judge, self._cannot_judge = None, (frame, judgement.verdict.health)
 
     def exchange(self) -> Sequence[Event]:
@@ -150,7 +150,7 @@ class ModelReloader(Observer):
             events, self._events = self._events, []
             if ready is None:
                 return events
-            self._judged, self._wrong_sizes, self._cannot_judge = 0, 0, None
+            self._judged, self._unfit, self._cannot_judge = 0, 0, None
             bundle, note = ready
             self._to_remember = bundle
         self.put(bundle, note)

@@ -175,6 +175,8 @@ class TextureDetector:
         pictures = FramePictures(frame.left, grid, threads=self.threads)
         gray = pictures.gray(self.scorer.images)
         fault = frame_fault(frame.left, gray, grid)
+        if not fault and self.scorer.needs_colour and not pictures.has_colour:
+            fault = Fault(Reason.NO_COLOUR, "the model looks at colours, and the frame is gray")
         if fault:
             return self._unjudged(fault)
         features = self.scorer.features(frame.left, pictures, self.threads)

@@ -6,7 +6,8 @@ so that the same model gives the same bytes:
 - ``manifest.json``: who this model is, how it sees, when it warns (``operating_point``), where it
   comes from, and the SHA-256 of the other members; ``manifest_sha256`` is the hash of the
   manifest without that key.
-- ``weights.npz``: weights, bias, thresholds (float64).
+- ``weights.npz``: weights, bias, thresholds (float64); with a map in front of them also its scale,
+  offset, limit, landmarks and gamma (`tokt.models.nystroem`).
 - ``golden.npz``: frames, as PNG files, with the decision values the training machine computed.
 - ``lineage.npz``: the first 8 bytes of the pixel hash of every frame the model learnt from, so
   that nobody scores a model on what it was trained on without being told.
@@ -23,7 +24,7 @@ Reading has three acts that do not mix: *parse* the archive into plain values, *
 shape and bound, and only then *construct* and recompute the golden values. No pickle anywhere.
 
 Format 1 has no ``operating_point``: any one patch over its threshold is an obstacle at once.
-Formats 1 and 2 have no ``distribution.npz``.
+Formats 1 and 2 have no ``distribution.npz``, formats 1 to 3 no map.
 
 To change the format: raise FORMAT_VERSION, keep the reader of the old one, and prove with a file
 of the old one in a test that it still loads.
@@ -54,12 +55,13 @@ from tokt.features.frames.image_file import decode_image
 from tokt.features.kernels.quantization import Quantization
 from tokt.models.distribution import Distribution
 from tokt.models.linear import LinearModel
+from tokt.models.nystroem import NystroemMap
 from tokt.models.operating_point import OBSTACLE, MofNState, OperatingPoint
 
 from .signature import MEMBER as SIGNATURE
 from .signature import Signature, signature_from_bytes
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 GOLDEN_TOLERANCE = 1e-9
 SUFFIX = ".tokt"
 _PNG_START = b"\x89PNG\r\n\x1a\n"
@@ -90,6 +92,8 @@ _MANIFEST_KEYS = {
     *("provenance", "metrics", "members", "manifest_sha256"),
 }
 _SINCE_2 = {"operating_point"}
+_FIRST_WITH_MAP = 4
+_MAP = tuple(each.name for each in fields(NystroemMap))
 _DISTRIBUTED = {
     **dict.fromkeys(("edges", "typical", "factor"), np.float64),
     **dict.fromkeys(("counts", "window_frames", "windows", "stretches"), np.int64),
@@ -218,6 +222,11 @@ class Bundle(BundleContent):
         """The pictures of a frame that the extractor looks at; None is the plain one."""
         return self.extractor.images
 
+    @property
+    def needs_colour(self) -> bool:
+        """Whether it cannot judge gray frames."""
+        return self.extractor.needs_colour
+
     def decision_values(self, frame: U8) -> F64:
         """Decision values of a frame's patches, shape (n_patches, n_outputs).
 
@@ -286,7 +295,9 @@ def frame_id(digest: str) -> np.uint64:
 
 def weights_bytes(model: LinearModel) -> bytes:
     """The ``weights.npz`` member."""
-    return _npz(weights=model.weights, bias=model.bias, thresholds=model.thresholds)
+    mapped = {} if model.map is None else vars(model.map)
+    arrays = {"weights": model.weights, "bias": model.bias, "thresholds": model.thresholds}
+    return _npz(**arrays, **{name: np.asarray(value) for name, value in mapped.items()})
 
 
 def lineage_bytes(trained_on: NDArray[np.uint64]) -> bytes:
@@ -466,10 +477,21 @@ def arrays_of(
     return arrays
 
 
-def weights_from_bytes(data: bytes, where: str) -> dict[str, F64]:
-    """Read a ``weights.npz`` member: the arrays of a `LinearModel`. Raises ToktError if none."""
-    wanted = dict.fromkeys(("weights", "bias", "thresholds"), np.float64)
-    return _arrays(data, wanted, where, "weights.npz")
+def weights_from_bytes(data: bytes, where: str) -> dict[str, Any]:
+    """Read a ``weights.npz`` member: arrays and map of a `LinearModel`. Raises ToktError if none."""
+    where = f"{where}: weights.npz"
+    members = unzip(data, where)
+    has_map = "landmarks.npy" in members
+    names = ("weights", "bias", "thresholds", *(_MAP if has_map else ()))
+    arrays = arrays_of(members, dict.fromkeys(names, np.float64), where)
+    if not has_map:
+        return arrays
+    mapped = {name: arrays.pop(name) for name in _MAP}
+    try:
+        numbers = {name: mapped[name].item() for name in ("limit", "gamma")}
+        return {**arrays, "map": NystroemMap(**{**mapped, **numbers})}
+    except (TypeError, ValueError) as error:
+        raise ToktError(f"{where} does not fit together ({_brief(error)})") from None
 
 
 def lineage_from_bytes(data: bytes, where: str) -> NDArray[np.uint64]:
@@ -567,6 +589,8 @@ def _check_content(
 ) -> BundleContent:
     """Act two, second half: every value has the shape and the bounds it must have."""
     arrays = weights_from_bytes(members["weights.npz"], where)
+    if "map" in arrays and manifest["format_version"] < _FIRST_WITH_MAP:
+        raise ToktError(f"{where}: its format knows no map before the weights")
     trained_on = lineage_from_bytes(members["lineage.npz"], where)
     golden = golden_from_bytes(members["golden.npz"], where)
     distribution = None

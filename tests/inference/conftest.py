@@ -88,6 +88,7 @@ class NoiseScorer:
     grid: Grid = Grid()  # noqa: RUF009 - frozen
     frame_sizes: tuple[tuple[int, int], ...] = ((271, 360),)
     images: tuple[Quantization | None, ...] = (None,)
+    needs_colour: bool = False
     operating_point: OperatingPoint = OperatingPoint()  # noqa: RUF009 - frozen
     distribution: Distribution | None = None
     golden: Golden | None = None

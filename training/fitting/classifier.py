@@ -1,11 +1,13 @@
-"""The classifier of a model: an optional scaler and a LinearSVC, as scikit-learn has them."""
+"""The classifier of a model: optional scaler and map, a LinearSVC, as scikit-learn has them."""
 
 import warnings
 
 import numpy as np
+from sklearn.base import TransformerMixin
 from sklearn.exceptions import ConvergenceWarning
+from sklearn.kernel_approximation import Nystroem
 from sklearn.pipeline import Pipeline
-from sklearn.preprocessing import StandardScaler
+from sklearn.preprocessing import MinMaxScaler, StandardScaler
 from sklearn.svm import LinearSVC
 
 from tokt.features.common.arrays import F64, I64
@@ -22,7 +24,7 @@ def fit_classifier(
     weights: F64 | None = None,
     scaled_by: F64 | None = None,
 ) -> Pipeline:
-    """Fit scaler and LinearSVC; deterministic for the same input.
+    """Fit scaler, map if there is one, and LinearSVC; deterministic for the same input.
 
     Scaled features are solved in the primal, which converges to the same weights whatever the
     seed. The thesis's unscaled ones are solved in the dual with its seed, as scikit-learn did in
@@ -36,9 +38,9 @@ def fit_classifier(
         LinearSVC's C and the weights of the classes.
     settings : TrainingSettings
     weights : array of float64, shape (n,), optional
-        How much each patch's error counts.
+        How much each patch's error counts, and the patch itself before a map.
     scaled_by : array of float64, shape (n,), optional
-        How much each patch counts in the scaler's mean and variance; by default all alike.
+        How much each patch counts in a scaler without a map; by default all alike.
     """
     svc = LinearSVC(
         C=choice.penalty,
@@ -47,15 +49,46 @@ def fit_classifier(
         dual=not settings.scale,
         max_iter=5000,
     )
-    steps = [("scaler", StandardScaler())] if settings.scale else []
-    pipeline = Pipeline([*steps, ("svc", svc)])
+    features = np.asarray(features)
+    steps = _fitted_map(features, weights, settings) if settings.landmarks else []
+    if settings.scale and not steps:
+        steps = [("scaler", StandardScaler().fit(features, sample_weight=scaled_by))]
+    mapped = Pipeline(steps).transform(features) if steps else features
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        of_scaler = (
-            {} if scaled_by is None or not settings.scale else {"scaler__sample_weight": scaled_by}
-        )
-        pipeline.fit(np.asarray(features), targets, svc__sample_weight=weights, **of_scaler)
-    return pipeline
+        svc.fit(mapped, targets, sample_weight=weights)
+    return Pipeline([*steps, ("svc", svc)])
+
+
+_MOST_DRAWN = 20_000
+"""Patches that landmarks are drawn from: their kernel with each landmark is held in memory."""
+
+
+def _fitted_map(
+    features: F64, weights: F64 | None, settings: TrainingSettings
+) -> list[tuple[str, TransformerMixin]]:
+    """A scaler that limits what lies far out, and Nystroem's map; both take weights into account.
+
+    Landmarks are drawn from the patches by weight, so that a long dive does not have them all.
+    """
+    parts = np.ones(len(features)) if weights is None else weights
+    usual = StandardScaler().fit(features, sample_weight=parts)
+    far = settings.limit * usual.scale_
+    scaler = MinMaxScaler((-settings.limit, settings.limit), clip=True)
+    scaler.fit(np.stack([usual.mean_ - far, usual.mean_ + far]))
+    drawn = np.random.default_rng(settings.seed).choice(
+        len(features),
+        min(np.count_nonzero(parts), _MOST_DRAWN),
+        replace=False,
+        p=parts / parts.sum(),
+    )
+    nystroem = Nystroem(
+        gamma=settings.gamma / features.shape[1],
+        n_components=min(settings.landmarks, len(drawn)),
+        random_state=settings.seed,
+    )
+    nystroem.fit(scaler.transform(features[drawn]))
+    return [("scaler", scaler), ("map", nystroem)]
 
 
 def converged(pipeline: Pipeline) -> bool:
@@ -73,6 +106,6 @@ def decision_values(pipeline: Pipeline, features: F64) -> F64:
 def linear_model(
     pipeline: Pipeline, classes: tuple[str, ...], obstacle: tuple[bool, ...]
 ) -> LinearModel:
-    """The same model with the scaler folded in and thresholds of 0."""
+    """The same model with scaler and map folded in and thresholds of 0."""
     outputs = len(pipeline.named_steps["svc"].coef_)
     return LinearModel.from_pipeline(pipeline, np.zeros(outputs), classes, obstacle)

@@ -243,7 +243,7 @@ def _metrics(
 
 
 def _split_in_words(request: TrainRequest) -> str:
-    preset = CHOSEN_ON if request.settings.preset == "best" else ""
+    preset = CHOSEN_ON.get(request.settings.preset, "")
     return " ".join(filter(None, (_folds_in_words(request), preset, request.selection)))
 
 

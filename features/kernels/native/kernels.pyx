@@ -147,6 +147,25 @@ cdef extern from "structure.h" nogil:
                         int64_t *sums)
 
 
+cdef extern from "gradient.h" nogil:
+    ctypedef struct GradientPatches:
+        Gray16Picture picture
+        int cols
+        int patch_height
+        int patch_width
+        int box
+
+    size_t gradient_scratch(const GradientPatches *patches)
+    void gradient_rows(const GradientPatches *patches, int first, int last, double *scratch,
+                       int64_t *sums)
+
+
+cdef extern from "boxes.h" nogil:
+    size_t boxes_scratch(const AreaFrame *frame)
+    void boxes_rows(const AreaFrame *frame, const int64_t *rows, const int64_t *columns, int count,
+                    int first, int last, uint16_t *scratch, int64_t *sums)
+
+
 cdef extern from "lines.h" nogil:
     ctypedef struct LineKinds:
         int middle
@@ -194,7 +213,7 @@ cdef extern from "match.h" nogil:
                      int16_t *out)
 
 
-INTERFACE = 6
+INTERFACE = 7
 """To be raised here and in compiled_kernels.py with any change of what they call each other with:
 a checkout whose extension was built before must fall back, and say so."""
 
@@ -382,6 +401,13 @@ def resized_gray16(const uint8_t[:, :, ::1] frame, Gray16Tables rows, Gray16Tabl
                     &out[0, 0])
 
 
+cdef Gray16Picture gray16_picture(const uint16_t[:, ::1] gray16) noexcept nogil:
+    cdef Gray16Picture picture
+    picture.pixels = &gray16[0, 0]
+    picture.height, picture.width = gray16.shape[0], gray16.shape[1]
+    return picture
+
+
 cdef class Quantizer:
     """Quantization of a 16-bit gray picture; see ``quantization.h``."""
 
@@ -396,9 +422,7 @@ cdef class Quantizer:
     def rows(self, const uint16_t[:, ::1] gray16, double scale, uint8_t[:, ::1] out, int first,
              int last, Scratch scratch):
         """Write rows first..last of the picture in levels."""
-        cdef Gray16Picture picture
-        picture.pixels = &gray16[0, 0]
-        picture.height, picture.width = gray16.shape[0], gray16.shape[1]
+        cdef Gray16Picture picture = gray16_picture(gray16)
         cdef size_t needed = quantize_scratch(&self.settings, picture.width)
         cdef double *memory = <double *>scratch.of(needed * sizeof(double))
         with nogil:
@@ -433,6 +457,30 @@ def structure_sums(const uint8_t[:, ::1] gray, int cols, int patch_height, int p
     cdef int32_t *memory = <int32_t *>scratch.of(needed * sizeof(int32_t))
     with nogil:
         structure_rows(&picture, first, last, memory, &sums[0, 0])
+
+
+def gradient_sums(const uint16_t[:, ::1] gray16, int cols, int patch_height, int patch_width,
+                  int box, int64_t[:, ::1] sums, int first, int last, Scratch scratch):
+    """Write the sums of patch rows first..last."""
+    cdef GradientPatches patches
+    patches.picture = gray16_picture(gray16)
+    patches.cols, patches.box = cols, box
+    patches.patch_height, patches.patch_width = patch_height, patch_width
+    cdef size_t needed = gradient_scratch(&patches)
+    cdef double *memory = <double *>scratch.of(needed * sizeof(double))
+    with nogil:
+        gradient_rows(&patches, first, last, memory, &sums[0, 0])
+
+
+def box_sums(const uint8_t[:, :, ::1] frame, const int64_t[:, ::1] rows,
+             const int64_t[:, ::1] columns, int64_t[:, :, ::1] sums, int first, int last,
+             Scratch scratch):
+    """Write the sums of ranges first..last of the rows, each with all ranges of the columns."""
+    cdef AreaFrame view = area_frame(frame)
+    cdef uint16_t *memory = <uint16_t *>scratch.of(boxes_scratch(&view) * sizeof(uint16_t))
+    with nogil:
+        boxes_rows(&view, &rows[0, 0], &columns[0, 0], columns.shape[0], first, last, memory,
+                   &sums[0, 0, 0])
 
 
 def line_sums(const uint8_t[:, ::1] gray, int cols, int patch_height, int patch_width, int middle,

@@ -232,6 +232,9 @@ def carry_out(config: RunConfig) -> None:
         anchor = None if size is None else Anchor(size)
         threads = config.model.threads
         assembly = assemble(config.policy.policy, model.loader, pairs, threads, anchor=anchor)
+        if config.source.pixel_format == "Mono8" and model.bundle and model.bundle.needs_colour:
+            label = model.bundle.label
+            raise ToktError(f"model {label} looks at colours: not with --pixel-format Mono8")
         if assembly.texture is not None:
             assembly.texture.note = "; ".join(model.notes)
         looking = _observers(config, pairs, senders, source, events, opened)

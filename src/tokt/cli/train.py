@@ -71,7 +71,7 @@ def train(
             show_default=False,
         ),
     ] = None,
-    preset: Annotated[str, Option(help="Preset: thesis, plain or best.")] = "best",
+    preset: Annotated[str, Option(help="Preset: thesis, plain, best or water.")] = "best",
     name: Annotated[
         str | None, Option(help="Name of the model. Default: DATASET-EXTRACTOR.")
     ] = None,

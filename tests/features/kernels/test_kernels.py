@@ -41,6 +41,7 @@ def described(kernels: Kernels, gray: Image, grid: Grid, threads: int = 1) -> li
     height, width = gray.shape
     plain = np.asarray(gray)
     bgr = np.stack([plain, plain[::-1], plain[:, ::-1]], axis=2)
+    ranges = [np.array([[0, 1], [side // 3, side], [0, side // 2]]) for side in gray.shape]
     gray16 = kernels.resized_gray16(bgr, height * 5 // 7, width * 2 // 3, threads)
     return [
         kernels.lbp_counts(gray, grid, 10, 5, "patch", threads),
@@ -57,6 +58,8 @@ def described(kernels: Kernels, gray: Image, grid: Grid, threads: int = 1) -> li
         kernels.lbp_nearest_counts(gray, grid, 8, 5, "patch", threads),
         kernels.lbp_nearest_counts(gray, grid, 8, 13, "frame", threads),
         kernels.structure_sums(gray, grid, threads),
+        kernels.gradient_sums(257 * plain.astype(np.uint16), grid, 5, threads),
+        kernels.box_sums(bgr, *ranges, threads),
         kernels.line_sums(gray, grid, 128, (2, 16), threads),
         *kernels.row_marks(plain.repeat(8, axis=1), np.arange(width, dtype=np.uint64)[None], 2, 8),
     ]
@@ -375,6 +378,7 @@ NOT_GRAY: dict[str, Any] = {
     "two channels": np.zeros((30, 40, 2), np.uint8),
     "four channels": np.zeros((30, 40, 4), np.uint8),
 }
+FIRST = np.array([[0, 1]])
 EMPTY = [(0, 0), (0, 40), (30, 0)]
 Calls = list[tuple[str, Any]]
 
@@ -389,6 +393,7 @@ def calls(kernels: Kernels, *more: Any) -> Calls:
         ("nearest", lambda picture: kernels.lbp_nearest_counts(picture, ONE, 8, 1, "patch", *more)),
         ("structure", lambda picture: kernels.structure_sums(picture, ONE, *more)),
         ("lines", lambda picture: kernels.line_sums(picture, ONE, 128, (2, 4), *more)),
+        ("area_boxes", lambda picture: kernels.box_sums(picture, FIRST, FIRST, *more)),
         ("area", lambda picture: kernels.resized_gray(picture, 7, 9, *more)),
         ("area_deep", lambda picture: kernels.resized_gray16(picture, 7, 9, *more)),
     ]
@@ -448,6 +453,7 @@ def test_threads_out_of_range(kernels, threads):
     for _, call in [
         *calls(kernels, threads),
         ("levels", lambda _: kernels.quantize(deep, Quantization(1), threads)),
+        ("gradients", lambda _: kernels.gradient_sums(deep, ONE, 3, threads)),
     ]:
         with pytest.raises((TypeError, ValueError)):
             call(PIXELS)

@@ -1,16 +1,18 @@
-"""Edges, lines and patterns at whole pixels: all kernels give the same whole numbers."""
+"""Edges, gradients, boxes, lines, patterns at whole pixels: all kernels give the same numbers."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 
-from .drawn import examples, pictures
+from .drawn import examples, painted, pictures
 from .each_kernel import REFERENCE, THREADS, fast
 
 ONE = Grid(1, 1, None)
+DEEPEST = 255 * 256  # steps of a 16-bit gray picture
 POWERS = (2, 4, 8, 16, 32, 64)
 
 
@@ -21,6 +23,175 @@ def test_structure(kernels, drawn, threads):
     found = kernels.structure_sums(*drawn, threads)
     assert found.dtype == np.int64 and found.shape == (drawn[1].n_patches, 3)
     assert np.array_equal(found, REFERENCE.structure_sums(*drawn))
+
+
+@fast
+@examples(80)
+@given(
+    drawn=pictures(8_000),
+    box=st.integers(0, 7).map(lambda half: 2 * half + 1),
+    below=st.sampled_from((0, 3, 255)),
+    seed=st.integers(0, 99),
+    threads=THREADS,
+)
+def test_gradients(kernels, drawn, box, below, seed, threads):
+    """Whole levels, with noise of some of the 256 steps between them or with none."""
+    noise = np.random.default_rng(seed).integers(0, below, drawn[0].shape, endpoint=True)
+    gray16 = np.minimum(256 * drawn[0].astype(np.int64) + noise, DEEPEST).astype(np.uint16)
+    found = kernels.gradient_sums(gray16, drawn[1], box, threads)
+    assert found.dtype == np.int64 and found.shape == (drawn[1].n_patches, 3)
+    assert np.array_equal(found, REFERENCE.gradient_sums(gray16, drawn[1], box))
+
+
+def gradients_by_definition(gray16, grid, box):
+    """Pixel by pixel: each mean from a list, each bucket from its octave and eighth."""
+    height, width = gray16.shape
+    reach, area = box // 2, box * box
+
+    def mean(y, x):
+        rows = [min(max(y + move, 0), height - 1) for move in range(-reach, reach + 1)]
+        columns = [min(max(x + move, 0), width - 1) for move in range(-reach, reach + 1)]
+        return (int(gray16[np.ix_(rows, columns)].astype(int).sum()) + area // 2) // area
+
+    for top, bottom, left, right in grid.boxes(height, width).tolist():
+        across, down, buckets = 0, 0, []
+        for y in range(top, bottom):
+            for x in range(left, right):
+                gx = mean(y, x + 1) - mean(y, x - 1) if 0 < x < width - 1 else 0
+                gy = mean(y + 1, x) - mean(y - 1, x) if 0 < y < height - 1 else 0
+                across, down = across + gx * gx, down + gy * gy
+                octave = 1
+                while 2 * octave <= gx * gx + gy * gy:
+                    octave *= 2
+                eighths = 8 * (gx * gx + gy * gy) // octave
+                buckets.append(eighths * octave // 8)
+        enough = (
+            edge
+            for edge in sorted(set(buckets))
+            if 20 * sum(other <= edge for other in buckets) >= 19 * len(buckets)
+        )
+        yield [across, down, next(enough)]
+
+
+@fast
+@pytest.mark.parametrize("box", [1, 3, 7, 15])
+@pytest.mark.parametrize("steps", [1, 2, 6, 300, DEEPEST])
+def test_gradients_by_their_definition(kernels, box, steps):
+    """From pictures of steps 0 and 1 to those of all levels; two rows and a column are left."""
+    gray16 = np.random.default_rng(box).integers(0, steps, (14, 19), np.uint16, endpoint=True)
+    grid = Grid(3, 2, None)
+    expected = list(gradients_by_definition(gray16, grid, box))
+    assert kernels.gradient_sums(gray16, grid, box).tolist() == expected
+
+
+@fast
+@pytest.mark.parametrize(("width", "strong"), [(19, 9 * 1024), (20, 0), (21, 0)])
+def test_one_pixel_in_twenty_may_be_stronger(kernels, width, strong):
+    """The last column but one alone has a gradient, 100 steps: 10,000 lies above 9 x 1024."""
+    gray16 = np.zeros((3, width), np.uint16)
+    gray16[:, -1] = 100
+    assert kernels.gradient_sums(gray16, ONE, 1).tolist() == [[3 * 100**2, 0, strong]]
+
+
+@fast
+def test_the_largest_gradients_fit(kernels):
+    """Both ways at each pixel but the outermost, also beyond what `resized_gray16` gives."""
+    bright = np.array([0, 0, 1, 1] * 10) == 1
+    for level in (DEEPEST, 65_535):
+        gray16 = np.where(bright[:, None] ^ bright, level, 0).astype(np.uint16)
+        found = kernels.gradient_sums(gray16, ONE, 1)
+        assert found.tolist() == [[38 * 40 * level**2] * 2 + [(1 << 32) * 15 // 8]]
+        assert not kernels.gradient_sums(np.full_like(gray16, level), ONE, 15).any()
+
+
+@fast
+def test_more_rows_of_gradients_than_fit_53_bits(kernels):
+    gray16 = np.zeros((2_200_001, 3), np.uint16)
+    gray16[:, 2] = 65_535
+    found = kernels.gradient_sums(gray16, ONE, 1)
+    assert found.tolist() == [[2_200_001 * 65_535**2, 0, (1 << 31) * 15 // 8]]
+
+
+@fast
+@pytest.mark.parametrize("box", [0, 2, -1, 17, 3.0, True, None, "3"])
+def test_a_box_that_is_not_possible(kernels, box):
+    with pytest.raises(ValueError, match="a box is an odd number"):
+        kernels.gradient_sums(np.zeros((9, 9), np.uint16), ONE, box)
+
+
+@fast
+@pytest.mark.parametrize(
+    "gray16",
+    [
+        *(np.zeros((9, 9), np.uint8), np.zeros((9, 9)), None, np.zeros((9, 9, 3), np.uint16)),
+        *(np.zeros((0, 9), np.uint16), np.zeros((9, 0), np.uint16), np.zeros((2, 9), np.uint16)),
+    ],
+)
+def test_gradients_of_no_picture(kernels, gray16):
+    with pytest.raises((TypeError, ValueError, ToktError)):
+        kernels.gradient_sums(gray16, ONE, 3)
+
+
+@st.composite
+def ranges(draw, length):
+    """Ranges that may overlap and stand in any order, or equal parts, as callers have them."""
+    if draw(st.booleans()):
+        ends = np.linspace(0, length, min(draw(st.integers(1, 9)), length) + 1).astype(np.int64)
+        return np.stack([ends[:-1], ends[1:]], axis=1)
+    pairs = st.tuples(st.integers(0, length - 1), st.integers(1, length))
+    drawn = draw(st.lists(pairs, min_size=1, max_size=9))
+    return np.array([(min(pair), max(pair[1], pair[0] + 1)) for pair in drawn], np.int64)
+
+
+@fast
+@examples(80)
+@given(data=st.data(), threads=THREADS)
+def test_boxes(kernels, data, threads):
+    height, width = (data.draw(st.integers(1, 40) | st.integers(1, 300)) for _ in range(2))
+    frame = data.draw(painted((height, width, *data.draw(st.sampled_from(((), (3,)))))))
+    rows, columns = data.draw(ranges(height)), data.draw(ranges(width))
+    found = kernels.box_sums(frame, rows, columns, threads)
+    assert found.dtype == np.int64
+    assert found.shape == (len(rows), len(columns), 3 if frame.ndim == 3 else 1)
+    assert np.array_equal(found, REFERENCE.box_sums(frame, rows, columns))
+
+
+@fast
+@pytest.mark.parametrize("shape", [(4_000, 3_000, 3), (100_000, 2), (2, 100_000)])
+def test_one_box_over_a_large_white_frame(kernels, shape):
+    """Its sums need more than 31 bits, or more rows than sums fit 16 bits."""
+    whole = [np.array([[0, side]]) for side in shape[:2]]
+    found = kernels.box_sums(np.full(shape, 255, np.uint8), *whole)
+    assert found.tolist() == [[[255 * shape[0] * shape[1]] * (3 if len(shape) == 3 else 1)]]
+
+
+@fast
+def test_boxes_in_any_layout(kernels):
+    """Rows and columns cut out of another array, and a frame of colours in another order."""
+    frame = random(3, (20, 30, 3), np.uint8)[:, :, ::-1]
+    both = np.array([[0, 4, 5, 20], [3, 17, 0, 30]])
+    found = kernels.box_sums(frame, both[:, :2], both[:, 2:])
+    assert np.array_equal(found, REFERENCE.box_sums(frame, both[:, :2], both[:, 2:]))
+
+
+@fast
+@pytest.mark.parametrize(
+    "odd",
+    [
+        *(None, [[0, 1]], np.zeros((0, 2), np.int64), np.array([0, 1]), np.array([[0, 1, 2]])),
+        *(np.array([[0, 1]], dtype) for dtype in (np.int32, np.uint64, np.float64)),
+        *(
+            np.array([[0, 5], pair])
+            for pair in ((-1, 3), (3, 3), (4, 3), (0, 10), (2**62, 2**63 - 1))
+        ),
+    ],
+)
+def test_ranges_that_are_not_possible(kernels, odd):
+    frame, right = np.zeros((9, 9), np.uint8), np.array([[0, 9]])
+    kernels.box_sums(frame, right, right)
+    for rows, columns in ((odd, right), (right, odd)):
+        with pytest.raises((TypeError, ValueError), match="range"):
+            kernels.box_sums(frame, rows, columns)
 
 
 @fast

@@ -22,7 +22,14 @@ from tokt.features.common.canonical import canonical_json
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import PLAIN_IMAGE
 from tokt.features.frames.grid import Grid
-from tokt.models.bundle.bundle import Bundle, Golden, bundle_bytes, bundle_from_bytes, read_bundle
+from tokt.models.bundle.bundle import (
+    FORMAT_VERSION,
+    Bundle,
+    Golden,
+    bundle_bytes,
+    bundle_from_bytes,
+    read_bundle,
+)
 from tokt.models.operating_point import MofNRule, OperatingPoint
 
 BYTES = st.integers(0, 255)
@@ -304,9 +311,9 @@ def test_manifest_entries_added_or_missing(members):
 
 
 def test_format_versions(members):
-    assert "newer than this tokt" in refuse(rehash(members, {"format_version": 4}))
+    assert "newer than this tokt" in refuse(rehash(members, {"format_version": FORMAT_VERSION + 1}))
     # Whatever else a newer format changes, that is what is said.
-    assert "newer" in refuse(pack({"manifest.json": b'{"format_version": 4}', "x": b""}))
+    assert "newer" in refuse(pack({"manifest.json": b'{"format_version": 99}', "x": b""}))
     for wrong in (0, -1, None, "1", 1.0, True, [1]):
         refuse(rehash(members, {"format_version": wrong}), "no format version")
 

@@ -670,4 +670,4 @@ def test_what_cannot_be_asked_for_is_said_before_the_work(trained, tmp_path, ref
 def test_what_is_known_of_the_extractors_choice_stands_with_the_figures(request_for):
     """Beside what a preset says of itself, too."""
     words = _split_in_words(request_for("best", selection="CHOSEN ON THESE FOLDS."))
-    assert CHOSEN_ON in words and words.endswith("CHOSEN ON THESE FOLDS.")
+    assert CHOSEN_ON["best"] in words and words.endswith("CHOSEN ON THESE FOLDS.")

@@ -242,7 +242,7 @@ def _words(dataset: DatasetVersion, split: Split, settings: TrainingSettings) ->
         if (dataset.block_frames or 0) < _WEAK_BLOCK_FRAMES
         else ""
     )
-    own_choice = f" {CHOSEN_ON}" if settings.preset == "best" else ""
+    own_choice = f" {CHOSEN_ON['best']}" if settings.preset == "best" else ""
     return (
         f"tokt's texture model (preset {settings.preset}), held out: {weak}{split.folds}-fold "
         f"cross-validation over blocks of {dataset.block_frames} frames, training frames within "

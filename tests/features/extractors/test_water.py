@@ -1,0 +1,195 @@
+"""Features that know the water: gradients, colour, place, and what is taken away from them."""
+
+from itertools import product
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from skimage.color import rgb2lab
+
+from tests.calls import refuses
+from tests.tiers import scaled
+from tokt.features.extractors.extractor import (
+    Colour,
+    Context,
+    Gradients,
+    Place,
+    Relative,
+    build_extractor,
+    extractor_named,
+)
+from tokt.features.extractors.frame_pictures import gray16_picture
+from tokt.features.extractors.water import lab_of
+from tokt.features.frames.grid import DEFAULT_GRID, Grid
+
+GRID = Grid(4, 5, 180)
+
+
+def sea(seed=0, cast=(200, 150, 60), height=300, width=400):
+    """Water of one cast that darkens downwards, with a sensor's noise, in BGR."""
+    light = np.linspace(1, 0.6, height)[:, None, None] * np.array(cast)
+    noise = np.random.default_rng(seed).normal(0, 1.5, (height, width, 3))
+    return np.clip(np.rint(light + noise), 0, 255).astype(np.uint8)
+
+
+def with_post(frame):
+    """The same with something rust-red and grainy in the patches of row 1, columns 2 and 3."""
+    frame = frame.copy()
+    grain = np.random.default_rng(9).normal(0, 25, (75, 160, 3))
+    frame[75:150, 160:320] = np.clip(grain + (50, 60, 140), 0, 255)
+    return frame
+
+
+POST = [7, 8]
+
+
+def test_gradients_are_those_of_the_smoothed_picture():
+    frame = with_post(sea())
+    found = Gradients((1, 5)).describe(frame, GRID)
+    gray = gray16_picture(frame, GRID).astype(np.float64) / 256
+    for place, n in ((0, 1), (3, 5)):
+        smooth = cv2.blur(gray, (n, n), borderType=cv2.BORDER_REPLICATE)
+        down, across = (np.gradient(smooth, axis=axis) for axis in (0, 1))
+        across[:, [0, -1]] = down[[0, -1]] = 0
+        cells = [GRID.cells(part).reshape(20, -1) for part in (across, down)]
+        for kind, part in enumerate(cells):
+            expected = np.log((part**2).mean(axis=1) + 1e-3)
+            np.testing.assert_allclose(found[:, place + kind], expected, atol=0.01)
+        strong = np.quantile(np.hypot(*cells), 0.95, axis=1, method="inverted_cdf")
+        # Strong gradients are told to an eighth of an octave of their square.
+        np.testing.assert_allclose(found[:, place + 2], np.log(strong + 0.03), atol=0.07)
+
+
+@settings(max_examples=scaled(60))
+@given(arrays(np.int64, (3, 5, 3), elements=st.integers(0, 255 * 256)))
+def test_lab_is_that_of_scikit_image(bgr16):
+    expected = rgb2lab(bgr16[..., ::-1] / (255 * 256))
+    np.testing.assert_allclose(lab_of(bgr16), expected, atol=0.02)
+
+
+def test_colour_is_the_mean_of_the_patch_and_its_changes():
+    frame = sea(cast=(180, 150, 60))
+    frame[:, 200:] = (60, 60, 180)
+    found = Colour(9).describe(frame, GRID)
+    left, right = found[GRID.cols : GRID.cols + 2], found[2 * GRID.cols - 1]
+    assert right[1] > 30 and (left[:, 1] < 0).all()  # red, and blue green
+    edge = found.reshape(4, 5, -1)[:, 2]  # the border goes through its middle
+    assert (edge[:, 3] > found.reshape(4, 5, -1)[:, 0, 3] + 3).all()
+    assert (edge[:, 3] > edge[:, 4] + 3).all()  # across, and not down
+
+
+def test_place():
+    found = Place().describe(sea(), GRID).reshape(4, 5, 2)
+    np.testing.assert_allclose(found[:, 0, 0], [-1 / 2, -1 / 6, 1 / 6, 1 / 2])
+    np.testing.assert_allclose(found[0, :, 1], [1 / 2, 1 / 4, 0, 1 / 4, 1 / 2])
+    assert Place().describe(sea(), Grid(1, 1, 180)).tolist() == [[-0.5, 0.5]]
+
+
+WATER = Relative([Gradients((1, 5)), Colour(9)], 0.3)
+
+
+@pytest.mark.parametrize(
+    "cast", [(200, 150, 60), (120, 170, 90), (230, 190, 150), (60, 50, 40)], ids=str
+)
+def test_water_of_any_cast_is_near_nothing_and_an_obstacle_is_not(cast):
+    features = WATER.describe(with_post(sea(cast=cast)), GRID)
+    strength = np.abs(features[:, [0, 1, 3, 4, 9, 10]]).mean(axis=1)
+    assert strength[POST].min() > 2 * np.delete(strength, [*POST, 1, 2, 3, 6, 9, 12, 13]).max()
+
+
+def test_relative_is_less_the_median_of_the_quietest():
+    frame = with_post(sea())
+    plain = np.hstack([part.describe(frame, GRID) for part in WATER.parts])
+    energies = plain[:, [0, 1, 3, 4, 9, 10, 11, 12]].mean(axis=1)
+    quietest = np.argsort(energies, kind="stable")[:6]
+    expected = plain - np.median(plain[quietest], axis=0)
+    assert np.array_equal(WATER.describe(frame, GRID), expected)
+    assert not set(POST) & set(quietest.tolist())
+
+
+GRAY = sea()[:, :, 0]
+
+
+@pytest.mark.parametrize(
+    "extractor", [Colour(9), WATER, Context(WATER, "mean"), extractor_named("water")]
+)
+def test_a_gray_frame_has_no_colour(extractor):
+    assert extractor.needs_colour
+    for frame in (GRAY, cv2.merge([GRAY] * 3)):
+        refuses("looks at colours", extractor.describe, frame, GRID)
+    almost = cv2.merge([GRAY] * 3)
+    almost[1, 1, 0] ^= 1
+    assert np.isfinite(extractor.describe(almost, GRID)).all()
+
+
+def test_the_gray_one_takes_both():
+    extractor = extractor_named("water_gray")
+    assert not extractor.needs_colour
+    same = extractor.describe(GRAY, GRID), extractor.describe(cv2.merge([GRAY] * 3), GRID)
+    assert np.array_equal(*same)
+
+
+@pytest.mark.parametrize(
+    ("grid", "size"),
+    [*product([Grid(1, 1, None), Grid(2, 2, 8)], [(7, 9), (8, 8)]), (DEFAULT_GRID, (31, 40))],
+)
+def test_frames_of_fewer_pixels_than_cells(grid, size):
+    frame = np.random.default_rng(2).integers(0, 255, (*size, 3), np.uint8)
+    found = Context(WATER, "mean").describe(frame, grid)
+    assert found.shape == (grid.n_patches, 26) and np.isfinite(found).all()
+
+
+def test_threads_change_nothing():
+    from tokt.features.extractors.frame_pictures import FramePictures
+
+    frame, extractor = with_post(sea()), extractor_named("water")
+    one, three = (
+        extractor.describe_pictures(FramePictures(frame, DEFAULT_GRID, threads=n)) for n in (1, 3)
+    )
+    assert np.array_equal(one, three)
+
+
+def spec(name, **options):
+    return {"name": name, "version": 1, **options}
+
+
+GRADIENTS = spec("gradients", smooth=[1])
+PLACE = spec("place")
+
+
+@pytest.mark.parametrize(
+    ("words", "wrong"),
+    [
+        *[
+            ("rising odd numbers", spec("gradients", smooth=wrong))
+            for wrong in ([], [2], [3, 1], [1, 1], [17], 3, "1", [1.0], [True], [0], None)
+        ],
+        *[("cells is", spec("colour", cells=wrong)) for wrong in (2, 33, 9.0, True, None, "9")],
+        ("place: unknown", spec("place", cells=3)),
+        *[
+            ("quietest", spec("relative", parts=[GRADIENTS], quietest=wrong))
+            for wrong in (0.0, 1, 1.01, -0.1, None, float("nan"), True)
+        ],
+        ("one other extractor", spec("relative", parts=[], quietest=0.3)),
+        ("one other extractor", spec("relative", parts=GRADIENTS, quietest=0.3)),
+        ("gradients or colour", spec("relative", parts=[PLACE], quietest=0.3)),
+        (
+            "cannot stand inside another relative",
+            spec("relative", parts=[spec("relative", parts=[GRADIENTS], quietest=0.3)], quietest=1),
+        ),
+    ],
+)
+def test_refused_specs(words, wrong):
+    if "inside" in words:
+        wrong["quietest"] = 1.0
+    refuses(words, build_extractor, wrong)
+
+
+@pytest.mark.parametrize("name", ["water", "water_gray", "water+haralick", "lines+water"])
+def test_names(name):
+    extractor = extractor_named(name)
+    assert build_extractor(extractor.spec).spec == extractor.spec
+    assert len(set(extractor.names)) == extractor.dim
