@@ -118,6 +118,11 @@ class LinearModel:
         """Number of features a patch must have."""
         return int(self.weights.shape[1]) if self.map is None else self.map.dim
 
+    @property
+    def landmarks(self) -> int:
+        """How many landmarks the map has; 0 without one."""
+        return 0 if self.map is None else len(self.map.landmarks)
+
     def decision_values(self, features: F64) -> F64:
         """Signed distances, shape (n_patches, n_outputs), of features (n_patches, dim).
 

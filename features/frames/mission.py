@@ -18,6 +18,7 @@ VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".mpg", ".mpeg", ".m
 _MAX_RANGE = 10_000_000  # frames; four days at 30 a second
 _BITS_16 = 16  # the last letter of FFmpeg's four for a pixel format of that many bits
 _NUMBER = re.compile(r"(\d+)$")
+_NAMED = re.compile(r"(\w[\w.-]*)=(.+)", re.DOTALL)
 
 
 class Mission(Protocol):
@@ -45,22 +46,40 @@ class Mission(Protocol):
         """One frame as an image file that decodes to `read`'s pixels: (bytes, suffix)."""
 
 
-def open_mission(path: Path | str) -> Mission:
+def open_mission(path: Path | str, name: str | None = None) -> Mission:
     """Open a folder with ``Left/`` (and ``Right/``), a flat folder of images, or a video file.
+
+    Parameters
+    ----------
+    path : Path or str
+        As users give it, see `named_path`.
+    name : str, optional
+        The mission's name; by default the one given with the path, else the folder's or file's own.
 
     Raises
     ------
     ToktError
         If there is nothing there, no image in it, or a file name without a frame number.
     """
-    path = Path(path)
+    given, path = named_path(path)
+    mission: FolderMission | VideoMission
     if path.is_file():
         if path.suffix.lower() not in VIDEO_SUFFIXES:
             raise ToktError(f"{path} is neither a folder of frames nor a video file")
-        return VideoMission(path)
-    if not path.is_dir():
+        mission = VideoMission(path)
+    elif path.is_dir():
+        mission = FolderMission(path)
+    else:
         raise ToktError(f"mission {path} does not exist")
-    return FolderMission(path)
+    mission.name = name or given or mission.name
+    return mission
+
+
+def named_path(text: Path | str) -> tuple[str | None, Path]:
+    """Read ``[NAME=]DIR``: the name, or None, and the path; what is there as written is a path."""
+    path = Path(text)
+    match = None if path.exists() else _NAMED.fullmatch(str(text))
+    return (match[1], Path(match[2])) if match else (None, path)
 
 
 def _numbered(folder: Path) -> dict[int, Path]:

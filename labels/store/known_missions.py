@@ -80,7 +80,7 @@ def _check(workspace: Path, mission: Mission, entry: _Entry | None) -> None:
     if not both or any(noted != mark for noted, mark in both):
         raise ToktError(
             f"the labels of mission {mission.name!r} in {workspace} belong to the frames in"
-            f" {entry.path}; for another dive rename its folder or take another --workspace"
+            f" {entry.path}; give another dive its own name (NAME=DIR) or another --workspace"
         )
 
 

@@ -478,7 +478,7 @@ def arrays_of(
 
 
 def weights_from_bytes(data: bytes, where: str) -> dict[str, Any]:
-    """Read a ``weights.npz`` member: arrays and map of a `LinearModel`. Raises ToktError if none."""
+    """Read a ``weights.npz`` member: arrays and map of a `LinearModel`, or raise ToktError."""
     where = f"{where}: weights.npz"
     members = unzip(data, where)
     has_map = "landmarks.npy" in members

@@ -75,8 +75,14 @@ def _sight(recipe: Mapping[str, Any]) -> str:
 - grid: {grid["rows"]}x{grid["cols"]} patches, {resized}
 - extractor: {f"`{name}`, " if name else ""}{recipe["dim"]} features a patch: \
 {extractor_summary(recipe["extractor"])}
-- classifier: linear (LinearSVC, scaler folded in), one matrix product
+- classifier: {_classifier(recipe.get("landmarks", 0))}
 - patch thresholds: {", ".join(f"{value:g}" for value in recipe["thresholds"])}"""
+
+
+def _classifier(landmarks: int) -> str:
+    if not landmarks:
+        return "linear (LinearSVC, scaler folded in), one matrix product"
+    return f"linear (LinearSVC) in the likeness to {landmarks} landmarks (Nystroem, radial basis)"
 
 
 def _operating_point(point: OperatingPoint) -> str:

@@ -92,6 +92,7 @@ def _with_card(content: BundleContent) -> BundleContent:
         "grid": content.grid.to_json(),
         "classes": classes_json(content.model),
         "thresholds": content.model.thresholds.tolist(),
+        "landmarks": content.model.landmarks,
         "metrics": content.metrics,
         "operating_point": content.operating_point.to_json(),
         "distribution": content.distribution.summary() if content.distribution else None,

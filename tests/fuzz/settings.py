@@ -15,6 +15,7 @@ from tokt.features.extractors.extractor import extractor_named
 from tokt.inference.stereo.calibration import check_calibration, read_calibration
 from tokt.inference.stereo.odometry import load_odometry
 from tokt.inference.stereo.rectify import Rectifier
+from tokt.training.datasets.mission_list import named_missions
 from tokt.training.search.space import BUILT_IN, read_space
 
 from .bundles import specs
@@ -124,6 +125,22 @@ def _read_spec(folder: Path) -> object:
     return found.spec
 
 
+# --- a list of missions ---
+
+
+def _mission_lists() -> list[Files]:
+    text = (
+        '# dives\n[[mission]]\nname = "a"\ndir = "a"\nlabels = ["l.csv", "m.csv"]\nsite = "fjord"\n'
+    )
+    text += '[[mission]]\nname = "b"\ndir = "b"\nlabels = "n.csv"\ncameras = ["left", "right"]\n'
+    return [{"missions.toml": f"{text}date = 2016-04-20\n".encode()}]
+
+
+def _read_missions(folder: Path) -> object:
+    """Read the list, and look for what it names."""
+    return [path.is_dir() for one in named_missions(folder) for path in (one.path, *one.labels)]
+
+
 KINDS = [
     Kind("calibration.opencv", _opencv_forms, _read_rig, 18),
     Kind("calibration.bouguet", _bouguet_texts, _read_rig, 7, splices=_opencv_texts),
@@ -132,4 +149,5 @@ KINDS = [
     Kind("odometry", lambda: [{"o.csv": _POSES}], _read_odometry, 7, splices=_opencv_texts),
     Kind("search space", _spaces, _read_search_space, 8),
     Kind("extractor spec", _spec_files, _read_spec, 8),
+    Kind("missions.toml", _mission_lists, _read_missions, 8),
 ]

@@ -125,6 +125,26 @@ def test_a_frame_that_cannot_be_judged(fault):
     row(fault, outcome, f"frames by reason: {reason.value} +{outcome.summary.reasons[reason]}")
 
 
+class ColourDive(Dive):
+    """The same in yellow."""
+
+    def picture(self, what):
+        """Less blue than green and red."""
+        gray = super().picture(what)
+        return cv2.merge([gray // 2, gray, gray])
+
+
+def test_a_gray_frame_for_a_model_that_looks_at_colours():
+    dive = ColourDive(scorer=NoiseScorer(needs_colour=True))
+    with dive.fault_between():
+        dive.give("fault", cv2.merge([draw([], 300)] * 3))
+    row(
+        "a gray frame, or a colour one without colour, for a model that looks at colours",
+        finish(dive),
+        "frames by reason: no_colour +1",
+    )
+
+
 def unlike_training() -> dict[str, np.ndarray]:
     """Clear water as a model did not learn it, by the fault's name."""
     plain = draw([], 300)

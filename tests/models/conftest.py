@@ -15,14 +15,14 @@ from tokt.models.store.store import Store
 TWO = (("ocean", False), ("other", True))
 
 
-def small_content(seed=0, extractor="lbp", classes=TWO, name="small") -> BundleContent:
+def small_content(seed=0, extractor="lbp", classes=TWO, name="small", channels=()) -> BundleContent:
     """What a bundle of a 2x3 grid on 48x32 frames holds.
 
     The golden values come from the scaler and the classifier apart, not from the folded model.
     """
     rng = np.random.default_rng(seed)
     grid, parts = Grid(2, 3, 36), extractor_named(extractor)
-    frames = [rng.integers(0, 24, (32, 48), np.uint8) for _ in range(2)]
+    frames = [rng.integers(0, 24, (32, 48, *channels), np.uint8) for _ in range(2)]
     frames[0][:, :16] //= 4
     outputs = 1 if len(classes) == 2 else len(classes)
     mean, scale = rng.normal(size=parts.dim), rng.uniform(0.2, 3, parts.dim)

@@ -21,11 +21,12 @@ from tests.waiting import MAX_S
 from tokt.cli.output import progress
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.features.frames.mission import open_mission
 from tokt.labels.taxonomy import Taxonomy
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import build_dataset, open_dataset
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.mission_source import plan_from_missions, read_labels
+from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions, read_labels
 from tokt.training.fitting.presets import settings_named
 from tokt.training.parallel import mapped
 
@@ -101,7 +102,8 @@ def fresh(workspace):
 def test_a_worker_builds_the_same_dataset(cluster, tiny, trained, tmp_path):
     taxonomy = Taxonomy.load()
     records = read_labels([tiny.labels], taxonomy, DEFAULT_GRID)
-    plan, _ = plan_from_missions("tiny", "binary", [tiny.path], records, taxonomy, block_frames=4)
+    mission = LabelledMission(open_mission(tiny.path), records)
+    plan, _ = plan_from_missions("tiny", "binary", [mission], taxonomy, block_frames=4)
     build = partial(build_dataset, root=tmp_path / "datasets", progress=progress)
     (there,) = mapped(build, [plan], dask=cluster.address)
     assert there.path.is_relative_to(tmp_path)

@@ -58,6 +58,8 @@ def test_an_earlier_demo_survives_a_wrong_command(own_tiny, tmp_path):
     labels = mission / "labels.csv"
     inside = ("--mission", mission, "--labels", labels, "--out", out)
     assert refused("lies in", "demo", *inside).count("\n") == 1
+    named = ("--mission", f"dive={mission}", *inside[2:])
+    assert refused("lies in", "demo", *named).count("\n") == 1
     elsewhere = tmp_path / "sea"
     mission.rename(elsewhere)
     given = ("--mission", elsewhere, "--out", out)

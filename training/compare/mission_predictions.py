@@ -1,4 +1,4 @@
-"""Predictions of models on a labelled mission that none of them learnt from."""
+"""Predictions of models on labelled missions that none of them learnt from."""
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -17,6 +17,7 @@ from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.bundle.bundle import Bundle, frame_id
 from tokt.models.operating_point import frame_step
+from tokt.training.datasets.mission_source import LabelledMission
 from tokt.training.datasets.splits import BLOCK_FRAMES, block_of
 from tokt.training.evaluation.evaluate import (
     classes_and_targets,
@@ -57,7 +58,8 @@ def check_unseen(
             if digest in learnt:
                 seen[label].append(number)
     faults = [
-        f"{label} learnt from {len(numbers)} of the {len(frames)} frames ({format_frames(numbers)})"
+        f"{label} learnt from {len(numbers)} of the {len(frames)} frames "
+        f"({format_frames(numbers)}) of {mission.name}"
         for label, numbers in seen.items()
         if numbers
     ]
@@ -136,22 +138,30 @@ def _predictions(
     )
 
 
-def predict_mission(
+def _joined(parts: Sequence[FrameSeries]) -> FrameSeries:
+    """The frames of several missions one after the other."""
+    before = np.cumsum([0, *(len(part.table) for part in parts)])
+    return FrameSeries(
+        pd.concat([part.table for part in parts], ignore_index=True),
+        np.concatenate([part.starts + at for part, at in zip(parts, before, strict=False)]),
+        np.concatenate([part.gaps for part in parts]),
+    )
+
+
+def predict_missions(
     bundles: Sequence[Bundle],
-    mission: Mission,
-    records: Sequence[LabelRecord],
+    missions: Sequence[LabelledMission],
     taxonomy: Taxonomy,
     progress: Callable[..., Any],
     frames: Sequence[int] | None = None,
 ) -> ComparedModels:
-    """Bring models together on a mission's left frames.
+    """Bring models together on the left frames of missions.
 
     Parameters
     ----------
     bundles : sequence of Bundle
-    mission : Mission
-    records : sequence of LabelRecord
-        Of this mission, in the models' grid; several annotators are merged.
+    missions : sequence of LabelledMission
+        With labels in the models' grid; several annotators are merged.
     taxonomy : Taxonomy
         Says which labels are obstacles.
     progress : callable
@@ -164,33 +174,45 @@ def predict_mission(
         If a model learnt from one of the frames, the grids differ, or nothing is labelled.
     """
     _check_grids(bundles)
-    numbers = sorted(set(frames)) if frames is not None else mission.frames(LEFT)
-    wanted = set(numbers)
-    merged = merge_annotators(r for r in records if r.camera == LEFT and r.frame in wanted).records
-    sure = [record for record in merged if record.label != UNSURE]
-    if not sure:
-        raise ToktError(f"no labelled patch of mission {mission.name!r} to compare on")
-    check_unseen(bundles, mission, numbers, progress)
+    sure: list[LabelRecord] = []
+    keys: list[tuple[str, int]] = []
+    series, what, unsure = [], [], 0
+    by_name = {one.name: one.mission for one in sorted(missions, key=lambda one: one.name)}
+    records = {one.name: one.records for one in missions}
+    for name, mission in by_name.items():
+        numbers = sorted(set(frames)) if frames is not None else mission.frames(LEFT)
+        wanted = set(numbers)
+        used = (r for r in records[name] if r.camera == LEFT and r.frame in wanted)
+        merged = merge_annotators(used).records
+        mine = [record for record in merged if record.label != UNSURE]
+        if not mine:
+            raise ToktError(f"no labelled patch of mission {mission.name!r} to compare on")
+        check_unseen(bundles, mission, numbers, progress)
+        table = _frames(name, numbers, merged, taxonomy, bundles[0].grid.n_patches)
+        series.append(FrameSeries.of(table, frame_step(mission.frames(LEFT))))
+        keys += [(name, number) for number in numbers]
+        what.append(f"mission {mission.name}, frames {format_frames(numbers)}")
+        sure, unsure = sure + mine, unsure + len(merged) - len(mine)
     patches = _patches(sure)
     truth = np.array([taxonomy.is_obstacle(label) for label in patches.label], bool)
-    name = sure[0].mission
-    table = _frames(name, numbers, merged, taxonomy, bundles[0].grid.n_patches)
-    images = ((n, mission.read(n, LEFT)) for n in progress(numbers, len(numbers), "scoring"))
+    scored = progress(keys, len(keys), "scoring")
+    images = ((number, by_name[name].read(number, LEFT)) for name, number in scored)
     values, judged, white = _score(bundles, images)
-    places = np.searchsorted(numbers, patches.frame.to_numpy())
+    place = {key: index for index, key in enumerate(keys)}
+    places = np.array([place[record.mission, record.frame] for record in sure])
     return ComparedModels(
         mode=MISSION,
-        what=f"mission {mission.name}, frames {format_frames(numbers)}",
+        what="; ".join(what),
         patches=patches,
         truth=truth,
         models=[
             _predictions(bundle, patches, truth, places, its_values, its_judged, white)
             for bundle, its_values, its_judged in zip(bundles, values, judged, strict=True)
         ],
-        series=FrameSeries.of(table, frame_step(mission.frames(LEFT))),
-        read_frame=lambda _, camera, frame: mission.read(frame, camera),
+        series=_joined(series),
+        read_frame=lambda name, camera, frame: by_name[name].read(frame, camera),
         dataset=None,
-        notes=_notes(bundles, sure, len(merged) - len(sure)),
+        notes=_notes(bundles, sure, unsure),
     )
 
 

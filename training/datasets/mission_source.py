@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pandas as pd
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.image_file import SUFFIXES
-from tokt.features.frames.mission import Mission, open_mission
+from tokt.features.frames.mission import Mission
 from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.merge import merge_annotators
 from tokt.labels.record import MODEL, LabelRecord
@@ -19,6 +20,8 @@ from tokt.labels.taxonomy import UNSURE, Taxonomy
 from .dataset import DatasetPlan, FrameSource
 from .splits import BLOCK_FRAMES, block_of
 
+PATCH_GRID = Grid(1, 1, None)
+"""Of ready-cut patches, which are frames of one patch at their own size."""
 _COLUMNS = ["mission", "camera", "frame", "row", "col", "label"]
 
 
@@ -63,7 +66,10 @@ def labels_of_mission(
         remark = f"labels of mission {names[0]!r} are taken for the frames in {mission.path}"
     if not mine:
         there = ", ".join(names) or "none"
-        raise ToktError(f"no labels for mission {mission.name!r} (labels of: {there})")
+        raise ToktError(
+            f"no labels for mission {mission.name!r} (labels of: {there}); where they call it "
+            "otherwise, give NAME=DIR"
+        )
     for camera in sorted({record.camera for record in mine}):
         frames = set(mission.frames(camera))
         missing = sorted({r.frame for r in mine if r.camera == camera} - frames)
@@ -75,16 +81,38 @@ def labels_of_mission(
     return mine, remark
 
 
+@dataclass(frozen=True)
+class LabelledMission:
+    """A mission with its labels.
+
+    Parameters
+    ----------
+    mission : Mission
+    records : list of LabelRecord
+        Labels and settlements of this mission, of any annotators, in one grid; one at the least.
+    site, date : str
+        Where and when it was; empty where that was not said.
+    """
+
+    mission: Mission
+    records: list[LabelRecord]
+    site: str = ""
+    date: str = ""
+
+    @property
+    def name(self) -> str:
+        """What its labels call it."""
+        return self.records[0].mission
+
+
 def plan_from_missions(
     name: str,
     task: str,
-    missions: Sequence[Path],
-    records: Sequence[LabelRecord],
+    missions: Sequence[LabelledMission],
     taxonomy: Taxonomy,
     grid: Grid = DEFAULT_GRID,
     frames: Sequence[int] | None = None,
     block_frames: int = BLOCK_FRAMES,
-    labels_are_for_it: bool = False,
 ) -> tuple[DatasetPlan, list[str]]:
     """Plan a dataset of labelled frames.
 
@@ -92,47 +120,33 @@ def plan_from_missions(
     ----------
     name, task, taxonomy, grid
         As in `DatasetPlan`.
-    missions : sequence of Path
-    records : sequence of LabelRecord
-        Labels and settlements of any missions and annotators; where annotators disagree and
-        nobody settled it, a patch is `unsure`.
+    missions : sequence of LabelledMission
+        Where annotators disagree and nobody settled it, a patch is `unsure`.
     frames : sequence of int, optional
         Take only these frame numbers.
     block_frames : int
         Frames a group.
-    labels_are_for_it : bool
-        With one mission: whether `records` were given for it, as `labels_of_mission` says.
 
     Returns
     -------
     plan : DatasetPlan
     remarks : list of str
-        What a person should know, such as conflicts between annotators.
+        What a person should know: conflicts between annotators.
     """
     sources: list[FrameSource] = []
     rows: list[tuple[str, str, int, int, int, str | None]] = []
     remarks: list[str] = []
-    seen: set[str] = set()
     wanted = None if frames is None else set(frames)
-    only = labels_are_for_it and len(missions) == 1
-    for path in missions:
-        mission = open_mission(path)
-        mine, remark = labels_of_mission(mission, records, grid, only)
-        if remark:
-            remarks.append(remark)
-        merged = merge_annotators(r for r in mine if wanted is None or r.frame in wanted)
+    for one in missions:
+        merged = merge_annotators(r for r in one.records if wanted is None or r.frame in wanted)
         if merged.conflicts:
             remarks.append(f"{len(merged.conflicts)} patches left out: annotators disagree")
-        label_name = mine[0].mission
-        if label_name in seen:
-            raise ToktError(f"two missions are named {label_name!r}")
-        seen.add(label_name)
         keys = sorted({(r.camera, r.frame) for r in merged.records if r.label != UNSURE})
         for camera, frame in keys:
-            group = block_of(label_name, frame, block_frames)
-            load = partial(mission.encoded, frame, camera)
-            sources.append(FrameSource(label_name, camera, frame, group, load))
-        rows += [(label_name, r.camera, r.frame, r.row, r.col, r.label) for r in merged.records]
+            group = block_of(one.name, frame, block_frames)
+            load = partial(one.mission.encoded, frame, camera)
+            sources.append(FrameSource(one.name, camera, frame, group, load))
+        rows += [(one.name, r.camera, r.frame, r.row, r.col, r.label) for r in merged.records]
     table = pd.DataFrame(rows, columns=_COLUMNS)
     sure = table[table.label != UNSURE]
     plan = DatasetPlan(
@@ -144,15 +158,17 @@ def plan_from_missions(
         sure,
         len(table) - len(sure),
         block_frames,
-        _describe_sources(missions, records),
+        _describe_sources(missions),
+        {one.name: one.site for one in missions if one.site},
     )
     return plan, remarks
 
 
-def _describe_sources(missions: Sequence[Path], records: Sequence[LabelRecord]) -> list[str]:
-    counts = Counter(record.annotator for record in records)
+def _describe_sources(missions: Sequence[LabelledMission]) -> list[str]:
+    counts = Counter(record.annotator for one in missions for record in one.records)
     people = ", ".join(f"{who} ({count} records)" for who, count in sorted(counts.items()))
-    return [f"mission {path.resolve().name}" for path in missions] + [f"labels by {people}"]
+    about = [", ".join(filter(None, (one.mission.name, one.date))) for one in missions]
+    return [f"mission {words}" for words in about] + [f"labels by {people}"]
 
 
 def plan_from_patch_folder(name: str, task: str, folder: Path, taxonomy: Taxonomy) -> DatasetPlan:
@@ -166,16 +182,9 @@ def plan_from_patch_folder(name: str, task: str, folder: Path, taxonomy: Taxonom
     ToktError
         If the folder is missing, has no images, or a sub-folder is not a class.
     """
-    if not folder.is_dir():
-        raise ToktError(f"folder of patches {folder} does not exist")
-    mission = folder.resolve().name
-    images = sorted(path for path in folder.glob("*/*") if path.suffix.lower() in SUFFIXES)
-    if not images:
-        raise ToktError(f"folder of patches {folder} has no images (one sub-folder a class)")
+    mission, images = folder.resolve().name, patch_images(folder, taxonomy)
     rows = [(mission, "left", n, 0, 0, image.parent.name) for n, image in enumerate(images, 1)]
     table = pd.DataFrame(rows, columns=_COLUMNS)
-    for label in table.label.unique():
-        taxonomy.check_label(label)
     sure = table[table.label != UNSURE]
     sources = [
         FrameSource(mission, "left", n, f"{mission}#{n:07d}", partial(_load, images[n - 1]))
@@ -184,7 +193,7 @@ def plan_from_patch_folder(name: str, task: str, folder: Path, taxonomy: Taxonom
     return DatasetPlan(
         name,
         task,
-        Grid(1, 1, None),
+        PATCH_GRID,
         taxonomy,
         sources,
         sure,
@@ -192,6 +201,24 @@ def plan_from_patch_folder(name: str, task: str, folder: Path, taxonomy: Taxonom
         None,
         [f"patches in {mission} (ungrouped)"],
     )
+
+
+def patch_images(folder: Path, taxonomy: Taxonomy) -> list[Path]:
+    """The images of a folder with one sub-folder a class; an image's label is its folder's name.
+
+    Raises
+    ------
+    ToktError
+        If the folder is missing, has no images, or a sub-folder is not a class.
+    """
+    if not folder.is_dir():
+        raise ToktError(f"folder of patches {folder} does not exist")
+    images = sorted(path for path in folder.glob("*/*") if path.suffix.lower() in SUFFIXES)
+    if not images:
+        raise ToktError(f"folder of patches {folder} has no images (one sub-folder a class)")
+    for label in sorted({image.parent.name for image in images}):
+        taxonomy.check_label(label)
+    return images
 
 
 def _load(path: Path) -> tuple[bytes, str]:

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tokt.features.common.arrays import F64, I64, U8, Bools
-from tokt.features.common.errors import ToktError
-from tokt.features.frames.image_file import pixel_sha256
+from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.frames.image_file import decode_image, pixel_sha256
 from tokt.features.frames.mission import LEFT, Mission
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import SinglePolicy
@@ -22,8 +23,9 @@ from tokt.models.linear import LinearModel
 from tokt.models.operating_point import frame_step, missed_before
 from tokt.training.datasets.dataset import CLEAR
 from tokt.training.datasets.dataset import OBSTACLE as OBSTACLE_CLASS
+from tokt.training.datasets.mission_source import PATCH_GRID, LabelledMission, patch_images
 
-from .metrics import class_metrics, obstacle_metrics
+from .metrics import class_metrics, obstacle_metrics, reliability
 
 
 @dataclass(frozen=True)
@@ -122,14 +124,30 @@ def first_detection(frames: list[int], missed: list[int], status: list[int]) -> 
     return None
 
 
+def _held(bundle: Bundle, scored: ScoredMission, obstacle: Sequence[int]) -> set[int]:
+    """Frames that show nothing, whose status is the frame rule's memory of obstacle frames."""
+    rule = bundle.operating_point.rule
+    held, last, place = set(), -rule.n, 0
+    for index, number in enumerate(scored.frames):
+        place += 1 + scored.missed[index]
+        if number in obstacle:
+            last = place
+        over = bundle.model.obstacle_score(scored.values[index]) > rule.margin
+        if scored.status[index] == OBSTACLE and not over.any() and 0 < place - last < rule.n:
+            held.add(number)
+    return held
+
+
 def _frame_figures(
-    scored: ScoredMission, labels: dict[int, list[LabelRecord]], taxonomy: Taxonomy, n_patches: int
+    bundle: Bundle, scored: ScoredMission, labels: dict[int, list[LabelRecord]], taxonomy: Taxonomy
 ) -> dict[str, Any]:
     """Statuses against what the labels say a frame holds.
 
     An *obstacle frame* has a patch labelled as an obstacle. An *ocean frame* has every patch
     labelled, all of them clear. A frame with neither (an `unsure` patch, or patches without a
-    label, and no sure obstacle) is not judged.
+    label, and no sure obstacle) is not judged. In an ocean frame that shows no patch over the
+    margin the rule may still hold a status on to what the labels say was there up to n - 1 frames
+    before: a *held* status, which is no false one.
     """
     ocean, obstacle = [], []
     for number in scored.frames:
@@ -137,17 +155,21 @@ def _frame_figures(
         sides = [label != UNSURE and taxonomy.is_obstacle(str(label)) for label in names]
         if any(sides):
             obstacle.append(number)
-        elif len(names) == n_patches and UNSURE not in names:
+        elif len(names) == bundle.grid.n_patches and UNSURE not in names:
             ocean.append(number)
     said = scored.status
     status = dict(zip(scored.frames, said, strict=True))
-    false = [number for number in ocean if status[number] == OBSTACLE]
+    memory = _held(bundle, scored, obstacle)
+    false = [number for number in ocean if status[number] == OBSTACLE and number not in memory]
+    held = [number for number in ocean if number in memory]
     missed = [number for number in obstacle if status[number] != OBSTACLE]
     return {
         "n": len(scored.frames),
         "ocean_frames": len(ocean),
         "false_status": len(false),
         "false_status_frames": false,
+        "held_status": len(held),
+        "held_status_frames": held,
         "obstacle_frames": len(obstacle),
         "detected": len(obstacle) - len(missed),
         "missed_frames": missed,
@@ -173,19 +195,15 @@ def classes_and_targets(
 
 
 def _patch_figures(
-    bundle: Bundle, scored: ScoredMission, records: list[LabelRecord], taxonomy: Taxonomy
+    model: LinearModel, values: F64, labels: list[str], taxonomy: Taxonomy
 ) -> dict[str, Any]:
-    position = {number: index for index, number in enumerate(scored.frames)}
-    frame = np.array([position[record.frame] for record in records])
-    cell = np.array([record.row * bundle.grid.cols + record.col for record in records])
-    values = scored.values[frame, cell]
-    labels = [str(record.label) for record in records]
     truth = np.array([taxonomy.is_obstacle(label) for label in labels])
-    predicted = bundle.model.predicted(values)
-    figures = obstacle_metrics(truth, bundle.model.obstacle_score(values))
-    classes, targets = classes_and_targets(bundle.model, labels, truth)
+    predicted = model.predicted(values)
+    figures = {"n": len(labels), **obstacle_metrics(truth, model.obstacle_score(values))}
+    classes, targets = classes_and_targets(model, labels, truth)
     figures.update(class_metrics(targets, predicted, classes))
-    right = np.asarray(bundle.model.obstacle, bool)[predicted] == truth
+    figures["reliability"] = reliability(truth, model.obstacle_score(values))
+    right = np.asarray(model.obstacle, bool)[predicted] == truth
     figures["by_label"] = {
         label: {"n": int(mine.sum()), "right_side": float(right[mine].mean())}
         for label in sorted(set(labels))
@@ -194,44 +212,80 @@ def _patch_figures(
     return figures
 
 
-def evaluate(
-    bundle: Bundle,
-    mission: Mission,
-    records: Sequence[LabelRecord],
-    taxonomy: Taxonomy,
-    progress: Callable[..., Any],
-    frames: Sequence[int] | None = None,
+@dataclass(frozen=True)
+class _Part:
+    """What a model says of one mission's labelled patches and frames."""
+
+    name: str
+    site: str
+    values: F64
+    labels: list[str]
+    frames: dict[str, Any]
+    unsure: int
+    seen: int
+    known: bool
+
+
+def _part(bundle: Bundle, scored: ScoredMission, one: LabelledMission, taxonomy: Taxonomy) -> _Part:
+    name, wanted = one.mission.name, set(scored.frames)
+    merged = merge_annotators(r for r in one.records if r.camera == LEFT and r.frame in wanted)
+    sure = [record for record in merged.records if record.label != UNSURE]
+    if not sure:
+        raise ToktError(f"no labelled patch of mission {name!r} to evaluate on")
+    by_frame: dict[int, list[LabelRecord]] = {}
+    for record in merged.records:
+        by_frame.setdefault(record.frame, []).append(record)
+    position = {number: index for index, number in enumerate(scored.frames)}
+    frame = np.array([position[record.frame] for record in sure])
+    cell = np.array([record.row * bundle.grid.cols + record.col for record in sure])
+    return _Part(
+        name,
+        one.site,
+        scored.values[frame, cell],
+        [str(record.label) for record in sure],
+        _frame_figures(bundle, scored, by_frame, taxonomy),
+        len(merged.records) - len(sure),
+        len(scored.seen_in_training),
+        mission_in_training(bundle, one.records),
+    )
+
+
+def _together(
+    bundle: Bundle, parts: Sequence[_Part], taxonomy: Taxonomy, frames: dict[str, Any]
 ) -> dict[str, Any]:
-    """Score a model on a labelled mission.
+    """The figures of some missions' patches as if they were of one."""
+    values = np.concatenate([part.values for part in parts])
+    labels = [label for part in parts for label in part.labels]
+    return {
+        "patch": _patch_figures(bundle.model, values, labels, taxonomy),
+        "frames": frames,
+        "unsure_ignored": sum(part.unsure for part in parts),
+        "seen_in_training": sum(part.seen for part in parts),
+        "mission_in_training": any(part.known for part in parts),
+    }
 
-    Parameters
-    ----------
-    bundle : Bundle
-    mission : Mission
-    records : sequence of LabelRecord
-        Of this mission, in the model's grid; several annotators are merged.
-    taxonomy : Taxonomy
-        Says which labels are obstacles.
-    progress : callable
-    frames : sequence of int, optional
-        Judge these frames only.
 
-    Returns
-    -------
-    dict
-        patch (precision, recall, f1, average_precision, per_class, confusion, by_label), frames
-        (at the operating point: n, ocean_frames, false_status, detected, obstacle_frames,
-        first_detection, ...), operating_point, latency_frames (from the first alarm to the
-        first status at the least), unsure_ignored,
-        seen_in_training (frames whose very pixels were learnt from), mission_in_training, model.
+def _all_frames(parts: Sequence[_Part]) -> dict[str, Any]:
+    """Counts added up, frames by ``mission:frame``, what is the first one by mission."""
+    pooled: dict[str, Any] = {}
+    for key, value in parts[0].frames.items():
+        found = {part.name: part.frames[key] for part in parts}
+        if key.startswith("first_"):
+            pooled[key] = found
+        elif isinstance(value, list):
+            pooled[key] = [f"{name}:{number}" for name, those in found.items() for number in those]
+        else:
+            pooled[key] = sum(found.values())
+    return pooled
 
-    Raises
-    ------
-    ToktError
-        If no labelled patch is left to judge.
-    """
-    scored = score_mission(bundle, mission, progress, frames)
-    return evaluate_scored(bundle, scored, mission.name, records, taxonomy)
+
+def _model(bundle: Bundle) -> dict[str, Any]:
+    return {
+        "name": bundle.name,
+        "version": bundle.version,
+        "sha256": bundle.sha256,
+        "dataset_hash": bundle.content.provenance.get("dataset_hash"),
+    }
 
 
 def mission_in_training(bundle: Bundle, records: Sequence[LabelRecord]) -> bool:
@@ -243,35 +297,120 @@ def mission_in_training(bundle: Bundle, records: Sequence[LabelRecord]) -> bool:
     return isinstance(learnt, dict) and any(record.mission in learnt for record in records)
 
 
-def evaluate_scored(
+def evaluate(
     bundle: Bundle,
-    scored: ScoredMission,
-    mission: str,
-    records: Sequence[LabelRecord],
+    missions: Sequence[LabelledMission],
     taxonomy: Taxonomy,
+    progress: Callable[..., Any],
+    frames: Sequence[int] | None = None,
 ) -> dict[str, Any]:
-    """`evaluate` for a mission that has been scored already; `mission` is its name."""
-    wanted = set(scored.frames)
-    merged = merge_annotators(r for r in records if r.camera == LEFT and r.frame in wanted)
-    sure = [record for record in merged.records if record.label != UNSURE]
+    """Score a model on labelled missions.
+
+    Parameters
+    ----------
+    bundle : Bundle
+    missions : sequence of LabelledMission
+        With labels in the model's grid; several annotators are merged.
+    taxonomy : Taxonomy
+        Says which labels are obstacles.
+    progress : callable
+    frames : sequence of int, optional
+        Judge these frames only.
+
+    Returns
+    -------
+    dict
+        patch (n, precision, recall, f1, average_precision, per_class, confusion, by_label,
+        reliability), frames (at the operating point: n, ocean_frames, false_status, held_status,
+        detected, obstacle_frames, first_detection, ...), operating_point, latency_frames (from
+        the first alarm to the first status at the least), unsure_ignored, seen_in_training
+        (frames whose very pixels were learnt from), mission_in_training, model.
+        Of one mission its name, `mission`. Of several all this is of them together, with the same
+        figures of each in a list `missions`, and by `sites` where these are known.
+
+    Raises
+    ------
+    ToktError
+        If no labelled patch of a mission is left to judge.
+    """
+    parts = [
+        _part(bundle, score_mission(bundle, one.mission, progress, frames), one, taxonomy)
+        for one in missions
+    ]
+    return _evaluated(bundle, parts, taxonomy)
+
+
+def evaluate_scored(
+    bundle: Bundle, scored: ScoredMission, one: LabelledMission, taxonomy: Taxonomy
+) -> dict[str, Any]:
+    """`evaluate` for a mission that has been scored already."""
+    return _evaluated(bundle, [_part(bundle, scored, one, taxonomy)], taxonomy)
+
+
+def evaluate_patches(
+    bundle: Bundle, folder: Path, taxonomy: Taxonomy, progress: Callable[..., Any]
+) -> dict[str, Any]:
+    """Score a model of ready-cut patches on a folder with one sub-folder of images a class.
+
+    Returns
+    -------
+    dict
+        As of `evaluate`: model, patch, unsure_ignored, seen_in_training; and the folder, `patches`.
+
+    Raises
+    ------
+    ToktError
+        If the model judges the patches of frames, an image cannot be read or described, or none
+        is labelled for sure.
+    """
+    if bundle.grid != PATCH_GRID:
+        raise ToktError(
+            f"{bundle.label} judges the patches of whole frames (grid {bundle.grid}), not "
+            "ready-cut ones; evaluate it on a mission"
+        )
+    images = patch_images(folder, taxonomy)
+    sure = [image for image in images if image.parent.name != UNSURE]
     if not sure:
-        raise ToktError(f"no labelled patch of mission {mission!r} to evaluate on")
-    by_frame: dict[int, list[LabelRecord]] = {}
-    for record in merged.records:
-        by_frame.setdefault(record.frame, []).append(record)
+        raise ToktError(f"no labelled patch in {folder} to evaluate on")
+    known, seen, values = set(bundle.content.trained_on.tolist()), 0, []
+    for path in progress(sure, len(sure), "scoring"):
+        with os_errors_as(str(path), ToktError):
+            image = decode_image(path.read_bytes(), str(path))
+        try:
+            values.append(bundle.decision_values(image))
+        except (ToktError, ValueError) as error:
+            raise ToktError(f"{path} cannot be scored: {error}") from None
+        seen += int(frame_id(pixel_sha256(image))) in known
+    labels = [image.parent.name for image in sure]
     return {
-        "model": {
-            "name": bundle.name,
-            "version": bundle.version,
-            "sha256": bundle.sha256,
-            "dataset_hash": bundle.content.provenance.get("dataset_hash"),
+        "model": _model(bundle),
+        "patches": str(folder),
+        "patch": _patch_figures(bundle.model, np.concatenate(values), labels, taxonomy),
+        "unsure_ignored": len(images) - len(sure),
+        "seen_in_training": seen,
+    }
+
+
+def _evaluated(bundle: Bundle, parts: Sequence[_Part], taxonomy: Taxonomy) -> dict[str, Any]:
+    point = bundle.operating_point
+    rule = {"operating_point": point.to_json(), "latency_frames": point.rule.latency_frames}
+    each = [
+        {"mission": part.name, **_together(bundle, [part], taxonomy, part.frames)} for part in parts
+    ]
+    if len(parts) == 1:
+        return {"model": _model(bundle), **each[0], **rule}
+    sites: dict[str, list[_Part]] = {}
+    for part, found in zip(parts, each, strict=True):
+        found["site"] = part.site or None
+        if part.site:
+            sites.setdefault(part.site, []).append(part)
+    return {
+        "model": _model(bundle),
+        **_together(bundle, parts, taxonomy, _all_frames(parts)),
+        **rule,
+        "missions": each,
+        "sites": {
+            site: _together(bundle, dives, taxonomy, _all_frames(dives))
+            for site, dives in sorted(sites.items())
         },
-        "mission": mission,
-        "patch": {"n": len(sure), **_patch_figures(bundle, scored, sure, taxonomy)},
-        "frames": _frame_figures(scored, by_frame, taxonomy, bundle.grid.n_patches),
-        "operating_point": bundle.operating_point.to_json(),
-        "latency_frames": bundle.operating_point.rule.latency_frames,
-        "unsure_ignored": len(merged.records) - len(sure),
-        "seen_in_training": len(scored.seen_in_training),
-        "mission_in_training": mission_in_training(bundle, records),
     }

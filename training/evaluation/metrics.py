@@ -13,6 +13,8 @@ from sklearn.metrics import (
 
 from tokt.features.common.arrays import F64, I64, Bools
 
+BINS = 5
+
 
 def _ratio(value: float) -> float | None:
     return None if np.isnan(value) else float(value)
@@ -132,3 +134,35 @@ def class_metrics(truth: I64, predicted: I64, classes: tuple[str, ...]) -> dict[
             "counts": confusion_matrix(truth, predicted, labels=indices).tolist(),
         },
     }
+
+
+def reliability(truth: Bools, score: F64) -> list[dict[str, Any]]:
+    """How often patches are obstacles, by decision value, which is no probability.
+
+    Parameters
+    ----------
+    truth, score
+        As for `obstacle_metrics`.
+
+    Returns
+    -------
+    list of dict
+        low, high (the least and the largest value), n and obstacle (the labelled share) of up to
+        `BINS` bins of as many patches each on either side of 0, by rising value; none where a
+        model's values are not finite.
+    """
+    order = np.argsort(score, kind="stable")
+    if not np.isfinite(score).all():
+        return []
+    below = int((score <= 0).sum())
+    sides = [side for side in (order[:below], order[below:]) if len(side)]
+    bins = [part for side in sides for part in np.array_split(side, min(BINS, len(side)))]
+    return [
+        {
+            "low": float(score[part[0]]),
+            "high": float(score[part[-1]]),
+            "n": len(part),
+            "obstacle": float(truth[part].mean()),
+        }
+        for part in bins
+    ]

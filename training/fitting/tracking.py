@@ -111,6 +111,7 @@ def _recipe(trained: Trained, model_id: str) -> dict[str, Any]:
         "grid": dataset.grid.to_json(),
         "classes": [{"name": name, "obstacle": flag} for name, flag in pairs],
         "thresholds": model.thresholds.tolist(),
+        "landmarks": model.landmarks,
         "operating_point": OperatingPoint(trained.rule, trained.operating_point).to_json(),
         "distribution": trained.distribution.summary() if trained.distribution else None,
         "fold_rules": [rule.to_json() for rule in trained.held_out.rules],

@@ -7,6 +7,8 @@ A TOML file::
     class_weights = ["none", "balanced"]
     changes = ["gain_0.5", "jpeg_60"]       # may be left out: learn from frames so changed, too,
     change_weight = 0.05                    # each counting so much
+    landmarks = 600                         # may be left out: Nystroem's map before the LinearSVC,
+    gamma = 0.3                             # and its gamma, times the number of features
 
     [extractors]                            # a name of your own = the extractor
     coarse = "lbp_24_8+haralick"            # names as in `tokt train --extractor`
@@ -31,7 +33,8 @@ from tokt.training.fitting.presets import TrainingSettings
 SPACE_FORMAT = 1
 PRESET = "search"
 BUILT_IN = Path(__file__).with_name("space.toml")
-_OPTIONAL = {"changes", "change_weight"}
+_OPTIONAL = {"changes", "change_weight", "landmarks", "gamma"}
+_MAX_LANDMARKS = 10_000
 _KEYS = {"format", "penalties", "class_weights", "extractors"}
 _WEIGHTS = {"none": None, "balanced": "balanced"}
 _FILE = "spec:"
@@ -142,6 +145,8 @@ def _space_from(content: dict[str, Any], folder: Path) -> Space:
         class_weights=_class_weights(content["class_weights"]),
         changes=_changes(content.get("changes", [])),
         change_weight=_positive("change_weight", content.get("change_weight", 1.0)),
+        landmarks=_landmarks(content.get("landmarks", 0)),
+        gamma=_positive("gamma", content.get("gamma", 0.3)),
     )
     return Space(tuple(trials), settings)
 
@@ -150,6 +155,12 @@ def _positive(name: str, value: Any) -> float:
     if type(value) not in (int, float) or not 0 < value <= sys.float_info.max:
         raise ToktError(f"{name}: a number above 0, not {value!r}")
     return float(value)
+
+
+def _landmarks(value: Any) -> int:
+    if type(value) is not int or not 0 <= value <= _MAX_LANDMARKS:
+        raise ToktError(f"landmarks: a whole number, 0 to {_MAX_LANDMARKS}, not {value!r}")
+    return value
 
 
 def _penalties(value: Any) -> tuple[float, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,6 +17,8 @@ from .options import (
     FramesOption,
     JsonOption,
     LabelFilesOption,
+    MissionsOption,
+    PatchesOption,
     TaxonomyOption,
     WorkspaceOption,
 )
@@ -25,10 +27,10 @@ from .output import print_line as print
 
 if TYPE_CHECKING:
     from tokt.features.frames.grid import Grid
-    from tokt.features.frames.mission import Mission
     from tokt.labels.record import LabelRecord
     from tokt.labels.taxonomy import Taxonomy
     from tokt.training.datasets.dataset import DatasetVersion
+    from tokt.training.datasets.mission_source import LabelledMission
 
 dataset_app = typer.Typer(
     help="Build, list and show dataset versions, immutable and named by content.",
@@ -36,41 +38,61 @@ dataset_app = typer.Typer(
 )
 
 
-def labels_for(
-    labels: list[Path],
-    workspace: Path,
-    taxonomy: Taxonomy,
-    grid: Grid,
-    missions: Iterable[Mission] = (),
-) -> list[LabelRecord]:
-    """The records of the label files given, or else all of the workspace's label store.
+def labelled_missions(
+    missions: list[Path], labels: list[Path] | None, workspace: Path, taxonomy: Taxonomy, grid: Grid
+) -> list[LabelledMission]:
+    """Open missions as they were named, each with its labels; what is odd of them is said.
 
-    The store knows missions by name: it is refused where it has labels of another dive of the
-    same name as one of `missions`.
+    A mission's labels are those that a list of missions gives it, or else of `labels`, or else of
+    the workspace's label store. The store knows missions by name: it is refused where it has labels
+    of another dive of the same name.
     """
+    from tokt.features.frames.mission import open_mission
     from tokt.labels.store.known_missions import check_mission
     from tokt.labels.store.store import FILE_NAME, LabelStore
-    from tokt.training.datasets.mission_source import read_labels
+    from tokt.training.datasets.mission_list import named_missions
+    from tokt.training.datasets.mission_source import (
+        LabelledMission,
+        labels_of_mission,
+        read_labels,
+    )
 
+    named = [one for text in missions for one in named_missions(text)]
+    opened = [open_mission(one.path, one.name) for one in named]
+    shared: list[LabelRecord] = []
     if labels:
-        return read_labels(labels, taxonomy, grid)
-    with LabelStore(workspace / FILE_NAME, create=False) as store:
-        for mission in missions:
+        shared = read_labels(labels, taxonomy, grid)
+    elif not all(one.labels for one in named):
+        with LabelStore(workspace / FILE_NAME, create=False) as store:
+            shared = store.current_and_settled(grid=grid)
+    found: dict[str, LabelledMission] = {}
+    for one, mission in zip(named, opened, strict=True):
+        if not labels and not one.labels:
             check_mission(workspace, mission)
-        return store.current_and_settled(grid=grid)
+        records = read_labels(one.labels, taxonomy, grid) if one.labels else shared
+        if missing := set(one.cameras) - set(mission.cameras):
+            raise ToktError(f"mission {mission.name!r} has no {missing.pop()} camera")
+        if one.cameras:
+            records = [record for record in records if record.camera in one.cameras]
+        only = bool(one.labels or (labels and len(named) == 1))
+        mine, remark = labels_of_mission(mission, records, grid, only)
+        if remark:
+            say(f"note: {remark}")
+        if one.name and one.name != mine[0].mission:
+            mine = [replace(record, mission=one.name) for record in mine]
+        both = LabelledMission(mission, mine, one.site, one.date)
+        if both.name in found:
+            raise ToktError(f"two missions are named {both.name!r}; NAME=DIR tells them apart")
+        found[both.name] = both
+    return list(found.values())
 
 
 @dataset_app.command("build")
 def build(
     name: Annotated[str, Argument(help="Name of the dataset.")],
-    mission: Annotated[
-        list[Path] | None, Option("--mission", help="Mission folder or video; repeatable.")
-    ] = None,
+    mission: MissionsOption = None,
     labels: LabelFilesOption = None,
-    patches: Annotated[
-        Path | None,
-        Option("--patches", help="Folder with one sub-folder of patch images per class."),
-    ] = None,
+    patches: PatchesOption = None,
     task: Annotated[str, Option(help="binary (obstacle or clear) or classes.")] = "binary",
     frames: FramesOption = None,
     grid: Annotated[str | None, Option(help="Grid of the labels. Default: 10x10@360.")] = None,
@@ -84,7 +106,7 @@ def build(
 ) -> None:
     """Build a dataset version from labelled missions, or from a folder of patches."""
     from tokt.features.frames.grid import DEFAULT_GRID, Grid
-    from tokt.features.frames.mission import open_mission, parse_frames
+    from tokt.features.frames.mission import parse_frames
     from tokt.labels.taxonomy import load_taxonomy
     from tokt.training.datasets.dataset import build_dataset, thin_classes
     from tokt.training.datasets.mission_source import plan_from_missions, plan_from_patch_folder
@@ -104,18 +126,9 @@ def build(
     else:
         cells = Grid.parse(grid) if grid else DEFAULT_GRID
         wanted = parse_frames(frames) if frames else None
-        opened = map(open_mission, mission or [])
-        records = labels_for(labels or [], workspace, classes, cells, opened)
+        missions = labelled_missions(mission or [], labels, workspace, classes, cells)
         plan, remarks = plan_from_missions(
-            name,
-            task,
-            mission or [],
-            records,
-            classes,
-            cells,
-            wanted,
-            block or BLOCK_FRAMES,
-            labels_are_for_it=bool(labels),
+            name, task, missions, classes, cells, wanted, block or BLOCK_FRAMES
         )
     for remark in remarks:
         say(f"note: {remark}")
@@ -167,3 +180,5 @@ def _show(dataset: DatasetVersion) -> None:
     print(f"  task {info['task']}, {info['unsure_left_out']} unsure patches left out")
     for source in info["sources"]:
         print(f"  from {source}")
+    if dataset.sites:
+        print(f"  sites: {', '.join(f'{name} {site}' for name, site in dataset.sites.items())}")

@@ -64,7 +64,7 @@ _SHOWN = 10  # labels of an audit
 
 def label(
     mission: Annotated[
-        Path, Argument(metavar="MISSION", help="A folder of frames or a video file.")
+        Path, Argument(metavar="MISSION", help="[NAME=]DIR: a folder of frames or a video file.")
     ],
     port: Annotated[
         int, Option(help="Port of the page; 0 takes any free port.", min=0, max=65535)

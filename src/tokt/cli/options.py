@@ -30,6 +30,18 @@ TaxonomyOption = Annotated[
 DatasetArgument = Annotated[str, Argument(help="NAME or NAME@HASH.")]
 ModelArgument = Annotated[str, Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")]
 FramesOption = Annotated[str | None, Option(help="Use these frames only, such as 1-99,132-246.")]
+MissionsOption = Annotated[
+    list[Path] | None,
+    Option(
+        "--mission",
+        metavar="[NAME=]DIR",
+        help="Mission folder or video, NAME as its labels call it; or a missions.toml that lists "
+        "several. Repeatable.",
+    ),
+]
+PatchesOption = Annotated[
+    Path | None, Option("--patches", help="Folder with one sub-folder of patch images per class.")
+]
 LabelFilesOption = Annotated[
     list[Path] | None, Option("--labels", help="Label file; repeatable. Default: the label store.")
 ]

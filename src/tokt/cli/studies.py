@@ -24,7 +24,9 @@ _FOR_CLOSED_LOOP = ("scenes", "methods", "runs", "model")
 
 
 def demo(
-    mission: Annotated[Path | None, Option(help="Mission to use. Default: a rendered one.")] = None,
+    mission: Annotated[
+        Path | None, Option(metavar="[NAME=]DIR", help="Mission to use. Default: a rendered one.")
+    ] = None,
     labels: Annotated[Path | None, Option(help="Label file of the mission.")] = None,
     out: Annotated[Path, Option(help="Output folder; emptied first.")] = Path("demo-out"),
     frames: Annotated[int, Option(help="Stereo pairs of the rendered mission.", min=60)] = 120,
@@ -139,7 +141,7 @@ def _print_mission(mission: SyntheticMission) -> None:
 
 
 def reproduce(
-    mission: Annotated[Path, Argument(help="Mission folder (or video).")],
+    mission: Annotated[Path, Argument(help="[NAME=]DIR: mission folder (or video).")],
     output: Annotated[
         Path, Option("-o", "--output", help="Folder for report.html, results.json, tables.")
     ],
@@ -205,7 +207,8 @@ def _print_reproduced(results: dict[str, Any], out: Path) -> None:
 
 def bench(
     mission: Annotated[
-        Path | None, Option(help="Mission to measure on. Default: a rendered one.")
+        Path | None,
+        Option(metavar="[NAME=]DIR", help="Mission to measure on. Default: a rendered one."),
     ] = None,
     labels: Annotated[
         Path | None, Option(help="Label file of the mission. Default: its labels.csv.")

@@ -39,7 +39,7 @@ def with_post(frame):
     """The same with something rust-red and grainy in the patches of row 1, columns 2 and 3."""
     frame = frame.copy()
     grain = np.random.default_rng(9).normal(0, 25, (75, 160, 3))
-    frame[75:150, 160:320] = np.clip(grain + (50, 60, 140), 0, 255)
+    frame[75:150, 160:320] = np.clip(grain + np.array([50, 60, 140]), 0, 255)
     return frame
 
 

@@ -55,6 +55,21 @@ def test_stereo_wins_over_images_beside_it(tmp_path):
     assert open_mission(tmp_path).frames() == [5]
 
 
+def test_a_name_of_its_own(video, tmp_path, monkeypatch):
+    _write(tmp_path / "a=b" / "f_1.png", 1)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "link").symlink_to("a=b")
+    assert open_mission("link").name == open_mission("a=b").name == "a=b"
+    named = open_mission("dive-7.1=a=b")
+    assert (named.name, named.path) == ("dive-7.1", Path("a=b"))
+    assert open_mission(Path(f"dive_7={tmp_path}/link")).name == "dive_7"
+    assert open_mission(f"filmed={video}").name == "filmed"
+    (tmp_path / "dive_7=link").symlink_to("a=b")  # as it is written, it is there
+    assert open_mission("dive_7=link").name == "a=b"
+    for text in ("dive 7=a=b", "../x=link", "=link", "x=", "x=y"):
+        refuses("does not exist", open_mission, text)
+
+
 def test_unreadable_frames_are_frame_errors(tmp_path):
     for number in (1, 2, 3):
         _write(tmp_path / f"{number}.png", number)

@@ -11,9 +11,10 @@ import pytest
 from tests.calls import run_python
 from tests.inference.live import start_tokt
 from tests.inference.logged_runs import lines
+from tests.models.conftest import small_content
 from tests.waiting import MAX_S, until
 from tokt.inference.outputs.udp import decode
-from tokt.models.bundle.bundle import read_bundle
+from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.models.store.store import Store
 
 CHANGING = {"t", "latency_ms", "age_ms", "run"}
@@ -109,6 +110,18 @@ def test_a_file_s_run_under_a_watchdog_is_that_of_its_command_line(
     (same,) = lines(tmp_path / "plain.events.jsonl")
     assert list(same) == list(start_event)
     assert same == {**start_event, "t": same["t"], "run": same["run"]}
+
+
+def test_a_model_that_looks_at_colours_is_refused_where_the_source_says_gray(
+    make_mission, run_tokt, tmp_path
+):
+    content = small_content(extractor="water", channels=(3,))
+    (tmp_path / "colour.tokt").write_bytes(bundle_bytes(content))
+    asked = ["run", "--source", make_mission([[]]), "--bundle", tmp_path / "colour.tokt"]
+    ran = run_tokt(*asked, "--pixel-format", "Mono8")
+    assert ran.code == 2 and ran.out == ""
+    assert ran.err == "tokt: error: model small/0 looks at colours: not with --pixel-format Mono8\n"
+    assert run_tokt(*asked).code == 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -39,7 +39,7 @@ def _note(workspace, path):
 def _words(workspace, path, old):
     return (
         f"the labels of mission {path.stem!r} in {workspace} belong to the frames in"
-        f" {old.resolve()}; for another dive rename its folder or take another --workspace"
+        f" {old.resolve()}; give another dive its own name (NAME=DIR) or another --workspace"
     )
 
 

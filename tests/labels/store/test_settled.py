@@ -6,11 +6,12 @@ import pytest
 
 from tests.calls import refuses
 from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.features.frames.mission import open_mission
 from tokt.labels.formats.label_csv import read_label_csv, write_label_csv
 from tokt.labels.record import SETTLED, LabelRecord
 from tokt.labels.store.store import LabelStore
 from tokt.labels.taxonomy import Taxonomy
-from tokt.training.datasets.mission_source import plan_from_missions, read_labels
+from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions, read_labels
 
 TIME = "2016-04-20T10:00:00Z"
 TAXONOMY = Taxonomy.load()
@@ -115,11 +116,12 @@ def test_a_patch_that_a_file_settles_twice(tmp_path):
 
 
 def test_a_dataset_takes_what_is_settled(store, own_tiny, tmp_path):
-    mission = own_tiny.path.rename(tmp_path / "dive")
+    mission = open_mission(own_tiny.path.rename(tmp_path / "dive"))
     store.add([_said("reef", "ann", col=1), _said("ocean", "ben", col=1), _settled("reef")])
     records = store.current_and_settled(grid=DEFAULT_GRID)
     write_label_csv(tmp_path / "full.csv", records, full=True)
     for given in (records, read_labels([tmp_path / "full.csv"], TAXONOMY, DEFAULT_GRID)):
-        plan, remarks = plan_from_missions("d", "binary", [mission], given, TAXONOMY)
+        labelled = LabelledMission(mission, given)
+        plan, remarks = plan_from_missions("d", "binary", [labelled], TAXONOMY)
         assert plan.patches[["col", "label"]].to_numpy().tolist() == [[0, "reef"]]
         assert remarks == ["1 patches left out: annotators disagree"]

@@ -13,7 +13,7 @@ from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import build_dataset
-from tokt.training.datasets.mission_source import plan_from_missions
+from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions
 from tokt.training.datasets.splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS
 from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import extractor_for, settings_named
@@ -83,12 +83,10 @@ def train_on(mission, records, half, folder) -> tuple[str, Path]:
     plan, _ = plan_from_missions(
         "half",
         "binary",
-        [mission.path],
-        records,
+        [LabelledMission(mission, records)],
         Taxonomy.load(),
         frames=half.learnt,
         block_frames=half.block,
-        labels_are_for_it=True,
     )
     request = TrainRequest(
         build_dataset(plan, folder / "datasets", progress),

@@ -19,10 +19,11 @@ from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.features.frames.mission import open_mission
 from tokt.labels.taxonomy import Taxonomy
 from tokt.training.datasets.dataset import DatasetVersion, build_dataset, open_dataset
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.mission_source import plan_from_missions, read_labels
+from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions, read_labels
 from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS, blocked_folds
 from tokt.training.fitting.choose_operating_point import DEFAULT_TARGET, choose_frame_rule
 from tokt.training.fitting.classifier import decision_values, fit_classifier, linear_model
@@ -75,7 +76,8 @@ class Steps:
     def build(self) -> dict[str, Any]:
         taxonomy = Taxonomy.load()
         labels = read_labels([self._folder / LABELS], taxonomy, DEFAULT_GRID)
-        plan, _ = plan_from_missions(NAME, "binary", [self._mission], labels, taxonomy)
+        mission = LabelledMission(open_mission(self._mission), labels)
+        plan, _ = plan_from_missions(NAME, "binary", [mission], taxonomy)
         dataset = build_dataset(plan, self._folder / "datasets", _quiet)
         stored = sum(file.stat().st_size for file in dataset.path.rglob("*") if file.is_file())
         return {"patches": len(dataset.patches), "stored_mb": stored / 1e6}

@@ -340,6 +340,48 @@ def test_on_a_mission_the_figures_are_evaluates(compared, told, later_dive, tmp_
     assert page.read_text("utf-8").startswith("<!doctype html>")
 
 
+def test_on_several_missions_frame_by_frame_as_each_alone(
+    compared, told, refused, later_dive, tiny_truth, tmp_path
+):
+    """One of them counts its frames in another step, and is of another size."""
+    second = tmp_path / "a-second"
+    (second / "Left").mkdir(parents=True)
+    numbers = range(140, 170)
+    for frame in numbers:
+        image = cv2.resize(tiny_truth.draw(frame), None, fx=1.2, fy=1.2)
+        cv2.imwrite(str(second / "Left" / f"a_{2 * frame}.png"), image)
+    rows = [
+        ["later", "left", 2 * frame, *cell, "ocean"]
+        for frame in numbers
+        if not tiny_truth.cells(frame)
+        for cell in product(range(10), range(10))
+    ]
+    tiny_truth.write_labels(second / "labels.csv", rows)
+    (tmp_path / "missions.toml").write_text(
+        "".join(
+            f'[[mission]]\nname = "{name}"\ndir = "{dive}"\nlabels = "{dive}/labels.csv"\n'
+            for name, dive in (("first", later_dive), ("a-second", second))
+        ),
+        "utf-8",
+    )
+    command = ("compare", "tiny-lbp", "tiny-thesis", "--workspace", compared.workspace)
+    found = told(*command, "--mission", tmp_path)
+    alone = {
+        name: told(*command, "--mission", f"{name}={dive}", "--labels", dive / "labels.csv")
+        for name, dive in (("a-second", second), ("first", later_dive))
+    }
+    assert found["what"] == "; ".join(one["what"] for one in alone.values())
+    for index, model in enumerate(found["models"]):
+        each = [one["models"][index] for one in alone.values()]
+        for name in ("n", "ocean_frames", "false_status", "obstacle_frames", "detected", "unknown"):
+            assert model["frames"][name] == sum(one["frames"][name] for one in each), name
+        for name in ("sequences", "false_status_frames"):
+            assert model["frames"][name] == [row for one in each for row in one["frames"][name]]
+        counts = [np.array(one["patch"]["confusion"]["counts"]) for one in each]
+        assert model["patch"]["confusion"]["counts"] == sum(counts).tolist()
+    refused("--frames goes with one", *command, "--mission", tmp_path, "--frames", "1-9")
+
+
 def test_open_ocean_alone_gives_no_verdict_but_false_statuses(
     compared, told, later_dive, open_page, tmp_path
 ):

@@ -364,16 +364,8 @@ def test_a_newer_format_is_refused(format_1):
 
 
 @pytest.fixture
-def patch_folder(tmp_path):
-    folder = tmp_path / "cut"
-    rng = np.random.default_rng(3)
-    for label, spread in (("ocean", 2), ("reef", 14), ("unsure", 5)):
-        (folder / label).mkdir(parents=True)
-        for number in range(30):
-            coarse = rng.normal(60, spread, (9, 12)).repeat(3, 0).repeat(3, 1)
-            patch = rng.normal(coarse, 2).clip(0, 255).astype(np.uint8)
-            cv2.imwrite(str(folder / label / f"{number}.png"), patch)
-    return folder
+def patch_folder(cut_patches, tmp_path):
+    return cut_patches(tmp_path / "cut", 3, 30)
 
 
 def test_a_patch_folder_is_ungrouped_and_its_figures_say_so(
@@ -453,6 +445,40 @@ def test_one_mission_cannot_be_given_twice(tiny, tmp_path, refused):
     refused("two missions are named 'tiny'", "dataset", "build", "x", *twice)
 
 
+@pytest.fixture
+def two_dives(own_tiny, tiny_truth, tmp_path):
+    """Two dives whose folders have one name, each with a label file that names it otherwise."""
+    for year, shift in ((2016, 0), (2017, 1)):
+        frames = tmp_path / str(year) / "frames"
+        shutil.copytree(own_tiny.path, frames)
+        for file in frames.glob("Left/*") if shift else ():
+            cv2.imwrite(str(file), cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) + np.uint8(shift))
+        tiny_truth.write_labels(tmp_path / f"{year}.csv", tiny_truth.labels(f"dive-{year}"))
+    return tmp_path
+
+
+def test_missions_are_named_as_their_labels_call_them(build, two_dives, tmp_path, refused):
+    folders = [two_dives / f"{year}" / "frames" for year in (2016, 2017)]
+    labels = [part for year in (2016, 2017) for part in ("--labels", two_dives / f"{year}.csv")]
+    plain = [part for folder in folders for part in ("--mission", folder)]
+    space = ("--workspace", tmp_path / "ws")
+    refused("give NAME=DIR", "dataset", "build", "x", *plain, *labels, *space)
+    (two_dives / "second").symlink_to(folders[1])
+    named = ("--mission", f"dive-2016={folders[0]}", "--mission", f"dive-2017={two_dives}/second")
+    info = build(*named, *labels)
+    assert info["sources"][:2] == ["mission dive-2016", "mission dive-2017"]
+    frames = open_dataset("tiny", tmp_path / "ws" / "datasets").frames
+    assert frames.mission.value_counts().to_dict() == {"dive-2016": 40, "dive-2017": 40}
+    assert set(frames.group.str.partition("#")[0]) == {"dive-2016", "dive-2017"}
+
+
+def test_a_name_of_its_own_for_one_mission(build, tiny, tmp_path):
+    """Labels of one mission are taken for the one that is given, under its name."""
+    build("--mission", f"other={tiny.path}", "--labels", tiny.labels)
+    frames = open_dataset("tiny", tmp_path / "ws" / "datasets").frames
+    assert set(frames.mission) == {"other"}
+
+
 def test_own_taxonomy_file(build, tiny, tmp_path):
     (tmp_path / "two.toml").write_text(taxonomy_toml(ocean=False, subsea_installation=True))
     info = build(*inputs(tiny), "--taxonomy", tmp_path / "two.toml", "--task", "classes")
@@ -508,6 +534,7 @@ def test_labels_in_the_store_are_never_taken_for_another_dive(own_tiny, tmp_path
     command = ("dataset", "build", "d", "--mission", other, *space)
     refused("no labels for mission 'other-dive'", *command)
     assert "are taken for the frames in" in done(*command, "--labels", own_tiny.labels).err
+    done("dataset", "build", "d", "--mission", f"tiny={other}", *space)  # a person says so
 
 
 def test_a_dataset_whose_classes_are_all_clear_is_refused(own_tiny, tmp_path, refused):

@@ -14,6 +14,7 @@ from tokt.features.frames.mission import open_mission
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.models.operating_point import MofNRule, OperatingPoint
 from tokt.training.evaluation.evaluate import first_detection
+from tokt.training.evaluation.metrics import reliability
 
 SEVERAL = taxonomy_toml(ocean=False, subsea_installation=True, kelp=True)
 
@@ -89,11 +90,98 @@ def test_frames_are_judged_at_the_operating_point_across_a_gap(
     assert frames["missed_frames"] == sorted(set(tower) & set(wanted) - set(seen))
     assert frames["detected"] == len(seen) < plain["frames"]["detected"]
     assert frames["unknown"] == list(status.values()).count(-1) > 0
-    false = [frame for frame in wanted if frame not in tower and status[frame] == 1]
-    assert frames["false_status_frames"] == false
+    said = [frame for frame in wanted if frame not in tower and status[frame] == 1]
+    held = [
+        frame
+        for frame in said
+        if not (scores[frame] > margin).any() and {frame - 2, frame - 1} & set(tower) & set(wanted)
+    ]
+    assert frames["held_status_frames"] == held != []
+    assert frames["held_status"] == len(held)
+    assert frames["false_status_frames"] == sorted(set(said) - set(held))
+    assert frames["false_status"] == len(said) - len(held)
     assert result["patch"] == plain["patch"]
     assert result["operating_point"] == point.to_json()
     assert (result["latency_frames"], plain["latency_frames"]) == (1, 0)
+    assert plain["frames"]["held_status_frames"] == []
+
+    # What follows a status that was false itself is no hold.
+    rows = tiny_truth.labels()
+    for row in rows:
+        row[-1] = "ocean" if row[-1] == "unsure" or row[2] < 13 else row[-1]
+    labels = tiny_truth.write_labels(tmp_path / "l.csv", rows)
+    frames = evaluate(file, "--frames", "1-14,18-40", labels=labels)[0]["frames"]
+    gone = [frame for frame in held if frame < 15]
+    assert gone and set(gone) <= set(frames["false_status_frames"])
+    assert frames["held_status_frames"] == held[len(gone) :]
+
+
+@pytest.fixture
+def listed(tiny, own_tiny, tiny_truth, tmp_path):
+    """A list of three dives at two sites, each with its own label file and other pictures."""
+    dives = {}
+    for name, shift in (("a", 0), ("b", 1), ("c", 2)):
+        folder = tmp_path / "dives" / name / "frames"
+        shutil.copytree(tiny.path, folder)
+        for file in folder.glob("Left/*"):
+            cv2.imwrite(str(file), cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) + np.uint8(shift))
+        dives[name] = tiny_truth.write_labels(folder.parent / "l.csv", tiny_truth.labels())
+    text = "".join(
+        f'[[mission]]\nname = "{name}"\ndir = "{name}/frames"\nlabels = "{name}/l.csv"\n'
+        f'site = "{site}"\ndate = 2016-04-20\n'
+        for name, site in (("a", "fjord"), ("b", "basin"), ("c", "basin"))
+    )
+    file = tmp_path / "dives" / "missions.toml"
+    file.write_text(text, "utf-8")
+    return file
+
+
+def test_several_missions_by_dive_and_site(
+    done, refused, evaluate, tiny_bundle, tiny_truth, listed
+):
+    found = json.loads(done("evaluate", tiny_bundle, "--mission", listed.parent, "--json").out)
+    alone = {
+        name: evaluate(tiny_bundle, mission=f"{name}={listed.parent / name / 'frames'}")[0]
+        for name in "abc"
+    }
+    assert alone["a"]["patch"]["n"] * 3 == found["patch"]["n"]
+    for one in found["missions"]:
+        name = one["mission"]
+        assert one["site"] == {"a": "fjord"}.get(name, "basin")
+        for key in ("patch", "frames", "unsure_ignored", "seen_in_training"):
+            assert one[key] == alone[name][key]
+    counts = ("true_positive", "false_positive", "false_negative", "true_negative")
+    for names, pooled in (
+        ("abc", found),
+        ("a", found["sites"]["fjord"]),
+        ("bc", found["sites"]["basin"]),
+    ):
+        for key in counts:
+            assert pooled["patch"][key] == sum(alone[name]["patch"][key] for name in names)
+        for key in ("n", "ocean_frames", "false_status", "obstacle_frames", "detected", "unknown"):
+            assert pooled["frames"][key] == sum(alone[name]["frames"][key] for name in names)
+        first = {name: alone[name]["frames"]["first_detection"] for name in names}
+        assert pooled["frames"]["first_detection"] == first
+        missed = [f"{n}:{at}" for n in names for at in alone[n]["frames"]["missed_frames"]]
+        assert pooled["frames"]["missed_frames"] == missed
+    assert "mission" not in found and found["seen_in_training"] == 40
+    rows = [row for name in "abc" for row in tiny_truth.labels(name)]
+    labels = tiny_truth.write_labels(listed.parent / "all.csv", rows)
+    each = [("--mission", f"{name}={listed.parent / name / 'frames'}") for name in "abc"]
+    command = ("evaluate", tiny_bundle, *each[0], *each[1], *each[2], "--labels", labels, "--json")
+    again = json.loads(done(*command).out)
+    assert again["sites"] == {} and again["patch"] == found["patch"]
+    assert again["missions"] == [{**one, "site": None} for one in found["missions"]]
+    refused("--frames goes with one mission", *command, "--frames", "1-8")
+
+
+def test_the_table_of_several_missions(done, tiny_bundle, listed):
+    ran = done("evaluate", tiny_bundle, "--mission", listed)
+    assert "learnt from 40 of these frames (a): " in ran.err
+    out = ran.out
+    rows = out[out.index("first of three\n") :].splitlines()[1:]
+    assert [row.split()[0] for row in rows] == ["a", "b", "c", "site", "site"]
+    assert "subsea_installation: " in out and "on the right side" in out
 
 
 def test_three_in_a_row_do_not_reach_over_a_gap():
@@ -203,3 +291,59 @@ def test_a_frame_that_cannot_be_described_is_one_line(refused, tiny_bundle, own_
     cv2.imwrite(str(strip), np.zeros((2, 1000), np.uint8))
     frames = ("--mission", own_tiny.path, "--labels", own_tiny.labels, "--frames", "7")
     refused("tokt: error: frame 7 cannot be scored: ", "evaluate", tiny_bundle, *frames)
+
+
+# --- ready-cut patches -------------------------------------------------------------------------
+
+
+def test_ready_cut_patches(done, refused, cut_patches, tiny_bundle, tmp_path):
+    space = ("--workspace", tmp_path / "ws")
+    learnt, other = (cut_patches(tmp_path / f"{n}", n, 20) for n in (1, 2))
+    done("dataset", "build", "cut", "--patches", learnt, *space)
+    done("train", "cut", "--extractor", "lbp", "--preset", "plain", *space)
+    command = ("evaluate", "cut-lbp", *space, "--patches")
+    ran = done(*command, other, "--json")
+    assert "WARNING" not in ran.err
+    found = json.loads(ran.out)
+    patch = found["patch"]
+    assert (patch["n"], found["unsure_ignored"], found["seen_in_training"]) == (40, 20, 0)
+    done("export", "cut-lbp", "-o", tmp_path / "cut.tokt", *space)
+    bundle = read_bundle(tmp_path / "cut.tokt")
+    said = {
+        label: [
+            bundle.decision_values(cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)).item() > 0
+            for file in (other / label).iterdir()
+        ]
+        for label in ("ocean", "reef")
+    }
+    assert patch["true_positive"] == sum(said["reef"]) > 15
+    assert patch["false_positive"] == sum(said["ocean"]) < 5
+    assert set(patch["by_label"]) == {"ocean", "reef"}
+    assert sum(one["n"] for one in patch["reliability"]) == 40
+    assert "learnt from 40 of these patches" in done(*command, learnt).err
+    out = done(*command, other).out
+    assert "reef: " in out and "status" not in out
+    refused("judges the patches of whole frames", "evaluate", tiny_bundle, "--patches", other)
+    refused("go with --mission", *command, other, "--frames", "1-2")
+    refused("either --mission DIR or --patches DIR", "evaluate", "cut-lbp", *space)
+    refused("has no images", *command, other.parent)
+    (other / "reef" / "1.png").write_bytes(b"no image")
+    refused("1.png", *command, other)
+
+
+# --- reliability -------------------------------------------------------------------------------
+
+
+def test_how_often_patches_are_obstacles_by_decision_value():
+    score = np.array([-3.0, -2, -1, -0.5, -0.4, -0.3, -0.1, 0, 0.5, 1, 2])
+    truth = np.array([0, 0, 0, 0, 1, 0, 0, 1, 0, 1, 1], bool)
+    rng = np.random.default_rng(1)
+    order = rng.permutation(len(score))
+    found = reliability(truth[order], score[order])
+    assert [(one["low"], one["high"], one["n"]) for one in found] == [
+        *((-3.0, -2.0, 2), (-1.0, -0.5, 2), (-0.4, -0.3, 2), (-0.1, -0.1, 1), (0.0, 0.0, 1)),
+        *((0.5, 0.5, 1), (1.0, 1.0, 1), (2.0, 2.0, 1)),
+    ]
+    assert [one["obstacle"] for one in found] == [0, 0, 0.5, 0, 1, 0, 1, 1]
+    assert reliability(truth[:2], np.array([np.inf, np.inf])) == []
+    assert [one["n"] for one in reliability(truth[:3], score[-3:])] == [1, 1, 1]

@@ -110,6 +110,9 @@ def test_the_built_in_space_has_preset_best_in_it():
         ("[extractors]", 'changes = ["gain"]\n[extractors]', "no picture change 'gain'"),
         ("[extractors]", "changes = 3\n[extractors]", "changes is a list"),
         ("[extractors]", "change_weight = 0\n[extractors]", "change_weight: a number above 0"),
+        ("[extractors]", "gamma = 0\n[extractors]", "gamma: a number above 0"),
+        ("[extractors]", "landmarks = -1\n[extractors]", "landmarks: a whole number"),
+        ("[extractors]", "landmarks = 1e9\n[extractors]", "landmarks: a whole number"),
     ],
 )
 def test_a_wrong_space_is_one_line(tmp_path, before, after, said):

@@ -29,7 +29,11 @@ from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt.studies.speed.stamped_receiver import StampedReceiver
 from tokt.training.compare.bootstrap import compare_f1
 from tokt.training.datasets.dataset import build_dataset
-from tokt.training.datasets.mission_source import labels_of_mission, plan_from_missions
+from tokt.training.datasets.mission_source import (
+    LabelledMission,
+    labels_of_mission,
+    plan_from_missions,
+)
 from tokt.training.datasets.splits import (
     BLOCK_FRAMES,
     EMBARGO_FRAMES,
@@ -103,12 +107,13 @@ def hold_back(
     return sorted(set(frames[fold.train].tolist())), sorted(set(frames[fold.test].tolist()))
 
 
-def _check_given(mission: Path, labels: Path) -> None:
-    """Find what is wrong with a user's mission or labels before anything is deleted."""
+def _check_given(mission: Path, labels: Path) -> Path:
+    """Find what is wrong with a user's mission or labels before anything is deleted; its path."""
     opened, taxonomy = open_mission(mission), Taxonomy.load()
     read = read_label_csv(labels, taxonomy)
     records, _ = labels_of_mission(opened, read, DEFAULT_GRID, only=True)
     hold_back(records, taxonomy, *block_rule(records))
+    return opened.path
 
 
 def _prepare(
@@ -146,12 +151,10 @@ def _build(run: DemoRun, workspace: Path, progress: Progress) -> None:
     plan, _ = plan_from_missions(
         "demo",
         "binary",
-        [run.mission.path],
-        run.records,
+        [LabelledMission(run.mission, run.records)],
         run.taxonomy,
         frames=run.train_frames,
         block_frames=run.block_frames,
-        labels_are_for_it=True,
     )
     run.dataset = build_dataset(plan, workspace / "datasets", progress)
 
@@ -250,9 +253,10 @@ def run_demo(
     ToktError
         If the mission or its labels cannot be used.
     """
+    place = None
     if mission is not None and labels is not None:
-        _check_given(mission, labels)
-    _empty_folder(out, mission, labels)
+        place = _check_given(mission, labels)
+    _empty_folder(out, place, labels)
     run = _prepare(out, mission, labels, frames, width, progress, say)
     workspace, store = out / "workspace", Store(out / "store")
     registry = Registry(workspace, create=True, own=True)
@@ -271,8 +275,9 @@ def run_demo(
     with run.stage("score all models on the held-back frames", say):
         for name, bundle in run.bundles.items():
             run.scored[name] = score_mission(bundle, run.mission, progress, run.held_frames)
+            labelled = LabelledMission(run.mission, run.records)
             run.evaluations[name] = evaluate_scored(
-                bundle, run.scored[name], run.mission.name, run.records, run.taxonomy
+                bundle, run.scored[name], labelled, run.taxonomy
             )
     say("-- write the report")
     write_report(out / "report.html", run, bundle_file)

@@ -16,6 +16,7 @@ import numpy as np
 
 from tokt.features.common import atomic
 from tokt.features.frames.grid import DEFAULT_GRID
+from tokt.features.frames.mission import open_mission
 from tokt.labels.taxonomy import Taxonomy
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.registry.registry import Registry
@@ -28,7 +29,7 @@ from tokt.studies.simulation.scene.closed_loop_world import World
 from tokt.studies.simulation.scene.rig import SyntheticRig
 from tokt.studies.simulation.scene.water import Water
 from tokt.training.datasets.dataset import build_dataset
-from tokt.training.datasets.mission_source import plan_from_missions, read_labels
+from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions, read_labels
 from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS
 from tokt.training.fitting.choose_operating_point import FalseStatusTarget
 from tokt.training.fitting.cross_validation import Split
@@ -82,9 +83,11 @@ def train_default_model(
         for seed in DRIFT_SEEDS:
             missions.append(folder / f"open-water-{seed}")
             write_drift(missions[-1], seed, DRIFT_FRAMES, width)
-        files = [mission / "labels.csv" for mission in missions]
-        records = read_labels(files, taxonomy, DEFAULT_GRID)
-        plan, _ = plan_from_missions(NAME, "binary", missions, records, taxonomy)
+        labelled = []
+        for mission in missions:
+            records = read_labels([mission / "labels.csv"], taxonomy, DEFAULT_GRID)
+            labelled.append(LabelledMission(open_mission(mission), records))
+        plan, _ = plan_from_missions(NAME, "binary", labelled, taxonomy)
         dataset = build_dataset(plan, folder / "datasets", progress)
         extractor, settings = extractor_for(EXTRACTOR, PRESET), settings_named(PRESET)
         split, target = Split(FOLDS, EMBARGO_FRAMES), FalseStatusTarget(FALSE_STATUS_RATE)

@@ -273,9 +273,10 @@ def run_bench(
             say("-- render a mission")
             mission = folder / "embedded"
             simulate_mission(mission, n_frames=EMBEDDED_FRAMES, progress=progress)
+            opened = open_mission(mission)
         else:
-            shown_as = mission.resolve().name
-        opened = open_mission(mission)
+            opened = open_mission(mission)
+            shown_as = opened.name
         found = _measure(opened, labels, calibration, shown_as, size, folder, progress, say)
     text = json.dumps(found.to_json(), indent=2, ensure_ascii=False, allow_nan=False)
     atomic.write_text(out / "bench.json", text + "\n")

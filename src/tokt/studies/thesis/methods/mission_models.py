@@ -35,7 +35,7 @@ from tokt.studies.speed.models import (
 )
 from tokt.studies.thesis.inputs import StudyInputs
 from tokt.training.datasets.dataset import DatasetVersion, build_dataset
-from tokt.training.datasets.mission_source import plan_from_missions
+from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions
 from tokt.training.datasets.splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
 from tokt.training.fitting.choose_operating_point import DEFAULT_TARGET, choose_frame_rule
 from tokt.training.fitting.classifier import decision_values, fit_classifier, linear_model
@@ -135,13 +135,11 @@ def _dataset(
     plan, _ = plan_from_missions(
         "reproduce",
         "binary",
-        [inputs.mission.path],
-        inputs.labels or [],
+        [LabelledMission(inputs.mission, inputs.labels or [])],
         inputs.taxonomy,
         GRID,
         labelled,
         block,
-        labels_are_for_it=True,
     )
     dataset = build_dataset(plan, folder, inputs.progress)
     return dataset, Split(FOLDS, EMBARGO_FRAMES * block // BLOCK_FRAMES)
