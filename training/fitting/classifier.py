@@ -75,7 +75,7 @@ def _fitted_map(
     scaler.fit(np.stack([usual.mean_ - far, usual.mean_ + far]))
     drawn = np.random.default_rng(settings.seed).choice(
         len(features),
-        min(np.count_nonzero(parts), _MAX_DRAWN),
+        min(int(np.count_nonzero(parts)), _MAX_DRAWN),
         replace=False,
         p=parts / parts.sum(),
     )
