@@ -23,7 +23,7 @@ SETTINGS = TrainingSettings("drawn", True, (1.0,), False, landmarks=30)
 
 def rings(seed=0, n=400):
     """Patches of which those near the middle are obstacles: no plane tells them apart."""
-    features = np.random.default_rng(seed).normal(0, [1, 1, 50], (n, 3)) + [0, 3, 1000]
+    features = np.random.default_rng(seed).normal(0, [1, 1, 50], (n, 3)) + np.array([0, 3, 1000])
     return features, (np.hypot(features[:, 0], features[:, 1] - 3) < 1).astype(int)
 
 
