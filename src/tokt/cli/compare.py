@@ -68,6 +68,10 @@ def compare(
     frames: Annotated[
         str | None, Option(help="Use these frames of it only, such as 1-99,132-246.")
     ] = None,
+    rate: RateOption = None,
+    stopping_distance: StoppingOption = None,
+    calibration: CalibrationOption = None,
+    log: LogOption = None,
     learning_curve: Annotated[
         str | None,
         Option(metavar="MODEL", help="Model whose learning curve is drawn. Default: the best one."),
@@ -90,8 +94,12 @@ def compare(
     from tokt.training.compare.mission_predictions import predict_missions
     from tokt.training.compare.report import has_registry, log_comparison, report_html
 
-    if not mission and (labels or frames or taxonomy):
-        raise ToktError("--labels, --frames and --taxonomy go with --mission")
+    at_sea = (rate, stopping_distance, calibration, log)
+    if not mission and (labels or frames or taxonomy or any(one is not None for one in at_sea)):
+        raise ToktError(
+            "--labels, --frames, --taxonomy, --rate, --stopping-distance, --calibration and --log "
+            "go with --mission"
+        )
     if output is not None and output.is_dir():
         raise ToktError(f"{output} is a folder; -o names the report's file")
     if not mission:
@@ -103,7 +111,8 @@ def compare(
         check_different([bundle.label for bundle in bundles], [bundle.sha256 for bundle in bundles])
         missions = labelled_missions(mission, labels, workspace, classes, bundles[0].grid)
         _check_frames(frames, missions)
-        compared = predict_missions(bundles, missions, classes, progress, wanted)
+        stated = _stated(*at_sea, missions)
+        compared = predict_missions(bundles, missions, classes, progress, wanted, stated)
     result = compare_models(compared, workspace, progress, learning_curve)
     html = report_html(compared, result)
     if output is not None:
@@ -137,17 +146,23 @@ def _stated(
     return AtSea(rate, stopping_m, rig, logged_distances(log) if log else {})
 
 
+_BOUNDS = ("of_frames", "of_blocks", "blocks")
+
+
 def _print_at_sea(frames: dict[str, Any], indent: str) -> None:
     """False statuses an hour, and what is left at each approach's first status."""
     hourly = frames["false_status_per_hour"]
     if hourly:
         bound, rate = hourly["upper_bound"], hourly["rate_fps"]
         per = "in 1,000 frames" if rate is None else f"an hour at {rate:.3g} frames a second"
+        seen, most, some, blocks = (
+            f"{one:.0f}" if one >= 100 else f"{one:.3g}"
+            for one in (hourly["false_status"], *(bound[key] for key in _BOUNDS))
+        )
         print(
-            f"{indent}false statuses {per} of open ocean: {hourly['false_status']:.3g}; at most "
-            f"{bound['of_frames']:.3g} with {bound['confidence']:.0%} confidence, were frames "
-            f"independent; some in at most {bound['of_blocks']:.3g} of {bound['blocks']:.3g} "
-            "blocks of near copies"
+            f"{indent}false statuses {per} of open ocean: {seen}; at most {most} with "
+            f"{bound['confidence']:.0%} confidence, were frames independent; some in at most "
+            f"{some} of {blocks} blocks of near copies"
         )
     for one in frames["approaches"]:
         print(f"{indent}{_approach(one)}")
@@ -192,6 +207,7 @@ def _print_comparison(result: dict[str, Any]) -> None:
                 f"frames, obstacle seen in {frames['detected']} of {frames['obstacle_frames']}, "
                 f"first detection {', '.join(map(_first, frames['sequences']))}"
             )
+            _print_at_sea(frames, "    ")
     for line in (*result["words"], *result["learning_curve"].get("words", [])):
         print(line)
     for note in result["notes"]:

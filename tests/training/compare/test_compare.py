@@ -329,7 +329,8 @@ def later_dive(tiny_truth, tmp_path):
 
 def test_on_a_mission_the_figures_are_evaluates(compared, told, later_dive, tmp_path):
     options = ("--mission", later_dive, "--labels", later_dive / "labels.csv")
-    options = (*options, "--workspace", compared.workspace)
+    some = ("--rate", 4, "--frames", "109-111,113-115,117-119,121-123,125-127,129")
+    options = (*options, *some, "--workspace", compared.workspace)
     page = tmp_path / "report.html"
     found = told("compare", "tiny-lbp", "tiny-thesis", *options, "-o", page)
     assert found["mode"] == "mission"
@@ -340,9 +341,18 @@ def test_on_a_mission_the_figures_are_evaluates(compared, told, later_dive, tmp_
             assert model["patch"][name] == evaluated["patch"][name]
         for name in ("n", "ocean_frames", "false_status", "obstacle_frames", "detected", "unknown"):
             assert model["frames"][name] == evaluated["frames"][name], name
+        assert model["frames"]["approaches"] == [
+            {"mission": "later", "camera": "left", **one}
+            for one in evaluated["frames"]["approaches"]
+        ]
+        name = "false_status_per_hour"
+        assert model["frames"][name] == evaluated["frames"][name]
         (sequence,) = model["frames"]["sequences"]
         assert sequence["first_detection"] == evaluated["frames"]["first_detection"]
-    assert page.read_text("utf-8").startswith("<!doctype html>")
+    text = page.read_text("utf-8")
+    assert text.startswith("<!doctype html>") and "false statuses an hour" in text
+    (one,) = evaluated["frames"]["approaches"]
+    assert f"approach later:{one['first_obstacle_frame']}-" in text
 
 
 def test_on_several_missions_frame_by_frame_as_each_alone(
