@@ -76,6 +76,14 @@ def compare(
         str | None,
         Option(metavar="MODEL", help="Model whose learning curve is drawn. Default: the best one."),
     ] = None,
+    ceilings: Annotated[
+        bool,
+        Option(
+            "--ceilings",
+            help="For development: what gradient boosting on the same features and a small net on "
+            "the pixels (if torch is installed) make of the same folds.",
+        ),
+    ] = False,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
@@ -100,6 +108,8 @@ def compare(
             "--labels, --frames, --taxonomy, --rate, --stopping-distance, --calibration and --log "
             "go with --mission"
         )
+    if mission and ceilings:
+        raise ToktError("--ceilings is of what cross-validation held out; leave --mission out")
     if output is not None and output.is_dir():
         raise ToktError(f"{output} is a folder; -o names the report's file")
     if not mission:
@@ -113,7 +123,7 @@ def compare(
         _check_frames(frames, missions)
         stated = _stated(*at_sea, missions)
         compared = predict_missions(bundles, missions, classes, progress, wanted, stated)
-    result = compare_models(compared, workspace, progress, learning_curve)
+    result = compare_models(compared, workspace, progress, learning_curve, ceilings)
     html = report_html(compared, result)
     if output is not None:
         atomic.write_text(output, html)
@@ -208,6 +218,15 @@ def _print_comparison(result: dict[str, Any]) -> None:
                 f"first detection {', '.join(map(_first, frames['sequences']))}"
             )
             _print_at_sea(frames, "    ")
+    for one in result["ceilings"]:
+        of = f" on the features of {one['model']}" if one["model"] else ""
+        patch = one.get("patch")
+        found = one.get("missing") or (
+            f"F1 {figure(patch['f1'])}, precision {figure(patch['precision'])}, recall "
+            f"{figure(patch['recall'])}, AP {figure(patch['average_precision'])}, macro-F1 "
+            f"{figure(patch['macro_f1'])}"
+        )
+        print(f"  ceiling, {one['learner']}{of}: {found}")
     for line in (*result["words"], *result["learning_curve"].get("words", [])):
         print(line)
     for note in result["notes"]:
