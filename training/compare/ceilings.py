@@ -57,8 +57,8 @@ def ceilings(
         dives = setting.split.dives(dataset.patches)
         weight = np.ones(len(setting.targets)) if dives is None else dive_weights(dives)
         tables, changed = [setting.features, *setting.augmented], setting.settings.change_weight
-        about = {"learner": "gradient boosting", "model": item.label}
-        tried.append((about, _boosting(tables, setting.targets, weight, changed)))
+        learner = _boosting(tables, setting.targets, weight, changed)
+        tried.append(({"learner": "gradient boosting", "model": item.label}, learner))
     net: dict[str, Any] = {"learner": "small convolutional net on the pixels", "model": None}
     if find_spec("torch"):
         tried.append((net, _net(_pixels(dataset, progress), setting.targets, weight)))

@@ -24,7 +24,7 @@ from tokt.training.datasets.splits import block_of
 from tokt.training.evaluation.approaches import (
     NOTHING_STATED,
     AtSea,
-    Ranges,
+    KnownDistances,
     approach_figures,
     approaches,
     false_status_per_hour,
@@ -130,7 +130,7 @@ def statuses(
 def frame_figures(
     series: FrameSeries,
     status: I64,
-    ranges: Mapping[str, Ranges] | None = None,
+    ranges: Mapping[str, KnownDistances] | None = None,
     stated: AtSea = NOTHING_STATED,
 ) -> dict[str, Any]:
     """Statuses against what the labels say a frame holds.
@@ -139,7 +139,7 @@ def frame_figures(
     ----------
     series : FrameSeries
     status : array of int, shape (n_frames,)
-    ranges : mapping of str to Ranges, optional
+    ranges : mapping of str to KnownDistances, optional
         By mission, of its left frames.
     stated : AtSea
 
@@ -162,7 +162,7 @@ def frame_figures(
         names = {"mission": str(row.mission), "camera": str(row.camera)}
         known = (ranges or {}).get(row.mission) if row.camera == LEFT else None
         spans = labelled_approaches(series.table[rows])
-        of = numbers.tolist(), gaps, status[rows].tolist(), spans, known or Ranges()
+        of = numbers.tolist(), gaps, status[rows].tolist(), spans, known or KnownDistances()
         coming += [{**names, **one} for one in approach_figures(*of, stated.stopping_m)]
         first.append(
             {
@@ -174,8 +174,13 @@ def frame_figures(
         )
     keys = series.table[["mission", "frame"]].itertuples(index=False, name=None)
     block = np.array([block_of(*key) for key in keys], object)
-    counts = [int(one.sum()) for one in (said & ocean, ocean)]
-    counts += [len(set(block[one])) for one in (said & ocean, ocean)]
+    hourly = false_status_per_hour(
+        int((said & ocean).sum()),
+        int(ocean.sum()),
+        len(set(block[said & ocean])),
+        len(set(block[ocean])),
+        stated.frames_per_second,
+    )
     return {
         "n": len(status),
         "ocean_frames": int(ocean.sum()),
@@ -187,5 +192,5 @@ def frame_figures(
         "not_judged": int((~ocean & ~obstacle).sum()),
         "sequences": first,
         "approaches": coming,
-        "false_status_per_hour": false_status_per_hour(*counts, stated.frames_per_second),
+        "false_status_per_hour": hourly,
     }

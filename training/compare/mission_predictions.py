@@ -19,7 +19,7 @@ from tokt.models.bundle.bundle import Bundle, frame_id
 from tokt.models.operating_point import frame_step
 from tokt.training.datasets.mission_source import LabelledMission
 from tokt.training.datasets.splits import BLOCK_FRAMES, block_of
-from tokt.training.evaluation.approaches import NOTHING_STATED, AtSea, ranges_of
+from tokt.training.evaluation.approaches import NOTHING_STATED, AtSea, known_distances
 from tokt.training.evaluation.evaluate import (
     classes_and_targets,
     mission_in_training,
@@ -193,7 +193,7 @@ def predict_missions(
             raise ToktError(f"no labelled patch of mission {mission.name!r} to compare on")
         check_unseen(bundles, mission, numbers, progress)
         table = _frames(name, numbers, merged, taxonomy, bundles[0].grid.n_patches)
-        ranges[name] = ranges_of(mission, labelled_approaches(table), stated, progress)
+        ranges[name] = known_distances(mission, labelled_approaches(table), stated, progress)
         series.append(FrameSeries.of(table, frame_step(mission.frames(LEFT))))
         keys += [(name, number) for number in numbers]
         what.append(f"mission {mission.name}, frames {format_frames(numbers)}")

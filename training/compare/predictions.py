@@ -14,7 +14,7 @@ from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.splits import held_out_together
-from tokt.training.evaluation.approaches import NOTHING_STATED, AtSea, Ranges
+from tokt.training.evaluation.approaches import NOTHING_STATED, AtSea, KnownDistances
 from tokt.training.evaluation.metrics import class_metrics, metrics_by, obstacle_metrics
 from tokt.training.fitting.cross_validation import BLOCKS, DIVES
 
@@ -125,7 +125,7 @@ class ComparedModels:
     notes : list of str
         What a reader must know of how the figures came about.
     stated : AtSea
-    ranges : mapping of str to Ranges
+    ranges : mapping of str to KnownDistances
         By mission, of its left frames.
     """
 
@@ -139,7 +139,7 @@ class ComparedModels:
     dataset: DatasetVersion | None
     notes: list[str]
     stated: AtSea = NOTHING_STATED
-    ranges: Mapping[str, Ranges] = field(default_factory=dict)
+    ranges: Mapping[str, KnownDistances] = field(default_factory=dict)
 
     @property
     def unit(self) -> str:

@@ -1,4 +1,4 @@
-"""What counts at sea: distance and time left at the first status, and false statuses an hour."""
+"""Approaches in the labels: distance and time left at the first status; false statuses an hour."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
@@ -137,7 +137,7 @@ def approaches(frames: Iterable[int], ocean: Set[int], obstacle: Set[int]) -> li
 
 
 @dataclass(frozen=True)
-class Ranges:
+class KnownDistances:
     """Distances (m) and times (s) of a dive's frames by number, as far as they are known."""
 
     distance_m: Mapping[int, float] = field(default_factory=dict)
@@ -161,9 +161,9 @@ class Ranges:
         return -float(theilslopes(metres, seconds).slope)
 
 
-def ranges_of(
+def known_distances(
     mission: Mission, spans: Sequence[tuple[int, int]], stated: AtSea, progress: Callable[..., Any]
-) -> Ranges:
+) -> KnownDistances:
     """Distances and times of a mission's approaches, from its pairs or from a run's log.
 
     Raises
@@ -180,7 +180,7 @@ def ranges_of(
         seconds = {number: one.t for number, one in stated.log.items() if one.t is not None}
     if stated.calibration is None:
         logged = {n: one.distance_m for n, one in stated.log.items() if one.distance_m is not None}
-        return Ranges(logged, seconds)
+        return KnownDistances(logged, seconds)
     if RIGHT not in mission.cameras:
         raise ToktError(f"mission {mission.name!r} has no right camera: no distance by calibration")
     # With frames before each, from which the detector knows the rig's drift and what is faint.
@@ -193,7 +193,7 @@ def ranges_of(
             raise ToktError(f"mission {mission.name!r}, frame {frame.number}: {verdict.health}")
         if verdict.distance_m is not None:
             measured[frame.number] = verdict.distance_m
-    return Ranges(measured, seconds)
+    return KnownDistances(measured, seconds)
 
 
 def _check_log(mission: Mission, log: Mapping[int, LoggedDistance]) -> None:
@@ -211,7 +211,7 @@ def approach_figures(
     missed: Sequence[int],
     status: Sequence[int],
     spans: Iterable[tuple[int, int]],
-    ranges: Ranges,
+    ranges: KnownDistances,
     stopping_m: float | None,
 ) -> list[dict[str, Any]]:
     """What is left at the first status of each approach.
@@ -222,7 +222,7 @@ def approach_figures(
         As in `tokt.training.evaluation.evaluate.ScoredMission`.
     spans : iterable of (int, int)
         Of `approaches`. A status before an approach's first obstacle frame does not count for it.
-    ranges : Ranges
+    ranges : KnownDistances
     stopping_m : float or None
 
     Returns
@@ -238,8 +238,9 @@ def approach_figures(
     for first, last in spans:
         begin, end = frames.index(first), frames.index(last) + 1
         said = next((i for i in range(begin, end) if status[i] == OBSTACLE), None)
-        soon = [] if said is None else frames[said : said + SOON_FRAMES + 1]
-        near = next((number for number in soon if number in ranges.distance_m), None)
+        soon = () if said is None else range(said, end)
+        known = (frames[i] for i in soon if place[i] <= place[soon[0]] + SOON_FRAMES)
+        near = next((number for number in known if number in ranges.distance_m), None)
         metres = None if near is None else ranges.distance_m[near]
         closing = None if near is None else ranges.closing_m_s(near)
         enough = None
@@ -247,7 +248,9 @@ def approach_figures(
             enough = False
         elif stopping_m is not None and metres is not None:
             enough = metres >= stopping_m
-        approaching = closing is not None and closing >= MIN_CLOSING_M_S
+        contact = None
+        if metres is not None and closing is not None and closing >= MIN_CLOSING_M_S:
+            contact = metres / closing
         found.append(
             {
                 "first_obstacle_frame": first,
@@ -257,7 +260,7 @@ def approach_figures(
                 "distance_m": metres,
                 "distance_frame": near,
                 "closing_m_s": closing,
-                "contact_s": metres / closing if approaching and metres is not None else None,
+                "contact_s": contact,
                 "stopping_distance_m": stopping_m,
                 "enough": enough,
             }

@@ -32,7 +32,7 @@ from .approaches import (
     approach_figures,
     approaches,
     false_status_per_hour,
-    ranges_of,
+    known_distances,
 )
 from .metrics import class_metrics, obstacle_metrics, reliability
 
@@ -268,7 +268,7 @@ def _part(
     ocean, obstacle = _kinds(bundle, scored.frames, by_frame, taxonomy)
     figures = _frame_figures(bundle, scored, ocean, obstacle, name)
     spans = approaches(scored.frames, set(ocean), set(obstacle))
-    ranges = ranges_of(one.mission, spans, stated, progress)
+    ranges = known_distances(one.mission, spans, stated, progress)
     series = scored.frames, scored.missed, scored.status
     figures["approaches"] = approach_figures(*series, spans, ranges, stated.stopping_m)
     return _Part(
@@ -291,8 +291,13 @@ def _together(
     rate: float | None,
 ) -> dict[str, Any]:
     """The figures of some missions' patches as if they were of one."""
-    keys = ("false_status", "ocean_frames", "false_status_blocks", "ocean_blocks")
-    hourly = false_status_per_hour(*(frames[key] for key in keys), rate)
+    hourly = false_status_per_hour(
+        frames["false_status"],
+        frames["ocean_frames"],
+        frames["false_status_blocks"],
+        frames["ocean_blocks"],
+        rate,
+    )
     values = np.concatenate([part.values for part in parts])
     labels = [label for part in parts for label in part.labels]
     return {

@@ -14,12 +14,12 @@ from tokt.inference.stereo.calibration import load_calibration
 from tokt.inference.stereo.calibration_writer import write_calibration
 from tokt.training.evaluation.approaches import (
     AtSea,
+    KnownDistances,
     LoggedDistance,
-    Ranges,
     approach_figures,
     approaches,
     false_status_per_hour,
-    ranges_of,
+    known_distances,
 )
 
 
@@ -51,7 +51,9 @@ def figures(status, ranges, stopping_m=None, missed=None):
 def coming(metres_a_frame, wrong=()):
     """Distances of frames 12 to 40 at 10 frames a second, 8 m in frame 20."""
     distance = {n: 8 - metres_a_frame * (n - 20) for n in range(12, 41)}
-    return Ranges({**distance, **dict.fromkeys(wrong, 30.0)}, {n: n / 10 for n in range(10, 60)})
+    return KnownDistances(
+        {**distance, **dict.fromkeys(wrong, 30.0)}, {n: n / 10 for n in range(10, 60)}
+    )
 
 
 def test_what_is_left_at_the_first_status():
@@ -66,9 +68,9 @@ def test_what_is_left_at_the_first_status():
     missed = [0, 0, 0, 5, *36 * [0]]
     assert figures(status, coming(0.1), missed=missed)["frames_late"] == 13
     # What does not come closer is no contact, and without times nothing is said of one.
-    for still in (coming(0.004), coming(-0.1), Ranges(coming(0.1).distance_m)):
+    for still in (coming(0.004), coming(-0.1), KnownDistances(coming(0.1).distance_m)):
         assert figures(status, still)["contact_s"] is None
-    few = Ranges({20: 8.0, 21: 7.9, 22: 7.8}, coming(0.1).seconds)
+    few = KnownDistances({20: 8.0, 21: 7.9, 22: 7.8}, coming(0.1).seconds)
     assert figures(status, few)["closing_m_s"] is None
 
 
@@ -77,10 +79,15 @@ def test_no_status_is_too_late_and_no_distance_is_not_judged():
     assert (silent["first_status"], silent["distance_m"], silent["enough"]) == (None, None, False)
     status = [0, 0, *38 * [1]]
     for first, metres, enough in ((22, 7.8, True), (23, None, None)):
-        seen = Ranges({n: m for n, m in coming(0.1).distance_m.items() if n >= first})
+        seen = KnownDistances({n: m for n, m in coming(0.1).distance_m.items() if n >= first})
         found = figures(status, seen, 5.0)
         assert (found["first_status"], found["enough"]) == (12, enough)
         assert found["distance_m"] == (metres and pytest.approx(metres))
+    # What is measured long after, beyond missing frames, says nothing of the status.
+    late = KnownDistances({22: 7.8})
+    assert figures(status, late, 5.0)["distance_frame"] == 22
+    gap = [*10 * [0], 1, *29 * [0]]
+    assert figures(status, late, 5.0, gap)["enough"] is None
 
 
 def test_false_statuses_an_hour_have_exact_bounds_of_frames_and_of_blocks():
@@ -100,15 +107,17 @@ def test_times_of_a_log_and_a_log_of_other_frames(tiny, no_progress):
     log = {n: LoggedDistance(n / 4, 20.0 - n, mark if n == 3 else "-") for n in range(3, 30)}
     stated = AtSea(log=log)
     assert stated.frames_per_second == 4
-    found = ranges_of(mission, [(8, 20)], stated, no_progress)
+    found = known_distances(mission, [(8, 20)], stated, no_progress)
     assert np.isclose(found.closing_m_s(12), 4.0)
     assert AtSea(rate=2, log=log).frames_per_second == 2
-    assert np.isclose(ranges_of(mission, [], AtSea(2, log=log), no_progress).closing_m_s(12), 2.0)
+    assert np.isclose(
+        known_distances(mission, [], AtSea(2, log=log), no_progress).closing_m_s(12), 2.0
+    )
     backwards = {n: LoggedDistance(-n / 4, 9.0, mark) for n in range(3, 30)}
     assert AtSea(log=backwards).frames_per_second is None
     for other in ({4: LoggedDistance(None, 9.0, mark)}, {999: LoggedDistance(None, 9.0, mark)}):
         said = "the log is not of the frames of mission 'tiny'"
-        refuses(said, ranges_of, mission, [], AtSea(log=other), no_progress)
+        refuses(said, known_distances, mission, [], AtSea(log=other), no_progress)
 
 
 def test_a_run_s_log_gives_the_distances(done, refused, tiny, tiny_bundle, tiny_truth, tmp_path):
@@ -168,7 +177,7 @@ def test_the_sea_trial_s_distances(mission_dir, no_progress):
     """Of a model whose first status is the first obstacle frame."""
     rig = load_calibration(mission_dir.parent / "calibration.yml")
     mission, stated = open_mission(mission_dir), AtSea(5, 9.0, rig)
-    found = ranges_of(mission, [(140, 160)], stated, no_progress)
+    found = known_distances(mission, [(140, 160)], stated, no_progress)
     assert min(found.distance_m) >= 140
     frames = list(range(95, 161))
     status = [int(n >= 140) for n in frames]

@@ -162,6 +162,12 @@ def test_several_missions_by_dive_and_site(
             assert pooled["frames"][key] == sum(alone[name]["frames"][key] for name in names)
         first = {name: alone[name]["frames"]["first_detection"] for name in names}
         assert pooled["frames"]["first_detection"] == first
+        coming = [{"mission": n, **at} for n in names for at in alone[n]["frames"]["approaches"]]
+        assert pooled["frames"]["approaches"] == coming != []
+        hourly = pooled["frames"]["false_status_per_hour"]
+        assert hourly["false_status"] * pooled["frames"]["ocean_frames"] == pytest.approx(
+            1000 * pooled["frames"]["false_status"]
+        )
         missed = [f"{n}:{at}" for n in names for at in alone[n]["frames"]["missed_frames"]]
         assert pooled["frames"]["missed_frames"] == missed
     assert "mission" not in found and found["seen_in_training"] == 40
