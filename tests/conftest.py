@@ -287,16 +287,22 @@ def tiny_truth():
 def fabricate(tmp_path):
     """Build a dataset of 6x6 pixel frames of 1x1 patches from a label and a group for each."""
 
-    def build(labels, groups=None, frames=None):
+    def build(labels, groups=None, frames=None, missions=None):
+        dives = missions or ["dive"] * len(labels)
         numbers = frames or list(range(len(labels)))
         rng = np.random.default_rng(7)
         images = rng.integers(0, 255, (len(labels), 6, 6), np.uint8)
         files = [(cv2.imencode(".png", image)[1].tobytes(), ".png") for image in images]
         sources = [
-            FrameSource("dive", "left", n, group, lambda file=file: file)
-            for n, group, file in zip(numbers, groups or map(str, numbers), files, strict=True)
+            FrameSource(dive, "left", n, group, lambda file=file: file)
+            for dive, n, group, file in zip(
+                dives, numbers, groups or map(str, numbers), files, strict=True
+            )
         ]
-        rows = [("dive", "left", n, 0, 0, label) for n, label in zip(numbers, labels, strict=True)]
+        rows = [
+            (dive, "left", n, 0, 0, label)
+            for dive, n, label in zip(dives, numbers, labels, strict=True)
+        ]
         patches = pd.DataFrame(rows, columns=LABEL_COLUMNS)
         about = ("made", "binary", Grid(1, 1, None), Taxonomy.load())
         plan = DatasetPlan(*about, sources, patches, 0, 1, ["made"])

@@ -114,6 +114,7 @@ def _notes(
     dataset: DatasetVersion | None,
     grid: Grid,
     recipes: Mapping[str, Mapping[str, Any]],
+    by_dive: bool,
 ) -> list[str]:
     if grid.width is None:
         notes = [
@@ -124,8 +125,10 @@ def _notes(
         ]
     else:
         notes = [
-            "Every patch is judged by a model that did not learn from its block of frames. The "
-            "blocks are of the same dives as those learnt from, which flatters every model: "
+            "Every patch is judged by a model that learnt nothing of its dive."
+            if by_dive
+            else "Every patch is judged by a model that did not learn from its block of frames. "
+            "The blocks are of the same dives as those learnt from, which flatters every model: "
             "another dive can go much worse.",
             "A frame's status rests on its labelled patches; those marked unsure are not scored. "
             "Each frame is judged at the frame rule chosen without its fold.",
@@ -177,6 +180,7 @@ def read_held_out(references: Sequence[str], workspace: Path) -> ComparedModels:
     frame = first.groupby(KEYS).ngroup().to_numpy(np.int64)
     known = (item for item in list_datasets(workspace / "datasets") if item.hash == wanted)
     dataset = next(known, None)
+    by_dive = first.mission.nunique() > 1 and first.groupby("mission").fold.nunique().max() == 1
     if dataset is not None:
         dataset.check()
     return ComparedModels(
@@ -189,7 +193,9 @@ def read_held_out(references: Sequence[str], workspace: Path) -> ComparedModels:
         series=series,
         read_frame=None if dataset is None else _reader(dataset),
         dataset=dataset,
-        notes=_notes(len(tested), int(tested.sum()), dataset, bundles[labels[0]].grid, recipes),
+        notes=_notes(
+            len(tested), int(tested.sum()), dataset, bundles[labels[0]].grid, recipes, by_dive
+        ),
     )
 
 

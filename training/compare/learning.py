@@ -18,13 +18,13 @@ from tokt.models.registry.registry import Registry, fitting
 from tokt.training.datasets.augmentations import parse_augmentation
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.splits import Fold, blocked_folds
+from tokt.training.datasets.splits import Fold
 from tokt.training.fitting.classifier import decision_values, linear_model
-from tokt.training.fitting.cross_validation import Split, fit_rows
+from tokt.training.fitting.cross_validation import BLOCKS, Split, fit_rows
 from tokt.training.fitting.presets import PRESETS, Hyperparameters, TrainingSettings
 
 from .bootstrap import ComparisonMetric, block_numbers, drawn_blocks, interval, summed
-from .predictions import ModelPredictions
+from .predictions import ModelPredictions, independent_units
 
 FRACTIONS = (0.25, 0.5, 0.75, 1.0)
 REPEATS = 3
@@ -37,7 +37,10 @@ _SMALL = 0.01  # a gain that is not worth a day of labelling
 
 @dataclass(frozen=True)
 class _Setting:
-    """All that a fit needs."""
+    """All that a fit needs.
+
+    `unit` is what each block is drawn with: its dive where there are several, else by itself.
+    """
 
     dataset: DatasetVersion
     features: F64
@@ -49,7 +52,14 @@ class _Setting:
     measure: ComparisonMetric
     block: I64
     names: list[str]
+    unit: I64
     every: int
+    split: Split
+
+    @property
+    def units(self) -> int:
+        """How many are drawn for an interval."""
+        return int(self.unit.max()) + 1
 
     def counts(self, predicted: I64, rows: I64) -> F64:
         """What predictions of some rows add to each block's counts."""
@@ -63,7 +73,13 @@ class _Setting:
         fold = self.folds[index]
         train = fold.train[np.isin(self.block[fold.train], blocks)]
         pipeline = fit_rows(
-            self.features, self.targets, train, self.choices[index], self.settings, self.augmented
+            self.features,
+            self.targets,
+            train,
+            self.choices[index],
+            self.settings,
+            self.augmented,
+            self.split.dives(self.dataset.patches),
         )
         model = linear_model(pipeline, self.dataset.classes(), self.dataset.obstacle_flags())
         return model.predicted(decision_values(pipeline, self.features[fold.test]))
@@ -118,8 +134,10 @@ def _set_up(
             Hyperparameters(float(fold["penalty"]), fold.get("class_weight"))
             for fold in recipe["metrics"]["folds"]
         ]
-    targets = dataset.targets()
-    folds = blocked_folds(dataset.patches, targets, split.folds, split.embargo_frames)
+        targets = dataset.targets()
+        folds = split.cut(dataset.patches, targets)
+        if len(folds) != len(choices):
+            raise ValueError(f"{len(folds)} folds, choices of {len(choices)}")
     spec = dict(predictions.bundle.content.extractor_spec)
     features, *augmented = (
         cached_features(dataset, spec, workspace / "cache", progress, augmentation=augmentation)
@@ -127,6 +145,7 @@ def _set_up(
     )
     folds, every = _thinned(dataset, folds, features.shape[1] * (1 + len(augmented)))
     names, block = block_numbers(dataset.patches.group.to_numpy())
+    unit = independent_units(dataset.patches)[1]
     measure = ComparisonMetric.of(dataset.obstacle_flags())
     return _Setting(
         dataset=dataset,
@@ -139,7 +158,9 @@ def _set_up(
         measure=measure,
         block=block,
         names=names,
+        unit=unit[np.unique(block, return_index=True)[1]],
         every=every,
+        split=split,
     )
 
 
@@ -242,7 +263,8 @@ def learning_curve(
             curve[key][setting.folds[fold].test] = predicted
         else:
             without[key[0]][fold] = predicted
-    draws = drawn_blocks(len(setting.names))
+    # What is drawn are dives where there are several: each with all its blocks.
+    draws = drawn_blocks(setting.units)[:, setting.unit]
     rows = np.arange(len(setting.targets))
     counts = {key: setting.counts(predicted, rows) for key, predicted in curve.items()}
     result = {
@@ -289,7 +311,7 @@ def _gain(
     spread = figure(summed(draws, whole)) - np.mean(
         [figure(summed(draws, item)) for item in fewer], axis=0
     )
-    bounds = interval(spread, len(setting.names))
+    bounds = interval(spread, setting.units)
     difference = _value(setting, whole) - float(np.mean([_value(setting, x) for x in fewer]))
     return {"from": part, "to": 1.0, "difference": difference, **_bounds(bounds)}
 
@@ -318,7 +340,8 @@ def _helped(
         same = setting.counts(whole[rows], rows)
         if setting.measure.name == "f1" and not obstacle[rows].any():
             continue  # the folds that are left hold no obstacle to find: no F1
-        bounds = interval(figure(summed(draws, same)) - figure(summed(draws, other)), len(draws[0]))
+        without_it = figure(summed(draws, other))
+        bounds = interval(figure(summed(draws, same)) - without_it, setting.units)
         mine = np.isin(setting.block, stretches[number])
         found.append(
             {
@@ -336,6 +359,8 @@ def _helped(
 def _how(setting: _Setting) -> str:
     thin = f" (one patch in {setting.every} of them, drawn)" if setting.every > 1 else ""
     same = "blocks are of the same dives" if setting.dataset.block_frames else "are of one folder"
+    if setting.split.unit(setting.dataset.patches) != BLOCKS:
+        same = "blocks learnt from are of the same dives, those tested of others"
     return (
         f"Each fold's model learnt anew from a part of its training blocks{thin}, tested on the "
         f"fold that was held out; {REPEATS} random orders of the blocks (seed 0), settings as each "

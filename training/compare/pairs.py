@@ -11,6 +11,7 @@ import numpy as np
 from scipy.stats import norm
 
 from tokt.features.common.arrays import F64
+from tokt.training.fitting.cross_validation import DIVES
 
 from .bootstrap import (
     CONFIDENCE,
@@ -61,7 +62,7 @@ def main_measure(compared: ComparedModels) -> ComparisonMetric:
 
 
 def _resampled(compared: ComparedModels, measure: ComparisonMetric, draws: F64) -> _Resampled:
-    names, block = compared.blocks
+    names, block = compared.units
     counts = {
         item.label: measure.counts(
             item.targets, item.predicted, compared.truth, item.score > 0, block, len(names)
@@ -75,7 +76,7 @@ def _resampled(compared: ComparedModels, measure: ComparisonMetric, draws: F64) 
 def _ap_measure(compared: ComparedModels, draws: F64) -> _Resampled | None:
     if not compared.truth.any() or not compared.two_sided:
         return None
-    names, block = compared.blocks
+    names, block = compared.units
     counts = {
         item.label: ranked_counts(compared.truth, item.score, block, len(names))
         for item in compared.models
@@ -104,14 +105,17 @@ def _verdict(difference: float, bounds: dict[str, float] | None, p: float) -> st
     return BETTER if difference > 0 else WORSE
 
 
-def _said(pair: dict[str, Any], title: str, test: PermutationTest, questions: int) -> str:
+def _said(
+    pair: dict[str, Any], title: str, test: PermutationTest, questions: int, unit: str
+) -> str:
     """The verdict on a pair, for people."""
+    units = _in_short(unit)
     first, second = pair["models"]
     bounds, p = pair["interval"], pair["p_adjusted"]
     if not test.differing:
         return (
-            f"{first} and {second} are right and wrong equally often in every block: nothing tells "
-            "them apart."
+            f"{first} and {second} are right and wrong equally often in every {units[:-1]}: "
+            "nothing tells them apart."
         )
     spread = (
         "" if bounds is None else f" (95 % interval {bounds['low']:+.3f} to {bounds['high']:+.3f}"
@@ -127,19 +131,23 @@ def _said(pair: dict[str, Any], title: str, test: PermutationTest, questions: in
         ""
         if pair["detectable"] is None
         else (
-            f" With these blocks a difference of about {pair['detectable']:.3f} would be found "
+            f" With these {units} a difference of about {pair['detectable']:.3f} would be found "
             "in 4 of 5 repeats."
         )
     )
     if test.least_p * questions > 1 - CONFIDENCE:
         seen = (
-            f" They differ in {test.differing} blocks only: too few for any difference to be told "
+            f" They differ in {test.differing} {units} only: too few for any difference to be told "
             "from luck."
         )
     return (
         f"Cannot tell whether {first} or {second} is better: {by}, a difference of "
         f"{pair['difference']:+.3f}{spread}.{seen}"
     )
+
+
+def _in_short(unit: str) -> str:
+    return DIVES if unit == DIVES else "blocks"
 
 
 def compare_pairs(compared: ComparedModels) -> dict[str, Any]:
@@ -155,7 +163,7 @@ def compare_pairs(compared: ComparedModels) -> dict[str, Any]:
         F1 to compare by; models, values, difference, interval, p, p_adjusted, detectable,
         average_precision, verdict, words), and method in words.
     """
-    names, _ = compared.blocks
+    names, _ = compared.units
     draws = drawn_blocks(len(names))
     measure, ap = _resampled(compared, main_measure(compared), draws), _ap_measure(compared, draws)
     shown = [measure] if ap is None else [measure, ap]
@@ -172,13 +180,17 @@ def compare_pairs(compared: ComparedModels) -> dict[str, Any]:
             label: {item.name: _bounds(item.spread[label], len(names)) for item in shown}
             for label in labels
         },
-        "pairs": _pairs(measure, ap, couples, len(names)) if defined else [],
+        "pairs": _pairs(measure, ap, couples, len(names), compared.unit) if defined else [],
         "method": _method(len(names), compared.unit, len(couples)) if defined else _UNDEFINED,
     }
 
 
 def _pairs(
-    measure: _Resampled, ap: _Resampled | None, couples: list[tuple[str, str]], blocks: int
+    measure: _Resampled,
+    ap: _Resampled | None,
+    couples: list[tuple[str, str]],
+    blocks: int,
+    unit: str,
 ) -> list[dict[str, Any]]:
     tests = [
         permutation_test(measure.counts[a], measure.counts[b], measure.figure) for a, b in couples
@@ -202,7 +214,7 @@ def _pairs(
             "average_precision": None if ap is None else _ap_pair(ap, a, b, blocks),
             "verdict": _verdict(difference, bounds, p),
         }
-        pair["words"] = _said(pair, measure.title, test, len(couples))
+        pair["words"] = _said(pair, measure.title, test, len(couples), unit)
         pairs.append(pair)
     return pairs
 
@@ -218,11 +230,19 @@ def _method(blocks: int, unit: str, questions: int) -> str:
         if questions > 1
         else ""
     )
+    units, least = _in_short(unit), 2 / 2**blocks
+    few = (
+        f" So few dives cannot show a difference: swapping gives no p below {least:.2g}, and "
+        "intervals over them are rough. Read the figures of each dive."
+        if unit == DIVES and least * questions > 1 - CONFIDENCE
+        else ""
+    )
     return (
-        f"{blocks} {unit} count as independent. Intervals: 95 %, bootstrap over whole "
-        "blocks, the same blocks for all models. p: the two models' verdicts swapped block by "
-        "block, all ways where there are few blocks. A model is called better or worse only where "
-        f"p is at most 0.05 and the interval of the difference leaves 0 out.{several}"
+        f"{blocks} {unit} count as independent.{few} Intervals: 95 %, bootstrap over whole "
+        f"{units}, the same {units} for all models. p: the two models' verdicts swapped "
+        f"{units[:-1]} by {units[:-1]}, all ways where there are few {units}. A model is called "
+        "better or worse only where p is at most 0.05 and the interval of the difference leaves 0 "
+        f"out.{several}"
     )
 
 

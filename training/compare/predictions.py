@@ -13,7 +13,9 @@ from tokt.models.bundle.bundle import Bundle
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule
 from tokt.training.datasets.dataset import DatasetVersion
-from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
+from tokt.training.datasets.splits import held_out_together
+from tokt.training.evaluation.metrics import class_metrics, metrics_by, obstacle_metrics
+from tokt.training.fitting.cross_validation import BLOCKS, DIVES
 
 from .bootstrap import block_numbers
 from .frames import FrameSeries, frame_figures, statuses
@@ -90,6 +92,16 @@ def error_margins(model: LinearModel, values: F64, targets: I64) -> F64:
     return np.where(predicted == targets, 0.0, found)
 
 
+def independent_units(patches: pd.DataFrame) -> tuple[list[str], I64]:
+    """What a bootstrap draws: dives where there are several, else blocks; each patch's number.
+
+    Blocks of a dive share its light, water and camera: however many there are, they say nothing
+    of the next dive.
+    """
+    dives = held_out_together(patches)
+    return block_numbers(dives if len(np.unique(dives)) > 1 else patches.group.to_numpy())
+
+
 @dataclass(frozen=True)
 class ComparedModels:
     """Models on the same patches.
@@ -126,7 +138,14 @@ class ComparedModels:
     @property
     def unit(self) -> str:
         """The unit that counts as independent."""
-        return "blocks of frames" if self.has_frames else "single patches"
+        if len(np.unique(held_out_together(self.patches))) > 1:
+            return DIVES
+        return BLOCKS if self.has_frames else "single patches"
+
+    @cached_property
+    def units(self) -> tuple[list[str], I64]:
+        """Names of the units that count as independent, and the number of each patch's."""
+        return independent_units(self.patches)
 
     @cached_property
     def blocks(self) -> tuple[list[str], I64]:
@@ -162,7 +181,12 @@ class ComparedModels:
                 **obstacle_metrics(self.truth, predictions.score),
                 **class_metrics(predictions.targets, predictions.predicted, predictions.classes),
             },
+            **({"dives": self._by_dive(predictions)} if self.unit == DIVES else {}),
             "frames": frame_figures(self.series, self.status(predictions))
             if self.has_frames
             else None,
         }
+
+    def _by_dive(self, predictions: ModelPredictions) -> dict[str, Any]:
+        said = predictions.targets, predictions.predicted, predictions.classes
+        return metrics_by(self.patches.mission.to_numpy(), self.truth, predictions.score, *said)

@@ -1,24 +1,29 @@
-"""Splits that cannot leak: whole blocks of frames are held out, with a gap on both sides.
+"""Splits that cannot leak: whole dives are held out, or blocks of frames with a gap on both sides.
 
 Neighbour frames of a dive are near copies, so a random split would test a model on what it
-was trained on. There is no random split here to choose.
+was trained on. There is no random split here to choose. Blocks of a dive share its light, water
+and camera: how a model does on another dive is only seen where whole dives are held out.
 """
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold
 
-from tokt.features.common.arrays import I64, Bools
+from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.common.errors import ToktError
 
 BLOCK_FRAMES = 20
 EMBARGO_FRAMES = 5
 FOLDS = 5
+MAX_HELD_OUT_ALONE = 10
+"""More dives than these are held out several at a time: each fold is a cross-validation more."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +119,114 @@ def _whole_groups(
         # scikit-learn says so when a class is too rare for every fold to test it.
         warnings.simplefilter("ignore", UserWarning)
         yield from splitter.split(groups, targets, groups)
+
+
+def held_out_together(
+    patches: pd.DataFrame, sites: Mapping[str, str] | None = None
+) -> NDArray[np.object_]:
+    """For each patch the name of its dive, or of its site; of dives that share a picture, of all.
+
+    Parameters
+    ----------
+    patches : DataFrame
+        Columns mission, group; groups that share a picture have one name.
+    sites : mapping of str to str, optional
+        Site by mission; a mission that has none is a site of its own.
+    """
+    named = {name: str((sites or {}).get(name, name)) for name in patches.mission.unique()}
+    unit, names = pd.factorize(patches.mission.map(named), sort=True)
+    group, groups = pd.factorize(patches.group)
+    size = len(names) + len(groups)
+    edges = (np.ones(len(patches)), (unit, len(names) + group))
+    _, component = connected_components(coo_array(edges, shape=(size, size)), directed=False)
+    joined = pd.Series(names, dtype=object).groupby(component[: len(names)]).transform("+".join)
+    return np.asarray(joined.to_numpy()[unit], object)
+
+
+def dive_folds(
+    patches: pd.DataFrame,
+    targets: I64,
+    sites: Mapping[str, str],
+    n_folds: int = FOLDS,
+    refuse: bool = True,
+) -> list[Fold]:
+    """Hold out whole sites, or whole dives where fewer than two sites can be: one a fold.
+
+    More than `MAX_HELD_OUT_ALONE` of them are shared out among `n_folds` folds.
+
+    Parameters
+    ----------
+    patches, targets
+        As in `blocked_folds`.
+    sites
+        As in `held_out_together`.
+    n_folds : int
+    refuse : bool
+        Whether a fold whose training part lacks a class is refused, or left out.
+
+    Returns
+    -------
+    list of Fold
+        Empty where there is one dive, or all share pictures.
+
+    Raises
+    ------
+    ToktError
+        If a fold's training part lacks a class.
+    """
+    for grouped in (sites, {}):
+        units = held_out_together(patches, grouped)
+        names, unit = np.unique(units, return_inverse=True)
+        pairs: Iterator[tuple[I64, I64]] = (
+            (np.flatnonzero(unit != one), np.flatnonzero(unit == one)) for one in range(len(names))
+        )
+        if len(names) > MAX_HELD_OUT_ALONE:
+            shared = _whole_groups(units, targets, min(n_folds, len(names)))
+            pairs = (pair for pair in shared if len(pair[1]))
+        folds = []
+        for train, test in pairs:
+            lacking = np.setdiff1d(targets, targets[train])
+            if not len(lacking):
+                folds.append(Fold(train, test))
+            elif refuse and len(names) > 1:
+                labels = _labels(patches, np.isin(targets, lacking))
+                raise ToktError(
+                    f"without {', '.join(np.unique(units[test]))}, which is held out as a whole, "
+                    f"nothing labelled {labels} is left to learn from; label it in other dives "
+                    "too, or hold out blocks of frames (--split block)"
+                )
+        if len(folds) > 1:
+            return folds
+    return []
+
+
+def dive_weights(missions: NDArray[np.object_]) -> F64:
+    """A weight for each patch, so that all dives' patches add up to the same; 1 in the mean."""
+    _, dive, patches = np.unique(missions, return_inverse=True, return_counts=True)
+    return np.asarray(len(missions) / (len(patches) * patches[dive]), np.float64)
+
+
+def sites_named(texts: Sequence[str], missions: Sequence[str]) -> dict[str, str]:
+    """Site by mission, from texts such as ``basin=a,b``.
+
+    Raises
+    ------
+    ToktError
+        If a text is none, or a mission is not there or in two sites.
+    """
+    sites: dict[str, str] = {}
+    for text in texts:
+        site, _, listed = text.partition("=")
+        for mission in listed.split(","):
+            if not site or not mission:
+                raise ToktError(f"--site is something like basin=dive_1,dive_2, not {text!r}")
+            if mission not in missions:
+                raise ToktError(
+                    f"--site {text}: no mission {mission!r} (there are: {', '.join(missions)})"
+                )
+            if sites.setdefault(mission, site) != site:
+                raise ToktError(f"mission {mission} is in two sites, {sites[mission]} and {site}")
+    return sites
 
 
 def every_nth_block(patches: pd.DataFrame, targets: I64, n: int, embargo_frames: int) -> Fold:

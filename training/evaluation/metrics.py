@@ -1,8 +1,10 @@
 """Figures of merit for patches and frames, from decision values and true labels."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from sklearn.metrics import (
     average_precision_score,
     confusion_matrix,
@@ -49,6 +51,55 @@ def obstacle_metrics(truth: Bools, score: F64) -> dict[str, Any]:
         "false_positive": false,
         "false_negative": missed,
         "true_negative": quiet,
+    }
+
+
+def metrics_by(
+    names: NDArray[np.object_],
+    truth: Bools,
+    score: F64,
+    targets: I64,
+    predicted: I64,
+    classes: tuple[str, ...],
+) -> dict[str, Any]:
+    """The figures of each dive, or site, by the name that each patch has.
+
+    Without an obstacle, or without water, it has neither F1 nor average precision.
+    """
+    found = {}
+    for name in np.unique(names):
+        at = names == name
+        found[str(name)] = {
+            "n": int(at.sum()),
+            "obstacles": int(truth[at].sum()),
+            **obstacle_metrics(truth[at], score[at]),
+            **class_metrics(targets[at], predicted[at], classes),
+            **({"f1": None, "average_precision": None} if truth[at].all() else {}),
+        }
+    return found
+
+
+def over_dives(dives: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Means over the dives that have a figure, each dive counting the same, and the worst F1.
+
+    Returns
+    -------
+    dict
+        f1, average_precision, macro_f1 (None of no dive), worst_f1 and worst (its dive), n (dives)
+        and without_f1 (dives without an obstacle or without water, which are left out).
+    """
+    means: dict[str, Any] = {}
+    for name in ("f1", "average_precision", "macro_f1"):
+        values = [one[name] for one in dives.values() if one[name] is not None]
+        means[name] = float(np.mean(values)) if values else None
+    known = {name: one["f1"] for name, one in dives.items() if one["f1"] is not None}
+    worst = min(known, key=lambda name: known[name], default=None)
+    return {
+        **means,
+        "worst_f1": None if worst is None else known[worst],
+        "worst": worst,
+        "n": len(dives),
+        "without_f1": len(dives) - len(known),
     }
 
 

@@ -21,6 +21,7 @@ from .exceedance_model import ExceedanceModel, fit_exceedance_model, upper_bound
 MIN_PATCHES = (1, 2)
 FRAME_RULES = ((1, 1), (2, 3), (3, 3), (3, 5))
 BOUND_CONFIDENCE = 0.95
+DIVE, BLOCK = "dive", "block"
 MIN_RATE, MAX_RATE = 1e-9, 0.5
 _MARGIN_STEPS = 10_000  # a unit; margins are rounded up to them: short to read, never too small
 
@@ -77,7 +78,8 @@ class _Candidate:
     """A rule with its margins, and what it does on the frames it was chosen on.
 
     The first of `tails` is of the margin, the second, if there is one, of the margin at once.
-    `shown` is false where no ocean frame has as many before it as the rule looks at.
+    `blocks` are those of the ocean frames, or their dives. `shown` is false where no ocean frame
+    has as many before it as the rule looks at.
     """
 
     rule: MofNRule
@@ -116,7 +118,11 @@ class _Candidate:
 
 
 def choose_frame_rule(
-    dataset: DatasetVersion, score: F64, tested: Bools, target: FalseStatusTarget
+    dataset: DatasetVersion,
+    score: F64,
+    tested: Bools,
+    target: FalseStatusTarget,
+    by_dive: bool = False,
 ) -> tuple[MofNRule, dict[str, Any]]:
     """Choose margin, patches and frames of an alarm for a rate of false statuses.
 
@@ -135,6 +141,10 @@ def choose_frame_rule(
     tested : array of bool, shape (n_patches,)
         Which patches have one.
     target : FalseStatusTarget
+    by_dive : bool
+        Whether the level of the law changes from dive to dive, and not from block to block: then
+        the margin is for a dive that nobody has seen. Where too few dives have ocean frames it
+        changes from block to block all the same.
 
     Returns
     -------
@@ -156,11 +166,15 @@ def choose_frame_rule(
         words = f"Nothing was chosen: {why}. Any patch over its threshold is an alarm."
         return MofNRule(), {**said, "method": "none", "words": words, "reachable": False}
     shapes = _shapes_on(dataset.grid, target)
-    candidates = [_candidate(shape, scores, ocean, target) for shape in shapes]
+    for unit in (DIVE, BLOCK) if by_dive else (BLOCK,):
+        units = frames.keys["mission" if unit == DIVE else "group"].to_numpy()[ocean]
+        candidates = [_candidate(shape, scores, ocean, target, units) for shape in shapes]
+        if any(one.rate() is not None for one in candidates):
+            break
     best = max(candidates, key=_Candidate.worth)
     return best.rule, {
         **said,
-        **_described(best, target),
+        **_described(best, target, unit),
         "candidates": [_summary(candidate) for candidate in candidates],
     }
 
@@ -180,10 +194,13 @@ def _shapes_on(grid: Grid, target: FalseStatusTarget) -> list[MofNRule]:
 
 
 def _candidate(
-    shape: MofNRule, scores: FrameScores, ocean: Bools, target: FalseStatusTarget
+    shape: MofNRule,
+    scores: FrameScores,
+    ocean: Bools,
+    target: FalseStatusTarget,
+    blocks: NDArray[np.object_],
 ) -> _Candidate:
     frames = scores.frames
-    blocks = frames.keys.group.to_numpy()[ocean]
     # Over ocean frames alone: what is left over from an obstacle is not a false status.
     quiet_scores = scores.of_some(ocean)
     paths = [(shape.min_patches, shape.m, shape.n)]
@@ -236,7 +253,7 @@ def _summary(candidate: _Candidate) -> dict[str, Any]:
     }
 
 
-def _described(best: _Candidate, target: FalseStatusTarget) -> dict[str, Any]:
+def _described(best: _Candidate, target: FalseStatusTarget, unit: str) -> dict[str, Any]:
     frames, false = len(best.false_status), int(best.false_status.sum())
     blocks = len(np.unique(best.blocks))
     false_blocks = len(np.unique(best.blocks[best.false_status]))
@@ -245,8 +262,9 @@ def _described(best: _Candidate, target: FalseStatusTarget) -> dict[str, Any]:
         upper_bound(false_blocks, blocks, BOUND_CONFIDENCE),
     )
     return {
-        "method": _NO_METHOD if best.rate() is None else _METHOD,
-        "words": _words(best, target, bounds),
+        "method": _NO_METHOD if best.rate() is None else _METHODS[unit],
+        "words": _words(best, target, bounds, unit),
+        **({"unit": unit} if unit == DIVE else {}),
         "ocean_frames": frames,
         "ocean_blocks": blocks,
         "false_status": false,
@@ -266,28 +284,34 @@ def _described(best: _Candidate, target: FalseStatusTarget) -> dict[str, Any]:
 
 
 _COSTS = ("detected", "detected_at_margin_0", "latency_frames")
-_METHOD = (
-    "A Gumbel law, at a level that changes from block to block, was fitted to how strong the last "
-    "patch is that a status needs, on held-out ocean frames; the margin is where it comes down to "
-    "the rate, at the stated confidence over blocks of frames, and no lower than what was seen. "
-    "Where a status takes several frames, half of the rate goes to a second margin, above which "
-    "one patch of one frame is enough."
-)
+_METHODS = {
+    unit: (
+        f"A Gumbel law, at a level that changes from {unit} to {unit}, was fitted to how strong "
+        "the last patch is that a status needs, on held-out ocean frames; the margin is where it "
+        f"comes down to the rate, at the stated confidence over {units}, and no lower than what "
+        "was seen. Where a status takes several frames, half of the rate goes to a second margin, "
+        "above which one patch of one frame is enough."
+    )
+    for unit, units in ((BLOCK, "blocks of frames"), (DIVE, "dives"))
+}
 _NO_METHOD = (
     "No law could be fitted: too few held-out ocean frames or blocks, or a single score in all of "
     "them. The margin is the largest obstacle score that was seen on them."
 )
 
 
-def _words(best: _Candidate, target: FalseStatusTarget, bounds: tuple[float, float]) -> str:
+def _words(
+    best: _Candidate, target: FalseStatusTarget, bounds: tuple[float, float], unit: str
+) -> str:
     """What was asked, what was seen, and what that can and cannot show."""
     frames, false = len(best.false_status), int(best.false_status.sum())
     blocks = len(np.unique(best.blocks))
+    near_copies = "dives" if unit == DIVE else "blocks of near copies"
     asked = f"Asked for: a false status in at most {_one_in(target.rate)} ocean frames."
     seen = (
-        f"Seen: {false} of {frames} held-out ocean frames ({blocks} blocks of near copies). That "
+        f"Seen: {false} of {frames} held-out ocean frames ({blocks} {near_copies}). That "
         f"alone shows no more than {bounds[0]:.2g} of frames ({BOUND_CONFIDENCE:.0%} confidence, "
-        f"were they independent) or {bounds[1]:.2g} of blocks"
+        f"were they independent) or {bounds[1]:.2g} of {unit}s"
     )
     if bounds[0] <= target.rate:
         limit = "."

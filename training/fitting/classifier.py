@@ -22,6 +22,7 @@ def fit_classifier(
     choice: Hyperparameters,
     settings: TrainingSettings,
     weights: F64 | None = None,
+    scaled_by: F64 | None = None,
 ) -> Pipeline:
     """Fit scaler, map if there is one, and LinearSVC; deterministic for the same input.
 
@@ -37,7 +38,9 @@ def fit_classifier(
         LinearSVC's C and the weights of the classes.
     settings : TrainingSettings
     weights : array of float64, shape (n,), optional
-        How much each patch's error counts; a scaler without a map takes all patches alike.
+        How much each patch's error counts, and the patch itself before a map.
+    scaled_by : array of float64, shape (n,), optional
+        How much each patch counts in a scaler without a map; by default all alike.
     """
     svc = LinearSVC(
         C=choice.penalty,
@@ -49,7 +52,7 @@ def fit_classifier(
     features = np.asarray(features)
     steps = _fitted_map(features, weights, settings) if settings.landmarks else []
     if settings.scale and not steps:
-        steps = [("scaler", StandardScaler().fit(features))]
+        steps = [("scaler", StandardScaler().fit(features, sample_weight=scaled_by))]
     mapped = Pipeline(steps).transform(features) if steps else features
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)

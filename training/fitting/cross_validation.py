@@ -1,55 +1,177 @@
-"""Cross-validation over blocks of frames, with every choice made inside the training part.
+"""Cross-validation over dives or blocks of frames; choices are made inside the training part.
 
 Before it, what cannot be learnt from or tested is refused; after it come the figures.
 """
 
+import ast
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 
-from tokt.features.common.arrays import F64, I64
+from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import format_frames
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule
 from tokt.training.datasets.dataset import DatasetVersion
-from tokt.training.datasets.splits import Fold, blocked_folds
+from tokt.training.datasets.splits import (
+    Fold,
+    blocked_folds,
+    dive_folds,
+    dive_weights,
+    held_out_together,
+    sites_named,
+)
 from tokt.training.evaluation.frame_scores import frame_figures
-from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
+from tokt.training.evaluation.metrics import class_metrics, metrics_by, obstacle_metrics, over_dives
 from tokt.training.parallel import mapped
 
-from .choose_operating_point import DEFAULT_TARGET, FalseStatusTarget, choose_frame_rule
+from .choose_operating_point import (
+    BLOCK,
+    DEFAULT_TARGET,
+    DIVE,
+    FalseStatusTarget,
+    choose_frame_rule,
+)
 from .classifier import decision_values, fit_classifier, linear_model
 from .presets import Hyperparameters, TrainingSettings
 
 Tables = Sequence[F64]
 
 
+PATCH = "patch"
+SITES, DIVES, BLOCKS = "sites", "dives", "blocks of frames"
+
+
 @dataclass(frozen=True)
 class Split:
-    """Folds and embargo of a cross-validation.
+    """What a cross-validation holds out together, and what counts the same in learning.
 
     Parameters
     ----------
-    folds, embargo_frames : int
-        Of the outer cross-validation; the inner one has one fold less, the same embargo.
+    folds : int
+        Of blocks, or of more dives than can be held out one by one.
+    embargo_frames : int
+        Between blocks of one dive.
+    by : {"block", "dive"}
+    weight : {"patch", "dive"}
+        Whether each patch counts the same, or each dive.
+    sites : mapping of str to str
+        Site by mission: by dive, all dives of a site are held out together.
     """
 
     folds: int
     embargo_frames: int
+    by: str = BLOCK
+    weight: str = PATCH
+    sites: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.folds < 2 or not 0 <= self.embargo_frames < 1 << 31:
             raise ValueError(f"{self.folds} folds, {self.embargo_frames} frames apart")
+        if self.by not in (DIVE, BLOCK) or self.weight not in (DIVE, PATCH):
+            raise ValueError(f"split by {self.by}, weight by {self.weight}")
+
+    @classmethod
+    def of(
+        cls,
+        dataset: DatasetVersion,
+        folds: int,
+        embargo_frames: int,
+        by: str | None = None,
+        weight: str | None = None,
+        sites: Sequence[str] = (),
+    ) -> Self:
+        """The split that is asked for; for what is left open, by dive where there are several.
+
+        Parameters
+        ----------
+        dataset : DatasetVersion
+        folds, embargo_frames, by, weight
+            As above; None where it is left open.
+        sites : sequence of str
+            As for `sites_named`; none for those that the dataset was built with.
+
+        Raises
+        ------
+        ToktError
+            If dives are to be held out and there is one only, or something is misspelt.
+        """
+        missions = sorted(dataset.patches.mission.unique())
+        usual = DIVE if len(missions) > 1 else None
+        for option, value, known in (
+            ("split", by, (DIVE, BLOCK)),
+            ("weight", weight, (DIVE, PATCH)),
+        ):
+            if value is not None and value not in known:
+                raise ToktError(f"--{option} is {' or '.join(known)}, not {value!r}")
+        named = sites_named(sites, missions) if sites else dataset.sites
+        split = cls(folds, embargo_frames, by or usual or BLOCK, weight or usual or PATCH, named)
+        if by == DIVE and not dive_folds(dataset.patches, dataset.targets(), named, folds, False):
+            raise ToktError(
+                f"dataset {dataset.label} cannot be split by dive: it takes two dives with every "
+                "class, without a common picture; --split block holds out blocks of frames"
+            )
+        return split
 
     @classmethod
     def logged(cls, parameters: Mapping[str, str]) -> Self:
-        """What a run's parameters say."""
-        return cls(int(parameters["split_folds"]), int(parameters["split_embargo_frames"]))
+        """What a run's parameters say; an older tokt's are by block, each patch the same."""
+        sites = ast.literal_eval(parameters.get("split_sites", "{}"))
+        if not isinstance(sites, dict):
+            raise ValueError(f"split_sites is {sites}")
+        return cls(
+            int(parameters["split_folds"]),
+            int(parameters["split_embargo_frames"]),
+            parameters.get("split_by", BLOCK),
+            parameters.get("split_weight", PATCH),
+            sites,
+        )
+
+    @property
+    def inner(self) -> Self:
+        """Of the cross-validation inside a training part: one fold less."""
+        return replace(self, folds=inner_folds(self.folds))
+
+    def cut(self, patches: pd.DataFrame, targets: I64, to_choose: bool = False) -> list[Fold]:
+        """Folds of whole dives or sites where it is by dive and there are several; else of blocks.
+
+        Parameters
+        ----------
+        patches, targets
+            As for `dive_folds`.
+        to_choose : bool
+            For a choice inside a training part: a dive without which a class is lost stays in
+            training, and so is in no fold's test part; where fewer than two can be held out,
+            the folds are of blocks.
+
+        Raises
+        ------
+        ToktError
+            As `dive_folds` and `blocked_folds`.
+        """
+        folds: list[Fold] = []
+        if self.by == DIVE:
+            folds = dive_folds(patches, targets, self.sites, self.folds, refuse=not to_choose)
+        return folds or blocked_folds(patches, targets, self.folds, self.embargo_frames)
+
+    def unit(self, patches: pd.DataFrame) -> str:
+        """What `cut` holds out as a whole, for people."""
+        for what, grouped in ((SITES, self.sites), (DIVES, {})):
+            several = len(np.unique(held_out_together(patches, grouped))) > 1
+            if self.by == DIVE and several and (grouped or what == DIVES):
+                return what
+        return BLOCKS
+
+    def dives(self, patches: pd.DataFrame) -> NDArray[np.object_] | None:
+        """The dive of each patch where there are several that count the same, for `fit_rows`."""
+        several = self.weight == DIVE and patches.mission.nunique() > 1
+        return patches.mission.to_numpy() if several else None
 
 
 @dataclass(frozen=True)
@@ -84,7 +206,7 @@ class BestCandidate:
     ----------
     choice : Hyperparameters
     values : array of float64, shape (n_patches, n_outputs)
-        Its decision values of patches that were held out.
+        Its decision values of patches that were held out; NaN of others (`Split.cut`).
     """
 
     choice: Hyperparameters
@@ -98,6 +220,7 @@ def fit_rows(
     choice: Hyperparameters,
     settings: TrainingSettings,
     augmented: Tables = (),
+    dives: NDArray[np.object_] | None = None,
 ) -> Pipeline:
     """Fit to some patches, as they are and as they look on augmented frames.
 
@@ -111,11 +234,17 @@ def fit_rows(
         As for `fit_classifier`.
     augmented : sequence of arrays like `features`
         The same patches on augmented frames.
+    dives : array, shape (n_patches,), optional
+        The dive of each patch, all of which then count the same; by default each patch does.
     """
     tables = [table[rows] for table in (features, *augmented)]
     known = np.tile(targets[rows], len(tables))
     weights = np.repeat([1.0] + [settings.change_weight] * len(augmented), len(rows))
-    return fit_classifier(np.concatenate(tables), known, choice, settings, weights)
+    scaled_by = None
+    if dives is not None and len(np.unique(dives[rows])) > 1:
+        scaled_by = np.tile(dive_weights(dives[rows]), len(tables))
+        weights *= scaled_by
+    return fit_classifier(np.concatenate(tables), known, choice, settings, weights, scaled_by)
 
 
 def choose_hyperparameters(
@@ -127,9 +256,10 @@ def choose_hyperparameters(
     augmented: Tables = (),
     jobs: int = 1,
 ) -> BestCandidate:
-    """The candidate with the best pooled F1 (macro-F1 for several classes) in a blocked CV.
+    """The candidate with the best F1 (macro-F1 for several classes) of patches held out.
 
-    The simpler one wins a tie.
+    Pooled over blocks; by dive, the mean of the dives' F1, so that a long dive does not decide
+    alone. The simpler one wins a tie.
 
     Parameters
     ----------
@@ -149,19 +279,20 @@ def choose_hyperparameters(
     ToktError
         If there are too few groups; see `blocked_folds`.
     """
-    folds = blocked_folds(patches, targets, split.folds, split.embargo_frames)
+    folds, dives = split.cut(patches, targets, to_choose=True), split.dives(patches)
+    parts = [*patches.groupby("mission").indices.values()] if split.by == DIVE else []
     tasks = [
-        (features, targets, fold, choice, settings, augmented)
+        (features, targets, fold, choice, settings, augmented, dives)
         for choice in settings.choices
         for fold in folds
     ]
     results = map(_tested, tasks) if jobs == 1 else mapped(_tested, tasks, jobs)
     best, best_score = None, -np.inf
     for choice in settings.choices:
-        values = np.empty((len(targets), _outputs(len(np.unique(targets)))))
+        values = np.full((len(targets), _outputs(len(np.unique(targets)))), np.nan)
         for fold in folds:
             values[fold.test] = next(results)
-        score = _f1(targets, values)
+        score = _mean_f1(targets, values, parts)
         if best is None or score > best_score:
             best, best_score = BestCandidate(choice, values), score
     if best is None:
@@ -169,19 +300,33 @@ def choose_hyperparameters(
     return best
 
 
-_Fit = tuple[F64, I64, Fold, Hyperparameters, TrainingSettings, Tables]
-"""One fold of one candidate: features, targets, fold, choice, settings, augmented."""
+_Fit = tuple[F64, I64, Fold, Hyperparameters, TrainingSettings, Tables, NDArray[np.object_] | None]
+"""One fold of one candidate: features, targets, fold, choice, settings, augmented, dives."""
 
 
 def _tested(task: _Fit) -> F64:
     """Decision values of the fold's test rows."""
-    features, targets, fold, choice, settings, augmented = task
-    model = fit_rows(features, targets, fold.train, choice, settings, augmented)
+    features, targets, fold, choice, settings, augmented, dives = task
+    model = fit_rows(features, targets, fold.train, choice, settings, augmented, dives)
     return decision_values(model, features[fold.test])
 
 
 def _outputs(classes: int) -> int:
     return 1 if classes == 2 else classes
+
+
+def _mean_f1(targets: I64, values: F64, parts: Sequence[I64]) -> float:
+    """Over the parts that have both sides tested; pooled where none has, or there are none."""
+    tested = rows_tested(values)
+    rows = [part[tested[part]] for part in parts]
+    mixed = [part for part in rows if len(np.unique(targets[part])) > 1]
+    pooled = [np.flatnonzero(tested)]
+    return float(np.mean([_f1(targets[part], values[part]) for part in mixed or pooled]))
+
+
+def rows_tested(values: F64) -> Bools:
+    """The patches that `BestCandidate` has values of."""
+    return np.asarray(np.isfinite(values).all(axis=1), bool)
 
 
 def _f1(targets: I64, values: F64) -> float:
@@ -232,8 +377,7 @@ def cross_validate(
     for table in (features, *augmented, *stress.values()):
         check_features(dataset, table)
     patches, targets = dataset.patches, dataset.targets()
-    folds = blocked_folds(patches, targets, split.folds, split.embargo_frames)
-    inner = Split(inner_folds(split.folds), split.embargo_frames)
+    folds, dives = split.cut(patches, targets), split.dives(patches)
     values = np.full((len(targets), _outputs(len(dataset.classes()))), np.nan)
     stressed = {name: values.copy() for name in stress}
     number = np.full(len(targets), -1)
@@ -241,11 +385,14 @@ def cross_validate(
     for index, fold in enumerate(progress(folds, len(folds), "cross-validation")):
         part = patches.iloc[fold.train], features[fold.train], targets[fold.train]
         chosen = choose_hyperparameters(
-            *part, settings, inner, [table[fold.train] for table in augmented], jobs
+            *part, settings, split.inner, [table[fold.train] for table in augmented], jobs
         )
-        pipeline = fit_rows(features, targets, fold.train, chosen.choice, settings, augmented)
+        pipeline = fit_rows(
+            features, targets, fold.train, chosen.choice, settings, augmented, dives
+        )
         model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
-        rules.append(_inner_rule(dataset, fold.train, model.obstacle_score(chosen.values), target))
+        by_dive = split.by == DIVE
+        rules.append(_inner_rule(dataset, fold.train, model, chosen.values, target, by_dive))
         values[fold.test] = decision_values(pipeline, features[fold.test])
         for name, table in stress.items():
             stressed[name][fold.test] = decision_values(pipeline, table[fold.test])
@@ -255,18 +402,28 @@ def cross_validate(
 
 
 def _inner_rule(
-    dataset: DatasetVersion, rows: I64, score: F64, target: FalseStatusTarget
+    dataset: DatasetVersion,
+    rows: I64,
+    model: LinearModel,
+    values: F64,
+    target: FalseStatusTarget,
+    by_dive: bool,
 ) -> MofNRule:
     """The frame rule that a fold's training part asks for."""
     scores, tested = np.full(len(dataset.patches), np.nan), np.zeros(len(dataset.patches), bool)
-    scores[rows], tested[rows] = score, True
-    return choose_frame_rule(dataset, scores, tested, target)[0]
+    scores[rows], tested[rows] = model.obstacle_score(values), rows_tested(values)
+    return choose_frame_rule(dataset, scores, tested, target, by_dive)[0]
 
 
 def held_out_metrics(
-    dataset: DatasetVersion, held_out: HeldOutPredictions, model: LinearModel
+    dataset: DatasetVersion,
+    held_out: HeldOutPredictions,
+    model: LinearModel,
+    sites: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """All figures of a cross-validation: pooled, by fold, by class, and of the ocean frames.
+
+    Of several dives also ``dives`` and ``over_dives``, their mean; with sites, ``sites``.
 
     Parameters
     ----------
@@ -274,6 +431,8 @@ def held_out_metrics(
     held_out : HeldOutPredictions
     model : LinearModel
         Says what decision values mean: thresholds, classes, obstacle flags.
+    sites : mapping of str to str, optional
+        Site by mission.
     """
     tested = held_out.fold >= 0
     fold, targets = held_out.fold[tested], dataset.targets()[tested]
@@ -291,11 +450,18 @@ def held_out_metrics(
         for index, choice in enumerate(held_out.choices)
     ]
     all_scores = model.obstacle_score(held_out.values)
+    predicted = model.predicted(values)
+    said = truth, score, targets, predicted, model.classes
+    mission = dataset.patches.mission[tested]
+    dives = metrics_by(mission.to_numpy(), *said)
+    by_site = mission.map(lambda name: (sites or {}).get(name, name)).to_numpy()
     return {
         "patch": {
             **obstacle_metrics(truth, score),
-            **class_metrics(targets, model.predicted(values), model.classes),
+            **class_metrics(targets, predicted, model.classes),
         },
+        **({"dives": dives, "over_dives": over_dives(dives)} if len(dives) > 1 else {}),
+        **({"sites": metrics_by(by_site, *said)} if sites and len(dives) > 1 else {}),
         "folds": folds,
         "frames": frame_figures(dataset, all_scores, held_out.fold, held_out.rules),
         "frames_at_zero": frame_figures(
@@ -306,12 +472,11 @@ def held_out_metrics(
     }
 
 
-def check_blocks(dataset: DatasetVersion, n_folds: int, embargo_frames: int) -> None:
+def check_split(dataset: DatasetVersion, split: Split) -> None:
     """Raise ToktError unless the dataset can be cross-validated, choices inside each fold too."""
     patches, targets = dataset.patches, dataset.targets()
-    for fold in blocked_folds(patches, targets, n_folds, embargo_frames):
-        part = patches.iloc[fold.train]
-        blocked_folds(part, targets[fold.train], inner_folds(n_folds), embargo_frames)
+    for fold in split.cut(patches, targets):
+        split.inner.cut(patches.iloc[fold.train], targets[fold.train], to_choose=True)
 
 
 def inner_folds(n_folds: int) -> int:

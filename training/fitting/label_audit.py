@@ -40,7 +40,7 @@ from tokt.labels.formats.audit_csv import Audit, AuditedPatch
 from tokt.models.registry.registry import Registry, fitting
 from tokt.training.datasets.dataset import OBSTACLE, DatasetVersion, open_dataset
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
+from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS, Fold
 
 from .classifier import decision_values
 from .cross_validation import Split, Tables, check_features, choose_hyperparameters, fit_rows
@@ -202,7 +202,7 @@ def audit(
     """
     dataset, split = audited.dataset, audited.split
     dataset.check()
-    folds = blocked_folds(dataset.patches, dataset.targets(), split.folds, split.embargo_frames)
+    folds = split.cut(dataset.patches, dataset.targets())
     spec = audited.extractor_spec
     features, *augmented = (
         cached_features(dataset, spec, cache, progress, jobs, augmentation=augmentation)
@@ -218,16 +218,16 @@ def audit(
         audited.name,
         audited.label,
         dataset.grid,
-        _rule(audited),
+        _rule(audited, len(folds)),
         tuple(_doubted(dataset, order, margins, decided)),
     )
 
 
-def _rule(audited: AuditInput) -> str:
+def _rule(audited: AuditInput, folds: int) -> str:
     grouped = audited.dataset.block_frames is not None
-    over = "whole blocks of frames" if grouped else "single patches"
+    over = f"whole {audited.split.unit(audited.dataset.patches)}" if grouped else "single patches"
     return (
-        f"mean of two held-out margins ({audited.split.folds} folds over {over}); the second "
+        f"mean of two held-out margins ({folds} folds over {over}); the second "
         "without learning what the first contradicts. Decision values; below 0 the label's class "
         f"loses.{'' if grouped else _UNGROUPED}"
     )
@@ -246,10 +246,10 @@ def _judge(
         )
         first, choice = chosen.values, chosen.choice
     before = label_margins(first, targets)
-    second = np.empty_like(first)
+    second, dives = np.empty_like(first), audited.split.dives(dataset.patches)
     for fold in folds:
         believed = believable(fold, before, targets)
-        model = fit_rows(features, targets, believed, choice, settings, augmented)
+        model = fit_rows(features, targets, believed, choice, settings, augmented, dives)
         second[fold.test] = decision_values(model, features[fold.test])
     mean = (before + label_margins(second, targets)) / 2
     _, others = _own_and_others((first + second) / 2, targets)

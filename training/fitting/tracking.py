@@ -151,13 +151,19 @@ def _flat_metrics(metrics: dict[str, Any]) -> dict[str, float]:
         "cv_obstacle_frames": frames["obstacle_frames"],
         "cv_detected_frames": frames["detected"],
         "cv_detected_frames_at_margin_0": metrics["frames_at_zero"]["detected"],
+        **{f"cv_dives_{name}": value for name, value in metrics.get("over_dives", {}).items()},
+        **{
+            f"cv_{what[:-1]}_f1_{_NOT_IN_A_NAME.sub('_', name)}": one["f1"]
+            for what in ("dives", "sites")
+            for name, one in metrics.get(what, {}).items()
+        },
         **{f"stress_f1_{name}": one["f1"] for name, one in metrics.get("stress", {}).items()},
         **{
             f"cv_first_detection_{_NOT_IN_A_NAME.sub('_', name)}": at
             for name, at in frames["first_detection"].items()
         },
     }
-    return {name: float(value) for name, value in figures.items() if value is not None}
+    return {name: float(value) for name, value in figures.items() if isinstance(value, int | float)}
 
 
 def _logged_metrics(metrics: dict[str, Any]) -> list[Metric]:

@@ -21,27 +21,29 @@ from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.splits import blocked_folds
 from tokt.training.evaluation.frame_scores import KEYS
 
 from .choose_operating_point import (
     DEFAULT_TARGET,
+    DIVE,
     FalseStatusTarget,
     check_target,
     choose_frame_rule,
 )
 from .classifier import converged, decision_values, fit_classifier, linear_model
 from .cross_validation import (
+    BLOCKS,
     HeldOutPredictions,
     Split,
-    check_blocks,
     check_features,
+    check_split,
     choose_hyperparameters,
     cross_validate,
     fit_rows,
     held_out_metrics,
     inner_folds,
     robustness_figures,
+    rows_tested,
 )
 from .drift_limits import training_distribution
 from .presets import CHOSEN_ON, Hyperparameters, TrainingSettings
@@ -165,13 +167,13 @@ def train(
         _check_two_images(dataset)
     if settings.two_images or dataset.block_frames is None:
         # Nothing of the dataset is learnt from, or its frame numbers only count file names.
-        request = replace(request, split=Split(request.split.folds, embargo_frames=0))
-    split, targets = request.split, dataset.targets()
+        request = replace(request, split=replace(request.split, embargo_frames=0))
+    split = request.split
     # Minutes of computing features come next: say now if they would be for nothing.
     if settings.two_images:
-        blocked_folds(dataset.patches, targets, split.folds, split.embargo_frames)
+        split.cut(dataset.patches, dataset.targets())
     else:
-        check_blocks(dataset, split.folds, split.embargo_frames)
+        check_split(dataset, split)
         if dataset.block_frames is not None:
             check_target(dataset.grid, request.target)
     wanted = dict.fromkeys(("", *settings.changes, *stress))
@@ -204,11 +206,12 @@ def _train_on_dataset(
     chosen = choose_hyperparameters(
         dataset.patches, features, targets, settings, split, augmented, jobs
     )
-    everything = np.arange(len(targets))
-    pipeline = fit_rows(features, targets, everything, chosen.choice, settings, augmented)
+    everything, dives = np.arange(len(targets)), split.dives(dataset.patches)
+    pipeline = fit_rows(features, targets, everything, chosen.choice, settings, augmented, dives)
     model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
-    score, tested = model.obstacle_score(chosen.values), np.ones(len(targets), bool)
-    rule, operating_point = choose_frame_rule(dataset, score, tested, request.target)
+    score, tested = model.obstacle_score(chosen.values), rows_tested(chosen.values)
+    by_dive = split.by == DIVE
+    rule, operating_point = choose_frame_rule(dataset, score, tested, request.target, by_dive)
     metrics = _metrics(request, held_out, model, pipeline, _split_in_words(request))
     trained_on = np.array([frame_id(digest) for digest in dataset.frames.digest], np.uint64)
     return Trained(
@@ -232,7 +235,7 @@ def _metrics(
     pipeline: Pipeline,
     split: str,
 ) -> dict[str, Any]:
-    metrics = held_out_metrics(request.dataset, held_out, model)
+    metrics = held_out_metrics(request.dataset, held_out, model, request.split.sites)
     if held_out.stressed:
         learnt = request.settings.changes
         metrics["stress"] = robustness_figures(request.dataset, held_out, model, learnt)
@@ -252,16 +255,31 @@ def _folds_in_words(request: TrainRequest) -> str:
             "which patches come from one photo, so near copies may stand on both sides and the "
             f"figures may be too good.{_changes(request.settings)}"
         )
+    weighed = split.dives(request.dataset.patches) is not None
+    weights = " Every dive counts the same in learning." if weighed else ""
+    rest = f"{_DECIDED}{weights}{_changes(request.settings)}"
+    candidates = f"{_candidates(request.settings)} chosen inside each training part"
+    unit = split.unit(request.dataset.patches)
+    if unit != BLOCKS:
+        folds = len(split.cut(request.dataset.patches, request.dataset.targets()))
+        return (
+            f"{folds}-fold cross-validation over whole {unit}: each is judged by a model that "
+            f"learnt nothing of it; {candidates} by the dives' mean F1, held out in the same way "
+            f"(by blocks of frames where one dive is left or a class would be lost). {rest}"
+        )
     weak = request.dataset.block_frames < _MIN_BLOCK_FRAMES
     return (
         f"{_WEAK if weak else ''}{split.folds}-fold cross-validation over whole blocks of frames "
         f"({request.dataset.block_frames} frames a block); training frames within "
-        f"{split.embargo_frames} frames of a test frame left out; {_candidates(request.settings)} "
-        f"chosen inside each training part by {inner_folds(split.folds)}-fold blocked "
-        "cross-validation. Patches at decision threshold 0, not tuned; frames by a rule that was "
-        "chosen inside each training part too. Patches marked unsure neither trained nor scored on."
-        f"{_changes(request.settings)}"
+        f"{split.embargo_frames} frames of a test frame left out; {candidates} by "
+        f"{inner_folds(split.folds)}-fold blocked cross-validation. {rest}"
     )
+
+
+_DECIDED = (
+    "Patches at decision threshold 0, not tuned; frames by a rule that was chosen inside each "
+    "training part too. Patches marked unsure neither trained nor scored on."
+)
 
 
 def _changes(settings: TrainingSettings) -> str:
@@ -353,8 +371,7 @@ def _test_on_all(
 ) -> HeldOutPredictions:
     """Score every patch of the dataset but those of frames that were learnt from."""
     dataset = request.dataset
-    split = request.split
-    folds = blocked_folds(dataset.patches, dataset.targets(), split.folds, split.embargo_frames)
+    folds = request.split.cut(dataset.patches, dataset.targets())
     digests = dataset.patches[KEYS].merge(dataset.frames, on=KEYS, how="left").digest
     number = np.full(len(dataset.patches), -1)
     for index, fold in enumerate(folds):

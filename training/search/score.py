@@ -1,9 +1,9 @@
-"""The score of a trial, from held-out patches by blocks of frames, and the rule that selects."""
+"""The score of a trial, from held-out patches by block of frames or dive; the rule that selects."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,8 @@ _MAX_BLOCKS = 400
 SCORE = (
     "F1 of obstacle patches (macro-F1 over the classes where there are more than two), pooled "
     "over all held-out patches of the blocked cross-validation, decision threshold 0; its "
-    f"standard error is that of {REPLICATES} bootstrap samples of whole blocks of frames"
+    f"standard error is that of {REPLICATES} bootstrap samples of whole blocks of frames; where "
+    "whole dives are held out, the mean of the dives' scores, and samples of whole dives"
 )
 MAX_GIVEN_UP = 0.01
 """The score that simplicity may cost at most, however large the standard error: with a dozen
@@ -34,32 +35,36 @@ RULE = (
 )
 HOW = (
     "the whole search repeated inside the training part of each fold, and the extractor chosen "
-    "there scored on the fold's held-out blocks, pooled over the folds"
+    "there scored on what the fold holds out, all folds together"
 )
 
 
 @dataclass(frozen=True)
 class BlockConfusion:
-    """Confusion matrices of held-out patches, one for each block of frames.
+    """Confusion matrices of held-out patches, one for each block of frames, or for each dive.
 
     Parameters
     ----------
     blocks, folds : array of int, shape (n,)
-        The block of frames and the fold of each row of `counts`.
+        The block of frames, or the dive, and the fold of each row of `counts`.
     counts : array of int, shape (n, classes, classes)
         True class by said class.
     n_blocks : int
+    by_dive : bool
+        Whether they are dives, of which each counts the same.
     """
 
     blocks: I64
     folds: I64
     counts: I64
     n_blocks: int
+    by_dive: bool = False
 
     def to_json(self) -> dict[str, Any]:
         """As it is kept."""
         return {
             "n_blocks": self.n_blocks,
+            "by_dive": self.by_dive,
             "blocks": self.blocks.tolist(),
             "folds": self.folds.tolist(),
             "counts": self.counts.tolist(),
@@ -77,28 +82,34 @@ class BlockConfusion:
         n_blocks = int(value["n_blocks"])
         if len(blocks) and not (blocks.min() >= 0 and blocks.max() < n_blocks):
             raise ValueError("a block is out of range")
-        return cls(blocks, folds, counts, n_blocks)
+        return cls(blocks, folds, counts, n_blocks, bool(value.get("by_dive", False)))
 
     @property
     def score(self) -> float:
-        """Pooled over everything."""
-        return pooled(self.counts)
+        """Pooled over all blocks, or the mean of the dives'."""
+        return float(np.nan_to_num(self._scores(np.ones((1, self.n_blocks), np.int64))[0]))
 
-    def of_fold(self, fold: int) -> I64:
-        """The confusion matrix of one fold."""
-        return np.asarray(self.counts[self.folds == fold].sum(axis=0))
-
-    def replicates(self) -> F64:
-        """Scores of bootstrap samples: the same blocks in the same samples for every tally."""
+    def _scores(self, drawn: I64) -> F64:
+        """Of samples, in each of which a block or dive is drawn so many times."""
         n_classes = self.counts.shape[1]
         by_block = np.zeros((self.n_blocks, n_classes, n_classes), np.int64)
         np.add.at(by_block, self.blocks, self.counts)
+        # A dive with one side only has no score of its own.
+        mixed = (by_block.sum(axis=2) > 0).sum(axis=1) > 1
+        if self.by_dive and mixed.any():
+            with np.errstate(invalid="ignore"):
+                scores = drawn[:, mixed] @ f1_of_counts(by_block[mixed])
+                return np.asarray(scores / drawn[:, mixed].sum(axis=1))
+        # Whole numbers: the sums are exact on every machine.
+        return f1_of_counts(np.einsum("rb,bij->rij", drawn, by_block))
+
+    def replicates(self) -> F64:
+        """Scores of bootstrap samples: the same blocks in the same samples for every tally."""
         rng = np.random.default_rng(SEED)
         drawn = rng.multinomial(
             self.n_blocks, np.full(self.n_blocks, 1 / self.n_blocks), REPLICATES
         )
-        # Whole numbers: the sums are exact on every machine.
-        return f1_of_counts(np.einsum("rb,bij->rij", drawn, by_block))
+        return self._scores(drawn)
 
     @property
     def standard_error(self) -> float:
@@ -131,8 +142,8 @@ def spread(replicates: F64) -> float:
     return float(defined.std(ddof=1)) if len(defined) > 1 else 0.0
 
 
-def tally(dataset: DatasetVersion, held_out: HeldOutPredictions) -> BlockConfusion:
-    """Count what a cross-validation said of each block.
+def tally(dataset: DatasetVersion, held_out: HeldOutPredictions, by_dive: bool) -> BlockConfusion:
+    """Count what a cross-validation said of each block, or dive.
 
     A dataset of thousands of blocks is counted by some hundred runs of neighbour blocks.
     """
@@ -140,20 +151,16 @@ def tally(dataset: DatasetVersion, held_out: HeldOutPredictions) -> BlockConfusi
     values, truth = held_out.values[tested], dataset.targets()[tested]
     two = values.shape[1] == 1
     said = (values[:, 0] > 0).astype(np.int64) if two else values.argmax(axis=1)
-    names, block = np.unique(dataset.patches.group.to_numpy(), return_inverse=True)
-    if len(names) > _MAX_BLOCKS:
+    unit = dataset.patches.mission if by_dive else dataset.patches.group
+    names, block = np.unique(unit.to_numpy(), return_inverse=True)
+    if len(names) > _MAX_BLOCKS and not by_dive:
         block = block * _MAX_BLOCKS // len(names)
-    n_blocks, n_classes = min(len(names), _MAX_BLOCKS), 2 if two else values.shape[1]
+    n_blocks, n_classes = int(block.max()) + 1, 2 if two else values.shape[1]
     pairs = np.column_stack([block[tested], held_out.fold[tested]])
     cells, place = np.unique(pairs, axis=0, return_inverse=True)
     counts = np.zeros((len(cells), n_classes, n_classes), np.int64)
     np.add.at(counts, (place.reshape(-1), truth, said), 1)
-    return BlockConfusion(cells[:, 0], cells[:, 1], counts, n_blocks)
-
-
-def pooled(matrices: Sequence[I64] | I64) -> float:
-    """The score of several confusion matrices together."""
-    return float(np.nan_to_num(f1_of_counts(np.sum(matrices, axis=0))))
+    return BlockConfusion(cells[:, 0], cells[:, 1], counts, n_blocks, by_dive)
 
 
 @dataclass(frozen=True)
@@ -212,7 +219,7 @@ def honest_score(
 
     The winner's own score was looked at to choose it, so it is somewhat too good. Here the whole
     search is repeated inside the training part of every fold; the extractor it chooses there is
-    then scored on that fold's held-out blocks, and the folds are pooled. The scores on the
+    then scored on that fold's held-out blocks, and the folds are put together. The scores on the
     held-out blocks are known already: the trial of the whole dataset trained on just that part.
 
     Parameters
@@ -228,5 +235,11 @@ def honest_score(
         score; chosen: the winner's name inside each fold; how, in words.
     """
     chosen = [winner(ranked(tallies)).trial for tallies in inside]
-    matrices = [whole[trial].of_fold(fold) for fold, trial in enumerate(chosen)]
-    return {"score": pooled(matrices), "chosen": [trial.name for trial in chosen], "how": HOW}
+    parts = [(whole[trial], whole[trial].folds == fold) for fold, trial in enumerate(chosen)]
+    together = replace(
+        parts[0][0],
+        blocks=np.concatenate([one.blocks[at] for one, at in parts]),
+        folds=np.concatenate([one.folds[at] for one, at in parts]),
+        counts=np.concatenate([one.counts[at] for one, at in parts]),
+    )
+    return {"score": together.score, "chosen": [trial.name for trial in chosen], "how": HOW}

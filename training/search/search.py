@@ -14,7 +14,7 @@ from tokt.models.registry.registration import RegisteredVersion
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import feature_key
-from tokt.training.fitting.cross_validation import Split, check_blocks, inner_folds
+from tokt.training.fitting.cross_validation import Split, check_split
 from tokt.training.fitting.tracking import log_and_register
 from tokt.training.fitting.train import TrainRequest, train
 from tokt.training.parallel import mapped, software
@@ -23,7 +23,7 @@ from .mlflow_runs import SearchRuns
 from .score import HOW, RULE, BlockConfusion, Rank, honest_score, ranked, winner
 from .space import Space, Trial
 from .state import SearchState, opened_state, read_finished, write_json
-from .trial import TrialOutcome, TrialTask, outer_training_rows, part_of, run_task
+from .trial import TrialOutcome, TrialTask, part_of, run_task
 
 _TRAINING = Path(__file__).parents[1]
 _SCORED_BY = (".", "datasets", "evaluation", "fitting", "search")
@@ -138,7 +138,7 @@ def search(
     """
     if request.dataset.block_frames is None:
         # Frame numbers only count file names there, as `train` knows too.
-        request = replace(request, split=Split(request.split.folds, embargo_frames=0))
+        request = replace(request, split=replace(request.split, embargo_frames=0))
     _check(request)
     dataset, split = request.dataset, request.split
     root = request.workspace / "searches"
@@ -160,13 +160,13 @@ def _check(request: SearchRequest) -> None:
     """Say before the work what would make it useless."""
     dataset, split = request.dataset, request.split
     dataset.check()
-    check_blocks(dataset, split.folds, split.embargo_frames)
+    check_split(dataset, split)
     if not request.nested:
         return
-    for fold in range(split.folds):
-        part = part_of(dataset, outer_training_rows(dataset, split, fold))
+    for fold in split.cut(dataset.patches, dataset.targets()):
+        part = part_of(dataset, fold.train)
         try:
-            check_blocks(part, inner_folds(split.folds), split.embargo_frames)
+            check_split(part, split.inner)
         except ToktError as error:
             raise ToktError(f"--nested splits each training part again: {error}") from None
 
@@ -264,7 +264,8 @@ class _Search:
         """The nested figure, asked for now or measured before; None while trials of it are left."""
         if len(whole) + len(self._faults) < len(self._request.space.trials):
             return None
-        folds = range(self._request.split.folds)
+        data = self._request.dataset
+        folds = range(len(self._request.split.cut(data.patches, data.targets())))
         kept = {
             (fold, trial): read_finished(self._state.trial_file(trial.id, fold))
             for fold in folds

@@ -1,4 +1,4 @@
-"""One trial: the nested, blocked cross-validation of an extractor, kept when it is finished."""
+"""One trial: the nested cross-validation of an extractor, kept when it is finished."""
 
 import copy
 import time
@@ -12,8 +12,7 @@ from tokt.features.common.arrays import I64
 from tokt.features.common.errors import ToktError
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.splits import blocked_folds
-from tokt.training.fitting.cross_validation import Split, cross_validate, inner_folds
+from tokt.training.fitting.cross_validation import BLOCKS, Split, cross_validate
 from tokt.training.fitting.presets import TrainingSettings
 
 from .score import tally
@@ -82,14 +81,15 @@ def run_task(task: TrialTask) -> TrialOutcome:
             rows = outer_training_rows(dataset, split, task.outer_fold)
             dataset, features = part_of(dataset, rows), features[rows]
             augmented = [table[rows] for table in augmented]
-            split = Split(inner_folds(split.folds), split.embargo_frames)
+            split = split.inner
         held_out = cross_validate(
             dataset, features, task.settings, split, _silent, augmented=augmented
         )
     except ToktError as error:
         return TrialOutcome(task, fault=str(error))
     seconds = time.monotonic() - began
-    finished = Finished(tally(dataset, held_out), tuple(held_out.choices), seconds)
+    by_dive = split.unit(dataset.patches) != BLOCKS
+    finished = Finished(tally(dataset, held_out, by_dive), tuple(held_out.choices), seconds)
     write_finished(task.file, finished)
     return TrialOutcome(task, finished)
 
@@ -105,8 +105,7 @@ def _silent(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:
 
 def outer_training_rows(dataset: DatasetVersion, split: Split, fold: int) -> I64:
     """The patches that fold number `fold` trains on."""
-    targets = dataset.targets()
-    return blocked_folds(dataset.patches, targets, split.folds, split.embargo_frames)[fold].train
+    return split.cut(dataset.patches, dataset.targets())[fold].train
 
 
 def part_of(dataset: DatasetVersion, rows: I64) -> DatasetVersion:

@@ -30,6 +30,31 @@ _FROM_A_FILE = (
     "The extractor comes from a file: if it was chosen on this data, as a search does, the figures "
     "are somewhat too good."
 )
+SplitOption = Annotated[
+    str | None,
+    Option(
+        "--split",
+        help="Hold out whole dives (dive; in --folds folds if there are more than 10) or blocks of "
+        "frames (block). Default: dive; block where there is one dive.",
+        show_default=False,
+    ),
+]
+SitesOption = Annotated[
+    list[str] | None,
+    Option(
+        "--site",
+        metavar="NAME=A,B",
+        help="Dives of one camera and day, held out together; repeatable. Default: the dataset's.",
+        show_default=False,
+    ),
+]
+WeightOption = Annotated[
+    str | None,
+    Option(
+        help="What counts the same in learning: each dive or each patch. Default: dive.",
+        show_default=False,
+    ),
+]
 _RULE = (
     "the simplest within one standard error, and 0.01, of the best (result.json has the rule in "
     "full)"
@@ -52,6 +77,9 @@ def train(
     ] = None,
     folds: FoldsOption = 5,
     embargo: EmbargoOption = 5,
+    split: SplitOption = None,
+    site: SitesOption = None,
+    weight: WeightOption = None,
     class_weight: Annotated[
         str | None,
         Option(
@@ -128,10 +156,10 @@ def train(
     chosen = extractor_for(named, preset, data.grid)
     model_name = name or f"{data.name}-{_file_name(named)}"
     check_model_name(model_name)
-    split, images = Split(folds, embargo), (ocean, other)
+    folded, images = Split.of(data, folds, embargo, split, weight, site or ()), (ocean, other)
     origin = _FROM_A_FILE if named.startswith("spec:") else ""
     request = TrainRequest(
-        data, model_name, chosen, named, settings, split, *images, target, selection=origin
+        data, model_name, chosen, named, settings, folded, *images, target, selection=origin
     )
     key = signing_key(sign)
     registry = Registry(workspace, create=True)
@@ -192,6 +220,8 @@ def _print_training(label: str, trained: Trained) -> None:
     print_patches(patch)
     if patch["f1"] is not None:
         print("  F1 by fold: " + ", ".join(figure(fold["f1"]) for fold in metrics["folds"]))
+    if "dives" in metrics:
+        _print_dives(metrics)
     if patch["f1"] is not None and trained.request.dataset.block_frames is not None:
         print(f"  at the operating point: {_frames(frames)}")
         print(f"  any patch over 0 an alarm: {_frames(metrics['frames_at_zero'])}")
@@ -206,6 +236,24 @@ def _print_training(label: str, trained: Trained) -> None:
     print(f"  {trained.operating_point['words']}")
     if not metrics["converged"]:
         print("  the solver stopped at its iteration limit (unscaled features)")
+
+
+def _print_dives(metrics: dict[str, Any]) -> None:
+    mean = metrics["over_dives"]
+    left_out = f", {mean['without_f1']} with one side only left out" if mean["without_f1"] else ""
+    print(
+        f"  over {mean['n']} dives{left_out}: mean F1 {figure(mean['f1'])}, mean AP "
+        f"{figure(mean['average_precision'])}, mean macro-F1 {figure(mean['macro_f1'])}, worst F1 "
+        f"{figure(mean['worst_f1'])} ({mean['worst'] or '-'})"
+    )
+    for what in ("dives", "sites"):
+        for name, one in metrics.get(what, {}).items():
+            print(
+                f"    {what[:-1]} {name}: F1 {figure(one['f1'])}, precision "
+                f"{figure(one['precision'])}, recall {figure(one['recall'])}, AP "
+                f"{figure(one['average_precision'])}, macro-F1 {figure(one['macro_f1'])}; "
+                f"{one['obstacles']} of {one['n']} patches obstacles"
+            )
 
 
 def _frames(frames: dict[str, Any]) -> str:
@@ -248,6 +296,9 @@ def search(
     ] = False,
     folds: FoldsOption = 5,
     embargo: EmbargoOption = 5,
+    split: SplitOption = None,
+    site: SitesOption = None,
+    weight: WeightOption = None,
     jobs: Annotated[int, Option(help="Processes; -1 for one per core.", min=-1)] = -1,
     dask: Annotated[
         str | None,
@@ -261,7 +312,7 @@ def search(
 ) -> None:
     """Search extractors; train and register the simplest of the best.
 
-    Each is scored by blocked cross-validation. A search that was stopped goes on where it was.
+    Each is scored by cross-validation, as `train` does it. A search that was stopped goes on.
     """
     from tokt.models.registry.registry import Registry, check_model_name
     from tokt.training.datasets.dataset import open_dataset
@@ -273,9 +324,10 @@ def search(
     data = open_dataset(dataset, workspace / "datasets")
     model_name = name or f"{data.name}-search"
     check_model_name(model_name)
-    tried, split, limit = read_space(space or BUILT_IN), Split(folds, embargo), budget_from(budget)
+    tried, limit = read_space(space or BUILT_IN), budget_from(budget)
+    folded = Split.of(data, folds, embargo, split, weight, site or ())
     request = SearchRequest(
-        data, model_name, tried, split, workspace, limit, nested, fresh, jobs, dask
+        data, model_name, tried, folded, workspace, limit, nested, fresh, jobs, dask
     )
     result = search_task(request, Registry(workspace, create=True), progress)
     answer(json, result, lambda: _print_search(result, nested))

@@ -405,6 +405,9 @@ def test_parameters_of_a_run_that_do_not_fit(pair):
     for name, values, commands in (
         ("split_folds", ("abc", "0", "9" * 5000), (compare, audit)),
         ("split_embargo_frames", ("-1", "9" * 30), (audit,)),
+        ("split_by", ("frame", "9" * 5000), (compare, audit)),
+        ("split_weight", ("",), (audit,)),
+        ("split_sites", ("5", "{", "nothing(", "-" * 100_000 + "1"), (compare, audit)),
         ("setting_scale", ("nothing(", "5", "-" * 100_000 + "1", "\0"), (compare,)),
         ("setting_changes", ("5", "(5,)"), (compare,)),
     ):

@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 
 from tests.calls import refuses
+from tests.conftest import tiny_labels, write_labels
 from tokt.models.operating_point import MofNRule
 from tokt.models.registry.registry import Registry
 from tokt.training.compare.bootstrap import ComparisonMetric, drawn_blocks
@@ -27,6 +28,7 @@ from tokt.training.compare.predictions import ComparedModels
 from tokt.training.compare.report import report_html
 from tokt.training.datasets.splits import Fold
 from tokt.training.evaluation.metrics import obstacle_metrics
+from tokt.training.fitting.cross_validation import Split
 
 pytestmark = pytest.mark.xdist_group("compare")  # what they share is made once
 
@@ -196,6 +198,70 @@ def test_two_models_of_one_name_are_not_said_to_be_one():
     refuses("tower/1 is given twice", check_different, names, ["aa", "aa"])
 
 
+@pytest.fixture(scope="module")
+def two_dives(tiny, done, told, tmp_path_factory):
+    """Two models of the tiny mission and of the same in brighter water; what was told."""
+    folder = tmp_path_factory.mktemp("dives")
+    late, where = folder / "late", ("--workspace", folder / ".tokt")
+    (late / "Left").mkdir(parents=True)
+    for file in (tiny.path / "Left").iterdir():
+        image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        brighter = cv2.convertScaleAbs(image, alpha=1.3, beta=9)
+        cv2.imwrite(str(late / "Left" / file.name.replace("tiny", "late")), brighter)
+    labels = write_labels(folder / "late.csv", tiny_labels("late"))
+    missions = ("--mission", tiny.path, "--mission", late)
+    done("dataset", "build", "two", *missions, "--labels", tiny.labels, "--labels", labels,
+         "--block", 4, *where)  # fmt: skip
+    plain = ("--preset", "plain", "--folds", 3, "--embargo", 1, *where)
+    models = [
+        told("train", "two", "--extractor", name, "--name", name, *plain)
+        for name in ("lbp", "haralick")
+    ]
+    return folder / ".tokt", models
+
+
+def test_models_of_several_dives_are_held_out_and_compared_by_dive(two_dives, told, refused):
+    workspace, models = two_dives
+    where = ("--workspace", workspace)
+    for model in models:
+        assert list(model["cv"]["dives"]) == ["late", "tiny"]
+        by_fold = [fold["f1"] for fold in model["cv"]["folds"]]
+        assert [one["f1"] for one in model["cv"]["dives"].values()] == by_fold
+        assert model["cv"]["over_dives"]["f1"] == pytest.approx(np.mean(by_fold))
+        assert "2-fold cross-validation over whole dives" in model["cv"]["split"]
+        assert "Every dive counts the same" in model["cv"]["split"]
+        logged = mlflow.MlflowClient(f"sqlite:///{workspace}/mlflow.db").get_run(model["run_id"])
+        assert logged.data.params["split_by"] == logged.data.params["split_weight"] == "dive"
+        assert logged.data.metrics["cv_dive_f1_tiny"] == by_fold[1]
+        assert logged.data.metrics["cv_dives_f1"] == pytest.approx(np.mean(by_fold))
+    page = workspace.parent / "page.html"
+    found = told("compare", "lbp", "haralick", "-o", page, *where)
+    assert (found["unit"], found["blocks"]) == ("dives", 2)
+    assert "2 dives count as independent. So few dives cannot show a difference" in found["method"]
+    assert "bootstrap over whole dives, the same dives" in found["method"]
+    assert any("learnt nothing of its dive" in note for note in found["notes"])
+    assert len(found["stretches"]) == 22  # still by blocks along the dives
+    assert found["pairs"][0]["verdict"] == "cannot tell"
+    for model, trained in zip(found["models"], models, strict=True):
+        for name, one in model["dives"].items():
+            assert one == trained["cv"]["dives"][name]
+    report = page.read_text("utf-8")
+    assert "F1 of dive late" in report and "dives that differ" in report
+    points = found["learning_curve"]["points"]
+    of_model = {"lbp/1": models[0], "haralick/1": models[1]}[found["learning_curve"]["model"]]
+    assert points[-1]["mean"] == pytest.approx(of_model["cv"]["patch"]["f1"], abs=1e-9)
+    assert "those tested of others" in found["learning_curve"]["how"]
+    audit = told("labels", "audit", "lbp", *where)
+    assert "2 folds over whole dives" in audit["rule"]
+    train = ("train", "two", "--preset", "plain", *where)
+    refused("no mission 'x' (there are: late, tiny)", *train, "--site", "a=late,x")
+    by_block = ("--folds", 3, "--embargo", 1, "--split", "block", "--weight", "patch")
+    blocks = told(*train, "--extractor", "lbp", "--name", "blocks", *by_block)
+    assert "3-fold cross-validation over whole blocks" in blocks["cv"]["split"]
+    assert "Every dive" not in blocks["cv"]["split"] and len(blocks["cv"]["dives"]) == 2
+    refused("were cross-validated in other folds", "compare", "lbp", "blocks", *where)
+
+
 def test_a_stretch_whose_folds_hold_no_obstacle_is_left_out_of_the_learning_curve():
     """There is no F1 without an obstacle: it would be NaN in the JSON."""
     table = pd.DataFrame({"mission": "m", "frame": [1, 2, 3, 4]})
@@ -203,7 +269,8 @@ def test_a_stretch_whose_folds_hold_no_obstacle_is_left_out_of_the_learning_curv
     dataset = SimpleNamespace(patches=table, obstacle_flags=lambda: [False, True])
     folds = [Fold(np.array([]), np.array([0, 1])), Fold(np.array([]), np.array([2]))]
     learning = {"features": np.zeros((4, 1)), "augmented": [], "choices": [], "settings": None}
-    blocks = {"block": np.arange(4), "names": list("abcd"), "every": 1}
+    learning["split"] = Split(2, 0)
+    blocks = {"block": np.arange(4), "names": list("abcd"), "unit": np.arange(4), "every": 1}
     tested = {"targets": targets, "folds": folds, "measure": ComparisonMetric()}
     setting = _Setting(dataset=dataset, **learning, **tested, **blocks)
     without = {0: {0: targets[:2]}, 1: {1: targets[2:3]}}

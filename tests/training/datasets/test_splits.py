@@ -12,7 +12,15 @@ from tests.calls import refuses
 from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.training.datasets import splits
-from tokt.training.datasets.splits import block_of, blocked_folds, every_nth_block
+from tokt.training.datasets.splits import (
+    block_of,
+    blocked_folds,
+    dive_folds,
+    dive_weights,
+    every_nth_block,
+    held_out_together,
+    sites_named,
+)
 
 
 @st.composite
@@ -58,6 +66,67 @@ def test_no_layout_leaks(layout, n_folds, embargo):
         assert not set(group[fold.train]) & set(group[fold.test])
         assert distance_to_test(table, fold) > embargo
         assert set(targets[fold.train]) == set(targets)
+
+
+@settings(max_examples=scaled(80))
+@given(st.data())
+def test_no_dive_or_site_is_on_both_sides(data):
+    names = [f"dive_{number}" for number in range(data.draw(st.integers(1, 14)))]
+    sites = data.draw(st.dictionaries(st.sampled_from(names), st.sampled_from(["s", "t", "u"])))
+    rows = [
+        (name, frame, f"{name}#{frame}", data.draw(st.booleans()))
+        for name in names
+        for frame in range(data.draw(st.integers(1, 3)))
+    ]
+    table = pd.DataFrame(rows, columns=["mission", "frame", "group", "reef"])
+    for one, other in data.draw(st.lists(st.tuples(*[st.sampled_from(list(table.group))] * 2))):
+        table.group = table.group.replace(one, other)  # they share a picture
+    targets = table.reef.to_numpy(np.int64)
+    whole, columns = table.assign(site=table.mission.replace(sites)), ["mission", "group"]
+    try:
+        folds = dive_folds(table, targets, sites, 5)
+    except ToktError:
+        event("refused")
+        folds = dive_folds(table, targets, sites, 5, refuse=False)
+    else:
+        event("split" if folds else "one unit")
+        columns += ["site"] if len(set(held_out_together(table, sites))) > 1 else []
+        tested = np.concatenate([fold.test for fold in folds]) if folds else np.arange(len(table))
+        assert sorted(tested) == list(range(len(table)))
+    for fold in folds:
+        for column in columns:
+            sides = (set(whole[column].iloc[rows]) for rows in (fold.train, fold.test))
+            assert not set.intersection(*sides)
+        assert set(targets[fold.train]) == set(targets)
+
+
+def test_more_dives_than_ten_are_held_out_several_at_a_time():
+    dives = [f"dive_{n:02d}" for n in range(12) for _ in range(4)]
+    table = pd.DataFrame({"mission": dives, "frame": range(48), "group": dives})
+    targets = np.arange(48) % 2
+    folds = dive_folds(table, targets, {}, 5)
+    assert len(folds) == 5 and {len(set(table.mission[f.test])) for f in folds} == {2, 3}
+    assert len(dive_folds(table[:40], targets[:40], {}, 5)) == 10
+
+
+def test_dives_that_share_a_picture_have_one_name():
+    table = pd.DataFrame({"mission": list("abcd"), "frame": 1, "group": ["g", "h", "g", "i"]})
+    assert held_out_together(table).tolist() == ["a+c", "b", "a+c", "d"]
+    together = held_out_together(table, {"b": "basin", "c": "basin"}).tolist()
+    assert together == ["a+basin", "a+basin", "a+basin", "d"]
+
+
+def test_sites_are_told_by_name():
+    assert sites_named(["s=a,b", "t=c"], ["a", "b", "c"]) == {"a": "s", "b": "s", "c": "t"}
+    for text in ("s", "=a", "s=", "s=a,", ""):
+        refuses("--site is something like basin=dive_1,dive_2", sites_named, [text], ["a"])
+    refuses("no mission 'x' .there are: a, b", sites_named, ["s=x"], ["a", "b"])
+    refuses("mission a is in two sites, s and t", sites_named, ["s=a", "t=a"], ["a", "b"])
+
+
+def test_dives_weigh_the_same_and_a_patch_one_in_the_mean():
+    weights = dive_weights(np.array(list("aaab")))
+    assert weights.tolist() == pytest.approx([2 / 3] * 3 + [2]) and weights.mean() == 1
 
 
 def regular(frames, block, period=2):

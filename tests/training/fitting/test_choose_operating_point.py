@@ -50,6 +50,21 @@ def test_extrapolated_margins_keep_the_rate_where_the_truth_is_known():
     assert np.median(normal) > 5 * RATE  # why it is not a normal law
 
 
+def test_margins_over_dives_keep_the_rate_on_dives_never_seen():
+    """Dives differ more than their blocks: over blocks the same frames promise too much."""
+    rng = np.random.default_rng(4)
+    truth = np.sort(rng.normal(0, np.hypot(1, 0.5), 10**6) + rng.gumbel(size=10**6))
+    kept = {"dive": [], "block": []}
+    for _ in range(60):
+        dives = [ocean(rng, blocks=4) for _ in range(3)]
+        values = np.concatenate([one + rng.normal() for one, _ in dives])
+        block = np.concatenate([number * 4 + blocks for number, (_, blocks) in enumerate(dives)])
+        for unit, names in (("dive", block // 4), ("block", block)):
+            margin = fit_exceedance_model(values, names, RATE).margin(0.95)
+            kept[unit].append(1 - np.searchsorted(truth, margin) / len(truth) <= RATE)
+    assert np.mean(kept["dive"]) >= 0.85 > np.mean(kept["block"])
+
+
 def test_the_law_is_the_sum_of_a_normal_level_and_a_gumbel_law():
     values, block = ocean(np.random.default_rng(6), blocks=300, copies=1, between=2.0)
     tail = fit_exceedance_model(values, block, RATE)
@@ -226,6 +241,35 @@ def test_what_the_data_cannot_show_is_said(dataset, score):
     assert "extrapolated, a best estimate, not a bound" in chosen["words"]
     assert "not a bound" not in choose(dataset, score, confidence=0.95)[1]["words"]
     assert choose(dataset, score, rate=0.3)[1]["reachable"] is True
+
+
+def test_by_dive_the_level_changes_from_dive_to_dive(dataset, score, monkeypatch):
+    def chosen_by_dive(tested):
+        return choose_frame_rule(dataset, score, tested.to_numpy(), FalseStatusTarget(), True)[1]
+
+    def named(last_of_a):
+        for table in ("patches", "frames"):
+            rows = getattr(dataset, table)
+            missions = np.where(rows.frame > last_of_a, "b", "a")
+            monkeypatch.setattr(dataset, table, rows.assign(mission=missions))
+
+    number = dataset.patches.frame
+    chosen = chosen_by_dive(number > 0)
+    assert "unit" not in chosen and chosen["ocean_blocks"] == 4  # of one dive there are its blocks
+    named(20)
+    chosen = chosen_by_dive(number > 0)
+    assert chosen["unit"] == "dive" and chosen["ocean_blocks"] == 2
+    assert "(2 dives)" in chosen["words"] and "of dives" in chosen["words"]
+    assert "from dive to dive" in chosen["method"]
+    assert chosen["tail"][0]["blocks"] == 2
+    # A single ocean frame of the other dive: that makes no law over dives.
+    named(36)
+    chosen = chosen_by_dive(number <= 37)
+    assert "unit" not in chosen and chosen["extrapolated_rate"] is not None
+    assert "blocks of near copies" in chosen["words"]
+    # None at all.
+    chosen = chosen_by_dive((number <= 36) | (dataset.targets() == 1))
+    assert "unit" not in chosen and chosen["extrapolated_rate"] is not None
 
 
 def test_without_ocean_frames_nothing_is_chosen(dataset, frames, score, monkeypatch):

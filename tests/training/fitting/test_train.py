@@ -1,11 +1,12 @@
 """Training and its cross-validation: the same each time, and honest."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from unittest.mock import Mock
 
 import cv2
 import numpy as np
+import pandas as pd
 import pytest
 from sklearn.metrics import (
     average_precision_score,
@@ -21,11 +22,12 @@ from tests.conftest import quiet
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import Grid
 from tokt.models.bundle.bundle import frame_id
+from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.splits import Fold, blocked_folds
+from tokt.training.datasets.splits import Fold, blocked_folds, dive_folds
 from tokt.training.evaluation.evaluate import first_detection
 from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
 from tokt.training.fitting import cross_validation
@@ -35,6 +37,7 @@ from tokt.training.fitting.cross_validation import (
     Split,
     choose_hyperparameters,
     cross_validate,
+    fit_rows,
     held_out_metrics,
 )
 from tokt.training.fitting.presets import (
@@ -209,9 +212,9 @@ def test_choice_and_weights_of_a_fold_do_not_see_its_test_part(blocks, monkeypat
 def test_rows_within_the_embargo_are_not_learnt_from(blocks, monkeypatch):
     seen = []
 
-    def spy(features, targets, choice, settings, weights):
+    def spy(features, *rest):
         seen.append(features[:, 0])
-        return fit_classifier(features, targets, choice, settings, weights)
+        return fit_classifier(features, *rest)
 
     monkeypatch.setattr(cross_validation, "fit_classifier", spy)
     number = np.arange(300, dtype=float)
@@ -222,6 +225,199 @@ def test_rows_within_the_embargo_are_not_learnt_from(blocks, monkeypatch):
         learnt = np.concatenate([seen[call] for call in learnt])
         tested = np.flatnonzero(held_out.fold == index)
         assert np.abs(learnt[:, None] - tested).min() > 5
+
+
+# --- by dive -----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def dives(fabricate):
+    """Four dives of 40, 60, 80 and 100 frames of one patch; every other block of 10 is reef."""
+    made = {"a": 40, "b": 60, "c": 80, "d": 100}
+    missions = [name for name, frames in made.items() for _ in range(frames)]
+    numbers = [n for frames in made.values() for n in range(frames)]
+    groups = [f"{name}#{n // 10:03d}" for name, n in zip(missions, numbers, strict=True)]
+    labels = ["reef" if n // 10 % 2 else "ocean" for n in numbers]
+    return fabricate(labels, groups, numbers, missions)
+
+
+def test_several_dives_are_held_out_whole_unless_asked_otherwise(dives, blocks):
+    split = Split.of(dives, 5, 5)
+    assert (split.by, split.weight, split.sites) == ("dive", "dive", {})
+    features = np.random.default_rng(0).normal(size=(280, 3))
+    held_out = cross_validate(dives, features, PLAIN, split, quiet)
+    assert (
+        dives.patches.groupby("mission").apply(len).tolist() == np.bincount(held_out.fold).tolist()
+    )
+    split = Split.of(dives, 5, 5, "block", "patch")
+    assert (split.by, split.weight) == ("block", "patch")
+    assert Split.of(blocks, 5, 5) == Split(5, 5)
+    refuses("cannot be split by dive", Split.of, blocks, 5, 5, "dive")
+    refuses("--split is dive or block, not 'frame'", Split.of, dives, 5, 5, "frame")
+    refuses("--weight is dive or patch, not 'x'", Split.of, dives, 5, 5, None, "x")
+    refuses("no mission 'e'", Split.of, dives, 5, 5, None, None, ["basin=a,e"])
+
+
+def test_what_is_only_true_of_one_dive_counts_for_nothing(dives):
+    """Reef looks otherwise in each dive: blocks of a dive tell of each other, dives do not."""
+    rng = np.random.default_rng(3)
+    dive, truth = pd.factorize(dives.patches.mission)[0], dives.targets()
+    settings, found = replace(PLAIN, penalties=(0.1,)), {"dive": [], "block": []}
+    for _ in range(6):
+        features = rng.normal(size=(4, 2, 12))[dive, truth] + rng.normal(0, 0.3, (280, 12))
+        for by, right in found.items():
+            held_out = cross_validate(dives, features, settings, Split.of(dives, 5, 5, by), quiet)
+            right.append(((held_out.values[:, 0] > 0) == truth).mean())
+    assert np.mean(found["block"]) > 0.95 and abs(np.mean(found["dive"]) - 0.5) < 0.15
+
+
+def test_nothing_of_a_dive_is_seen_by_what_it_is_tested_with(dives, monkeypatch):
+    """Turn around the labels of a dive: its choices, rule, margins and decision values stay."""
+    rng = np.random.default_rng(5)
+    truth, mission = dives.targets(), dives.patches.mission.to_numpy()
+    features = np.column_stack([truth + rng.normal(0, 1.2, 280), rng.normal(size=(280, 30))])
+
+    def run(targets):
+        monkeypatch.setattr(type(dives), "targets", lambda self: targets)
+        return cross_validate(dives, features, PLAIN, Split.of(dives, 5, 5), quiet)
+
+    clean = run(truth)
+    for number, name in enumerate("abcd"):
+        found = run(np.where(mission == name, 1 - truth, truth))
+        assert found.choices[number] == clean.choices[number]
+        assert found.rules[number] == clean.rules[number]
+        tested = mission == name
+        assert np.array_equal(found.values[tested], clean.values[tested])
+        assert not np.array_equal(found.values[~tested], clean.values[~tested])
+
+
+def test_choices_inside_a_training_part_are_made_by_dive_too(dives, monkeypatch):
+    tested = []
+
+    def spy(patches, targets, sites, n_folds, refuse=True):
+        folds = dive_folds(patches, targets, sites, n_folds, refuse)
+        tested.append(sorted(sorted(set(patches.mission.iloc[fold.test])) for fold in folds))
+        return folds
+
+    monkeypatch.setattr(cross_validation, "dive_folds", spy)
+    features, split = np.random.default_rng(0).normal(size=(280, 3)), Split.of(dives, 5, 5)
+    cross_validate(dives, features, PLAIN, split, quiet)
+    outer = [["a"], ["b"], ["c"], ["d"]]
+    assert tested == [outer, *([one for one in outer if one != left] for left in outer)]
+    tested.clear()
+    cross_validate(dives, features, PLAIN, Split(4, 5, "dive", sites={"a": "s", "b": "s"}), quiet)
+    rest = [[["a", "b"], ["d"]], [["a", "b"], ["c"]], [["c"], ["d"]]]
+    assert tested == [[["a", "b"], ["c"], ["d"]], *rest]
+    tested.clear()
+    # Where one site is left, its dives one by one.
+    sites = {"a": "s", "b": "s", "c": "t", "d": "t"}
+    cross_validate(dives, features, PLAIN, Split(4, 5, "dive", sites=sites), quiet)
+    assert tested == [[["a", "b"], ["c", "d"]], [["c"], ["d"]], [["a"], ["b"]]]
+
+
+def test_where_one_dive_is_left_choices_are_made_by_its_blocks(fabricate):
+    labels = ["reef" if n // 10 % 2 else "ocean" for n in range(120)]
+    missions = ["a"] * 60 + ["b"] * 60
+    groups = [f"{name}#{n // 10:03d}" for n, name in enumerate(missions)]
+    made = fabricate(labels, groups, None, missions)
+    features = made.targets()[:, None] + np.random.default_rng(0).normal(0, 0.1, (120, 2))
+    held_out = cross_validate(made, features, PLAIN, Split.of(made, 4, 1), quiet)
+    assert average_precision_score(made.targets(), held_out.values[:, 0]) > 0.99
+    assert np.bincount(held_out.fold).tolist() == [60, 60]
+
+
+def test_a_class_that_one_dive_alone_has_is_refused_and_said(fabricate):
+    labels = [*["ocean", "reef"] * 10, *["ocean"] * 20]
+    made = fabricate(labels, None, None, ["a"] * 20 + ["b"] * 20)
+    features = np.random.default_rng(0).normal(size=(40, 2))
+    words = "without a, which is held out as a whole, nothing labelled reef is left to learn from"
+    refuses(words, cross_validate, made, features, PLAIN, Split.of(made, 2, 1), quiet)
+    refuses("cannot be split by dive", Split.of, made, 2, 1, "dive")
+
+
+def test_a_dive_that_alone_keeps_a_class_is_not_chosen_on(fabricate):
+    labels = [*["ocean", "reef"] * 10, *["reef"] * 40]
+    missions = [name for name in "abc" for _ in range(20)]
+    made = fabricate(labels, None, None, missions)
+    asked = made.patches, np.random.default_rng(0).normal(size=(60, 2)), made.targets()
+    tested = np.isfinite(choose_hyperparameters(*asked, PLAIN, Split(2, 0, "dive")).values[:, 0])
+    assert set(made.patches.mission[tested]) == {"b", "c"} and tested.sum() == 40
+    # Of a and b it is b alone that could be held out: so by blocks.
+    two = made.patches[:40], asked[1][:40], asked[2][:40]
+    tested = np.isfinite(choose_hyperparameters(*two, PLAIN, Split(2, 0, "dive")).values)
+    assert tested.all()
+
+
+def test_each_dive_counts_the_same_in_learning(dives):
+    """Against the dives' patches repeated until there are as many of each (C shared out)."""
+    rng = np.random.default_rng(1)
+    truth, mission = dives.targets(), dives.patches.mission.to_numpy()
+    features = np.column_stack([truth + rng.normal(0, 0.7, 280), rng.normal(3, 2, (280, 2))])
+    choice, rows = Hyperparameters(0.1), np.arange(280)
+    times = pd.Series(mission).map({"a": 30, "b": 20, "c": 15, "d": 12}).to_numpy()
+    repeated = rows.repeat(times)
+    scaler = StandardScaler().fit(features[repeated])
+    svc = LinearSVC(C=0.1 * 280 / len(repeated), random_state=42, dual=False, tol=1e-9)
+    svc.fit(scaler.transform(features[repeated]), truth[repeated])
+    made = fit_rows(features, truth, rows, choice, PLAIN, (), mission)
+    assert np.allclose(made["scaler"].mean_, scaler.mean_)
+    assert np.allclose(made["svc"].coef_, svc.coef_, atol=1e-4)
+    # One dive: nothing is other than without, to the last bit.
+    one = np.flatnonzero(mission == "a")
+    alike = (fit_rows(features, truth, one, choice, PLAIN, (), by) for by in (None, mission))
+    first, second = (model["svc"].coef_.tobytes() for model in alike)
+    assert first == second
+
+
+def test_a_long_dive_does_not_choose_alone():
+    """Candidate one is right on the long dive, candidate two on the two short ones."""
+    targets = np.array([0, 1] * 50 + [0, 1] * 5 + [0, 1] * 5)
+    right, wrong = np.where(targets, 1.0, -1.0), np.where(targets, -1.0, 1.0)
+    parts = [np.arange(100), np.arange(100, 110), np.arange(110, 120)]
+    long = np.concatenate([right[:100], wrong[100:]])[:, None]
+    assert cross_validation._mean_f1(targets, long, []) > 0.8
+    assert cross_validation._mean_f1(targets, long, parts) == pytest.approx(1 / 3)
+    assert cross_validation._mean_f1(targets, -long, parts) == pytest.approx(2 / 3)
+    # A dive with one side only has no F1: it is left out.
+    sided = np.where(np.arange(120) < 100, 1, targets)
+    assert cross_validation._mean_f1(sided, right[:, None], parts) == 1
+
+
+def test_figures_by_dive_and_site_stand_beside_the_mean(dives):
+    truth, mission = dives.targets().copy(), dives.patches.mission.to_numpy()
+    truth[mission == "d"] = 0
+    score = np.where(truth == 1, 1.0, -1.0)
+    score[mission == "b"] *= -1
+    fold = pd.factorize(mission)[0]
+    about = fold, (Hyperparameters(1.0),) * 4, (MofNRule(),) * 4
+    held_out = HeldOutPredictions(score[:, None], *about)
+    model = LinearModel(np.zeros((1, 1)), np.zeros(1), np.zeros(1), ("clear", "obstacle"), (0, 1))
+    dives.targets = lambda: truth
+    found = held_out_metrics(dives, held_out, model, {"a": "basin", "b": "basin"})
+    assert {name: one["f1"] for name, one in found["dives"].items()} == {
+        **{"a": 1, "b": 0, "c": 1, "d": None}
+    }
+    assert found["dives"]["d"]["n"] == 100 and found["dives"]["d"]["obstacles"] == 0
+    mean = found["over_dives"]
+    assert mean["f1"] == pytest.approx(2 / 3) and (mean["worst"], mean["worst_f1"]) == ("b", 0)
+    assert (mean["n"], mean["without_f1"]) == (4, 1)
+    assert list(found["sites"]) == ["basin", "c", "d"]
+    rows = np.isin(mission, ["a", "b"])
+    expected = obstacle_metrics(truth[rows] == 1, score[rows])
+    assert expected.items() <= found["sites"]["basin"].items()
+    one = HeldOutPredictions(score[:, None], np.where(mission == "a", 0, -1), *about[1:])
+    assert not {"dives", "over_dives", "sites"} & set(held_out_metrics(dives, one, model))
+
+
+def test_the_split_of_a_run_that_an_older_tokt_logged_is_by_block():
+    old = {"split_folds": "5", "split_embargo_frames": "3"}
+    assert Split.logged(old) == Split(5, 3)
+    new = Split(5, 3, "dive", "dive", {"a": "basin"})
+    logged = {f"split_{name}": str(value) for name, value in asdict(new).items()}
+    assert Split.logged(logged) == new
+    for name, value in (("by", "x"), ("weight", ""), ("sites", "5"), ("sites", "{")):
+        with pytest.raises((ValueError, SyntaxError)):
+            Split.logged({**logged, f"split_{name}": value})
 
 
 # --- figures -----------------------------------------------------------------------------------

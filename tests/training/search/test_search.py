@@ -226,6 +226,20 @@ def test_the_honest_score_takes_what_each_training_part_chose():
     assert honest["score"] == pytest.approx(2 * 6 / (2 * 6 + 14))
 
 
+def test_by_dive_the_score_is_the_mean_of_the_dives():
+    """A long dive, a short one, and one without water, which has no score of its own."""
+    counts = np.array([[[80, 0], [20, 80]], [[4, 4], [2, 2]], [[0, 0], [50, 1]]])
+    told = BlockConfusion(np.arange(3), np.array([0, 1, 2]), counts, 3, by_dive=True)
+    assert told.score == pytest.approx((160 / 180 + 4 / 10) / 2)
+    assert BlockConfusion.from_json(json.loads(json.dumps(told.to_json()))).score == told.score
+    assert set(np.round(told.replicates()[np.isfinite(told.replicates())], 3)) >= {0.4, 0.889}
+    a, b = trial("a", 5), trial("b", 6)
+    better = replace(told, counts=counts[[0, 0, 2]])
+    inside = [{a: BEST, b: WORSE}, {a: WORSE, b: BEST}, {a: BEST, b: WORSE}]
+    honest = honest_score({a: told, b: better}, inside)
+    assert honest["score"] == pytest.approx(160 / 180)
+
+
 # --- what is kept on disk ------------------------------------------------------------------------
 
 FORMAT_1 = """{
@@ -244,7 +258,7 @@ def test_a_trial_of_format_1_is_read(tmp_path):
     finished = read_finished(path)
     assert finished.choices == (Hyperparameters(0.1), Hyperparameters(1.0, "balanced"))
     assert finished.tally.score == pytest.approx(2 * 3 / (2 * 3 + 1 + 2))
-    assert finished.tally.of_fold(1).tolist() == [[7, 0], [0, 1]]
+    assert finished.tally.folds.tolist() == [0, 1] and not finished.tally.by_dive
 
 
 @pytest.mark.parametrize(

@@ -41,8 +41,8 @@ from tokt.training.fitting.choose_operating_point import DEFAULT_TARGET, choose_
 from tokt.training.fitting.classifier import decision_values, fit_classifier, linear_model
 from tokt.training.fitting.cross_validation import (
     Split,
-    check_blocks,
     check_features,
+    check_split,
     choose_hyperparameters,
     fit_rows,
     inner_folds,
@@ -121,7 +121,7 @@ def held_out_texture(
     """
     with tempfile.TemporaryDirectory(prefix="tokt-reproduce-") as name:
         dataset, split = _dataset(inputs, Path(name), list(sizes))
-        check_blocks(dataset, split.folds, split.embargo_frames)
+        check_split(dataset, split)
         learnt = _learn(inputs, dataset, split, features, settings)
     return _judged(learnt, sizes, _words(dataset, split, settings))
 
