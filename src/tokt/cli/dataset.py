@@ -1,10 +1,10 @@
-"""`tokt dataset`: build, list and show dataset versions."""
+"""`tokt dataset`: build, list, show and diff dataset versions."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from tokt.training.datasets.mission_source import LabelledMission
 
 dataset_app = typer.Typer(
-    help="Build, list and show dataset versions, immutable and named by content.",
+    help="Build, list, show and diff dataset versions, immutable and named by content.",
     no_args_is_help=False,
 )
 
@@ -170,6 +170,61 @@ def show(
 
     found = open_dataset(dataset, workspace / "datasets")
     answer(json, {"label": found.label, **found.info}, lambda: _show(found))
+
+
+@dataset_app.command("diff")
+def diff(
+    before: DatasetArgument,
+    after: DatasetArgument,
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
+) -> None:
+    """Say what changed between two dataset versions: missions, frames, labels, sources."""
+    from tokt.training.datasets.dataset import open_dataset
+    from tokt.training.datasets.diff import diff_datasets
+
+    root = workspace / "datasets"
+    found = diff_datasets(open_dataset(before, root), open_dataset(after, root))
+    answer(json, found, lambda: _print_diff(found))
+
+
+def _print_diff(found: dict[str, Any]) -> None:
+    print(f"{found['before']} -> {found['after']}")
+    patches, frames, unsure = (
+        _change(found[key]) for key in ("patches", "frames", "unsure_left_out")
+    )
+    print(f"  {patches} patches in {frames} frames, {unsure} unsure patches left out")
+    if found["same_content"]:
+        print("  the same content: nothing that is learnt from changed")
+    for name, pair in found["settings"].items():
+        change = ", ".join(_classes_changed(*pair)) if name == "taxonomy" else _change(pair)
+        print(f"  {name.replace('_', ' ')}: {change}")
+    if found["relabelled"] is None:
+        print("  patches of two grids are not the same ones: which labels changed is not known")
+    for kind, missions in found["missions"].items():
+        for name, counts in missions.items():
+            words = ", ".join(f"{count} {key.replace('_', ' ')}" for key, count in counts.items())
+            print(f"  mission {name} {kind}: {words}")
+    for name, pair in found["labels"].items():
+        print(f"  {name}: {_change(pair)}")
+    for one in found["relabelled"] or ():
+        print(f"    from {one['from']} to {one['to']}: {one['patches']}")
+    for kind, lines in found["sources"].items():
+        for line in lines:
+            print(f"  source {kind}: {line}")
+
+
+def _change(pair: list[Any]) -> str:
+    return str(pair[0]) if pair[0] == pair[1] else f"{pair[0]} -> {pair[1]}"
+
+
+def _classes_changed(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
+    was, now = ({one["name"]: one for one in each["classes"]} for each in (before, after))
+    flags = {True: "an obstacle", False: "clear"}
+    both = [name for name in was if name in now and was[name]["obstacle"] != now[name]["obstacle"]]
+    lines = [f"{name} is {flags[now[name]['obstacle']]} now" for name in both]
+    lines += [f"{name} added" for name in now if name not in was]
+    return lines + [f"{name} gone" for name in was if name not in now] or ["order, colours or keys"]
 
 
 def _show(dataset: DatasetVersion) -> None:
