@@ -3,7 +3,8 @@
 The hashes stand in a tag of the version, with the model's name and the run, so that the files, the
 run or the tag of another version do not pass for this one's. They protect from accident alone: who
 can write the workspace can write them too. A signature, in another tag, covers them and the
-version's number; whose signature counts is said by whoever exports, never by the workspace.
+version's number; whose signature counts is said by whoever exports, never by the workspace. How
+each promotion ended stands in a tag of its own, which nothing covers.
 """
 
 import hashlib
@@ -11,15 +12,19 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from tokt.features.common.canonical import canonical_json
+from tokt.features.common.canonical import canonical_json, printable_json
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.signature import signature_from_bytes
 from tokt.models.signing.keys import PublicKey, SigningKey
+from tokt.models.store.history import stamp
 
 FILES_TAG, SIGNATURE_TAG = "tokt.files", "tokt.signature"
-FORMAT_VERSION = 1
+PROMOTION_TAG = "tokt.promotion"
+FORMAT_VERSION = PROMOTION_VERSION = 1
 SIGNED_PREFIX = b"tokt registration, signature format 1\n"
+_PROMOTION_KEYS = {"alias", "against", "what", "outcome", "why", "faults", "time", "who"}
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
@@ -47,6 +52,23 @@ class RegisteredVersion:
         """Raise ToktError unless this file is what the version was registered with."""
         if self._hashes().get(file) != hashlib.sha256(data).hexdigest():
             raise ToktError(f"model {self.label}: {file} is not the one that was registered")
+
+    @property
+    def promotions(self) -> list[dict[str, Any]]:
+        """How each promotion of this version ended, the oldest first."""
+        found = []
+        for key in sorted(key for key in self.tags if key.startswith(PROMOTION_TAG)):
+            try:
+                record = printable_json(self.tags[key].encode())
+                written = record["format_version"]
+                if written == PROMOTION_VERSION and not record.keys() >= _PROMOTION_KEYS:
+                    raise KeyError("not all of it")
+            except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+                raise ToktError(f"model {self.label}: its tag {key} is damaged") from None
+            if written != PROMOTION_VERSION:
+                raise ToktError(f"model {self.label}: another generation of tokt wrote tag {key}")
+            found.append(record)
+        return found
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -92,6 +114,14 @@ class RegisteredVersion:
         if not self.hashed or not key.made(signature, self._message()):
             raise ToktError(f"{where} has been changed: its signature does not fit")
         return True
+
+
+def promotion_tag(record: Mapping[str, Any]) -> tuple[str, str]:
+    """The tag, name and value, of how a promotion ended, with who said so and when."""
+    time, who, why = stamp(str(record["why"]))
+    about = {"format_version": PROMOTION_VERSION, "time": time, "who": who}
+    digits = re.sub(r"\D", "", time[:19])
+    return f"{PROMOTION_TAG}.{digits}", canonical_json({**record, **about, "why": why})
 
 
 def files_tag(name: str, run_id: str, files: Mapping[str, bytes]) -> str:

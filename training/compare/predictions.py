@@ -1,7 +1,7 @@
 """Predictions of the compared models, on the same patches and frames."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -134,6 +134,26 @@ class ComparedModels:
     read_frame: Callable[[str, str, int], U8] | None
     dataset: DatasetVersion | None
     notes: list[str]
+
+    def of_dive(self, mission: str) -> "ComparedModels":
+        """The same of one dive alone, whose blocks then count as independent."""
+        patch = (self.patches.mission == mission).to_numpy()
+        frame = (self.series.table.mission == mission).to_numpy()
+        models = [
+            replace(
+                item,
+                targets=item.targets[patch],
+                predicted=item.predicted[patch],
+                error_margin=item.error_margin[patch],
+                score=item.score[patch],
+                on_grid=item.on_grid[frame],
+                judged=item.judged[frame],
+            )
+            for item in self.models
+        ]
+        patches = self.patches[patch].reset_index(drop=True)
+        series = self.series.of_frames(frame)
+        return replace(self, patches=patches, truth=self.truth[patch], models=models, series=series)
 
     @property
     def unit(self) -> str:

@@ -16,8 +16,16 @@ from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
-from .options import DEFAULT_WORKSPACE, JsonOption, ModelArgument, WorkspaceOption
-from .output import answer, print_json, say
+from .compare import compared_models
+from .options import (
+    DEFAULT_WORKSPACE,
+    JsonOption,
+    LabelFilesOption,
+    MissionsOption,
+    ModelArgument,
+    WorkspaceOption,
+)
+from .output import answer, figure, print_json, say
 from .output import print_line as print
 
 if TYPE_CHECKING:
@@ -28,9 +36,10 @@ if TYPE_CHECKING:
     from tokt.models.store.store import Store
 
 models_app = typer.Typer(
-    help="List, show and alias registered model versions.", no_args_is_help=False
+    help="List, show, promote and alias registered model versions.", no_args_is_help=False
 )
 
+CHAMPION = "champion"
 PASSPHRASE_VARIABLE = "TOKT_KEY_PASSPHRASE"
 FlagsOption = Annotated[
     Path | None,
@@ -79,10 +88,16 @@ def show(
     model: ModelArgument, workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption = False
 ) -> None:
     """Show a model's card: description, figures, origin."""
+    from tokt.models.bundle.bundle import SUFFIX
     from tokt.models.registry.load import load_model
 
     bundle = load_model(model, workspace)
     content = bundle.content
+    promotions: list[dict[str, Any]] = []
+    if not model.endswith(SUFFIX):
+        from tokt.models.registry.registry import Registry
+
+        promotions = Registry(workspace).find(bundle.label).promotions
     value = {
         "name": bundle.name,
         "version": bundle.version,
@@ -97,8 +112,10 @@ def show(
         "provenance": dict(content.provenance),
         "metrics": dict(content.metrics),
         "card": content.card,
+        "promotions": promotions,
     }
-    answer(json, value, lambda: list(map(print, content.card.splitlines())))
+    lines = [*content.card.splitlines(), *map(_promotion_words, promotions)]
+    answer(json, value, lambda: list(map(print, lines)))
 
 
 @models_app.command("alias")
@@ -114,6 +131,111 @@ def alias(
     version = Registry(workspace).set_alias(model, alias)
     said = f"{version.label} is now {version.name}@{alias}"
     answer(json, asdict(version), lambda: print(said))
+    if alias == CHAMPION:
+        say("note: no comparison was made; tokt models promote makes one first")
+
+
+@models_app.command("promote")
+def promote(
+    model: Annotated[str, Argument(help="NAME, NAME@ALIAS or NAME/VERSION.")],
+    to: Annotated[str, Option("--to", metavar="ALIAS", help="Alias to move.")] = CHAMPION,
+    mission: MissionsOption = None,
+    labels: LabelFilesOption = None,
+    max_ms: Annotated[
+        float | None,
+        Option(
+            help="Median time a frame that it may take here, in ms. Default: 1.6 times that of the "
+            "version it replaces."
+        ),
+    ] = None,
+    force: Annotated[
+        str | None,
+        Option(metavar="WHY", help="Promote it whatever was found; the reason is kept with it."),
+    ] = None,
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
+) -> None:
+    """Move an alias to a version that is not worse than the one it points at.
+
+    Compares the two on the patches that cross-validation held out, or on missions. Refused is what
+    is worse on any dive beyond doubt, breaks its rate of false statuses, or takes too long.
+    """
+    from tokt.models.registry.registry import Registry, check_alias
+    from tokt.training.compare.promotion import judge_candidate
+
+    if max_ms is not None and not max_ms > 0:
+        raise ToktError(f"--max-ms is a time above 0, not {max_ms:g}")
+    if force is not None and not force.strip():
+        raise ToktError("--force needs the reason in words")
+    check_alias(to)
+    registry = Registry(workspace)
+    version = registry.find(model)
+    name = f"{version.name}@{to}"
+    if to in version.aliases:
+        raise ToktError(f"{version.label} is {name} already")
+    before = next((one for one in registry.versions(version.name) if to in one.aliases), None)
+    if before is None:
+        silence = registry.bundle(version.label).silence
+        note = f"there was no {name}: nothing was compared"
+        found = {"what": "", "faults": [silence] if silence else [], "notes": [note]}
+    else:
+        both = [version.label, before.label]
+        found = judge_candidate(
+            compared_models(both, mission, labels, None, None, workspace), max_ms
+        )
+    refused = found["faults"] and force is None
+    record = {
+        "alias": to,
+        "against": None if before is None else before.label,
+        **{key: found[key] for key in ("what", "faults", "notes")},
+        "outcome": "refused" if refused else "forced" if found["faults"] else "promoted",
+        "why": force or "",
+    }
+    registry.record_promotion(version, record)
+    if not refused:
+        registry.set_alias(version.label, to)
+    answer(json, {"model": version.label, **found, **record}, lambda: _print_gate(name, found))
+    if refused:
+        raise ToktError(
+            f"{version.label} does not become {name}: {'; '.join(found['faults'])} "
+            "(--force WHY promotes it all the same)"
+        )
+    if not json:
+        print(f"{version.label} is now {name}{', by force' if found['faults'] else ''}")
+
+
+def _print_gate(name: str, found: dict[str, Any]) -> None:
+    if "table" in found:
+        print(f"against {name} on {found['what']} ({found['mode']})")
+        rows = found["table"]
+        width = max(len(row["dive"] or "all dives") for row in rows)
+        print(f"  {'dive':{width}}  figure        blocks  champion  candidate  95 % of difference")
+        for row in rows:
+            counts = row["figure"] == "false status"
+            was, now = (
+                f"{row[key]}" if counts else figure(row[key]) for key in ("champion", "candidate")
+            )
+            between = "" if row["low"] is None else f"{row['low']:+.3f} to {row['high']:+.3f}"
+            remark = ", ".join(filter(None, ("WORSE" if row["worse"] else "", row["remark"])))
+            line = (
+                f"  {row['dive'] or 'all dives':{width}}  {row['figure']:12}  {row['blocks']:6}  "
+                f"{was:>8}  {now:>9}  {between:>18}  {remark}"
+            )
+            print(line.rstrip())
+        took = found["time"]
+        print(
+            f"  {took['champion_ms']:.2f} -> {took['candidate_ms']:.2f} ms a frame, "
+            f"at most {took['max_ms']:.2f}"
+        )
+    for note in found["notes"]:
+        say(f"note: {note}")
+
+
+def _promotion_words(one: dict[str, Any]) -> str:
+    against = f" against {one['against']} on {one['what']}" if one["against"] else ""
+    why = f", by force: {one['why']}" if one["outcome"] == "forced" else ""
+    found = f" ({'; '.join(one['faults'])})" if one["faults"] else ""
+    return f"{one['time']}  {one['outcome']} as {one['alias']} by {one['who']}{against}{why}{found}"
 
 
 def signing_key(file: Path | None) -> SigningKey | None:
