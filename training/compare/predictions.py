@@ -139,21 +139,18 @@ class ComparedModels:
         """The same of one dive alone, whose blocks then count as independent."""
         patch = (self.patches.mission == mission).to_numpy()
         frame = (self.series.table.mission == mission).to_numpy()
-        models = [
-            replace(
-                item,
-                targets=item.targets[patch],
-                predicted=item.predicted[patch],
-                error_margin=item.error_margin[patch],
-                score=item.score[patch],
-                on_grid=item.on_grid[frame],
-                judged=item.judged[frame],
-            )
-            for item in self.models
-        ]
-        patches = self.patches[patch].reset_index(drop=True)
-        series = self.series.of_frames(frame)
-        return replace(self, patches=patches, truth=self.truth[patch], models=models, series=series)
+        kept = dict.fromkeys(("targets", "predicted", "error_margin", "score"), patch)
+        kept |= {"on_grid": frame, "judged": frame}
+        return replace(
+            self,
+            patches=self.patches[patch].reset_index(drop=True),
+            truth=self.truth[patch],
+            models=[
+                replace(item, **{name: getattr(item, name)[some] for name, some in kept.items()})
+                for item in self.models
+            ],
+            series=self.series.of_frames(frame),
+        )
 
     @property
     def unit(self) -> str:

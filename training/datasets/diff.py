@@ -2,30 +2,26 @@
 
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from .dataset import DatasetVersion
 
 _FRAME = ["mission", "camera", "frame"]
-_SETTINGS = ("task", "taxonomy", "block_frames", "sites")
 
 
 def diff_datasets(before: DatasetVersion, after: DatasetVersion) -> dict[str, Any]:
     """Compare two dataset versions, each checked against its hash.
 
-    A patch is the same one where mission, camera, frame, row and column are; what its frame shows
-    may have changed all the same, which `frames_with_other_pixels` counts.
+    A patch is the same where mission, camera, frame, row and column are, whatever its frame shows.
 
     Returns
     -------
     dict
-        JSON: before, after (labels), same_content, settings {name: [before, after]} of those that
-        changed, frames, patches and unsure_left_out [before, after], labels {class: [before,
-        after]}, missions {added, gone, changed, each {mission: counts}}, relabelled [{from, to,
-        patches}] (null where the grids differ: their patches are not the same), and sources
-        {gone, added}: annotators and missions in the words of each version's first build, which
-        the hash does not cover.
+        JSON: before, after (labels), same_content; settings {name: [before, after]} of those that
+        changed; frames, patches, unsure_left_out and labels {class: ...} [before, after]; missions
+        {added, gone, changes: {mission: counts}}; relabelled [{from, to, patches}], null where the
+        grids differ; and sources {gone, added}, missions and annotators in the words of each
+        version's first build, which the hash does not cover.
 
     Raises
     ------
@@ -35,43 +31,33 @@ def diff_datasets(before: DatasetVersion, after: DatasetVersion) -> dict[str, An
     both = (before, after)
     for one in both:
         one.check()
-    settings = {key: [one.info.get(key) for one in both] for key in _SETTINGS}
-    settings["grid"] = [str(one.grid) for one in both]
+    settings = _pairs(_settings(before), _settings(after), None)
+    names = [set(one.frames.mission) for one in both]
+    labels, sources = ([one.info[key] for one in both] for key in ("labels", "sources"))
     frames = before.frames.merge(after.frames, "outer", on=_FRAME, indicator="side")
-    other = {
-        "frames_with_other_pixels": frames.digest_x != frames.digest_y,
-        "frames_regrouped": frames.group_x != frames.group_y,
-    }
-    counts = [_by_mission(frames, "frames", other)]
-    moved = None
+    other = {"with_other_pixels": "digest", "regrouped": "group"}
+    counts, moved = [_changes(frames, "frames", other)], None
     if before.grid == after.grid:
         place = [*_FRAME, "row", "col"]
         patches = before.patches.merge(after.patches, "outer", on=place, indicator="side")
-        other = {"patches_relabelled": patches.label_x != patches.label_y}
-        counts.append(_by_mission(patches, "patches", other))
-        changed = patches[(patches.side == "both") & other["patches_relabelled"]]
-        pairs = changed.groupby(["label_x", "label_y"]).size().sort_values(ascending=False)
-        moved = [{"from": a, "to": b, "patches": int(n)} for (a, b), n in pairs.items()]
-    names = [set(one.frames.mission) for one in both]
-    changes = pd.concat(counts, axis=1).fillna(0).astype(int)
-    rows = {name: {k: n for k, n in row.items() if n} for name, row in changes.T.to_dict().items()}
-    labels = [one.info["labels"] for one in both]
-    sources = [one.info["sources"] for one in both]
+        counts.append(_changes(patches, "patches", {"relabelled": "label"}))
+        changed = patches[(patches.side == "both") & (patches.label_x != patches.label_y)]
+        pairs = changed.groupby(["label_x", "label_y"]).size().items()
+        moved = [{"from": a, "to": b, "patches": int(n)} for (a, b), n in pairs]
+    changes = pd.concat(counts, axis=1).fillna(0).astype(int).T.to_dict()
+    found = {name: {key: n for key, n in row.items() if n} for name, row in changes.items()}
     return {
-        "before": before.label,
-        "after": after.label,
+        **{"before": before.label, "after": after.label},
         "same_content": before.hash == after.hash,
-        "settings": {key: pair for key, pair in settings.items() if pair[0] != pair[1]},
+        "settings": {name: two for name, two in settings.items() if two[0] != two[1]},
         **{
             key: [one.info[key] for one in both] for key in ("frames", "patches", "unsure_left_out")
         },
-        "labels": {
-            name: [of.get(name, 0) for of in labels] for name in sorted({*labels[0], *labels[1]})
-        },
+        "labels": _pairs(*labels, 0),
         "missions": {
-            "added": _content(after, names[1] - names[0]),
-            "gone": _content(before, names[0] - names[1]),
-            "changed": {name: rows[name] for name in sorted(names[0] & names[1]) if rows[name]},
+            "added": sorted(names[1] - names[0]),
+            "gone": sorted(names[0] - names[1]),
+            "changes": {name: row for name, row in found.items() if row},
         },
         "relabelled": moved,
         "sources": {
@@ -81,26 +67,27 @@ def diff_datasets(before: DatasetVersion, after: DatasetVersion) -> dict[str, An
     }
 
 
-def _by_mission(merged: pd.DataFrame, what: str, other: dict[str, pd.Series]) -> pd.DataFrame:
-    """Rows of a merged table that are gone, added or otherwise changed, counted by mission."""
-    there = merged.side == "both"
+def _settings(dataset: DatasetVersion) -> dict[str, Any]:
+    classes = dataset.taxonomy.to_json()["classes"]
+    return {
+        **{"task": dataset.task, "grid": str(dataset.grid), "block_frames": dataset.block_frames},
+        **{"sites": dataset.sites, "classes": ", ".join(one["name"] for one in classes)},
+        **{f"class {one['name']}": one for one in classes},
+    }
+
+
+def _pairs(before: dict[str, Any], after: dict[str, Any], missing: Any) -> dict[str, list[Any]]:
+    names = {**before, **after}
+    return {name: [before.get(name, missing), after.get(name, missing)] for name in names}
+
+
+def _changes(merged: pd.DataFrame, what: str, other: dict[str, str]) -> pd.DataFrame:
+    """Rows of a merged table that are gone, added or have another value, counted by mission."""
     kinds = {
         f"{what}_gone": merged.side == "left_only",
         f"{what}_added": merged.side == "right_only",
-        **{name: there & changed for name, changed in other.items()},
     }
-    return (
-        pd.DataFrame({name: np.asarray(kind) for name, kind in kinds.items()})
-        .groupby(merged.mission)
-        .sum()
-    )
-
-
-def _content(dataset: DatasetVersion, missions: set[str]) -> dict[str, dict[str, int]]:
-    return {
-        name: {
-            "frames": int((dataset.frames.mission == name).sum()),
-            "patches": int((dataset.patches.mission == name).sum()),
-        }
-        for name in sorted(missions)
-    }
+    for name, column in other.items():
+        differ = merged[f"{column}_x"] != merged[f"{column}_y"]
+        kinds[f"{what}_{name}"] = differ & (merged.side == "both")
+    return pd.DataFrame(kinds).groupby(merged.mission).sum()

@@ -190,41 +190,19 @@ def diff(
 
 def _print_diff(found: dict[str, Any]) -> None:
     print(f"{found['before']} -> {found['after']}")
-    patches, frames, unsure = (
-        _change(found[key]) for key in ("patches", "frames", "unsure_left_out")
-    )
-    print(f"  {patches} patches in {frames} frames, {unsure} unsure patches left out")
     if found["same_content"]:
         print("  the same content: nothing that is learnt from changed")
-    for name, pair in found["settings"].items():
-        change = ", ".join(_classes_changed(*pair)) if name == "taxonomy" else _change(pair)
-        print(f"  {name.replace('_', ' ')}: {change}")
-    if found["relabelled"] is None:
-        print("  patches of two grids are not the same ones: which labels changed is not known")
-    for kind, missions in found["missions"].items():
-        for name, counts in missions.items():
-            words = ", ".join(f"{count} {key.replace('_', ' ')}" for key, count in counts.items())
-            print(f"  mission {name} {kind}: {words}")
-    for name, pair in found["labels"].items():
-        print(f"  {name}: {_change(pair)}")
+    counts = {key: found[key] for key in ("patches", "frames", "unsure_left_out")}
+    for name, (was, now) in {**counts, **found["settings"], **found["labels"]}.items():
+        print(f"  {name.replace('_', ' ')}: {was if was == now else f'{was} -> {now}'}")
     for one in found["relabelled"] or ():
-        print(f"    from {one['from']} to {one['to']}: {one['patches']}")
+        print(f"  from {one['from']} to {one['to']}: {one['patches']} patches")
+    for name, changes in found["missions"]["changes"].items():
+        words = (f"{count} {key.replace('_', ' ')}" for key, count in changes.items())
+        print(f"  mission {name}: {', '.join(words)}")
     for kind, lines in found["sources"].items():
         for line in lines:
             print(f"  source {kind}: {line}")
-
-
-def _change(pair: list[Any]) -> str:
-    return str(pair[0]) if pair[0] == pair[1] else f"{pair[0]} -> {pair[1]}"
-
-
-def _classes_changed(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
-    was, now = ({one["name"]: one for one in each["classes"]} for each in (before, after))
-    flags = {True: "an obstacle", False: "clear"}
-    both = [name for name in was if name in now and was[name]["obstacle"] != now[name]["obstacle"]]
-    lines = [f"{name} is {flags[now[name]['obstacle']]} now" for name in both]
-    lines += [f"{name} added" for name in now if name not in was]
-    return lines + [f"{name} gone" for name in was if name not in now] or ["order, colours or keys"]
 
 
 def _show(dataset: DatasetVersion) -> None:

@@ -173,69 +173,48 @@ def promote(
     name = f"{version.name}@{to}"
     if to in version.aliases:
         raise ToktError(f"{version.label} is {name} already")
-    before = next((one for one in registry.versions(version.name) if to in one.aliases), None)
-    if before is None:
-        silence = registry.bundle(version.label).silence
-        note = f"there was no {name}: nothing was compared"
-        found = {"what": "", "faults": [silence] if silence else [], "notes": [note]}
+    before = next((one.label for one in registry.versions(version.name) if to in one.aliases), "")
+    if before:
+        compared = compared_models([version.label, before], mission, labels, None, None, workspace)
+        found = judge_candidate(compared, max_ms)
     else:
-        both = [version.label, before.label]
-        found = judge_candidate(
-            compared_models(both, mission, labels, None, None, workspace), max_ms
-        )
-    refused = found["faults"] and force is None
+        silence = registry.bundle(version.label).silence
+        notes = [f"there was no {name}: nothing was compared"]
+        found = {"what": "", "table": [], "faults": [silence] if silence else [], "notes": notes}
+    faults = "; ".join(found["faults"])
+    refused = bool(faults) and force is None
     record = {
-        "alias": to,
-        "against": None if before is None else before.label,
-        **{key: found[key] for key in ("what", "faults", "notes")},
-        "outcome": "refused" if refused else "forced" if found["faults"] else "promoted",
+        **{"alias": to, "against": before, "what": found["what"], "faults": faults},
+        "outcome": "refused" if refused else "forced" if faults else "promoted",
         "why": force or "",
     }
     registry.record_promotion(version, record)
     if not refused:
         registry.set_alias(version.label, to)
-    answer(json, {"model": version.label, **found, **record}, lambda: _print_gate(name, found))
+    answer(json, {"model": version.label, **record, **found}, lambda: _print_gate(found))
     if refused:
-        raise ToktError(
-            f"{version.label} does not become {name}: {'; '.join(found['faults'])} "
-            "(--force WHY promotes it all the same)"
-        )
+        raise ToktError(f"{version.label} does not become {name}: {faults} (but by --force WHY)")
     if not json:
-        print(f"{version.label} is now {name}{', by force' if found['faults'] else ''}")
+        print(f"{version.label} is now {name}")
 
 
-def _print_gate(name: str, found: dict[str, Any]) -> None:
-    if "table" in found:
-        print(f"against {name} on {found['what']} ({found['mode']})")
-        rows = found["table"]
-        width = max(len(row["dive"] or "all dives") for row in rows)
-        print(f"  {'dive':{width}}  figure        blocks  champion  candidate  95 % of difference")
-        for row in rows:
-            counts = row["figure"] == "false status"
-            was, now = (
-                f"{row[key]}" if counts else figure(row[key]) for key in ("champion", "candidate")
-            )
-            between = "" if row["low"] is None else f"{row['low']:+.3f} to {row['high']:+.3f}"
-            remark = ", ".join(filter(None, ("WORSE" if row["worse"] else "", row["remark"])))
-            line = (
-                f"  {row['dive'] or 'all dives':{width}}  {row['figure']:12}  {row['blocks']:6}  "
-                f"{was:>8}  {now:>9}  {between:>18}  {remark}"
-            )
-            print(line.rstrip())
-        took = found["time"]
-        print(
-            f"  {took['champion_ms']:.2f} -> {took['candidate_ms']:.2f} ms a frame, "
-            f"at most {took['max_ms']:.2f}"
-        )
+def _print_gate(found: dict[str, Any]) -> None:
+    for row in found["table"]:
+        values = f"{figure(row['champion'])} -> {figure(row['candidate'])}"
+        worse = "WORSE  " if row["worse"] else ""
+        print(f"  {row['dive'] or 'all':12}  {row['figure']:12}  {values}  {worse}{row['remark']}")
+    if "time" in found:
+        print("  (champion -> candidate, 95 % interval of the difference)")
+        was, now, most = found["time"].values()
+        print(f"  on {found['what']}; {was:.2f} -> {now:.2f} ms a frame, at most {most:.2f}")
     for note in found["notes"]:
         say(f"note: {note}")
 
 
 def _promotion_words(one: dict[str, Any]) -> str:
-    against = f" against {one['against']} on {one['what']}" if one["against"] else ""
-    why = f", by force: {one['why']}" if one["outcome"] == "forced" else ""
-    found = f" ({'; '.join(one['faults'])})" if one["faults"] else ""
-    return f"{one['time']}  {one['outcome']} as {one['alias']} by {one['who']}{against}{why}{found}"
+    said = {key: one.get(key) for key in ("outcome", "alias", "against", "what", "faults", "why")}
+    words = "; ".join(f"{key} {value}" for key, value in said.items() if value)
+    return f"promotion {one.get('time')} by {one.get('who')}: {words}"
 
 
 def signing_key(file: Path | None) -> SigningKey | None:
