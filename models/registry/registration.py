@@ -10,6 +10,7 @@ each promotion ended stands in a tag of its own, which nothing covers.
 import hashlib
 import json
 import re
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -113,12 +114,11 @@ class RegisteredVersion:
         return True
 
 
-def promotion_tag(record: Mapping[str, Any]) -> tuple[str, str]:
+def promotion_tag(record: Mapping[str, str]) -> tuple[str, str]:
     """The tag, name and value, of how a promotion ended, with who said so and when."""
-    time, who, why = stamp(str(record["why"]))
-    about = {"format_version": PROMOTION_VERSION, "time": time, "who": who}
-    digits = re.sub(r"\D", "", time[:19])
-    return f"{PROMOTION_TAG}.{digits}", canonical_json({**record, **about, "why": why})
+    when, who, why = stamp(record["why"])
+    about = {"format_version": PROMOTION_VERSION, "time": when, "who": who, "why": why}
+    return f"{PROMOTION_TAG}.{time.time_ns()}", canonical_json({**record, **about})
 
 
 def files_tag(name: str, run_id: str, files: Mapping[str, bytes]) -> str:

@@ -273,7 +273,7 @@ class Registry:
         """Let `key` vouch for a version as it was registered."""
         self._tag(version, SIGNATURE_TAG, version.signature(key))
 
-    def record_promotion(self, version: RegisteredVersion, record: dict[str, Any]) -> None:
+    def record_promotion(self, version: RegisteredVersion, record: dict[str, str]) -> None:
         """Keep how a promotion of a version ended, beside what was kept before."""
         self._tag(version, *promotion_tag(record))
 

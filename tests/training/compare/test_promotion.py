@@ -104,21 +104,27 @@ def test_dives_of_its_own_decide_where_mission_names_them(registered, tiny_truth
     registered.promote(GOOD)
     folder = tmp_path / "later" / "Left"
     folder.mkdir(parents=True)
-    for frame in range(100, 124):
+    for frame in range(100, 180):
         cv2.imwrite(str(folder / f"later_L_{frame}.png"), tiny_truth.draw(frame))
     labels = ("ocean", "subsea_installation")
     rows = [
         ["later", "left", frame, *cell, labels[cell in tiny_truth.cells(frame)]]
-        for frame, *cell in product(range(100, 124), range(10), range(10))
+        for frame, *cell in product(range(100, 180), range(10), range(10))
         for cell in [tuple(cell)]
     ]
     file = tiny_truth.write_labels(tmp_path / "later.csv", rows)
     on = ("--mission", folder.parent, "--labels", file, *ANY_TIME, "--json")
+    found = json.loads(registered.promote(BAD, *on).out)
+    assert found["outcome"] == "refused" and found["faults"][0].startswith("worse on dive later")
+    for number in range(140, 180):
+        (folder / f"later_L_{number}.png").unlink()
+    tiny_truth.write_labels(file, [row for row in rows if row[2] < 140])
     found = json.loads(registered.promote(SAME, *on).out)
-    assert found["mode"] == "mission" and found["outcome"] == "promoted"
-    # Two blocks are few, and it says so.
-    assert {row["blocks"] for row in found["table"] if row["figure"] == "F1"} == {2}
-    assert all("2 blocks" in row["remark"] for row in found["table"] if row["figure"] == "F1")
+    assert found["mode"] == "mission" and found["table"][0]["dive"] == "later"
+    # Two blocks show nothing, and what shows nothing lets nothing through.
+    assert found["table"][0]["remark"] == "2 blocks are too few to tell"
+    (fault,) = found["faults"]
+    assert found["outcome"] == "refused" and fault.startswith("too few blocks to tell anything")
 
 
 def test_what_cannot_be_promoted_is_one_line(registered, monkeypatch):
@@ -164,14 +170,14 @@ FORMAT_1 = (
 
 def test_a_record_of_format_1_is_shown_and_a_damaged_one_is_said(registered, done):
     set_tag = registered.registry.client.set_model_version_tag
-    set_tag("tiny-lbp", "2", "tokt.promotion.20260102030405", FORMAT_1)
+    set_tag("tiny-lbp", "2", "tokt.promotion.1767323045000000000", FORMAT_1)
     shown = done("models", "show", BAD, "--workspace", registered.path).out
     assert shown.endswith(
         "promotion 2026-01-02T03:04:05+00:00 by eva: outcome forced; alias champion; against "
         "tiny-lbp/1; what dataset tiny@00; faults worse on a: F1; why other camera\n"
     )
     for text in (FORMAT_1.replace('"format_version":1', '"format_version":2'), "[1]", "{", "{}"):
-        set_tag("tiny-lbp", "2", "tokt.promotion.20260102030405", text)
+        set_tag("tiny-lbp", "2", "tokt.promotion.1767323045000000000", text)
         refuses("is damaged, or a newer", lambda: registered.registry.find(BAD).promotions)
 
 
@@ -211,7 +217,7 @@ def test_worse_on_one_dive_is_a_fault_whatever_the_other_shows(judged):
     # Two dives cannot show a difference over dives.
     both = next(row for row in found["table"] if not row["dive"])
     assert both["candidate"] < both["champion"] and not both["worse"]
-    assert "rough: 2 blocks" in both["remark"]
+    assert both["remark"] == "2 dives are too few to tell"
 
 
 def test_false_statuses_beyond_the_rate_are_a_fault(judged):
