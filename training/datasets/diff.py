@@ -53,7 +53,7 @@ def diff_datasets(before: DatasetVersion, after: DatasetVersion) -> dict[str, An
         **{
             key: [one.info[key] for one in both] for key in ("frames", "patches", "unsure_left_out")
         },
-        "labels": _pairs(*labels, 0),
+        "labels": _pairs(labels[0], labels[1], 0),
         "missions": {
             "added": sorted(names[1] - names[0]),
             "gone": sorted(names[0] - names[1]),
