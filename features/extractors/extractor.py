@@ -52,5 +52,5 @@ from .textures import Moments as Moments
 from .textures import Structure as Structure
 from .water import Colour as Colour
 from .water import Gradients as Gradients
-from .water import Place as Place
+from .water import PatchPlace as PatchPlace
 from .water import Relative as Relative

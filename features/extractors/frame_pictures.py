@@ -119,19 +119,14 @@ class FramePictures:
         numpy.ndarray
             int64, shape (grid.rows * cells, grid.cols * cells, channels).
         """
-        grid, sizes = self.grid, self._frame.shape[:2]
-        resized = _picture_size(self._frame, grid)
-        patch = grid.patch_size(*resized)
-        ends = [
-            _box_ends(size, per_patch * n, of, n * cells)
-            for size, per_patch, of, n in zip(
-                sizes, patch, resized, (grid.rows, grid.cols), strict=True
-            )
-        ]
-        sums = KERNELS.box_sums(self._frame, *ends, self.threads)
-        rows, columns = (last - first for first, last in (end.T for end in ends))
-        pixels = rows[:, None, None] * columns[None, :, None]
-        return (sums * STEPS_PER_LEVEL + pixels // 2) // pixels
+        grid, (height, width) = self.grid, _picture_size(self._frame, self.grid)
+        patch_height, patch_width = grid.patch_size(height, width)
+        tall, wide = self._frame.shape[:2]
+        rows = _box_ends(tall, patch_height * grid.rows, height, grid.rows * cells)
+        columns = _box_ends(wide, patch_width * grid.cols, width, grid.cols * cells)
+        sums = KERNELS.box_sums(self._frame, rows, columns, self.threads)
+        pixels = np.diff(rows)[:, None] * np.diff(columns)[None]
+        return np.asarray((sums * STEPS_PER_LEVEL + pixels // 2) // pixels, np.int64)
 
     def gray16(self) -> NDArray[np.uint16]:
         """The frame resized and gray in 1/256 grey level, uint16."""

@@ -9,7 +9,7 @@ from tokt.features.kernels.quantization import FRAME, Quantization
 
 from .spec import build_extractor
 from .textures import LOG, NEAREST, Context, Extractor, Haralick, Join, Lbp, Lines, Structure
-from .water import Colour, Gradients, Place, Relative
+from .water import Colour, Gradients, PatchPlace, Relative
 
 _FILE = "spec:"
 
@@ -22,7 +22,7 @@ _SHAPES = Lbp(8, 13, "frame", _PATTERNS, NEAREST)
 
 
 def _water(*parts: Extractor) -> Extractor:
-    return Join([Context(Relative(parts, 0.3), "mean"), Place()])
+    return Join([Context(Relative(parts, 0.3), "mean"), PatchPlace()])
 
 
 _GRADIENTS = Gradients((1, 3, 5, 9))

@@ -24,7 +24,7 @@ from .textures import (
     Moments,
     Structure,
 )
-from .water import Colour, Gradients, Place, Relative
+from .water import Colour, Gradients, PatchPlace, Relative
 
 Spec = Mapping[str, Any]
 Outer = frozenset[str]
@@ -129,7 +129,7 @@ _BUILDERS: dict[str, dict[int, tuple[Callable[[Spec, Outer], Extractor], set[str
     "lines": {1: (_lines_from, {"samples", "image"})},
     "gradients": {1: (_gradients_from, {"smooth"})},
     "colour": {1: (_colour_from, {"cells"})},
-    "place": {1: (lambda spec, outer: Place(), set())},
+    "place": {1: (lambda spec, outer: PatchPlace(), set())},
     "relative": {1: (_relative_from, {"parts", "quietest"})},
     "context": {1: (_context_from, {"part", "statistic"})},
     "join": {1: (_join_from, {"parts"})},

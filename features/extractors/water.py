@@ -1,4 +1,4 @@
-"""What tells an obstacle from the water around it: gradients, colour, place, relative to the frame.
+"""Extractors that know the water: gradients, colour, place, and what differs from the frame's own.
 
 How bright, grainy and colourful water looks differs from dive to dive; how a patch differs from the
 quietest patches of its own frame does so much less.
@@ -149,7 +149,7 @@ def lab_of(bgr16: I64) -> F64:
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
 
 
-class Place(Extractor):
+class PatchPlace(Extractor):
     """Where a patch stands in the frame: its row, and how far it is from the middle column."""
 
     images = ()

@@ -181,7 +181,12 @@ def read_held_out(references: Sequence[str], workspace: Path) -> ComparedModels:
     frame = first.groupby(KEYS).ngroup().to_numpy(np.int64)
     known = (item for item in list_datasets(workspace / "datasets") if item.hash == wanted)
     dataset = next(known, None)
-    by_dive = first.mission.nunique() > 1 and first.groupby("mission").fold.nunique().max() == 1
+    # The thesis's models learn from a frame of a dive that they are tested on.
+    by_dive = (
+        first.mission.nunique() > 1
+        and first.groupby("mission").fold.nunique().max() == 1
+        and all(recipe["provenance"]["preset"] != "thesis" for recipe in recipes.values())
+    )
     if dataset is not None:
         dataset.check()
     return ComparedModels(

@@ -133,7 +133,7 @@ def held_out_together(
     sites : mapping of str to str, optional
         Site by mission; a mission that has none is a site of its own.
     """
-    named = {name: str((sites or {}).get(name, name)) for name in patches.mission.unique()}
+    named = {name: (sites or {}).get(name, name) for name in patches.mission.unique()}
     unit, names = pd.factorize(patches.mission.map(named), sort=True)
     group, groups = pd.factorize(patches.group)
     size = len(names) + len(groups)

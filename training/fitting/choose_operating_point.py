@@ -172,9 +172,12 @@ def choose_frame_rule(
         if any(one.rate() is not None for one in candidates):
             break
     best = max(candidates, key=_Candidate.worth)
+    described = _described(best, target, unit)
+    if by_dive and unit == BLOCK:
+        described["words"] += _ONE_DIVE
     return best.rule, {
         **said,
-        **_described(best, target, unit),
+        **described,
         "candidates": [_summary(candidate) for candidate in candidates],
     }
 
@@ -283,6 +286,10 @@ def _described(best: _Candidate, target: FalseStatusTarget, unit: str) -> dict[s
     }
 
 
+_ONE_DIVE = (
+    " Too few dives have such frames to tell how the level changes from dive to dive: of another "
+    "dive's water nothing was shown."
+)
 _COSTS = ("detected", "detected_at_margin_0", "latency_frames")
 _METHODS = {
     unit: (

@@ -60,7 +60,7 @@ def fit_classifier(
     return Pipeline([*steps, ("svc", svc)])
 
 
-_MOST_DRAWN = 20_000
+_MAX_DRAWN = 20_000
 """Patches that landmarks are drawn from: their kernel with each landmark is held in memory."""
 
 
@@ -78,7 +78,7 @@ def _fitted_map(
     scaler.fit(np.stack([usual.mean_ - far, usual.mean_ + far]))
     drawn = np.random.default_rng(settings.seed).choice(
         len(features),
-        min(np.count_nonzero(parts), _MOST_DRAWN),
+        min(int(np.count_nonzero(parts)), _MAX_DRAWN),
         replace=False,
         p=parts / parts.sum(),
     )

@@ -110,7 +110,7 @@ class Split:
         ):
             if value is not None and value not in known:
                 raise ToktError(f"--{option} is {' or '.join(known)}, not {value!r}")
-        named = sites_named(sites, missions) if sites else dataset.sites
+        named = sites_named(sites, missions) if sites else _texts(dataset.sites)
         split = cls(folds, embargo_frames, by or usual or BLOCK, weight or usual or PATCH, named)
         if by == DIVE and not dive_folds(dataset.patches, dataset.targets(), named, folds, False):
             raise ToktError(
@@ -122,15 +122,12 @@ class Split:
     @classmethod
     def logged(cls, parameters: Mapping[str, str]) -> Self:
         """What a run's parameters say; an older tokt's are by block, each patch the same."""
-        sites = ast.literal_eval(parameters.get("split_sites", "{}"))
-        if not isinstance(sites, dict):
-            raise ValueError(f"split_sites is {sites}")
         return cls(
             int(parameters["split_folds"]),
             int(parameters["split_embargo_frames"]),
             parameters.get("split_by", BLOCK),
             parameters.get("split_weight", PATCH),
-            sites,
+            _texts(ast.literal_eval(parameters.get("split_sites", "{}"))),
         )
 
     @property
@@ -172,6 +169,11 @@ class Split:
         """The dive of each patch where there are several that count the same, for `fit_rows`."""
         several = self.weight == DIVE and patches.mission.nunique() > 1
         return patches.mission.to_numpy() if several else None
+
+
+def _texts(sites: Mapping[Any, Any]) -> dict[str, str]:
+    """Sites out of a file or a database, whatever somebody wrote there."""
+    return {str(mission): str(site) for mission, site in sites.items()}
 
 
 @dataclass(frozen=True)

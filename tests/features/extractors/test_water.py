@@ -16,7 +16,7 @@ from tokt.features.extractors.extractor import (
     Colour,
     Context,
     Gradients,
-    Place,
+    PatchPlace,
     Relative,
     build_extractor,
     extractor_named,
@@ -82,10 +82,10 @@ def test_colour_is_the_mean_of_the_patch_and_its_changes():
 
 
 def test_place():
-    found = Place().describe(sea(), GRID).reshape(4, 5, 2)
+    found = PatchPlace().describe(sea(), GRID).reshape(4, 5, 2)
     np.testing.assert_allclose(found[:, 0, 0], [-1 / 2, -1 / 6, 1 / 6, 1 / 2])
     np.testing.assert_allclose(found[0, :, 1], [1 / 2, 1 / 4, 0, 1 / 4, 1 / 2])
-    assert Place().describe(sea(), Grid(1, 1, 180)).tolist() == [[-0.5, 0.5]]
+    assert PatchPlace().describe(sea(), Grid(1, 1, 180)).tolist() == [[-0.5, 0.5]]
 
 
 WATER = Relative([Gradients((1, 5)), Colour(9)], 0.3)

@@ -251,6 +251,11 @@ def test_models_of_several_dives_are_held_out_and_compared_by_dive(two_dives, to
     of_model = {"lbp/1": models[0], "haralick/1": models[1]}[found["learning_curve"]["model"]]
     assert points[-1]["mean"] == pytest.approx(of_model["cv"]["patch"]["f1"], abs=1e-9)
     assert "those tested of others" in found["learning_curve"]["how"]
+    thesis = ("--extractor", "lbp", "--preset", "thesis", "--name", "thesis")
+    told("train", "two", *thesis, *where)
+    mixed = told("compare", "lbp", "thesis", *where)
+    assert mixed["unit"] == "dives"  # the same folds; but the thesis's learnt from one of the dives
+    assert not any("learnt nothing of its dive" in note for note in mixed["notes"])
     audit = told("labels", "audit", "lbp", *where)
     assert "2 folds over whole dives" in audit["rule"]
     train = ("train", "two", "--preset", "plain", *where)
