@@ -1,4 +1,4 @@
-"""What changed between two dataset versions: settings, missions, frames, labels, sources."""
+"""The difference of two dataset versions: settings, missions, frames, labels, sources."""
 
 from typing import Any
 
