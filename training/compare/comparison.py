@@ -20,6 +20,7 @@ from tokt.inference.policy.policy import judge_image
 from tokt.models.operating_point import MofNRule
 from tokt.training.fitting.presets import PRESETS
 
+from .ceilings import ceilings
 from .errors import errors_by_stretch, words_on_stretches, worst_errors
 from .frames import OBSTACLE_FRAME, OCEAN
 from .learning import learning_curve
@@ -110,6 +111,7 @@ def compare_models(
     workspace: Path,
     progress: Callable[..., Any],
     curve_of: str | None = None,
+    with_ceilings: bool = False,
 ) -> dict[str, Any]:
     """Compare models on what `compared` holds.
 
@@ -121,12 +123,14 @@ def compare_models(
     progress : callable
     curve_of : str, optional
         Name of the model to draw the learning curve of; by default the best.
+    with_ceilings : bool
+        Whether to try learners that are never deployed, of what was held out.
 
     Returns
     -------
     dict
-        JSON: models, pairs, words, stretches, errors, learning_curve, explorer, and how each
-        figure came about.
+        JSON: models, pairs, words, stretches, errors, learning_curve, ceilings, explorer, and how
+        each figure came about.
 
     Raises
     ------
@@ -139,6 +143,7 @@ def compare_models(
     models = [_model(compared, item, pairs, times) for item in compared.models]
     ranked = _ranked(models, main_measure(compared).name)
     stretches = errors_by_stretch(compared)
+    learning = [item for item in compared.models if _learns(item)]
     return {
         "format_version": FORMAT_VERSION,
         "tokt": __version__,
@@ -160,6 +165,7 @@ def compare_models(
         else [],
         "errors": worst_errors(compared),
         "learning_curve": _learning(compared, asked_for or ranked, workspace, progress),
+        "ceilings": ceilings(compared, learning, workspace, progress) if with_ceilings else [],
         "explorer": explorer_data(compared) if compared.has_frames and compared.two_sided else None,
     }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from tokt.features.common.arrays import F64, I64, Bools
+from tokt.features.frames.mission import LEFT
 from tokt.models.operating_point import (
     OBSTACLE,
     UNKNOWN,
@@ -18,6 +19,15 @@ from tokt.models.operating_point import (
     MofNState,
     frame_step,
     missed_before,
+)
+from tokt.training.datasets.splits import block_of
+from tokt.training.evaluation.approaches import (
+    NOTHING_STATED,
+    AtSea,
+    Ranges,
+    approach_figures,
+    approaches,
+    false_status_per_hour,
 )
 from tokt.training.evaluation.evaluate import first_detection
 from tokt.training.evaluation.frame_scores import KEYS, frame_names
@@ -94,6 +104,13 @@ def kind_of_frame(labels_clear: Bools, whole: bool) -> str:
     return OCEAN if whole else NEITHER
 
 
+def labelled_approaches(table: pd.DataFrame) -> list[tuple[int, int]]:
+    """Of `approaches`, in the frames of one dive and camera, in order."""
+    number, kind = table.frame, table.kind
+    sides = (set(number[kind == name].tolist()) for name in (OCEAN, OBSTACLE_FRAME))
+    return approaches(number.tolist(), *sides)
+
+
 def statuses(
     series: FrameSeries, scores: F64, judged: Bools, rules: Sequence[MofNRule], white: int = 1
 ) -> I64:
@@ -124,34 +141,55 @@ def statuses(
     return found
 
 
-def frame_figures(series: FrameSeries, status: I64) -> dict[str, Any]:
+def frame_figures(
+    series: FrameSeries,
+    status: I64,
+    ranges: Mapping[str, Ranges] | None = None,
+    stated: AtSea = NOTHING_STATED,
+) -> dict[str, Any]:
     """Statuses against what the labels say a frame holds.
+
+    Parameters
+    ----------
+    series : FrameSeries
+    status : array of int, shape (n_frames,)
+    ranges : mapping of str to Ranges, optional
+        By mission, of its left frames.
+    stated : AtSea
 
     Returns
     -------
     dict
-        Counts as `tokt evaluate` gives them, and `first_detection` for each dive and camera:
-        its first obstacle frame, the first of three frames in a row with status 1, and whether
-        that came before any labelled obstacle.
+        Counts as `tokt evaluate` gives them, `approaches` and `false_status_per_hour` too, and
+        `first_detection` for each dive and camera: its first obstacle frame, the first of three
+        frames in a row with status 1, and whether that came before any labelled obstacle.
     """
     ocean, obstacle = series.kind(OCEAN), series.kind(OBSTACLE_FRAME)
     said = status == OBSTACLE
-    first = []
+    first, coming = [], []
     for rows in series.sequences():
         numbers = series.table.frame.to_numpy()[rows]
         labelled = next(iter(numbers[obstacle[rows]].tolist()), None)
         gaps = series.gaps[rows].tolist()
         found = first_detection(numbers.tolist(), gaps, status[rows].tolist())
         row = series.table.iloc[rows.start]
+        names = {"mission": str(row.mission), "camera": str(row.camera)}
+        known = (ranges or {}).get(row.mission) if row.camera == LEFT else None
+        spans = labelled_approaches(series.table[rows])
+        of = numbers.tolist(), gaps, status[rows].tolist(), spans, known or Ranges()
+        coming += [{**names, **one} for one in approach_figures(*of, stated.stopping_m)]
         first.append(
             {
-                "mission": str(row.mission),
-                "camera": str(row.camera),
+                **names,
                 "first_obstacle_frame": labelled,
                 "first_detection": found,
                 "false": found is not None and (labelled is None or found < labelled),
             }
         )
+    keys = series.table[["mission", "frame"]].itertuples(index=False, name=None)
+    block = np.array([block_of(*key) for key in keys], object)
+    counts = [int(one.sum()) for one in (said & ocean, ocean)]
+    counts += [len(set(block[one])) for one in (said & ocean, ocean)]
     return {
         "n": len(status),
         "ocean_frames": int(ocean.sum()),
@@ -162,4 +200,6 @@ def frame_figures(series: FrameSeries, status: I64) -> dict[str, Any]:
         "unknown": int((status == UNKNOWN).sum()),
         "not_judged": int((~ocean & ~obstacle).sum()),
         "sequences": first,
+        "approaches": coming,
+        "false_status_per_hour": false_status_per_hour(*counts, stated.frames_per_second),
     }

@@ -117,12 +117,13 @@ def _settings(parameters: Mapping[str, str]) -> TrainingSettings:
     return TrainingSettings(**values)
 
 
-def _set_up(
+def set_up(
     predictions: ModelPredictions,
     dataset: DatasetVersion,
     workspace: Path,
     progress: Callable[..., Any],
 ) -> _Setting:
+    """What a registered model was fitted with, its cached features, and its folds, thinned."""
     recipe: Any = predictions.recipe
     registry = Registry(workspace)
     version = registry.find(predictions.label)
@@ -252,7 +253,7 @@ def learning_curve(
         difference, low, high), by_label, stretches (frames, obstacle, help, low, high; most
         helpful first), words (list of str) and how.
     """
-    setting = _set_up(predictions, dataset, workspace, progress)
+    setting = set_up(predictions, dataset, workspace, progress)
     stretches = _stretches(setting)
     fits = [*_curve_fits(setting), *_fits_without(setting, stretches)]
     curve: dict[Any, I64] = defaultdict(lambda: np.zeros_like(setting.targets))

@@ -19,6 +19,7 @@ from tokt.models.bundle.bundle import Bundle, frame_id
 from tokt.models.operating_point import frame_step
 from tokt.training.datasets.mission_source import LabelledMission
 from tokt.training.datasets.splits import BLOCK_FRAMES, block_of
+from tokt.training.evaluation.approaches import NOTHING_STATED, AtSea, ranges_of
 from tokt.training.evaluation.evaluate import (
     classes_and_targets,
     mission_in_training,
@@ -26,7 +27,7 @@ from tokt.training.evaluation.evaluate import (
 )
 from tokt.training.evaluation.frame_scores import KEYS
 
-from .frames import FrameSeries, kind_of_frame
+from .frames import FrameSeries, kind_of_frame, labelled_approaches
 from .predictions import MISSION, ComparedModels, ModelPredictions, error_margins
 
 
@@ -154,6 +155,7 @@ def predict_missions(
     taxonomy: Taxonomy,
     progress: Callable[..., Any],
     frames: Sequence[int] | None = None,
+    stated: AtSea = NOTHING_STATED,
 ) -> ComparedModels:
     """Bring models together on the left frames of missions.
 
@@ -167,6 +169,8 @@ def predict_missions(
     progress : callable
     frames : sequence of int, optional
         Compare on these frames only.
+    stated : AtSea
+        As for `tokt.training.evaluation.evaluate.evaluate`.
 
     Raises
     ------
@@ -176,7 +180,7 @@ def predict_missions(
     _check_grids(bundles)
     sure: list[LabelRecord] = []
     keys: list[tuple[str, int]] = []
-    series, what, unsure = [], [], 0
+    series, what, unsure, ranges = [], [], 0, {}
     by_name = {one.name: one.mission for one in sorted(missions, key=lambda one: one.name)}
     records = {one.name: one.records for one in missions}
     for name, mission in by_name.items():
@@ -189,6 +193,7 @@ def predict_missions(
             raise ToktError(f"no labelled patch of mission {mission.name!r} to compare on")
         check_unseen(bundles, mission, numbers, progress)
         table = _frames(name, numbers, merged, taxonomy, bundles[0].grid.n_patches)
+        ranges[name] = ranges_of(mission, labelled_approaches(table), stated, progress)
         series.append(FrameSeries.of(table, frame_step(mission.frames(LEFT))))
         keys += [(name, number) for number in numbers]
         what.append(f"mission {mission.name}, frames {format_frames(numbers)}")
@@ -213,6 +218,8 @@ def predict_missions(
         read_frame=lambda name, camera, frame: by_name[name].read(frame, camera),
         dataset=None,
         notes=_notes(bundles, sure, unsure),
+        stated=stated,
+        ranges=ranges,
     )
 
 

@@ -1,7 +1,7 @@
 """Predictions of the compared models, on the same patches and frames."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +14,7 @@ from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.splits import held_out_together
+from tokt.training.evaluation.approaches import NOTHING_STATED, AtSea, Ranges
 from tokt.training.evaluation.metrics import class_metrics, metrics_by, obstacle_metrics
 from tokt.training.fitting.cross_validation import BLOCKS, DIVES
 
@@ -123,6 +124,9 @@ class ComparedModels:
         What the models were cross-validated on.
     notes : list of str
         What a reader must know of how the figures came about.
+    stated : AtSea
+    ranges : mapping of str to Ranges
+        By mission, of its left frames.
     """
 
     mode: str
@@ -134,6 +138,8 @@ class ComparedModels:
     read_frame: Callable[[str, str, int], U8] | None
     dataset: DatasetVersion | None
     notes: list[str]
+    stated: AtSea = NOTHING_STATED
+    ranges: Mapping[str, Ranges] = field(default_factory=dict)
 
     def of_dive(self, mission: str) -> "ComparedModels":
         """The same of one dive alone, whose blocks then count as independent."""
@@ -199,7 +205,7 @@ class ComparedModels:
                 **class_metrics(predictions.targets, predictions.predicted, predictions.classes),
             },
             **({"dives": self._by_dive(predictions)} if self.unit == DIVES else {}),
-            "frames": frame_figures(self.series, self.status(predictions))
+            "frames": frame_figures(self.series, self.status(predictions), self.ranges, self.stated)
             if self.has_frames
             else None,
         }

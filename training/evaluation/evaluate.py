@@ -24,7 +24,16 @@ from tokt.models.operating_point import frame_step, missed_before
 from tokt.training.datasets.dataset import CLEAR
 from tokt.training.datasets.dataset import OBSTACLE as OBSTACLE_CLASS
 from tokt.training.datasets.mission_source import PATCH_GRID, LabelledMission, patch_images
+from tokt.training.datasets.splits import block_of
 
+from .approaches import (
+    NOTHING_STATED,
+    AtSea,
+    approach_figures,
+    approaches,
+    false_status_per_hour,
+    ranges_of,
+)
 from .metrics import class_metrics, obstacle_metrics, reliability
 
 
@@ -124,7 +133,7 @@ def first_detection(frames: list[int], missed: list[int], status: list[int]) -> 
     return None
 
 
-def _held(bundle: Bundle, scored: ScoredMission, obstacle: Sequence[int]) -> set[int]:
+def _held(bundle: Bundle, scored: ScoredMission, obstacle: set[int]) -> set[int]:
     """Frames that show nothing, whose status is the frame rule's memory of obstacle frames."""
     rule = bundle.operating_point.rule
     held, last, place = set(), -rule.n, 0
@@ -138,28 +147,37 @@ def _held(bundle: Bundle, scored: ScoredMission, obstacle: Sequence[int]) -> set
     return held
 
 
-def _frame_figures(
-    bundle: Bundle, scored: ScoredMission, labels: dict[int, list[LabelRecord]], taxonomy: Taxonomy
-) -> dict[str, Any]:
-    """Statuses against what the labels say a frame holds.
+def _kinds(
+    bundle: Bundle, frames: list[int], labels: dict[int, list[LabelRecord]], taxonomy: Taxonomy
+) -> tuple[list[int], list[int]]:
+    """Ocean frames and obstacle frames.
 
     An *obstacle frame* has a patch labelled as an obstacle. An *ocean frame* has every patch
     labelled, all of them clear. A frame with neither (an `unsure` patch, or patches without a
-    label, and no sure obstacle) is not judged. In an ocean frame that shows no patch over the
-    margin the rule may still hold a status on to what the labels say was there up to n - 1 frames
-    before: a *held* status, which is no false one.
+    label, and no sure obstacle) is not judged.
     """
     ocean, obstacle = [], []
-    for number in scored.frames:
+    for number in frames:
         names = [record.label for record in labels.get(number, [])]
         sides = [label != UNSURE and taxonomy.is_obstacle(str(label)) for label in names]
         if any(sides):
             obstacle.append(number)
         elif len(names) == bundle.grid.n_patches and UNSURE not in names:
             ocean.append(number)
+    return ocean, obstacle
+
+
+def _frame_figures(
+    bundle: Bundle, scored: ScoredMission, ocean: list[int], obstacle: list[int], mission: str
+) -> dict[str, Any]:
+    """Statuses against what the labels say a frame holds (`_kinds`).
+
+    In an ocean frame that shows no patch over the margin the rule may still hold a status on to
+    what the labels say was there up to n - 1 frames before: a *held* status, which is no false one.
+    """
     said = scored.status
     status = dict(zip(scored.frames, said, strict=True))
-    memory = _held(bundle, scored, obstacle)
+    memory = _held(bundle, scored, set(obstacle))
     false = [number for number in ocean if status[number] == OBSTACLE and number not in memory]
     held = [number for number in ocean if number in memory]
     missed = [number for number in obstacle if status[number] != OBSTACLE]
@@ -168,6 +186,8 @@ def _frame_figures(
         "ocean_frames": len(ocean),
         "false_status": len(false),
         "false_status_frames": false,
+        "ocean_blocks": len({block_of(mission, number) for number in ocean}),
+        "false_status_blocks": len({block_of(mission, number) for number in false}),
         "held_status": len(held),
         "held_status_frames": held,
         "obstacle_frames": len(obstacle),
@@ -226,7 +246,14 @@ class _Part:
     known: bool
 
 
-def _part(bundle: Bundle, scored: ScoredMission, one: LabelledMission, taxonomy: Taxonomy) -> _Part:
+def _part(
+    bundle: Bundle,
+    scored: ScoredMission,
+    one: LabelledMission,
+    taxonomy: Taxonomy,
+    stated: AtSea,
+    progress: Callable[..., Any],
+) -> _Part:
     name, wanted = one.mission.name, set(scored.frames)
     merged = merge_annotators(r for r in one.records if r.camera == LEFT and r.frame in wanted)
     sure = [record for record in merged.records if record.label != UNSURE]
@@ -238,12 +265,18 @@ def _part(bundle: Bundle, scored: ScoredMission, one: LabelledMission, taxonomy:
     position = {number: index for index, number in enumerate(scored.frames)}
     frame = np.array([position[record.frame] for record in sure])
     cell = np.array([record.row * bundle.grid.cols + record.col for record in sure])
+    ocean, obstacle = _kinds(bundle, scored.frames, by_frame, taxonomy)
+    figures = _frame_figures(bundle, scored, ocean, obstacle, name)
+    spans = approaches(scored.frames, set(ocean), set(obstacle))
+    ranges = ranges_of(one.mission, spans, stated, progress)
+    series = scored.frames, scored.missed, scored.status
+    figures["approaches"] = approach_figures(*series, spans, ranges, stated.stopping_m)
     return _Part(
         name,
         one.site,
         scored.values[frame, cell],
         [str(record.label) for record in sure],
-        _frame_figures(bundle, scored, by_frame, taxonomy),
+        figures,
         len(merged.records) - len(sure),
         len(scored.seen_in_training),
         mission_in_training(bundle, one.records),
@@ -251,14 +284,20 @@ def _part(bundle: Bundle, scored: ScoredMission, one: LabelledMission, taxonomy:
 
 
 def _together(
-    bundle: Bundle, parts: Sequence[_Part], taxonomy: Taxonomy, frames: dict[str, Any]
+    bundle: Bundle,
+    parts: Sequence[_Part],
+    taxonomy: Taxonomy,
+    frames: dict[str, Any],
+    rate: float | None,
 ) -> dict[str, Any]:
     """The figures of some missions' patches as if they were of one."""
+    keys = ("false_status", "ocean_frames", "false_status_blocks", "ocean_blocks")
+    hourly = false_status_per_hour(*(frames[key] for key in keys), rate)
     values = np.concatenate([part.values for part in parts])
     labels = [label for part in parts for label in part.labels]
     return {
         "patch": _patch_figures(bundle.model, values, labels, taxonomy),
-        "frames": frames,
+        "frames": {**frames, "false_status_per_hour": hourly},
         "unsure_ignored": sum(part.unsure for part in parts),
         "seen_in_training": sum(part.seen for part in parts),
         "mission_in_training": any(part.known for part in parts),
@@ -272,6 +311,10 @@ def _all_frames(parts: Sequence[_Part]) -> dict[str, Any]:
         found = {part.name: part.frames[key] for part in parts}
         if key.startswith("first_"):
             pooled[key] = found
+        elif key == "approaches":
+            pooled[key] = [
+                {"mission": name, **one} for name, those in found.items() for one in those
+            ]
         elif isinstance(value, list):
             pooled[key] = [f"{name}:{number}" for name, those in found.items() for number in those]
         else:
@@ -303,6 +346,7 @@ def evaluate(
     taxonomy: Taxonomy,
     progress: Callable[..., Any],
     frames: Sequence[int] | None = None,
+    stated: AtSea = NOTHING_STATED,
 ) -> dict[str, Any]:
     """Score a model on labelled missions.
 
@@ -316,13 +360,16 @@ def evaluate(
     progress : callable
     frames : sequence of int, optional
         Judge these frames only.
+    stated : AtSea
+        Rate, stopping distance, and where distances come from; a log is of one mission.
 
     Returns
     -------
     dict
         patch (n, precision, recall, f1, average_precision, per_class, confusion, by_label,
         reliability), frames (at the operating point: n, ocean_frames, false_status, held_status,
-        detected, obstacle_frames, first_detection, ...), operating_point, latency_frames (from
+        detected, obstacle_frames, first_detection, approaches as `approach_figures` has them,
+        false_status_per_hour, ...), operating_point, latency_frames (from
         the first alarm to the first status at the least), unsure_ignored, seen_in_training
         (frames whose very pixels were learnt from), mission_in_training, model.
         Of one mission its name, `mission`. Of several all this is of them together, with the same
@@ -334,17 +381,29 @@ def evaluate(
         If no labelled patch of a mission is left to judge.
     """
     parts = [
-        _part(bundle, score_mission(bundle, one.mission, progress, frames), one, taxonomy)
+        _part(
+            bundle,
+            score_mission(bundle, one.mission, progress, frames),
+            one,
+            taxonomy,
+            stated,
+            progress,
+        )
         for one in missions
     ]
-    return _evaluated(bundle, parts, taxonomy)
+    return _evaluated(bundle, parts, taxonomy, stated.frames_per_second)
 
 
 def evaluate_scored(
-    bundle: Bundle, scored: ScoredMission, one: LabelledMission, taxonomy: Taxonomy
+    bundle: Bundle,
+    scored: ScoredMission,
+    one: LabelledMission,
+    taxonomy: Taxonomy,
+    progress: Callable[..., Any],
 ) -> dict[str, Any]:
     """`evaluate` for a mission that has been scored already."""
-    return _evaluated(bundle, [_part(bundle, scored, one, taxonomy)], taxonomy)
+    part = _part(bundle, scored, one, taxonomy, NOTHING_STATED, progress)
+    return _evaluated(bundle, [part], taxonomy, None)
 
 
 def evaluate_patches(
@@ -391,11 +450,14 @@ def evaluate_patches(
     }
 
 
-def _evaluated(bundle: Bundle, parts: Sequence[_Part], taxonomy: Taxonomy) -> dict[str, Any]:
+def _evaluated(
+    bundle: Bundle, parts: Sequence[_Part], taxonomy: Taxonomy, rate: float | None
+) -> dict[str, Any]:
     point = bundle.operating_point
     rule = {"operating_point": point.to_json(), "latency_frames": point.rule.latency_frames}
     each = [
-        {"mission": part.name, **_together(bundle, [part], taxonomy, part.frames)} for part in parts
+        {"mission": part.name, **_together(bundle, [part], taxonomy, part.frames, rate)}
+        for part in parts
     ]
     if len(parts) == 1:
         return {"model": _model(bundle), **each[0], **rule}
@@ -406,11 +468,11 @@ def _evaluated(bundle: Bundle, parts: Sequence[_Part], taxonomy: Taxonomy) -> di
             sites.setdefault(part.site, []).append(part)
     return {
         "model": _model(bundle),
-        **_together(bundle, parts, taxonomy, _all_frames(parts)),
+        **_together(bundle, parts, taxonomy, _all_frames(parts), rate),
         **rule,
         "missions": each,
         "sites": {
-            site: _together(bundle, dives, taxonomy, _all_frames(dives))
+            site: _together(bundle, dives, taxonomy, _all_frames(dives), rate)
             for site, dives in sorted(sites.items())
         },
     }

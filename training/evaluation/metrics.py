@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 from sklearn.metrics import (
     average_precision_score,
     confusion_matrix,
@@ -14,6 +15,7 @@ from sklearn.metrics import (
 from tokt.features.common.arrays import F64, I64, Bools
 
 BINS = 5
+BOUND_CONFIDENCE = 0.95
 
 
 def _ratio(value: float) -> float | None:
@@ -166,3 +168,13 @@ def reliability(truth: Bools, score: F64) -> list[dict[str, Any]]:
         }
         for part in bins
     ]
+
+
+def upper_bound(exceeding: int, n: int, confidence: float) -> float:
+    """The largest rate that `exceeding` of `n` independent trials do not contradict.
+
+    Exact (Clopper and Pearson 1934), one-sided.
+    """
+    return (
+        1.0 if exceeding >= n else float(stats.beta.ppf(confidence, exceeding + 1, n - exceeding))
+    )

@@ -15,12 +15,12 @@ from tokt.features.frames.grid import Grid
 from tokt.models.operating_point import MofNRule
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.evaluation.frame_scores import FrameScores, frame_table
+from tokt.training.evaluation.metrics import BOUND_CONFIDENCE, upper_bound
 
-from .exceedance_model import ExceedanceModel, fit_exceedance_model, upper_bound
+from .exceedance_model import ExceedanceModel, fit_exceedance_model
 
 MIN_PATCHES = (1, 2)
 FRAME_RULES = ((1, 1), (2, 3), (3, 3), (3, 5))
-BOUND_CONFIDENCE = 0.95
 DIVE, BLOCK = "dive", "block"
 MIN_RATE, MAX_RATE = 1e-9, 0.5
 _MARGIN_STEPS = 10_000  # a unit; margins are rounded up to them: short to read, never too small

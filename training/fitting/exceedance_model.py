@@ -140,13 +140,3 @@ def _quantile(rate: float, mean: float, between: float, within: float) -> float:
             mean + spread * (10 - 2 * np.log(rate)),
         )
     )
-
-
-def upper_bound(exceeding: int, n: int, confidence: float) -> float:
-    """The largest rate that `exceeding` of `n` independent trials do not contradict.
-
-    Exact (Clopper and Pearson 1934), one-sided.
-    """
-    return (
-        1.0 if exceeding >= n else float(stats.beta.ppf(confidence, exceeding + 1, n - exceeding))
-    )

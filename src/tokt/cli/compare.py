@@ -21,6 +21,7 @@ from .options import (
     PatchesOption,
     TaxonomyOption,
     WorkspaceOption,
+    read_calibration_file,
 )
 from .output import answer, figure, print_patches, progress, say
 from .output import print_line as print
@@ -29,6 +30,35 @@ if TYPE_CHECKING:
     from tokt.models.bundle.bundle import Bundle
     from tokt.training.compare.predictions import ComparedModels
     from tokt.training.datasets.mission_source import LabelledMission
+    from tokt.training.evaluation.approaches import AtSea
+
+
+RateOption = Annotated[
+    float | None,
+    Option(
+        metavar="FPS",
+        help="Frames a second of the missions: false statuses are told by the hour, and times to "
+        "contact.",
+    ),
+]
+StoppingOption = Annotated[
+    float | None,
+    Option(
+        "--stopping-distance",
+        metavar="M",
+        help="Distance in which the vehicle stops: each approach's first status is judged by it.",
+    ),
+]
+CalibrationOption = Annotated[
+    Path | None,
+    Option(metavar="FILE", help="Calibration of the missions' cameras: distances are measured."),
+]
+LogOption = Annotated[
+    Path | None,
+    Option(
+        metavar="FILE.jsonl", help="Log of a run over the mission: distances and times are its."
+    ),
+]
 
 
 def compare(
@@ -39,10 +69,22 @@ def compare(
     frames: Annotated[
         str | None, Option(help="Use these frames of it only, such as 1-99,132-246.")
     ] = None,
+    rate: RateOption = None,
+    stopping_distance: StoppingOption = None,
+    calibration: CalibrationOption = None,
+    log: LogOption = None,
     learning_curve: Annotated[
         str | None,
         Option(metavar="MODEL", help="Model whose learning curve is drawn. Default: the best one."),
     ] = None,
+    ceilings: Annotated[
+        bool,
+        Option(
+            "--ceilings",
+            help="For development: what gradient boosting on the same features and a small net on "
+            "the pixels (if torch is installed) make of the same folds.",
+        ),
+    ] = False,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
@@ -56,10 +98,13 @@ def compare(
     from tokt.training.compare.comparison import compare_models
     from tokt.training.compare.report import has_registry, log_comparison, report_html
 
+    if mission and ceilings:
+        raise ToktError("--ceilings is of what cross-validation held out; leave --mission out")
     if output is not None and output.is_dir():
         raise ToktError(f"{output} is a folder; -o names the report's file")
-    compared = compared_models(models, mission, labels, frames, taxonomy, workspace)
-    result = compare_models(compared, workspace, progress, learning_curve)
+    at_sea = (rate, stopping_distance, calibration, log)
+    compared = compared_models(models, mission, labels, frames, taxonomy, workspace, at_sea)
+    result = compare_models(compared, workspace, progress, learning_curve, ceilings)
     html = report_html(compared, result)
     if output is not None:
         atomic.write_text(output, html)
@@ -79,6 +124,7 @@ def compared_models(
     frames: str | None,
     taxonomy: Path | None,
     workspace: Path,
+    at_sea: tuple[float | None, float | None, Path | None, Path | None] = (None,) * 4,
 ) -> ComparedModels:
     """Models on what cross-validation held out of all, or on missions."""
     from tokt.features.frames.mission import parse_frames
@@ -88,8 +134,11 @@ def compared_models(
     from tokt.training.compare.mission_predictions import predict_missions
 
     if not mission:
-        if labels or frames or taxonomy:
-            raise ToktError("--labels, --frames and --taxonomy go with --mission")
+        if labels or frames or taxonomy or any(one is not None for one in at_sea):
+            raise ToktError(
+                "--labels, --frames, --taxonomy, --rate, --stopping-distance, --calibration and "
+                "--log go with --mission"
+            )
         return read_held_out(models, workspace)
     classes = load_taxonomy(workspace, taxonomy)
     wanted = parse_frames(frames) if frames else None
@@ -97,12 +146,71 @@ def compared_models(
     check_different([bundle.label for bundle in bundles], [bundle.sha256 for bundle in bundles])
     missions = labelled_missions(mission, labels, workspace, classes, bundles[0].grid)
     _check_frames(frames, missions)
-    return predict_missions(bundles, missions, classes, progress, wanted)
+    stated = _stated(*at_sea, missions)
+    return predict_missions(bundles, missions, classes, progress, wanted, stated)
 
 
 def _check_frames(frames: str | None, missions: Sequence[LabelledMission]) -> None:
     if frames and len(missions) > 1:
         raise ToktError("--frames goes with one mission")
+
+
+def _stated(
+    rate: float | None,
+    stopping_m: float | None,
+    calibration: Path | None,
+    log: Path | None,
+    missions: Sequence[LabelledMission],
+) -> AtSea:
+    from tokt.training.evaluation.approaches import AtSea, logged_distances
+
+    if log and len(missions) > 1:
+        raise ToktError("--log goes with one mission")
+    rig = read_calibration_file(calibration) if calibration else None
+    return AtSea(rate, stopping_m, rig, logged_distances(log) if log else {})
+
+
+_BOUNDS = ("of_frames", "of_blocks", "blocks")
+
+
+def _print_at_sea(frames: dict[str, Any], indent: str) -> None:
+    """False statuses an hour, and what is left at each approach's first status."""
+    hourly = frames["false_status_per_hour"]
+    if hourly:
+        bound, rate = hourly["upper_bound"], hourly["rate_fps"]
+        per = "in 1,000 frames" if rate is None else f"an hour at {rate:.3g} frames a second"
+        seen, most, some, blocks = (
+            f"{one:.0f}" if one >= 100 else f"{one:.3g}"
+            for one in (hourly["false_status"], *(bound[key] for key in _BOUNDS))
+        )
+        print(
+            f"{indent}false statuses {per} of open ocean: {seen}; at most {most} with "
+            f"{bound['confidence']:.0%} confidence, were frames independent; some in at most "
+            f"{some} of {blocks} blocks of near copies"
+        )
+    for one in frames["approaches"]:
+        print(f"{indent}{_approach(one)}")
+    if not frames["approaches"]:
+        print(f"{indent}no approach in the labels: no obstacle frame after an ocean frame")
+
+
+def _approach(one: dict[str, Any]) -> str:
+    where = f"{one['mission']}:" if "mission" in one else ""
+    words = f"approach {where}{one['first_obstacle_frame']}-{one['last_obstacle_frame']}: "
+    if one["first_status"] is None:
+        return f"{words}NO STATUS"
+    late = one["frames_late"]
+    words += f"first status {one['first_status']}, {late} frame{'s' * (late != 1)} late"
+    if one["distance_m"] is not None:
+        words += f", {one['distance_m']:.2f} m away"
+        if one["distance_frame"] != one["first_status"]:
+            words += f" in frame {one['distance_frame']}"
+        if one["contact_s"] is not None:
+            words += f", contact in {one['contact_s']:.1f} s at {one['closing_m_s']:.2f} m/s"
+    if one["stopping_distance_m"] is None:
+        return words
+    said = {True: "enough", False: "TOO LATE", None: "not measured, not judged"}[one["enough"]]
+    return f"{words}; {said} for a stopping distance of {one['stopping_distance_m']:g} m"
 
 
 def _print_comparison(result: dict[str, Any]) -> None:
@@ -123,6 +231,16 @@ def _print_comparison(result: dict[str, Any]) -> None:
                 f"frames, obstacle seen in {frames['detected']} of {frames['obstacle_frames']}, "
                 f"first detection {', '.join(map(_first, frames['sequences']))}"
             )
+            _print_at_sea(frames, "    ")
+    for one in result["ceilings"]:
+        of = f" on the features of {one['model']}" if one["model"] else ""
+        patch = one.get("patch")
+        found = one.get("missing") or (
+            f"F1 {figure(patch['f1'])}, precision {figure(patch['precision'])}, recall "
+            f"{figure(patch['recall'])}, AP {figure(patch['average_precision'])}, macro-F1 "
+            f"{figure(patch['macro_f1'])}"
+        )
+        print(f"  ceiling, {one['learner']}{of}: {found}")
     for line in (*result["words"], *result["learning_curve"].get("words", [])):
         print(line)
     for note in result["notes"]:
@@ -141,13 +259,18 @@ def evaluate(
     labels: LabelFilesOption = None,
     patches: PatchesOption = None,
     frames: FramesOption = None,
+    rate: RateOption = None,
+    stopping_distance: StoppingOption = None,
+    calibration: CalibrationOption = None,
+    log: LogOption = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
     """Score a model on labelled missions, or on ready-cut patches.
 
-    Patches, frame statuses, first detection; several missions also by dive and site.
+    Patches, frame statuses, first detection; distance and time left at the first status of each
+    approach, false statuses an hour; several missions also by dive and site.
     """
     from tokt.features.frames.mission import parse_frames
     from tokt.labels.taxonomy import load_taxonomy
@@ -157,9 +280,11 @@ def evaluate(
 
     if bool(mission) == bool(patches):
         raise ToktError("give either --mission DIR or --patches DIR")
-    if patches and (labels or frames):
+    at_sea = (rate, stopping_distance, calibration, log)
+    if patches and (labels or frames or any(one is not None for one in at_sea)):
         raise ToktError(
-            "--patches has its labels in its folder names; --labels and --frames go with --mission"
+            "--patches has its labels in its folder names; --labels, --frames, --rate, "
+            "--stopping-distance, --calibration and --log go with --mission"
         )
     classes = load_taxonomy(workspace, taxonomy)
     wanted = parse_frames(frames) if frames else None
@@ -169,7 +294,8 @@ def evaluate(
     else:
         missions = labelled_missions(mission or [], labels, workspace, classes, bundle.grid)
         _check_frames(frames, missions)
-        result = evaluate_task(bundle, missions, classes, progress, wanted)
+        stated = _stated(*at_sea, missions)
+        result = evaluate_task(bundle, missions, classes, progress, wanted, stated)
     dives = result.get("missions", [])
     if result["seen_in_training"]:
         names = ", ".join(one["mission"] for one in dives if one["seen_in_training"])
@@ -213,6 +339,7 @@ def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:
     )
     print(f"  obstacle seen in {frames['detected']} of {frames['obstacle_frames']} obstacle frames")
     print(f"  status unknown in {frames['unknown']} of {frames['n']} frames")
+    _print_at_sea(frames, "  ")
     if not missions:
         print(f"  first of three frames in a row with status 1: {frames['first_detection']}")
         return

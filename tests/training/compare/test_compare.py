@@ -13,6 +13,7 @@ import mlflow
 import numpy as np
 import pandas as pd
 import pytest
+from sklearn.ensemble import HistGradientBoostingClassifier
 
 from tests.calls import refuses
 from tests.conftest import tiny_labels, write_labels
@@ -22,7 +23,7 @@ from tokt.training.compare.bootstrap import ComparisonMetric, drawn_blocks
 from tokt.training.compare.comparison import explorer_data
 from tokt.training.compare.frames import FrameSeries, frame_figures, statuses
 from tokt.training.compare.held_out_predictions import check_different, read_held_out
-from tokt.training.compare.learning import _helped, _Setting
+from tokt.training.compare.learning import _helped, _Setting, set_up
 from tokt.training.compare.pairs import compare_pairs
 from tokt.training.compare.predictions import ComparedModels
 from tokt.training.compare.report import report_html
@@ -329,7 +330,8 @@ def later_dive(tiny_truth, tmp_path):
 
 def test_on_a_mission_the_figures_are_evaluates(compared, told, later_dive, tmp_path):
     options = ("--mission", later_dive, "--labels", later_dive / "labels.csv")
-    options = (*options, "--workspace", compared.workspace)
+    some = ("--rate", 4, "--frames", "109-111,113-115,117-119,121-123,125-127,129")
+    options = (*options, *some, "--workspace", compared.workspace)
     page = tmp_path / "report.html"
     found = told("compare", "tiny-lbp", "tiny-thesis", *options, "-o", page)
     assert found["mode"] == "mission"
@@ -340,9 +342,18 @@ def test_on_a_mission_the_figures_are_evaluates(compared, told, later_dive, tmp_
             assert model["patch"][name] == evaluated["patch"][name]
         for name in ("n", "ocean_frames", "false_status", "obstacle_frames", "detected", "unknown"):
             assert model["frames"][name] == evaluated["frames"][name], name
+        assert model["frames"]["approaches"] == [
+            {"mission": "later", "camera": "left", **one}
+            for one in evaluated["frames"]["approaches"]
+        ]
+        name = "false_status_per_hour"
+        assert model["frames"][name] == evaluated["frames"][name]
         (sequence,) = model["frames"]["sequences"]
         assert sequence["first_detection"] == evaluated["frames"]["first_detection"]
-    assert page.read_text("utf-8").startswith("<!doctype html>")
+    text = page.read_text("utf-8")
+    assert text.startswith("<!doctype html>") and "false statuses an hour" in text
+    (one,) = evaluated["frames"]["approaches"]
+    assert f"approach later:{one['first_obstacle_frame']}-" in text
 
 
 def test_on_several_missions_frame_by_frame_as_each_alone(
@@ -600,3 +611,31 @@ def test_a_fold_is_judged_by_its_own_rule_alone(compared):
     rules = [MofNRule(2.0), MofNRule(0.0, 2, 2, 3)]
     assert statuses(series, scores, judged, rules).tolist() == [0, 0, 0, 1]
     assert statuses(series, scores, judged, rules[:1]).tolist() == [0, 0, 1, 0]
+
+
+def test_ceilings_are_of_the_same_folds(compared, told, refused, tiny, no_progress, monkeypatch):
+    """Gradient boosting by hand; a net says so where it is not installed."""
+    monkeypatch.setattr("tokt.training.compare.ceilings.find_spec", lambda name: None)
+    command = ("compare", "tiny-lbp", "tiny-thesis", "--workspace", compared.workspace)
+    refused("leave --mission out", *command, "--mission", tiny.path, "--ceilings")
+    assert compared.json["ceilings"] == []
+    boosted, net = told(*command, "--ceilings")["ceilings"]
+    assert (boosted["model"], net["missing"][:13]) == (LBP, "not installed")
+    dataset, table = compared.judged.dataset, compared.judged.patches
+    setting = set_up(compared.judged.models[0], dataset, compared.workspace, no_progress)
+    place = ["mission", "camera", "frame", "row", "col"]
+    found = dataset.patches[place].assign(score=np.nan)
+    for fold in setting.split.cut(dataset.patches, setting.targets):
+        booster = HistGradientBoostingClassifier(random_state=0)
+        booster.fit(setting.features[fold.train], setting.targets[fold.train])
+        shares = booster.predict_proba(setting.features[fold.test])[:, 1]
+        found.loc[fold.test, "score"] = 2 * shares - 1
+    score = table[place].merge(found, on=place).score.to_numpy()
+    by_hand = obstacle_metrics(compared.judged.truth, score)
+    assert by_hand == {name: boosted["patch"][name] for name in by_hand}
+
+
+def test_a_small_net_on_the_pixels_learns(compared, told):
+    pytest.importorskip("torch", reason="torch is no dependency: development only")
+    found = told("compare", *(LBP, THESIS), "--ceilings", "--workspace", compared.workspace)
+    assert found["ceilings"][-1]["patch"]["average_precision"] > 0.9

@@ -18,8 +18,9 @@ from tokt.training.evaluation.frame_scores import (
     frame_names,
     frame_table,
 )
+from tokt.training.evaluation.metrics import upper_bound
 from tokt.training.fitting.choose_operating_point import FalseStatusTarget, choose_frame_rule
-from tokt.training.fitting.exceedance_model import fit_exceedance_model, upper_bound
+from tokt.training.fitting.exceedance_model import fit_exceedance_model
 
 # --- the law of the tail -----------------------------------------------------------------------
 

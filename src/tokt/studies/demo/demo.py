@@ -277,7 +277,7 @@ def run_demo(
             run.scored[name] = score_mission(bundle, run.mission, progress, run.held_frames)
             labelled = LabelledMission(run.mission, run.records)
             run.evaluations[name] = evaluate_scored(
-                bundle, run.scored[name], labelled, run.taxonomy
+                bundle, run.scored[name], labelled, run.taxonomy, progress
             )
     say("-- write the report")
     write_report(out / "report.html", run, bundle_file)
