@@ -8,8 +8,7 @@ import pandas as pd
 from tokt.features.common.arrays import F64, Bools
 from tokt.models.operating_point import OBSTACLE
 from tokt.training.evaluation.frame_scores import KEYS
-from tokt.training.fitting.choose_operating_point import BOUND_CONFIDENCE
-from tokt.training.fitting.exceedance_model import upper_bound
+from tokt.training.evaluation.metrics import BOUND_CONFIDENCE, upper_bound
 
 from .bootstrap import CONFIDENCE, block_numbers, drawn_blocks, interval, summed
 from .comparison import measure_times
