@@ -19,6 +19,7 @@ _PATTERNS = Quantization(gain=8, smooth=5, window=61, by=FRAME)
 _STROKES = Quantization(gain=24, smooth=3, window=31, by=FRAME)
 
 _SHAPES = Lbp(8, 13, "frame", _PATTERNS, NEAREST)
+_FINE_LINES = Lines((2, 4), replace(_STROKES, smooth=1))
 
 
 def _water(*parts: Extractor) -> Extractor:
@@ -38,12 +39,12 @@ NAMED: dict[str, Extractor] = {
     "lbp_flat_8_9": Lbp(8, 9, "frame", _PATTERNS, NEAREST),
     "lbp_flat_8_13": _SHAPES,
     "lines": Lines((8, 16, 32), _STROKES),
-    "lines_fine": Lines((2, 4), replace(_STROKES, smooth=1)),
+    "lines_fine": _FINE_LINES,
     "structure_3": Structure(_GRAINS),
     "structure_7": Structure(Quantization(gain=24, smooth=7, window=121, by=FRAME)),
     "structure_11": Structure(Quantization(gain=24, smooth=11, window=121, by=FRAME)),
-    "water": _water(_GRADIENTS, Colour(9), _SHAPES),
-    "water_gray": _water(_GRADIENTS, _SHAPES),
+    "water": _water(_GRADIENTS, Colour(9), _SHAPES, _FINE_LINES),
+    "water_gray": _water(_GRADIENTS, _SHAPES, _FINE_LINES),
     "lbp_8_1": Lbp(8, 1, "patch"),
     "lbp_8_2": Lbp(8, 2, "patch"),
     "lbp_12_3": Lbp(12, 3, "patch"),

@@ -3,22 +3,27 @@
 The hashes stand in a tag of the version, with the model's name and the run, so that the files, the
 run or the tag of another version do not pass for this one's. They protect from accident alone: who
 can write the workspace can write them too. A signature, in another tag, covers them and the
-version's number; whose signature counts is said by whoever exports, never by the workspace.
+version's number; whose signature counts is said by whoever exports, never by the workspace. How
+each promotion ended stands in a tag of its own, which nothing covers.
 """
 
 import hashlib
 import json
 import re
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from tokt.features.common.canonical import canonical_json
+from tokt.features.common.canonical import canonical_json, printable_json
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.signature import signature_from_bytes
 from tokt.models.signing.keys import PublicKey, SigningKey
+from tokt.models.store.history import stamp
 
 FILES_TAG, SIGNATURE_TAG = "tokt.files", "tokt.signature"
-FORMAT_VERSION = 1
+PROMOTION_TAG = "tokt.promotion"
+FORMAT_VERSION = PROMOTION_VERSION = 1
 SIGNED_PREFIX = b"tokt registration, signature format 1\n"
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
@@ -47,6 +52,21 @@ class RegisteredVersion:
         """Raise ToktError unless this file is what the version was registered with."""
         if self._hashes().get(file) != hashlib.sha256(data).hexdigest():
             raise ToktError(f"model {self.label}: {file} is not the one that was registered")
+
+    @property
+    def promotions(self) -> list[dict[str, Any]]:
+        """How each promotion of this version ended, the oldest first."""
+        found = []
+        for key in sorted(key for key in self.tags if key.startswith(PROMOTION_TAG)):
+            try:
+                record = printable_json(self.tags[key].encode())
+                known = record["format_version"] == PROMOTION_VERSION
+            except (ValueError, TypeError, KeyError, RecursionError):
+                known = False
+            if not known:
+                raise ToktError(f"model {self.label}: its tag {key} is damaged, or a newer tokt's")
+            found.append(record)
+        return found
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -92,6 +112,13 @@ class RegisteredVersion:
         if not self.hashed or not key.made(signature, self._message()):
             raise ToktError(f"{where} has been changed: its signature does not fit")
         return True
+
+
+def promotion_tag(record: Mapping[str, str]) -> tuple[str, str]:
+    """The tag, name and value, of how a promotion ended, with who said so and when."""
+    when, who, why = stamp(record["why"])
+    about = {"format_version": PROMOTION_VERSION, "time": when, "who": who, "why": why}
+    return f"{PROMOTION_TAG}.{time.time_ns()}", canonical_json({**record, **about})
 
 
 def files_tag(name: str, run_id: str, files: Mapping[str, bytes]) -> str:

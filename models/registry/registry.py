@@ -49,7 +49,7 @@ from tokt.models.linear import LinearModel
 from tokt.models.operating_point import OperatingPoint
 from tokt.models.signing.keys import PublicKey, SigningKey
 
-from .registration import SIGNATURE_TAG, RegisteredVersion
+from .registration import SIGNATURE_TAG, RegisteredVersion, promotion_tag
 from .skops_arrays import pipeline_arrays
 
 # Before the first import of mlflow: a ship's PC has no network for usage statistics to wait on.
@@ -90,6 +90,12 @@ def check_model_name(name: str) -> None:
     """Raise ToktError unless `name` can be a model's name, also in a file name."""
     if not _NAME.fullmatch(name):
         raise ToktError(f"model name {name!r}: use letters, digits, '-', '_' and '.'")
+
+
+def check_alias(alias: str) -> None:
+    """Raise ToktError unless `alias` can be one."""
+    if not _NAME.fullmatch(alias) or alias == "latest" or re.fullmatch(r"v\d+", alias):
+        raise ToktError(f"{alias!r} cannot be an alias")
 
 
 def local_uri(workspace: Path) -> str:
@@ -265,11 +271,15 @@ class Registry:
 
     def sign(self, version: RegisteredVersion, key: SigningKey) -> None:
         """Let `key` vouch for a version as it was registered."""
-        signature = version.signature(key)
+        self._tag(version, SIGNATURE_TAG, version.signature(key))
+
+    def record_promotion(self, version: RegisteredVersion, record: dict[str, str]) -> None:
+        """Keep how a promotion of a version ended, beside what was kept before."""
+        self._tag(version, *promotion_tag(record))
+
+    def _tag(self, version: RegisteredVersion, key: str, value: str) -> None:
         with self.reported():
-            self.client.set_model_version_tag(
-                version.name, version.version, SIGNATURE_TAG, signature
-            )
+            self.client.set_model_version_tag(version.name, version.version, key, value)
 
     def versions(self, name: str | None = None) -> list[RegisteredVersion]:
         """Every registered version, or those of one model, by name, newest first.
@@ -316,8 +326,7 @@ class Registry:
     def set_alias(self, reference: str, alias: str) -> RegisteredVersion:
         """Point `alias` at a version, away from any other."""
         version = self.find(reference)
-        if not _NAME.fullmatch(alias) or alias == "latest" or re.fullmatch(r"v\d+", alias):
-            raise ToktError(f"{alias!r} cannot be an alias")
+        check_alias(alias)
         with self.reported():
             self.client.set_registered_model_alias(version.name, alias, version.version)
         return self.find(version.label)

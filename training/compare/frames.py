@@ -78,6 +78,20 @@ class FrameSeries:
         """Which frames are of a kind."""
         return np.asarray(self.table.kind == name)
 
+    def of_frames(self, frames: Bools) -> FrameSeries:
+        """Whole dives or cameras alone."""
+        starts = np.flatnonzero(np.isin(np.flatnonzero(frames), self.starts))
+        return FrameSeries(self.table[frames].reset_index(drop=True), starts, self.gaps[frames])
+
+    def ocean_apart(self, window: int) -> Bools:
+        """Ocean frames with no obstacle frame in the `window` of frames that ends with each."""
+        found = self.kind(OCEAN).copy()
+        for rows in self.sequences():
+            place = np.cumsum(1.0 + self.gaps[rows])
+            obstacle = np.where(self.kind(OBSTACLE_FRAME)[rows], place, -np.inf)
+            found[rows] &= place - np.maximum.accumulate(obstacle) >= window
+        return found
+
     def sequences(self) -> list[slice]:
         """Rows of each dive and camera."""
         return [slice(a, b) for a, b in pairwise([*self.starts.tolist(), len(self.table)])]

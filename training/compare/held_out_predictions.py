@@ -22,7 +22,7 @@ from .predictions import HELD_OUT, ComparedModels, ModelPredictions, error_margi
 
 _PLACE = [*KEYS, "row", "col"]
 _TABLE = [*_PLACE, "label", "group"]
-_ASK = "give --mission DIR and --labels CSV to compare them on a mission"
+_ASK = "give --mission DIR and --labels CSV of a dive that neither learnt from"
 
 
 def _registered(reference: str, registry: Registry) -> str:
@@ -48,7 +48,8 @@ def _check_same_data(recipes: Mapping[str, Mapping[str, Any]]) -> str:
         if value != hashes[first]:
             names = [str(recipes[item]["provenance"]["dataset"]) for item in (first, label)]
             raise ToktError(
-                f"{first} learnt from dataset {names[0]}, {label} from {names[1]}: {_ASK}"
+                f"{first} learnt from dataset {names[0]}, {label} from {names[1]}: train both on "
+                f"one dataset, or {_ASK}"
             )
     return hashes[first]
 

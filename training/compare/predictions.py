@@ -1,7 +1,7 @@
 """Predictions of the compared models, on the same patches and frames."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -140,6 +140,23 @@ class ComparedModels:
     notes: list[str]
     stated: AtSea = NOTHING_STATED
     ranges: Mapping[str, KnownDistances] = field(default_factory=dict)
+
+    def of_dive(self, mission: str) -> "ComparedModels":
+        """The same of one dive alone, whose blocks then count as independent."""
+        patch = (self.patches.mission == mission).to_numpy()
+        frame = (self.series.table.mission == mission).to_numpy()
+        kept = dict.fromkeys(("targets", "predicted", "error_margin", "score"), patch)
+        kept |= {"on_grid": frame, "judged": frame}
+        return replace(
+            self,
+            patches=self.patches[patch].reset_index(drop=True),
+            truth=self.truth[patch],
+            models=[
+                replace(item, **{name: getattr(item, name)[some] for name, some in kept.items()})
+                for item in self.models
+            ],
+            series=self.series.of_frames(frame),
+        )
 
     @property
     def unit(self) -> str:

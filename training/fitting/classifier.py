@@ -60,10 +60,6 @@ def fit_classifier(
     return Pipeline([*steps, ("svc", svc)])
 
 
-_MAX_DRAWN = 20_000
-"""Patches that landmarks are drawn from: their kernel with each landmark is held in memory."""
-
-
 def _fitted_map(
     features: F64, weights: F64 | None, settings: TrainingSettings
 ) -> list[tuple[str, TransformerMixin]]:
@@ -78,13 +74,13 @@ def _fitted_map(
     scaler.fit(np.stack([usual.mean_ - far, usual.mean_ + far]))
     drawn = np.random.default_rng(settings.seed).choice(
         len(features),
-        min(int(np.count_nonzero(parts)), _MAX_DRAWN),
+        min(int(np.count_nonzero(parts)), settings.landmarks),
         replace=False,
         p=parts / parts.sum(),
     )
     nystroem = Nystroem(
         gamma=settings.gamma / features.shape[1],
-        n_components=min(settings.landmarks, len(drawn)),
+        n_components=len(drawn),
         random_state=settings.seed,
     )
     nystroem.fit(scaler.transform(features[drawn]))

@@ -180,7 +180,7 @@ def with_augmentations(settings: TrainingSettings, names: str | None) -> Trainin
 def extractor_for(name: str, preset: str, grid: Grid | None = None) -> Extractor:
     """The extractor a preset uses for ``lbp``, ``haralick`` or a more exact name.
 
-    ``water`` and ``best`` widen the two plain names. ``water``: to gradients, colours and LBP, less
+    ``water`` and ``best`` widen the two plain names. ``water``: to gradients, colours, shapes, less
     what the frame's own water shows. ``best``: to LBP, lines and structure of the frame without its
     background, ``haralick`` with Haralick's figures of it as well. For ready-cut patches, which
     have no background of their own frame around them, both are LBP and Haralick at several

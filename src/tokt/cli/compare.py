@@ -28,6 +28,7 @@ from .output import print_line as print
 
 if TYPE_CHECKING:
     from tokt.models.bundle.bundle import Bundle
+    from tokt.training.compare.predictions import ComparedModels
     from tokt.training.datasets.mission_source import LabelledMission
     from tokt.training.evaluation.approaches import AtSea
 
@@ -93,36 +94,16 @@ def compare(
     On the patches that cross-validation held out, or on missions.
     """
     from tokt.features.common import atomic
-    from tokt.features.frames.mission import parse_frames
-    from tokt.labels.taxonomy import load_taxonomy
-    from tokt.models.registry.load import load_model
     from tokt.models.registry.registry import Registry
     from tokt.training.compare.comparison import compare_models
-    from tokt.training.compare.held_out_predictions import check_different, read_held_out
-    from tokt.training.compare.mission_predictions import predict_missions
     from tokt.training.compare.report import has_registry, log_comparison, report_html
 
-    at_sea = (rate, stopping_distance, calibration, log)
-    if not mission and (labels or frames or taxonomy or any(one is not None for one in at_sea)):
-        raise ToktError(
-            "--labels, --frames, --taxonomy, --rate, --stopping-distance, --calibration and --log "
-            "go with --mission"
-        )
     if mission and ceilings:
         raise ToktError("--ceilings is of what cross-validation held out; leave --mission out")
     if output is not None and output.is_dir():
         raise ToktError(f"{output} is a folder; -o names the report's file")
-    if not mission:
-        compared = read_held_out(models, workspace)
-    else:
-        classes = load_taxonomy(workspace, taxonomy)
-        wanted = parse_frames(frames) if frames else None
-        bundles = [load_model(model, workspace) for model in models]
-        check_different([bundle.label for bundle in bundles], [bundle.sha256 for bundle in bundles])
-        missions = labelled_missions(mission, labels, workspace, classes, bundles[0].grid)
-        _check_frames(frames, missions)
-        stated = _stated(*at_sea, missions)
-        compared = predict_missions(bundles, missions, classes, progress, wanted, stated)
+    at_sea = (rate, stopping_distance, calibration, log)
+    compared = compared_models(models, mission, labels, frames, taxonomy, workspace, at_sea)
     result = compare_models(compared, workspace, progress, learning_curve, ceilings)
     html = report_html(compared, result)
     if output is not None:
@@ -134,6 +115,39 @@ def compare(
         say(f"MLflow run: {log_comparison(result, html, Registry(workspace))}")
     else:
         say(f"not logged: no registry in workspace {workspace}")
+
+
+def compared_models(
+    models: list[str],
+    mission: list[Path] | None,
+    labels: list[Path] | None,
+    frames: str | None,
+    taxonomy: Path | None,
+    workspace: Path,
+    at_sea: tuple[float | None, float | None, Path | None, Path | None] = (None,) * 4,
+) -> ComparedModels:
+    """Models on what cross-validation held out of all, or on missions."""
+    from tokt.features.frames.mission import parse_frames
+    from tokt.labels.taxonomy import load_taxonomy
+    from tokt.models.registry.load import load_model
+    from tokt.training.compare.held_out_predictions import check_different, read_held_out
+    from tokt.training.compare.mission_predictions import predict_missions
+
+    if not mission:
+        if labels or frames or taxonomy or any(one is not None for one in at_sea):
+            raise ToktError(
+                "--labels, --frames, --taxonomy, --rate, --stopping-distance, --calibration and "
+                "--log go with --mission"
+            )
+        return read_held_out(models, workspace)
+    classes = load_taxonomy(workspace, taxonomy)
+    wanted = parse_frames(frames) if frames else None
+    bundles = [load_model(model, workspace) for model in models]
+    check_different([bundle.label for bundle in bundles], [bundle.sha256 for bundle in bundles])
+    missions = labelled_missions(mission, labels, workspace, classes, bundles[0].grid)
+    _check_frames(frames, missions)
+    stated = _stated(*at_sea, missions)
+    return predict_missions(bundles, missions, classes, progress, wanted, stated)
 
 
 def _check_frames(frames: str | None, missions: Sequence[LabelledMission]) -> None:

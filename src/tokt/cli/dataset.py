@@ -1,10 +1,10 @@
-"""`tokt dataset`: build, list and show dataset versions."""
+"""`tokt dataset`: build, list, show and diff dataset versions."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from tokt.training.datasets.mission_source import LabelledMission
 
 dataset_app = typer.Typer(
-    help="Build, list and show dataset versions, immutable and named by content.",
+    help="Build, list, show and diff dataset versions, immutable and named by content.",
     no_args_is_help=False,
 )
 
@@ -170,6 +170,39 @@ def show(
 
     found = open_dataset(dataset, workspace / "datasets")
     answer(json, {"label": found.label, **found.info}, lambda: _show(found))
+
+
+@dataset_app.command("diff")
+def diff(
+    before: DatasetArgument,
+    after: DatasetArgument,
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
+) -> None:
+    """Say what changed between two dataset versions: missions, frames, labels, sources."""
+    from tokt.training.datasets.dataset import open_dataset
+    from tokt.training.datasets.diff import diff_datasets
+
+    root = workspace / "datasets"
+    found = diff_datasets(open_dataset(before, root), open_dataset(after, root))
+    answer(json, found, lambda: _print_diff(found))
+
+
+def _print_diff(found: dict[str, Any]) -> None:
+    print(f"{found['before']} -> {found['after']}")
+    if found["same_content"]:
+        print("  the same content: nothing that is learnt from changed")
+    counts = {key: found[key] for key in ("patches", "frames", "unsure_left_out")}
+    for name, (was, now) in {**counts, **found["settings"], **found["labels"]}.items():
+        print(f"  {name.replace('_', ' ')}: {was if was == now else f'{was} -> {now}'}")
+    for one in found["relabelled"] or ():
+        print(f"  from {one['from']} to {one['to']}: {one['patches']} patches")
+    for name, changes in found["missions"]["changes"].items():
+        words = (f"{count} {key.replace('_', ' ')}" for key, count in changes.items())
+        print(f"  mission {name}: {', '.join(words)}")
+    for kind, lines in found["sources"].items():
+        for line in lines:
+            print(f"  source {kind}: {line}")
 
 
 def _show(dataset: DatasetVersion) -> None:

@@ -16,8 +16,16 @@ from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
-from .options import DEFAULT_WORKSPACE, JsonOption, ModelArgument, WorkspaceOption
-from .output import answer, print_json, say
+from .compare import compared_models
+from .options import (
+    DEFAULT_WORKSPACE,
+    JsonOption,
+    LabelFilesOption,
+    MissionsOption,
+    ModelArgument,
+    WorkspaceOption,
+)
+from .output import answer, figure, print_json, say
 from .output import print_line as print
 
 if TYPE_CHECKING:
@@ -28,9 +36,10 @@ if TYPE_CHECKING:
     from tokt.models.store.store import Store
 
 models_app = typer.Typer(
-    help="List, show and alias registered model versions.", no_args_is_help=False
+    help="List, show, promote and alias registered model versions.", no_args_is_help=False
 )
 
+CHAMPION = "champion"
 PASSPHRASE_VARIABLE = "TOKT_KEY_PASSPHRASE"
 FlagsOption = Annotated[
     Path | None,
@@ -79,10 +88,16 @@ def show(
     model: ModelArgument, workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption = False
 ) -> None:
     """Show a model's card: description, figures, origin."""
+    from tokt.models.bundle.bundle import SUFFIX
     from tokt.models.registry.load import load_model
 
     bundle = load_model(model, workspace)
     content = bundle.content
+    promotions: list[dict[str, Any]] = []
+    if not model.endswith(SUFFIX):
+        from tokt.models.registry.registry import Registry
+
+        promotions = Registry(workspace).find(bundle.label).promotions
     value = {
         "name": bundle.name,
         "version": bundle.version,
@@ -97,8 +112,10 @@ def show(
         "provenance": dict(content.provenance),
         "metrics": dict(content.metrics),
         "card": content.card,
+        "promotions": promotions,
     }
-    answer(json, value, lambda: list(map(print, content.card.splitlines())))
+    lines = [*content.card.splitlines(), *map(_promotion_words, promotions)]
+    answer(json, value, lambda: list(map(print, lines)))
 
 
 @models_app.command("alias")
@@ -114,6 +131,90 @@ def alias(
     version = Registry(workspace).set_alias(model, alias)
     said = f"{version.label} is now {version.name}@{alias}"
     answer(json, asdict(version), lambda: print(said))
+    if alias == CHAMPION:
+        say("note: no comparison was made; tokt models promote makes one first")
+
+
+@models_app.command("promote")
+def promote(
+    model: Annotated[str, Argument(help="NAME, NAME@ALIAS or NAME/VERSION.")],
+    to: Annotated[str, Option("--to", metavar="ALIAS", help="Alias to move.")] = CHAMPION,
+    mission: MissionsOption = None,
+    labels: LabelFilesOption = None,
+    max_ms: Annotated[
+        float | None,
+        Option(
+            help="Median time a frame that it may take here, in ms. Default: 1.6 times that of the "
+            "version it replaces."
+        ),
+    ] = None,
+    force: Annotated[
+        str | None,
+        Option(metavar="WHY", help="Promote it whatever was found; the reason is kept with it."),
+    ] = None,
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
+) -> None:
+    """Move an alias to a version that is not worse than the one it points at.
+
+    Compares the two on the patches that cross-validation held out, or on missions. Refused is what
+    is worse on any dive beyond doubt, breaks its rate of false statuses, or takes too long.
+    """
+    from tokt.models.registry.registry import Registry, check_alias
+    from tokt.training.compare.promotion import judge_candidate
+
+    if max_ms is not None and not max_ms > 0:
+        raise ToktError(f"--max-ms is a time above 0, not {max_ms:g}")
+    if force is not None and not force.strip():
+        raise ToktError("--force needs the reason in words")
+    check_alias(to)
+    registry = Registry(workspace)
+    version = registry.find(model)
+    name = f"{version.name}@{to}"
+    if to in version.aliases:
+        raise ToktError(f"{version.label} is {name} already")
+    before = next((one.label for one in registry.versions(version.name) if to in one.aliases), "")
+    if before:
+        compared = compared_models([version.label, before], mission, labels, None, None, workspace)
+        found = judge_candidate(compared, max_ms)
+    else:
+        silence = registry.bundle(version.label).silence
+        notes = [f"there was no {name}: nothing was compared"]
+        found = {"what": "", "table": [], "faults": [silence] if silence else [], "notes": notes}
+    faults = "; ".join(found["faults"])
+    refused = bool(faults) and force is None
+    record = {
+        **{"alias": to, "against": before, "what": found["what"], "faults": faults},
+        "outcome": "refused" if refused else "forced" if faults else "promoted",
+        "why": force or "",
+    }
+    registry.record_promotion(version, record)
+    if not refused:
+        registry.set_alias(version.label, to)
+    answer(json, {"model": version.label, **record, **found}, lambda: _print_gate(found))
+    if refused:
+        raise ToktError(f"{version.label} does not become {name}: {faults} (but by --force WHY)")
+    if not json:
+        print(f"{version.label} is now {name}")
+
+
+def _print_gate(found: dict[str, Any]) -> None:
+    for row in found["table"]:
+        values = f"{figure(row['champion'])} -> {figure(row['candidate'])}"
+        worse = "WORSE  " if row["worse"] else ""
+        print(f"  {row['dive'] or 'all':12}  {row['figure']:12}  {values}  {worse}{row['remark']}")
+    if "time" in found:
+        print("  (champion -> candidate, 95 % interval of the difference)")
+        was, now, most = found["time"].values()
+        print(f"  on {found['what']}; {was:.2f} -> {now:.2f} ms a frame, at most {most:.2f}")
+    for note in found["notes"]:
+        say(f"note: {note}")
+
+
+def _promotion_words(one: dict[str, Any]) -> str:
+    said = {key: one.get(key) for key in ("outcome", "alias", "against", "what", "faults", "why")}
+    words = "; ".join(f"{key} {value}" for key, value in said.items() if value)
+    return f"promotion {one.get('time')} by {one.get('who')}: {words}"
 
 
 def signing_key(file: Path | None) -> SigningKey | None:

@@ -183,7 +183,7 @@ def test_other_folds_or_another_dataset_need_a_mission(compared, monkeypatch):
         folds = "in other folds: give --mission DIR and --labels CSV"
         refuses(folds, read_held_out, [LBP, THESIS], compared.workspace)
     monkeypatch.setattr(Registry, "recipe", another)
-    data = "learnt from dataset tiny@.*from part@0000: give --mission"
+    data = "learnt from dataset tiny@.*from part@0000: train both on one dataset, or give --mission"
     refuses(data, read_held_out, [LBP, THESIS], compared.workspace)
 
 

@@ -16,7 +16,7 @@ import pandas as pd
 import pytest
 
 from tests.calls import refused, refuses, run_python
-from tests.conftest import LABEL_COLUMNS, taxonomy_toml
+from tests.conftest import LABEL_COLUMNS, taxonomy_toml, tower_cells
 from tests.inference.test_faults import hold_row
 from tokt.features.frames.grid import Grid
 from tokt.labels import taxonomy as taxonomy_module
@@ -30,6 +30,7 @@ from tokt.training.datasets.dataset import (
     list_datasets,
     open_dataset,
 )
+from tokt.training.datasets.diff import diff_datasets
 from tokt.training.datasets.splits import blocked_folds
 
 
@@ -135,20 +136,78 @@ def change_grid(mission, build, truth, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("change", "settings", "of_mission"),
     [
-        *(change_pixel, change_label, change_flag, change_grid),
-        lambda mission, build, truth, tmp_path: build(*inputs(mission), "--task", "classes"),
-        lambda mission, build, truth, tmp_path: build(*inputs(mission), block=5),
-        lambda mission, build, truth, tmp_path: build(*inputs(mission), "--frames", "1-39"),
+        (change_pixel, set(), {"frames_with_other_pixels": 1}),
+        (change_label, set(), {"patches_relabelled": 1}),
+        (change_flag, {"class sand"}, None),
+        (change_grid, {"grid"}, None),
+        (lambda mission, build, *_: build(*inputs(mission), "--task", "classes"), {"task"}, None),
+        (
+            lambda mission, build, *_: build(*inputs(mission), block=5),
+            {"block_frames"},
+            {"frames_regrouped": 31},
+        ),
+        (
+            lambda mission, build, *_: build(*inputs(mission), "--frames", "1-39"),
+            set(),
+            {"frames_gone": 1, "patches_gone": 98},
+        ),
     ],
     ids=["pixel", "label", "obstacle flag", "grid", "task", "block", "frames"],
 )
 def test_what_can_change_a_model_changes_the_hash(
-    change, own_tiny, build, tiny_truth, tmp_path, trained
+    change, settings, of_mission, own_tiny, build, tiny_truth, tmp_path, trained
 ):
-    before = open_dataset("tiny", trained / "datasets").hash
-    assert change(own_tiny, build, tiny_truth, tmp_path)["hash"] != before
+    before = open_dataset("tiny", trained / "datasets")
+    assert change(own_tiny, build, tiny_truth, tmp_path)["hash"] != before.hash
+    found = diff_datasets(before, open_dataset("tiny", tmp_path / "ws" / "datasets"))
+    assert not found["same_content"] and set(found["settings"]) == settings
+    assert found["missions"] == {
+        "added": [],
+        "gone": [],
+        "changes": {} if of_mission is None else {"tiny": of_mission},
+    }
+
+
+def test_diff_says_what_changed_between_two_versions(
+    build, tiny, tiny_truth, two_dives, tmp_path, told, done, refused
+):
+    first = build(*inputs(tiny))
+    rows = [row for row in tiny_truth.labels() if row[2] != 40]
+    rows[5][-1] = "reef"
+    dive = two_dives / "2017" / "frames"
+    labels = ("--labels", tiny_truth.write_labels(tmp_path / "l.csv", rows))
+    more = ("--mission", f"dive-2017={dive}", "--labels", two_dives / "2017.csv")
+    second = build("--mission", tiny.path, *labels, *more)
+    words = ("dataset", "diff", first["label"], "tiny", "--workspace", tmp_path / "ws")
+    found = told(*words)
+    assert (found["before"], found["after"]) == (first["label"], second["label"])
+    assert found["frames"] == [40, 79] and not found["settings"] and not found["same_content"]
+    gone = 98 if tower_cells(40) else 100
+    assert found["missions"] == {
+        "added": ["dive-2017"],
+        "gone": [],
+        "changes": {
+            "dive-2017": {"frames_added": 40, "patches_added": first["patches"]},
+            "tiny": {"frames_gone": 1, "patches_gone": gone, "patches_relabelled": 1},
+        },
+    }
+    assert found["relabelled"] == [{"from": "ocean", "to": "reef", "patches": 1}]
+    for name in ("ocean", "reef", "subsea_installation"):
+        counts = [info["labels"].get(name, 0) for info in (first, second)]
+        assert found["labels"][name] == counts
+    assert found["sources"]["gone"] == [first["sources"][-1]]
+    assert found["sources"]["added"] == ["mission dive-2017", second["sources"][-1]]
+    said = done(*words).out
+    assert "from ocean to reef: 1" in said and "mission dive-2017: 40 frames added" in said
+    same = told("dataset", "diff", "tiny", "tiny", "--workspace", tmp_path / "ws")
+    assert same["same_content"] and not any(same["missions"].values()) and not same["relabelled"]
+    # A table that is not what the hash was taken of tells of nothing.
+    folder = open_dataset("tiny", tmp_path / "ws" / "datasets").path
+    patches = pd.read_parquet(folder / "patches.parquet").assign(label="ocean")
+    patches.to_parquet(folder / "patches.parquet", index=False)
+    refused("has been changed on disk", *words)
 
 
 # --- what a dataset holds ----------------------------------------------------------------------
