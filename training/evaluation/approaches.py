@@ -238,7 +238,7 @@ def approach_figures(
     for first, last in spans:
         begin, end = frames.index(first), frames.index(last) + 1
         said = next((i for i in range(begin, end) if status[i] == OBSTACLE), None)
-        soon = () if said is None else range(said, end)
+        soon = range(0) if said is None else range(said, end)
         known = (frames[i] for i in soon if place[i] <= place[soon[0]] + SOON_FRAMES)
         near = next((number for number in known if number in ranges.distance_m), None)
         metres = None if near is None else ranges.distance_m[near]
