@@ -34,6 +34,7 @@ from tokt.models.distribution import (
     quantile_edges,
 )
 from tokt.models.linear import LinearModel
+from tokt.models.nystroem import NystroemMap
 from tokt.models.operating_point import MofNRule, OperatingPoint
 
 from .case import Files, Kind, change_one
@@ -107,6 +108,22 @@ def specs() -> tuple[dict[str, Any], ...]:
         {"name": "context", "version": 1, "statistic": "max", "part": lines},
         {**_LBP, "version": 2, "sampling": "nearest", **_DEEP},
         {"name": "structure", "version": 1, **_DEEP},
+        {
+            "name": "join",
+            "version": 1,
+            "parts": [
+                {
+                    "name": "relative",
+                    "version": 1,
+                    "quietest": 0.5,
+                    "parts": [
+                        {"name": "gradients", "version": 1, "smooth": [1, 3]},
+                        {"name": "colour", "version": 1, "cells": 3},
+                    ],
+                },
+                {"name": "place", "version": 1},
+            ],
+        },
     )
 
 
@@ -121,7 +138,12 @@ def _content(extractor: Extractor, grid: Grid, frames: list[U8], classes=_TWO, w
     outputs = 1 if len(classes) == 2 else len(classes)
     weights = rng.normal(size=(outputs, extractor.dim)) * (not weightless)
     names, flags = zip(*classes, strict=True)
-    model = LinearModel(weights, rng.normal(size=outputs), np.zeros(outputs), names, flags)
+    bias, mapped = rng.normal(size=outputs), None
+    if extractor.needs_colour:
+        ones, zeros = np.ones(extractor.dim), np.zeros(extractor.dim)
+        mapped = NystroemMap(ones, zeros, 1.5, rng.uniform(-1, 1, (3, extractor.dim)), 0.1)
+        weights = rng.normal(size=(outputs, 3))
+    model = LinearModel(weights, bias, np.zeros(outputs), names, flags, mapped)
     distribution = None
     if weightless:
         values = np.broadcast_to(model.bias, (len(frames), grid.n_patches, outputs)).copy()
@@ -152,11 +174,13 @@ def _content(extractor: Extractor, grid: Grid, frames: list[U8], classes=_TWO, w
 
 @cache
 def small_bundles() -> list[Files]:
-    """One of each kind of extractor, and one of each older format."""
-    grid, frames = Grid(2, 2, 12), [textured(8, 12)]
+    """One of each kind of extractor, the last with a map, and one of each older format."""
+    grid, gray = Grid(2, 2, 12), textured(8, 12)
+    colour = cv2.merge([textured(8, 12, seed) for seed in (1, 2, 3)])
+    several = zip(specs(), (_TWO, _THREE, _TWO, _THREE, _TWO, _THREE), strict=True)
     made = [
-        bundle_bytes(_content(build_extractor(spec), grid, frames, classes))
-        for spec, classes in zip(specs(), (_TWO, _THREE, _TWO, _THREE, _TWO), strict=True)
+        bundle_bytes(_content(extractor, grid, [colour if extractor.needs_colour else gray], kinds))
+        for extractor, kinds in ((build_extractor(spec), classes) for spec, classes in several)
     ]
     older = [path.read_bytes() for path in sorted(_OLDER.glob("bundle_of_format_*.zip"))]
     return [{FILE: data} for data in made + older]
