@@ -36,6 +36,7 @@ from tokt.models.distribution import (
 from tokt.models.linear import LinearModel
 from tokt.models.nystroem import NystroemMap
 from tokt.models.operating_point import MofNRule, OperatingPoint
+from tokt.models.water import WaterPrior
 
 from .case import Files, Kind, change_one
 from .changes import (
@@ -75,6 +76,9 @@ def check_usable(bundle: Bundle) -> None:
     assert isinstance(bundle.deployment_fault, str)
     assert bundle.operating_point.rule.words()
     assert bundle.frame_sizes
+    if bundle.operating_point.water is not None:
+        moved = bundle.values_alone(np.zeros((bundle.grid.n_patches, bundle.model.dim)))
+        assert np.isfinite(moved).all()
     known = bundle.distribution
     if known is not None:
         assert drift_words(json.loads(json.dumps(known.summary(), allow_nan=False)))
@@ -138,11 +142,12 @@ def _content(extractor: Extractor, grid: Grid, frames: list[U8], classes=_TWO, w
     outputs = 1 if len(classes) == 2 else len(classes)
     weights = rng.normal(size=(outputs, extractor.dim)) * (not weightless)
     names, flags = zip(*classes, strict=True)
-    bias, mapped = rng.normal(size=outputs), None
+    bias, mapped, moves = rng.normal(size=outputs), None, {}
     if extractor.needs_colour:
         ones, zeros = np.ones(extractor.dim), np.zeros(extractor.dim)
         mapped = NystroemMap(ones, zeros, 1.5, rng.uniform(-1, 1, (3, extractor.dim)), 0.1)
         weights = rng.normal(size=(outputs, 3))
+        moves = {"water": WaterPrior(-1.0, 1.0, 0.5, 0.5, 0.25), "unlike": 2.5}
     model = LinearModel(weights, bias, np.zeros(outputs), names, flags, mapped)
     distribution = None
     if weightless:
@@ -167,7 +172,9 @@ def _content(extractor: Extractor, grid: Grid, frames: list[U8], classes=_TWO, w
         golden=Golden(pictures, values, obstacle),
         trained_on=rng.integers(0, 2**63, 3).astype(np.uint64),
         card="# fuzz/1\n\nbølge\n",
-        operating_point=OperatingPoint(MofNRule(0.25, 2, 1, 3, 0.5), {"target_rate": 1e-4}),
+        operating_point=OperatingPoint(
+            MofNRule(0.25, 2, 1, 3, 0.5), {"target_rate": 1e-4}, **moves
+        ),
         distribution=distribution,
     )
 
