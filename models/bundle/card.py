@@ -102,8 +102,11 @@ def _table(metrics: Mapping[str, Any]) -> str:
         (f"F1 of class {name}", f"{_figure(one['f1'])} ({one['n']} patches)")
         for name, one in patch.get("per_class", {}).items()
     ]
-    folds = metrics.get("folds") or []
-    if folds:
+    folds, dives = metrics.get("folds") or [], metrics.get("dives") or {}
+    if dives:
+        each = (f"{name} {_figure(one['f1'])}" for name, one in dives.items())
+        rows.append(("F1 of the dives", ", ".join(each)))
+    elif folds:
         rows.append(("F1 of the folds", ", ".join(_figure(fold["f1"]) for fold in folds)))
     if frames:
         false = f"{frames['false_status']} of {frames['ocean_frames']}"

@@ -76,9 +76,10 @@ def check_usable(bundle: Bundle) -> None:
     assert isinstance(bundle.deployment_fault, str)
     assert bundle.operating_point.rule.words()
     assert bundle.frame_sizes
-    if bundle.operating_point.water is not None:
-        moved = bundle.values_alone(np.zeros((bundle.grid.n_patches, bundle.model.dim)))
-        assert np.isfinite(moved).all()
+    if (water := bundle.operating_point.water) is not None:
+        for values in bundle.golden.decision_values:
+            moved = water.boundary(bundle.model.obstacle_score(values))
+            assert abs(moved) <= water.limit + 0.005
     known = bundle.distribution
     if known is not None:
         assert drift_words(json.loads(json.dumps(known.summary(), allow_nan=False)))

@@ -99,6 +99,14 @@ def test_card_states_what_was_measured():
     assert len(card.splitlines()) < 100, "two pages"
 
 
+def test_of_several_dives_each_is_named():
+    dives = {"fjord": {"f1": 0.75}, "quay, by night": {"f1": None}}
+    recipe = {**RECIPE, "metrics": {**RECIPE["metrics"], "dives": dives}}
+    card = model_card("tower/3", recipe, PROVENANCE)
+    assert "| F1 of the dives | fjord 0.750, quay, by night undefined |" in card
+    assert "F1 of the folds" not in card
+
+
 def test_a_recipe_of_version_1_has_a_card_too():
     old = {key: value for key, value in RECIPE.items() if key != "operating_point"}
     frames = {"false_status": 3, "ocean_frames": 99, "false_status_frames": []}
