@@ -288,7 +288,7 @@ def choose_hyperparameters(
         for choice in settings.choices
         for fold in folds
     ]
-    results = map(_tested, tasks) if jobs == 1 else mapped(_tested, tasks, jobs)
+    results = map(tested_values, tasks) if jobs == 1 else mapped(tested_values, tasks, jobs)
     best, best_score = None, -np.inf
     for choice in settings.choices:
         values = np.full((len(targets), _outputs(len(np.unique(targets)))), np.nan)
@@ -306,7 +306,7 @@ _Fit = tuple[F64, I64, Fold, Hyperparameters, TrainingSettings, Tables, NDArray[
 """One fold of one candidate: features, targets, fold, choice, settings, augmented, dives."""
 
 
-def _tested(task: _Fit) -> F64:
+def tested_values(task: _Fit) -> F64:
     """Decision values of the fold's test rows."""
     features, targets, fold, choice, settings, augmented, dives = task
     model = fit_rows(features, targets, fold.train, choice, settings, augmented, dives)
