@@ -15,7 +15,7 @@ from tokt.features.frames.image_file import SUFFIXES
 from tokt.features.frames.mission import Mission
 from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.merge import merge_annotators
-from tokt.labels.record import MODEL, LabelRecord
+from tokt.labels.record import MODEL, LabelRecord, NoLabelsError
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 
 from .dataset import DatasetPlan, DatasetVersion, FrameSource, read_stored_frame
@@ -24,10 +24,6 @@ from .splits import BLOCK_FRAMES, block_of
 PATCH_GRID = Grid(1, 1, None)
 """Of ready-cut patches, which are frames of one patch at their own size."""
 _COLUMNS = ["mission", "camera", "frame", "row", "col", "label"]
-
-
-class NoLabelsError(ToktError):
-    """A mission has no labels."""
 
 
 def read_labels(files: Sequence[Path], taxonomy: Taxonomy, grid: Grid) -> list[LabelRecord]:
@@ -187,8 +183,10 @@ def plan_with(base: DatasetVersion, added: DatasetPlan) -> DatasetPlan:
     Raises
     ------
     ToktError
-        If both have a mission of one name, or an added label is none of the version's classes.
+        If both have a mission of one name, an added label is none of the version's classes, or
+        the version was changed on disk.
     """
+    base.check()
     both = set(base.frames.mission) & {source.mission for source in added.frames}
     if both:
         raise ToktError(f"dataset {base.label} has frames of mission {min(both)!r} already")

@@ -191,11 +191,9 @@ class _NewDive:
         settings = self.known.settings
         return features, self.targets, fold, choice, settings, augmented, self._dives
 
-    def both(self, after: F64, frames: Bools | None = None) -> dict[str, Any]:
-        """Figures of the old model and of another on the patches (of some frames) it scored."""
+    def both(self, after: F64) -> dict[str, Any]:
+        """Figures of the old model and of another on the patches that the other has scored."""
         told = np.isfinite(after)
-        if frames is not None:
-            told &= frames[self.place]
         return _both(self.obstacle[self.rows][told], self.before[told], after[told])
 
 
@@ -320,10 +318,12 @@ def _gained(dive: _NewDive, others: Sequence[F64 | None]) -> dict[str, Any] | No
     for place, scores in enumerate(others):
         if scores is not None:
             after[dive.place == place] = scores[dive.place == place]
-    places = np.unique(dive.place[np.isfinite(after)])
-    frames = np.arange(len(dive.frames))
     rows = [
-        {"frame": int(dive.frames[place]), **dive.both(after, frames == place)} for place in places
+        {
+            "frame": int(dive.frames[place]),
+            **dive.both(np.where(dive.place == place, after, np.nan)),
+        }
+        for place in np.unique(dive.place[np.isfinite(after)])
     ]
     return {**dive.both(after), "frames": rows} if rows else None
 

@@ -201,9 +201,10 @@ def adapt(
     First label 5 to 10 frames of the dive that the page leads to (tokt label DIR --model MODEL).
     """
     from tokt.features.common import atomic
+    from tokt.labels.record import NoLabelsError
     from tokt.models.registry.registry import Registry
     from tokt.training.datasets.dataset import build_dataset
-    from tokt.training.datasets.mission_source import NoLabelsError, plan_from_missions, plan_with
+    from tokt.training.datasets.mission_source import plan_from_missions, plan_with
     from tokt.training.fitting.adapt import adaptation, adapted_request, known_model
     from tokt.training.fitting.tracking import log_adaptation, log_and_register
     from tokt.training.fitting.train import train as train_task
@@ -212,8 +213,6 @@ def adapt(
     known, key = known_model(registry, model, root), signing_key(sign)
     base = known.dataset
     try:
-        if not labels and not (workspace / "labels.db").exists():
-            raise NoLabelsError("nothing is labelled in this workspace")
         missions = labelled_missions([mission], labels, workspace, base.taxonomy, base.grid)
         if len(missions) > 1:
             raise ToktError("adapt takes one new dive at a time")

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import mlflow
 import numpy as np
+import pandas as pd
 import pytest
 
 from tests.calls import refuses
@@ -258,6 +259,7 @@ def test_what_cannot_be_adapted_is_refused_in_one_line(
     shutil.copytree(three["workspace"], workspace)
     where, (path, labels) = ("--workspace", workspace), three["new"]
     first = f"label 5 to 10 of its frames: tokt label {path} --model tower (key q"
+    refused("no label store", "adapt", "tower", "--mission", path, *where)
     refused(first, "adapt", "tower", "--mission", path, *where)
     other = write_labels(tmp_path / "o.csv", [["other", "left", 1, 0, 0, "ocean"]])
     elsewhere = ("--mission", path, "--labels", tiny.labels, "--labels", other, *where)
@@ -269,9 +271,16 @@ def test_what_cannot_be_adapted_is_refused_in_one_line(
     given = ("--mission", path, "--labels", labels, *where)
     refused("has frames of mission 'night' already", "adapt", "tower/2", *given)
     refused("no model 'none'", "adapt", "none", *given)
+    twice = tmp_path / "missions.toml"
+    twice.write_text("".join(f'[[mission]]\nname = "{n}"\ndir = "{path}"\nlabels = "{labels}"\n'
+                             for n in ("a", "b")))  # fmt: skip
+    refused("one new dive at a time", "adapt", "tower", "--mission", twice, *where)
     thesis = ("--extractor", "lbp", "--preset", "thesis", "--name", "thesis")
     done("train", "old", *thesis, *where)
     refused("thesis/1 learnt from two images, not from dives", "adapt", "thesis", *given)
+    (table,) = (workspace / "datasets" / "old").glob(f"{three['before']['hash'][:16]}/patches.*")
+    pd.read_parquet(table).replace("ocean", "reef").to_parquet(table)
+    refused("has been changed on disk", "adapt", "tower/1", *given)
 
 
 def test_a_model_of_one_dive_learns_a_second(workspace, three, told):
