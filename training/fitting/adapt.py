@@ -46,8 +46,8 @@ class KnownModel:
     ----------
     bundle : Bundle
     dataset : DatasetVersion
-    parameters : dict of str to str
-        What its run logged; of it `settings` and `split`.
+    extractor_name : str
+    target : FalseStatusTarget
     settings : TrainingSettings
     split : Split
     choice : Hyperparameters
@@ -58,7 +58,8 @@ class KnownModel:
 
     bundle: Bundle
     dataset: DatasetVersion
-    parameters: dict[str, str]
+    extractor_name: str
+    target: FalseStatusTarget
     settings: TrainingSettings
     split: Split
     choice: Hyperparameters
@@ -84,6 +85,7 @@ def known_model(registry: Registry, reference: str, datasets: Path) -> KnownMode
         fold_choices = [Hyperparameters(one["penalty"], one.get("class_weight")) for one in folds]
     with fitting(version, "list of parameters"):
         settings, split = TrainingSettings.logged(parameters), Split.logged(parameters)
+        asked = parameters["extractor"], FalseStatusTarget.logged(parameters)
     if settings.two_images or dataset.block_frames is None:
         what = "two images" if settings.two_images else "a folder of patches"
         raise ToktError(f"model {version.label} learnt from {what}, not from dives: train another")
@@ -91,7 +93,7 @@ def known_model(registry: Registry, reference: str, datasets: Path) -> KnownMode
     if not table[_CELL].equals(dataset.patches[_CELL]):
         raise ToktError(f"model {version.label}: its held_out.parquet is of another dataset")
     held_out = table.obstacle_score.where(table.fold >= 0).to_numpy(np.float64)
-    return KnownModel(bundle, dataset, parameters, settings, split, choice, fold_choices, held_out)
+    return KnownModel(bundle, dataset, *asked, settings, split, choice, fold_choices, held_out)
 
 
 def adapted_request(
@@ -123,10 +125,10 @@ def adapted_request(
         dataset,
         bundle.content.name,
         bundle.extractor,
-        known.parameters["extractor"],
+        known.extractor_name,
         known.settings,
         split if sites else replace(split, sites={**old.sites, **split.sites}),
-        target=FalseStatusTarget.logged(known.parameters),
+        target=known.target,
         search=bundle.content.provenance.get("search"),
         selection=f"Extractor and settings are those of {bundle.label}.",
     )

@@ -66,14 +66,8 @@ class FalseStatusTarget:
     @classmethod
     def logged(cls, parameters: Mapping[str, str]) -> Self:
         """What a run's parameters say; an older tokt logged none."""
-        names = {field.name: f"target_{field.name}" for field in fields(cls)}
-        return cls(
-            **{
-                name: ast.literal_eval(parameters[logged])
-                for name, logged in names.items()
-                if logged in parameters
-            }
-        )
+        texts = {field.name: parameters.get(f"target_{field.name}") for field in fields(cls)}
+        return cls(**{name: ast.literal_eval(text) for name, text in texts.items() if text})
 
     def shapes(self) -> Iterator[MofNRule]:
         """The rules to choose among, still without their margins, the simpler first."""

@@ -78,13 +78,7 @@ class TrainingSettings:
 
     @classmethod
     def logged(cls, parameters: Mapping[str, str]) -> Self:
-        """What a run's parameters say.
-
-        Raises
-        ------
-        ValueError, KeyError, ToktError
-            If they are not what training logs.
-        """
+        """What a run's parameters say."""
         values: dict[str, Any] = {}
         for field in fields(cls):
             text = parameters.get(f"setting_{field.name}")
