@@ -27,7 +27,7 @@ from .presets import Hyperparameters, TrainingSettings
 from .train import Trained, TrainRequest
 
 COUNTS = (1, 2, 3, 5, 8, 13, 21)
-"""Labelled frames of the new dive that a point of the curve is learnt from."""
+"""Labelled frames of the new dive that a point of the curve is learnt from; a third are left."""
 _MIN_LAST, _MIN_STEPS = 3, 3  # labelled frames, and orders, that tell what the next ones bring
 _SMALL = 0.01  # of F1
 _MOST = 0.75  # of the orders
@@ -253,7 +253,7 @@ def adaptation(
     with ThreadpoolController().limit(limits=1):
         dive = _NewDive(known, trained, name, tables, scoring)
         orders, frames = _orders(dive, known.bundle, draws), len(dive.frames)
-        counts = [count for count in COUNTS if count < frames]
+        counts = [count for count in COUNTS if count <= frames - max(1, frames // 3)]
         others = [frozenset(np.flatnonzero(row).tolist()) for row in dive.unseen.T]
         wanted = {frozenset(order[:count]) for order in orders for count in counts} | {*others}
         folds = {some: dive.fold(some) for some in sorted(wanted, key=sorted) if some}
@@ -393,7 +393,7 @@ def _more(curve: list[dict[str, Any]]) -> str:
         f"by {mean:+.3f} ({min(steps):+.3f} to {max(steps):+.3f} in {len(steps)} drawn orders)"
     )
     if mean >= _SMALL and better >= _MOST:
-        return f"they would probably help. {seen}: as many again bring that much at most"
+        return f"they would probably help, the next as much at most: {seen}"
     if mean < _SMALL and better < _MOST:
         return f"they would hardly help, the curve is flat: {seen}"
     return f"it cannot be told whether they would help: {seen}"

@@ -303,7 +303,7 @@ def curve(last, *changes):
 
 def test_more_labels_in_words():
     assert _more(curve(8, 0.03, 0.02, 0.05, 0.0)).startswith(
-        "they would probably help. from 4 to 8"
+        "they would probably help, the next as much at most: from 4 to 8"
     )
     assert "+0.025 (+0.000 to +0.050 in 4 drawn orders)" in _more(curve(8, 0.03, 0.02, 0.05, 0.0))
     assert "hardly help, the curve is flat" in _more(curve(8, 0.01, -0.01, -0.01, 0.01))
