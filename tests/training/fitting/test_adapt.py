@@ -2,7 +2,9 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import mlflow
@@ -113,6 +115,17 @@ def test_the_old_model_is_as_it_was_and_the_next_is_trained_as_it_was(three):
     assert json.loads((kept / "adaptation.json").read_text()) == three["found"]["adaptation"]
     assert (kept / "adaptation.html").read_text("utf-8") == page.read_text("utf-8")
     assert "WORSE" in page.read_text("utf-8") or "fell by 0.01 in none" in page.read_text("utf-8")
+
+
+def test_split_and_sites_are_the_models_unless_asked_otherwise(again):
+    known, data, trained, _ = again
+    assert trained.request.split == known.split
+    asked = adapted_request(known, data, "block", ["fjord=one,night"]).split
+    assert (asked.by, asked.sites) == ("block", {"one": "fjord", "night": "fjord"})
+    known = replace(known, split=replace(known.split, sites={"two": "fjord"}))
+    assert adapted_request(known, data).split.sites == {"two": "fjord"}
+    fewer = SimpleNamespace(classes=lambda: ("clear",))
+    refuses("tower/1 does not tell obstacle", adapted_request, replace(known, dataset=fewer), data)
 
 
 def test_without_a_labelled_frame_it_is_the_old_model(three, again):
