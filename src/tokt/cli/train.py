@@ -187,7 +187,10 @@ def adapt(
         int, Option(help="Orders of labelled frames, drawn by lot, in the curve.", min=1)
     ] = 5,
     output: Annotated[Path | None, Option("-o", "--output", help="HTML report to write.")] = None,
-    split: SplitOption = None,
+    split: Annotated[
+        str | None,
+        Option(help="Hold out dives (dive) or blocks of frames (block). Default: as the model."),
+    ] = None,
     site: SitesOption = None,
     jobs: Annotated[int, Option(help="Processes; -1 for one per core.")] = -1,
     sign: Annotated[
