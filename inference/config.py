@@ -174,6 +174,13 @@ class ModelConfig:
     )
     bundle: Path | None = option(None, "Run the model in this file.", not_with="store")
     threads: int = option(1, "Threads that share a frame's patches.", only=MODELS, logged="threads")
+    fixed_boundary: bool = option(
+        False,
+        "Leave the boundary between water and obstacles where it is, frame after frame; rates of "
+        "false statuses were measured with one that moves.",
+        only=MODELS,
+        logged="fixed_boundary",
+    )
     shadow: Path | None = option(
         None,
         "Another model that judges the same frames and is never sent; needs --shadow-log.",

@@ -58,6 +58,8 @@ class Reason(StrEnum):
     """The two views of a pair do not fit together, or show too little."""
     DRIFT = "drift"
     """The picture is unlike those that the model learnt from."""
+    NOVEL = "novel"
+    """A patch is unlike all that the model learnt from."""
     NO_MODEL = "no_model"
 
 

@@ -15,10 +15,10 @@ HEALTH_BYTES, MODEL_BYTES = 300, 420
 """Longest health text and model name that are sent or logged, in the bytes that JSON takes for
 them: any datagram fits one Ethernet frame (1472), and every model's name of ASCII is whole."""
 
-FIRST, REPLAYABLE, WITH_TREND, WITH_ANCHOR = 1, 2, 3, 4
+FIRST, REPLAYABLE, WITH_TREND, WITH_ANCHOR, WITH_BOUNDARY = 1, 2, 3, 4, 5
 """Versions of the table: the first datagrams, the first logs that can be replayed, and those since
-a trend and an anchor. A new field gets a new version and stands at the end of its datagram or log
-line, where every older reader leaves it out."""
+a trend, an anchor and a boundary that moves. A new field gets a new version and stands at the end
+of its datagram or log line, where every older reader leaves it out."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def _verdict(name: str, kind: type, **more: Any) -> ReportField:
 
 def _log(name: str, kind: type, filled: str, **more: Any) -> ReportField:
     """What only log lines have."""
-    return ReportField(name, kind, filled, since=REPLAYABLE, v2=False, **more)
+    return ReportField(name, kind, filled, since=more.pop("since", REPLAYABLE), v2=False, **more)
 
 
 FIELDS = (
@@ -125,6 +125,7 @@ FIELDS = (
     _log("texture_s", float, "judgement.texture_s", unit="s"),
     _log("left", str, "left", nullable=False),
     _log("right", str, "right", nullable=False),
+    _log("boundary", float, "judgement.boundary", since=WITH_BOUNDARY),
 )
 """All of them, in the order in which they are written."""
 V1_FIELDS = tuple(each for each in FIELDS if each.v1)

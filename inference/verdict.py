@@ -51,8 +51,11 @@ class Detection:
     contact_s : float or None
         Seconds until the distance is 0 at that speed, if it falls.
     decision_values : array of float64, shape (n_patches, n_outputs), or None
+        Less the boundary.
     features : array of float64, shape (n_patches, dim), or None
         What the decision values come from.
+    boundary : float or None
+        Where water ended in this frame, where that moves (`tokt.models.water`).
     fault : Fault
         Why the frame could not be judged; empty when it was.
     vetoes_clear : bool
@@ -71,6 +74,7 @@ class Detection:
     contact_s: float | None = None
     decision_values: F64 | None = None
     features: F64 | None = None
+    boundary: float | None = None
     fault: Fault = NO_FAULT
     vetoes_clear: bool = False
     note: str = ""

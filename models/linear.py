@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,11 +102,8 @@ class LinearModel:
             As in `LinearModel`.
         """
         svc, scaler = pipeline.named_steps["svc"], pipeline.named_steps.get("scaler")
-        if (nystroem := pipeline.named_steps.get("map")) is not None:
-            limit, landmarks = float(scaler.feature_range[1]), np.array(nystroem.components_)
-            mapped = NystroemMap(
-                scaler.scale_, scaler.min_, limit, landmarks, float(nystroem.gamma)
-            )
+        if (mapped := map_of(pipeline)) is not None:
+            nystroem = pipeline.named_steps["map"]
             weights = np.asarray(svc.coef_ @ nystroem.normalization_, np.float64)
             return cls(weights, svc.intercept_, thresholds, classes, obstacle, mapped)
         mean, scale = np.zeros(svc.coef_.shape[1]), np.ones(svc.coef_.shape[1])
@@ -153,13 +151,52 @@ class LinearModel:
     def obstacle_score(self, values: F64) -> F64:
         """How far each patch is on the obstacle side; above 0 exactly where it is one.
 
-        With several classes: the best obstacle class's excess over the best clear one's. A tie
-        at 0 is decided as `predicted` decides it, by the order of the classes.
+        A tie at 0 is decided as `predicted` decides it, by the order of the classes.
         """
-        excess = values - self.thresholds
-        flags = np.asarray(self.obstacle, bool)
-        if flags.all() or not flags.any():
-            return np.full(len(values), np.inf if flags.all() else -np.inf)
-        if excess.shape[1] == 1:
-            return excess[:, 0]
-        return np.asarray(excess[:, flags].max(axis=1) - excess[:, ~flags].max(axis=1))
+        return obstacle_score(values - self.thresholds, self.obstacle)
+
+
+def map_of(pipeline: Any) -> NystroemMap | None:
+    """The map of a fitted scikit-learn pipeline, as for `LinearModel.from_pipeline`, if it has one.
+
+    Parameters
+    ----------
+    pipeline : sklearn.pipeline.Pipeline
+    """
+    if (nystroem := pipeline.named_steps.get("map")) is None:
+        return None
+    scaler = pipeline.named_steps["scaler"]
+    limit, landmarks = float(scaler.feature_range[1]), np.array(nystroem.components_)
+    return NystroemMap(scaler.scale_, scaler.min_, limit, landmarks, float(nystroem.gamma))
+
+
+def obstacle_score(excess: F64, obstacle: Sequence[bool]) -> F64:
+    """With several classes the best obstacle class's excess over the best clear one's.
+
+    Parameters
+    ----------
+    excess : array of float64, shape (n_patches, n_outputs)
+        Decision values over their thresholds.
+    obstacle : sequence of bool
+        For each class whether it is an obstacle.
+    """
+    flags = np.asarray(obstacle, bool)
+    if flags.all() or not flags.any():
+        return np.full(len(excess), np.inf if flags.all() else -np.inf)
+    if excess.shape[1] == 1:
+        return excess[:, 0]
+    return np.asarray(excess[:, flags].max(axis=1) - excess[:, ~flags].max(axis=1))
+
+
+def moved(values: F64, boundary: F64 | float, obstacle: Sequence[bool]) -> F64:
+    """Decision values whose obstacle score is less by `boundary`, shape (n_patches, n_outputs).
+
+    Parameters
+    ----------
+    values : array of float64, shape (n_patches, n_outputs)
+    boundary : float, or array of float64, shape (n_patches, 1)
+    obstacle : sequence of bool
+        For each class whether it is an obstacle.
+    """
+    sides = np.ones(1) if values.shape[1] == 1 else np.asarray(obstacle, np.float64)
+    return np.asarray(values - boundary * sides)

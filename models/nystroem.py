@@ -6,6 +6,9 @@ import numpy as np
 
 from tokt.features.common.arrays import F64
 
+FAR = 6.0
+"""Standard deviations beyond which a feature is as far off as can be."""
+
 
 @dataclass(frozen=True)
 class NystroemMap:
@@ -64,10 +67,25 @@ class NystroemMap:
         """
         if not np.isfinite(features).all():
             raise ValueError("a feature is not finite")
-        with np.errstate(over="ignore"):  # limited below
-            scaled = np.clip(features * self.scale + self.offset, -self.limit, self.limit)
-        squares = (scaled**2).sum(axis=1)[:, None] + (self.landmarks**2).sum(axis=1)
-        squares -= 2 * (scaled @ self.landmarks.T)
-        np.maximum(squares, 0, out=squares)
+        squares = self._squares(self._scaled(features, self.limit))
         squares *= -self.gamma
         return np.asarray(np.exp(squares, out=squares))
+
+    def distance(self, features: F64) -> F64:
+        """How far each patch is from the nearest landmark, shape (n,), of features (n, dim).
+
+        The root of the mean square over the features, in standard deviations; a feature counts
+        up to `FAR` of them.
+        """
+        nearest = self._squares(self._scaled(features, max(FAR, self.limit))).min(axis=1)
+        return np.asarray(np.sqrt(nearest / self.dim))
+
+    def _scaled(self, features: F64, limit: float) -> F64:
+        with np.errstate(over="ignore"):  # limited
+            return np.asarray(np.clip(features * self.scale + self.offset, -limit, limit))
+
+    def _squares(self, scaled: F64) -> F64:
+        """Squared distance to each landmark."""
+        squares = (scaled**2).sum(axis=1)[:, None] + (self.landmarks**2).sum(axis=1)
+        squares -= 2 * (scaled @ self.landmarks.T)
+        return np.asarray(np.maximum(squares, 0, out=squares))

@@ -18,6 +18,8 @@ import numpy as np
 from tokt.features.common.arrays import F64, Bools
 from tokt.features.common.errors import ToktError
 
+from .water import WaterPrior
+
 OBSTACLE, CLEAR, UNKNOWN = 1, 0, -1
 """The statuses, as datagrams carry them."""
 MAX_WINDOW = 60
@@ -132,14 +134,29 @@ class OperatingPoint:
     chosen : mapping
         JSON: the stated rate, what the data showed of it and the bound it gives. Empty where
         nothing was chosen.
+    water : WaterPrior or None
+        Where the boundary moves with the water, what that starts from; None where it stays at 0.
+    unlike : float or None
+        The distance to the nearest landmark above which no clear patch is believed
+        (`NystroemMap.distance`); None without a map.
     """
 
     rule: MofNRule = field(default_factory=MofNRule)
     chosen: Mapping[str, Any] = field(default_factory=dict)
+    water: WaterPrior | None = None
+    unlike: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.unlike is not None and not (
+            _is_number(self.unlike) and 0 < self.unlike < MAX_MARGIN
+        ):
+            raise ToktError(f"a distance to landmarks is above 0, not {self.unlike!r}")
 
     def to_json(self) -> dict[str, Any]:
-        """Plain JSON form: the rule's fields and `chosen`."""
-        return {**self.rule.to_json(), "chosen": dict(self.chosen)}
+        """Plain JSON form: the rule's fields, `chosen`, and what else there is."""
+        water = {} if self.water is None else {"water": self.water.to_json()}
+        unlike = {} if self.unlike is None else {"unlike": self.unlike}
+        return {**self.rule.to_json(), "chosen": dict(self.chosen), **water, **unlike}
 
     @classmethod
     def from_json(cls, value: Any) -> OperatingPoint:
@@ -152,8 +169,10 @@ class OperatingPoint:
         """
         if not isinstance(value, Mapping) or not isinstance(value.get("chosen"), Mapping):
             raise ToktError("an operating point is a frame rule with how it was chosen")
-        rule = {name: part for name, part in value.items() if name != "chosen"}
-        return cls(MofNRule.from_json(rule), value["chosen"])
+        rest = dict(value)
+        chosen, unlike = rest.pop("chosen"), rest.pop("unlike", None)
+        water = WaterPrior.from_json(rest.pop("water")) if "water" in rest else None
+        return cls(MofNRule.from_json(rest), chosen, water, unlike)
 
 
 def frame_step(numbers: Iterable[int]) -> int:

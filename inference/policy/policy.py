@@ -47,12 +47,15 @@ class Judgement:
         What the texture model looked at, also where the verdict comes from elsewhere.
     texture_s : float or None
         Seconds that the texture detector took, where the verdict depends on it.
+    boundary : float or None
+        As of `Detection`.
     """
 
     verdict: Verdict
     decision_values: F64 | None = None
     features: F64 | None = None
     texture_s: float | None = None
+    boundary: float | None = None
 
 
 class Policy(Protocol):
@@ -75,16 +78,20 @@ def guarded(detector: Detector, frame: Frame) -> Detection:
 
 
 def _judgement(detection: Detection, health: str, reason: Reason) -> Judgement:
+    behind = {name: getattr(detection, name) for name in _BEHIND}
     if detection.mask is None:
-        verdict = unknown_verdict(Fault(reason, health))
-        return Judgement(verdict, detection.decision_values, detection.features)
+        return Judgement(unknown_verdict(Fault(reason, health)), **behind)
     verdict = verdict_from_mask(
         detection.mask, detection.method, detection.model, detection.distance_m, health
     )
     whole = replace(
         verdict, closing_m_s=detection.closing_m_s, contact_s=detection.contact_s, reason=reason
     )
-    return Judgement(whole, detection.decision_values, detection.features)
+    return Judgement(whole, **behind)
+
+
+_BEHIND = ("decision_values", "features", "boundary")
+"""What a judgement has of a detection besides its verdict."""
 
 
 def _not_clear(judgement: Judgement) -> Judgement:
@@ -178,7 +185,9 @@ class FallbackPolicy:
         self._unasked = 0
         health = health_of(_unable(first), _unable(second))
         judgement = _judgement(second, health, _reason(first, second))
-        judgement = replace(judgement, features=found.features, texture_s=took_s)
+        judgement = replace(
+            judgement, features=found.features, texture_s=took_s, boundary=found.boundary
+        )
         return _not_clear(judgement) if first.vetoes_clear else judgement
 
     def _in_time(self, found: Detection, took_s: float) -> Detection:
@@ -216,7 +225,7 @@ class EitherPolicy:
         if first.mask is None or second.mask is None:
             able = second if first.mask is None else first
             judgement = _judgement(able, health, _reason(first, second))
-            judgement = replace(judgement, features=first.features)
+            judgement = replace(judgement, features=first.features, boundary=first.boundary)
             warned = first.vetoes_clear or second.vetoes_clear
             return _not_clear(judgement) if warned else judgement
         joined = replace(

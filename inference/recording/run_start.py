@@ -113,6 +113,8 @@ class RunStart:
         Where frames are recorded.
     anchor : float or None
         Share of the picture at which an object is to be held.
+    fixed_boundary : bool
+        Whether the boundary was left where training put it.
     software : mapping
         As `software` gives it.
     """
@@ -134,6 +136,7 @@ class RunStart:
     frame_rule: Mapping[str, Any] | None = None
     record: str | None = None
     anchor: float | None = None
+    fixed_boundary: bool = False
     software: Mapping[str, str] = field(default_factory=software)
 
     @classmethod
@@ -183,7 +186,7 @@ def _text(value: Any) -> str:
     return value
 
 
-_LATER = {"model_note": "", "anchor": None}
+_LATER = {"model_note": "", "anchor": None, "fixed_boundary": False}
 """What the first logs do not have."""
 _READ: dict[str, Callable[[Any], Any]] = {
     "str": _text,

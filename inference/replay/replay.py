@@ -93,7 +93,9 @@ class Replay:
                 if assembly.texture is None:
                     words = "a model was exchanged where the policy has none"
                     raise ToktError(f"{self.run.path}: {words}")
-                assembly.texture.put(TextureDetector(self.models[logged.model.sha256]))
+                model = self.models[logged.model.sha256]
+                fixed = self.run.start.fixed_boundary
+                assembly.texture.put(TextureDetector(model, fixed_boundary=fixed))
                 history.begin_model(_window(assembly))
             exchanged = logged.exchanged
             frame, why_not = self._shown(logged)
@@ -113,7 +115,12 @@ class Replay:
         if self.other is None and start.model is None and not start.model_fault:
             load = None
         anchor = None if start.anchor is None else Anchor(start.anchor)
-        assembly = assemble(start.policy, load, self.stereo, stopwatch=stopwatch, anchor=anchor)
+        assembly = assemble(
+            *(start.policy, load, self.stereo),
+            stopwatch=stopwatch,
+            anchor=anchor,
+            fixed_boundary=start.fixed_boundary,
+        )
         if assembly.texture is not None:
             assembly.texture.note = start.model_note
         return assembly
@@ -229,11 +236,11 @@ class _History:
 
 
 def _window(assembly: Assembly) -> int:
-    """Frames that the model's rule looks at."""
+    """Frames that the model looks at: its rule, and its state of the water."""
     detector = None if assembly.texture is None else assembly.texture.detector
     if not isinstance(detector, TextureDetector):
         return 1
-    return detector.scorer.operating_point.rule.n
+    return detector.window_frames
 
 
 @dataclass

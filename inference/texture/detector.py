@@ -24,7 +24,9 @@ from tokt.inference.verdict import (
     Detection,
     Detector,
 )
+from tokt.models.linear import moved
 from tokt.models.operating_point import MofNRule, MofNState
+from tokt.models.water import WaterState
 
 if TYPE_CHECKING:
     from tokt.models.bundle.bundle import Bundle
@@ -148,20 +150,31 @@ class TextureDetector:
         Or what has as much of one as this class asks for.
     threads : int
         How many threads share one frame's rows of patches; the verdict does not depend on it.
+    fixed_boundary : bool
+        Leave the boundary at 0, also of a model whose boundary moves with the water.
     """
 
     method = TEXTURE
 
-    def __init__(self, scorer: Bundle, threads: int = 1) -> None:
+    def __init__(self, scorer: Bundle, threads: int = 1, fixed_boundary: bool = False) -> None:
         self.scorer = scorer
         self.threads = threads
         self._rule = MofNRun(scorer.operating_point.rule)
+        self._water = WaterState(None if fixed_boundary else scorer.operating_point.water)
         known = scorer.distribution is not None
         self._least_detail = _least_detail(scorer.golden.frames) if known else 0.0
+
+    @property
+    def window_frames(self) -> int:
+        """How many of the last frames decide about one, itself among them."""
+        frames = self._water.prior.frames if self._water.prior else 1
+        # Each of the rule's frames has its own boundary.
+        return self._rule.rule.n + frames - 1
 
     def detect(self, frame: Frame) -> Detection:
         """Judge the left picture."""
         self._rule.begin(frame.missed)
+        self._water.begin(frame.missed)
         if frame.left is None:
             return self._unjudged(
                 frame.left_fault or Fault(Reason.MISSING, "there is no left frame")
@@ -184,13 +197,18 @@ class TextureDetector:
         if not np.isfinite(values).all():
             words = "the model gave a decision value that is not finite"
             return self._unjudged(Fault(Reason.NOT_FINITE, words))
+        model, boundary = self.scorer.model, None
+        if self._water.prior is not None:
+            boundary = self._water.judge(model.obstacle_score(values))
+            values = moved(values, boundary, model.obstacle)
         found = self._ruled(values, *gray.shape)
         fault = self._unlike_training(frame.left, features)
+        fault = fault or self._never_learnt(features[~model.obstacle_patches(values)])
         if fault:
             self._rule.doubt()
             if found.mask is None or not found.mask.any():
                 found = replace(found, mask=None, fault=fault, vetoes_clear=True)
-        return replace(found, features=features)
+        return replace(found, features=features, boundary=boundary)
 
     def _unlike_training(self, picture: U8, features: F64) -> Fault:
         """Why the model says nothing where it sees nothing in such a frame, or an empty string."""
@@ -206,6 +224,19 @@ class TextureDetector:
             words = f"the frame is blurred, enlarged or compressed (fine detail {detail:.2f}, "
             return Fault(Reason.DRIFT, f"{words}{self._least_detail:.2f} needed)")
         return NO_FAULT
+
+    def _never_learnt(self, clear: F64) -> Fault:
+        """Whether one of these clear patches is unlike all that the model learnt from."""
+        limit = self.scorer.operating_point.unlike
+        if limit is None or self.scorer.model.map is None or not len(clear):
+            return NO_FAULT
+        farthest = float(self.scorer.model.map.distance(clear).max())
+        if farthest <= limit:
+            return NO_FAULT
+        words = (
+            f"a patch is unlike all that was learnt (distance {farthest:.2f}, limit {limit:.2f})"
+        )
+        return Fault(Reason.NOVEL, words)
 
     def _ruled(self, values: F64, height: int, width: int) -> Detection:
         """What the decision values of a frame resized to `height` x `width` come to."""

@@ -24,7 +24,8 @@ Reading has three acts that do not mix: *parse* the archive into plain values, *
 shape and bound, and only then *construct* and recompute the golden values. No pickle anywhere.
 
 Format 1 has no ``operating_point``: any one patch over its threshold is an obstacle at once.
-Formats 1 and 2 have no ``distribution.npz``, formats 1 to 3 no map.
+Formats 1 and 2 have no ``distribution.npz``, formats 1 to 3 no map, and in their operating point
+neither a prior of the water nor a distance to landmarks.
 
 To change the format: raise FORMAT_VERSION, keep the reader of the old one, and prove with a file
 of the old one in a test that it still loads.
@@ -54,9 +55,10 @@ from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import decode_image
 from tokt.features.kernels.quantization import Quantization
 from tokt.models.distribution import Distribution
-from tokt.models.linear import LinearModel
+from tokt.models.linear import LinearModel, moved
 from tokt.models.nystroem import NystroemMap
 from tokt.models.operating_point import OBSTACLE, MofNState, OperatingPoint
+from tokt.models.water import WaterState
 
 from .signature import MEMBER as SIGNATURE
 from .signature import Signature, signature_from_bytes
@@ -210,9 +212,12 @@ class Bundle(BundleContent):
         golden, rule = self.golden, self.operating_point.rule
         shown = golden.decision_values[golden.obstacle.any(axis=1)]
         for values in shown:
-            scores, state = self.model.obstacle_score(values), MofNState(rule)
-            if OBSTACLE in [state.add(scores) for _ in range(rule.n)]:
-                return ""
+            state, water = MofNState(rule), WaterState(self.operating_point.water)
+            scores = self.model.obstacle_score(values)
+            for _ in range(rule.n):
+                water.begin()
+                if state.add(scores - water.judge(scores)) == OBSTACLE:
+                    return ""
         if not len(shown):
             return ""
         return f"it warns of no golden frame with obstacle patches (status 1 with {rule.words()})"
@@ -254,6 +259,13 @@ class Bundle(BundleContent):
     def values_of(self, features: F64) -> F64:
         """Decision values, shape (n_patches, n_outputs), of features of (n_patches, dim)."""
         return self.model.decision_values(features)
+
+    def values_alone(self, features: F64) -> F64:
+        """The same of a run's only frame: less the boundary that its own values give."""
+        values, water = self.values_of(features), WaterState(self.operating_point.water)
+        water.begin()
+        boundary = water.judge(self.model.obstacle_score(values))
+        return moved(values, boundary, self.model.obstacle)
 
 
 def _zip(members: Mapping[str, bytes]) -> bytes:
@@ -573,11 +585,15 @@ def _classes_from(value: Any) -> tuple[tuple[str, ...], tuple[bool, ...]]:
     return tuple(_text(item["name"]) for item in value), tuple(item["obstacle"] for item in value)
 
 
-def _operating_point(manifest: Mapping[str, Any], grid: Grid) -> OperatingPoint:
+def _operating_point(manifest: Mapping[str, Any], grid: Grid, model: LinearModel) -> OperatingPoint:
     """The manifest's; a rule that no frame could meet is refused."""
     if "operating_point" not in manifest:
         return OperatingPoint()
     point = OperatingPoint.from_json(manifest["operating_point"])
+    if point.unlike is not None and model.map is None:
+        raise ToktError("a distance to landmarks, and no landmarks")
+    if point.water is not None and len(set(model.obstacle)) < 2:
+        raise ToktError("a prior of water and obstacles, and classes of one side")
     if point.rule.min_patches > grid.n_patches:
         asked = f"{point.rule.min_patches} of {grid.n_patches} patches"
         raise ToktError(f"its frame rule asks for {asked}")
@@ -600,18 +616,19 @@ def _check_content(
         names, obstacle = _classes_from(manifest["classes"])
         grid, metrics = Grid.from_json(manifest["grid"]), _object(manifest["metrics"])
         _object(metrics.get("patch", {}))  # cards and changed flags take that for granted
+        model = LinearModel(**arrays, classes=names, obstacle=obstacle)
         return BundleContent(
             name=_text(manifest["name"]),
             version=_text(manifest["version"]),
             extractor_spec=_object(manifest["extractor"]),
             grid=grid,
-            model=LinearModel(**arrays, classes=names, obstacle=obstacle),
+            model=model,
             provenance=_object(manifest["provenance"]),
             metrics=metrics,
             golden=golden,
             trained_on=trained_on,
             card=members["card.md"].decode("utf-8"),
-            operating_point=_operating_point(manifest, grid),
+            operating_point=_operating_point(manifest, grid, model),
             distribution=distribution,
         )
     except (ToktError, TypeError, ValueError) as error:

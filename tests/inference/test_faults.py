@@ -145,6 +145,32 @@ def test_a_gray_frame_for_a_model_that_looks_at_colours():
     )
 
 
+class Learnt(NoiseScorer):
+    """The same with landmarks: all that it knows is as even as open water."""
+
+    @property
+    def map(self):
+        """Itself."""
+        return self
+
+    def distance(self, features):
+        """How far from even."""
+        return np.abs(features[:, 0] - 1.9)
+
+
+def test_a_patch_unlike_all_that_was_learnt():
+    """Too even for an obstacle, and unlike water."""
+    scorer = Learnt(operating_point=OperatingPoint(unlike=0.9))
+    dive = Dive(scorer=scorer)
+    with dive.fault_between():
+        cloth = draw([], 300).astype(np.float64)
+        cloth[60:120, 90:200] += RNG.normal(0, 3, (60, 110))
+        dive.give("fault", cloth.astype(np.uint8))
+    row(
+        "a thing that a model never learnt, clear to it", finish(dive), "frames by reason: novel +1"
+    )
+
+
 def unlike_training() -> dict[str, np.ndarray]:
     """Clear water as a model did not learn it, by the fault's name."""
     plain = draw([], 300)

@@ -10,13 +10,14 @@ from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import pixel_sha256
 from tokt.features.frames.mission import LEFT, Mission, format_frames
-from tokt.inference.policy.policy import judge_image
-from tokt.inference.texture.detector import min_mask_patches
+from tokt.inference.frame import Frame
+from tokt.inference.policy.policy import SinglePolicy
+from tokt.inference.texture.detector import TextureDetector, min_mask_patches
 from tokt.labels.merge import merge_annotators
 from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.bundle.bundle import Bundle, frame_id
-from tokt.models.operating_point import frame_step
+from tokt.models.operating_point import MAX_WINDOW, frame_step, missed_before
 from tokt.training.datasets.mission_source import LabelledMission
 from tokt.training.datasets.splits import BLOCK_FRAMES, block_of
 from tokt.training.evaluation.approaches import NOTHING_STATED, AtSea, known_distances
@@ -72,17 +73,20 @@ def check_unseen(
 
 
 def _score(
-    bundles: Sequence[Bundle], images: Iterable[tuple[int, U8]]
+    bundles: Sequence[Bundle], images: Iterable[tuple[int, U8]], missed: Sequence[int]
 ) -> tuple[list[list[F64]], list[list[bool]], int]:
     """Each model's decision values of whole frames, and whether the runtime would judge these.
 
-    And the patches that it takes to bring a mask's mean over the thesis's limit.
+    The frames are of one run, with `missed` before each. And the patches that it takes to bring a
+    mask's mean over the thesis's limit.
     """
     values: list[list[F64]] = [[] for _ in bundles]
     judged: list[list[bool]] = [[] for _ in bundles]
-    for number, image in images:
-        for bundle, its_values, its_judged in zip(bundles, values, judged, strict=True):
-            found = judge_image(bundle, image).decision_values
+    runs = [SinglePolicy(TextureDetector(bundle)) for bundle in bundles]
+    for (number, image), gap in zip(images, missed, strict=True):
+        frame = Frame(number, 0.0, image, None, missed=gap)
+        for bundle, run, its_values, its_judged in zip(bundles, runs, values, judged, strict=True):
+            found = run.judge(frame).decision_values
             its_judged.append(found is not None)
             its_values.append(unjudged_values(bundle, image, number) if found is None else found)
     grid = bundles[0].grid
@@ -180,6 +184,7 @@ def predict_missions(
     _check_grids(bundles)
     sure: list[LabelRecord] = []
     keys: list[tuple[str, int]] = []
+    missed: list[int] = []
     series, what, unsure, ranges = [], [], 0, {}
     by_name = {one.name: one.mission for one in sorted(missions, key=lambda one: one.name)}
     records = {one.name: one.records for one in missions}
@@ -194,7 +199,9 @@ def predict_missions(
         check_unseen(bundles, mission, numbers, progress)
         table = _frames(name, numbers, merged, taxonomy, bundles[0].grid.n_patches)
         ranges[name] = known_distances(mission, labelled_approaches(table), stated, progress)
-        series.append(FrameSeries.of(table, frame_step(mission.frames(LEFT))))
+        step = frame_step(mission.frames(LEFT))
+        series.append(FrameSeries.of(table, step))
+        missed += [MAX_WINDOW, *missed_before(numbers, step)[1:]]  # each mission is a run
         keys += [(name, number) for number in numbers]
         what.append(f"mission {mission.name}, frames {format_frames(numbers)}")
         sure, unsure = sure + mine, unsure + len(merged) - len(mine)
@@ -202,7 +209,7 @@ def predict_missions(
     truth = np.array([taxonomy.is_obstacle(label) for label in patches.label], bool)
     scored = progress(keys, len(keys), "scoring")
     images = ((number, by_name[name].read(number, LEFT)) for name, number in scored)
-    values, judged, white = _score(bundles, images)
+    values, judged, white = _score(bundles, images, missed)
     place = {key: index for index, key in enumerate(keys)}
     places = np.array([place[record.mission, record.frame] for record in sure])
     return ComparedModels(

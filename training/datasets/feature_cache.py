@@ -35,7 +35,12 @@ def _source_hash() -> str:
     return digest.hexdigest()
 
 
-def feature_key(dataset: DatasetVersion, spec: dict[str, Any], augmentation: str = "") -> str:
+def feature_key(
+    dataset: DatasetVersion,
+    spec: dict[str, Any],
+    augmentation: str = "",
+    whole_frames: bool = False,
+) -> str:
     """A name for a dataset's features: another one whenever they might come out otherwise.
 
     It covers the dataset, the spec, this code and the versions of the libraries that compute.
@@ -46,6 +51,8 @@ def feature_key(dataset: DatasetVersion, spec: dict[str, Any], augmentation: str
     if augmentation:
         code = Path(augmentations.__file__).read_bytes()
         parts += [augmentation, hashlib.sha256(code).hexdigest()]
+    if whole_frames:
+        parts.append("whole frames")
     return json_sha256(parts)[:24]
 
 
@@ -81,6 +88,7 @@ def cached_features(
     jobs: int = -1,
     dask: str | None = None,
     augmentation: str = "",
+    whole_frames: bool = False,
 ) -> F64:
     """Features of every patch of a dataset, in the order of ``dataset.patches``.
 
@@ -100,18 +108,24 @@ def cached_features(
         result does not depend on it either.
     augmentation : str
         Name of an augmentation (`augmentations`) that every frame goes through first.
+    whole_frames : bool
+        All patches of the labelled frames instead, labelled or not: frames by mission, camera and
+        number, their patches by row and column.
 
     Returns
     -------
     numpy.ndarray
         float64, shape (n_patches, dim), memory-mapped read-only.
     """
-    path = cache / f"{dataset.name}-{feature_key(dataset, spec, augmentation)}.npy"
-    shape = (len(dataset.patches), build_extractor(spec).dim)
+    key = feature_key(dataset, spec, augmentation, whole_frames)
+    path, tasks = cache / f"{dataset.name}-{key}.npy", _tasks(dataset, spec, augmentation)
+    if whole_frames:
+        tasks = _whole(tasks, dataset.grid)
+    shape = (sum(len(rows) for rows, _ in tasks), build_extractor(spec).dim)
     table = _cached(path, shape)
     if table is None:
         what = f"features, {augmentation}" if augmentation else "features"
-        _compute(_tasks(dataset, spec, augmentation), path, shape, what, progress, jobs, dask)
+        _compute(tasks, path, shape, what, progress, jobs, dask)
         table = _cached(path, shape)
     if table is None:
         raise ToktError(f"feature cache {path} cannot be read back; is the disk full?")
@@ -129,11 +143,20 @@ def _tasks(
         tuple(key): (folder / file, digest)
         for *key, file, digest in columns.itertuples(index=False, name=None)
     }
-    groups = patches.groupby(keys, sort=False).indices
+    groups = patches.groupby(keys).indices
     cells = (patches.row * grid.cols + patches.col).to_numpy()
     return [
         (rows, (*stored[key], cells[rows], spec, grid, augmentation))
-        for key, rows in groups.items()
+        for key, rows in sorted(groups.items())
+    ]
+
+
+def _whole(tasks: list[tuple[I64, _DescribeTask]], grid: Grid) -> list[tuple[I64, _DescribeTask]]:
+    """The same frames with all their patches, a row each in the frames' order."""
+    every = np.arange(grid.n_patches, dtype=np.int64)
+    return [
+        (index * grid.n_patches + every, (*task[:2], every, *task[3:]))
+        for index, (_, task) in enumerate(tasks)
     ]
 
 

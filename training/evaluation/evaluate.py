@@ -112,7 +112,7 @@ def unjudged_values(bundle: Bundle, image: U8, number: int) -> F64:
         If they cannot be described.
     """
     try:
-        return bundle.decision_values(image)
+        return bundle.values_alone(bundle.features(image))
     except (ToktError, ValueError) as error:
         raise ToktError(
             f"frame {number} cannot be scored: {error} (--frames leaves it out)"

@@ -22,9 +22,11 @@ from tokt.training.evaluation.metrics import obstacle_metrics
 from tokt.training.parallel import mapped
 
 from .choose_operating_point import FalseStatusTarget
-from .cross_validation import Split, Tables, tested_values
+from .classifier import decision_values
+from .cross_validation import Split, fit_rows
 from .presets import Hyperparameters, TrainingSettings
 from .train import Trained, TrainRequest
+from .whole_frames import WholeFrames
 
 COUNTS = (1, 2, 3, 5, 8, 13, 21)
 """Labelled frames of the new dive that a point of the curve is learnt from; a third are left."""
@@ -33,9 +35,6 @@ _SMALL = 0.01  # of F1
 _MOST = 0.75  # of the orders
 _CELL = ["mission", "camera", "frame", "row", "col"]
 _FIGURES = ("f1", "average_precision", "precision", "recall", "false_positive", "false_negative")
-
-Scoring = Callable[[F64, I64], F64]
-"""Decision values of a dive's patches, and their frame numbers: gives obstacle scores."""
 
 
 @dataclass(frozen=True)
@@ -143,10 +142,14 @@ class _NewDive:
     """
 
     def __init__(
-        self, known: KnownModel, trained: Trained, name: str, tables: Tables, score: Scoring
+        self,
+        known: KnownModel,
+        request: TrainRequest,
+        name: str,
+        tables: list[F64],
+        whole: WholeFrames | None,
     ) -> None:
-        request = trained.request
-        self.known, self.score, self.dataset = known, score, request.dataset
+        self.known, self.dataset = known, request.dataset
         self.patches, self.targets = self.dataset.patches, self.dataset.targets()
         self.obstacle = np.asarray(self.dataset.obstacle_flags(), bool)[self.targets]
         mine = (self.patches.mission == name).to_numpy()
@@ -161,16 +164,22 @@ class _NewDive:
             same = np.isin(self.frames, numbers)
             unseen &= ~np.outer(same, same)
         self.unseen = unseen & self.testable
-        self._tables, self._dives = tables, request.split.dives(self.patches)
-        self.before = self.scores(
-            known.bundle.model.decision_values(tables[0][self.rows]), self.rows
-        )
+        self._rest = known.settings, tables[1:], request.split.dives(self.patches)
+        self._features, self._whole = tables[0], whole
+        model, prior = known.bundle.model, known.bundle.operating_point.water
+        values = model.decision_values(tables[0][self.rows])
+        if whole is not None:
+            part = whole.part(self.rows)
+            frames = np.unique(part.frame)
+            found = part.features[frames]
+            every = model.decision_values(found.reshape(-1, found.shape[2]))
+            values = part.moved(frames, every.reshape(*found.shape[:2], -1), prior)
+        self.before = self.scores(values, self.rows)
 
     def scores(self, values: F64, rows: I64) -> F64:
         """Obstacle scores of the dive's patches; NaN of those without a value."""
         found = np.full(len(self.rows), np.nan)
-        scores = self.score(values, self.patches.frame.to_numpy()[rows])
-        found[np.searchsorted(self.rows, rows)] = scores
+        found[np.searchsorted(self.rows, rows)] = self.known.bundle.model.obstacle_score(values)
         return found
 
     def fold(self, learnt: frozenset[int]) -> Fold:
@@ -188,15 +197,24 @@ class _NewDive:
             yield Fold(np.sort(np.concatenate([self.old_rows[fold.train], mine])), test)
 
     def task(self, fold: Fold, choice: Hyperparameters) -> tuple[Any, ...]:
-        """One fit, for `tested_values`."""
-        features, *augmented = self._tables
-        settings = self.known.settings
-        return features, self.targets, fold, choice, settings, augmented, self._dives
+        """One fit, for `_tested`."""
+        prior = self.known.bundle.operating_point.water
+        return self._features, self.targets, fold, choice, self._rest, self._whole, prior
 
     def both(self, after: F64) -> dict[str, Any]:
         """Figures of the old model and of another on the patches that the other has scored."""
         told = np.isfinite(after)
         return _both(self.obstacle[self.rows][told], self.before[told], after[told])
+
+
+def _tested(task: tuple[Any, ...]) -> F64:
+    """Decision values of a fold's test rows; where the boundary moves, over those frames of it."""
+    features, targets, fold, choice, (settings, augmented, dives), whole, prior = task
+    pipeline = fit_rows(features, targets, fold.train, choice, settings, augmented, dives)
+    if whole is None:
+        return decision_values(pipeline, features[fold.test])
+    judged: F64 = whole.part(fold.test).judged(pipeline, prior)
+    return judged
 
 
 def _both(truth: Bools, before: F64, after: F64) -> dict[str, Any]:
@@ -217,11 +235,11 @@ def adaptation(
     progress: Callable[..., Any],
     draws: int,
     jobs: int = -1,
-    score: Scoring | None = None,
 ) -> dict[str, Any]:
     """What learning a new dive too gained, what it cost, and what more labels would bring.
 
-    Nothing is chosen: fits have the model's own C, those of the old folds the folds'.
+    Nothing is chosen: fits have the model's own C, those of the old folds the folds'; a boundary
+    that moves with the water starts from the model's own prior.
 
     Parameters
     ----------
@@ -235,8 +253,6 @@ def adaptation(
         As for `train`.
     draws : int
         Orders, drawn with a fixed seed, in which the dive's frames are labelled.
-    score : Scoring, optional
-        By default the model's own obstacle score.
 
     Returns
     -------
@@ -244,14 +260,17 @@ def adaptation(
         JSON: mission, before (the model), labelled, gained (null where nothing can be told), lost
         (by old dive), curve (a dict a number of labelled frames), rate_unknown, words.
     """
-    data, spec, model = trained.request.dataset, known.bundle.extractor.spec, known.bundle.model
+    data, spec = trained.request.dataset, known.bundle.extractor.spec
+    moving = known.settings.moving_boundary
+    whole = WholeFrames.of(data, spec, cache, progress, jobs) if moving else None
     tables = [
-        cached_features(data, spec, cache, progress, jobs, augmentation=augmentation)
+        whole.rows
+        if whole and not augmentation
+        else cached_features(data, spec, cache, progress, jobs, augmentation=augmentation)
         for augmentation in ("", *known.settings.changes)
     ]
-    scoring = score or (lambda values, _: model.obstacle_score(values))
     with ThreadpoolController().limit(limits=1):
-        dive = _NewDive(known, trained, name, tables, scoring)
+        dive = _NewDive(known, trained.request, name, tables, whole)
         orders, frames = _orders(dive, known.bundle, draws), len(dive.frames)
         counts = [count for count in COUNTS if count <= frames - max(1, frames // 3)]
         others = [frozenset(np.flatnonzero(row).tolist()) for row in dive.unseen.T]
@@ -260,10 +279,11 @@ def adaptation(
         folds = {some: fold for some, fold in folds.items() if len(fold.test)}
         pairs = [(fold, known.choice) for fold in folds.values()]
         pairs += zip(dive.old_folds(), known.fold_choices, strict=True)
-        found = mapped(tested_values, [dive.task(*pair) for pair in pairs], jobs)
+        found = mapped(_tested, [dive.task(*pair) for pair in pairs], jobs)
         values = iter([*progress(found, len(pairs), "with and without the new dive")])
     by_learnt = {some: dive.scores(next(values), fold.test) for some, fold in folds.items()}
     by_learnt[frozenset()] = np.where(dive.testable[dive.place], dive.before, np.nan)
+    chosen = trained.operating_point.chosen
     told: dict[str, Any] = {
         "mission": name,
         "before": known.bundle.label,
@@ -276,8 +296,7 @@ def adaptation(
         "gained": _gained(dive, [by_learnt.get(some) if some else None for some in others]),
         "lost": _lost(dive, list(zip(dive.old_folds(), values, strict=True))),
         "curve": [_point(dive, count, orders, by_learnt) for count in (0, *counts)],
-        "rate_unknown": trained.operating_point["method"] == "none"
-        or name in trained.operating_point.get("rate_unknown_in", ()),
+        "rate_unknown": chosen["method"] == "none" or name in chosen.get("rate_unknown_in", ()),
     }
     return {**told, "words": _words(told)}
 
@@ -291,7 +310,9 @@ def _orders(dive: _NewDive, bundle: Bundle, draws: int) -> list[list[int]]:
     known = MissionSuggestions(
         dive.listed.camera.to_numpy(str),
         dive.listed.frame.to_numpy(np.int64),
-        np.stack([suggestions(bundle.model, rows).values for rows in described]),
+        np.stack(
+            [suggestions(bundle.model, bundle.values_alone(rows)).values for rows in described]
+        ),
         np.stack([np.r_[rows.mean(0), rows.std(0)] for rows in described]).astype(np.float32),
         len(bundle.model.classes) > 2,
     )

@@ -6,7 +6,7 @@ Before it, what cannot be learnt from or tested is refused; after it come the fi
 import ast
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
@@ -16,8 +16,9 @@ from sklearn.pipeline import Pipeline
 from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import format_frames
-from tokt.models.linear import LinearModel
+from tokt.models.linear import LinearModel, map_of, obstacle_score
 from tokt.models.operating_point import MofNRule
+from tokt.models.water import WaterPrior
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.splits import (
     Fold,
@@ -40,6 +41,7 @@ from .choose_operating_point import (
 )
 from .classifier import decision_values, fit_classifier, linear_model
 from .presets import Hyperparameters, TrainingSettings
+from .whole_frames import WholeFrames
 
 Tables = Sequence[F64]
 
@@ -209,10 +211,16 @@ class BestCandidate:
     choice : Hyperparameters
     values : array of float64, shape (n_patches, n_outputs)
         Its decision values of patches that were held out; NaN of others (`Split.cut`).
+    distance : array of float64, shape (n_patches,)
+        How far they were from the nearest landmark (`NystroemMap.distance`); NaN without a map.
+    prior : WaterPrior or None
+        Of these values before the boundary was moved by it; None where it was not.
     """
 
     choice: Hyperparameters
     values: F64
+    distance: F64
+    prior: WaterPrior | None
 
 
 def fit_rows(
@@ -257,6 +265,7 @@ def choose_hyperparameters(
     split: Split,
     augmented: Tables = (),
     jobs: int = 1,
+    whole: WholeFrames | None = None,
 ) -> BestCandidate:
     """The candidate with the best F1 (macro-F1 for several classes) of patches held out.
 
@@ -275,6 +284,8 @@ def choose_hyperparameters(
         Learnt from too, as in `fit_rows`; tested on is `features` alone.
     jobs : int
         Processes; -1 for one a core. The result does not depend on it.
+    whole : WholeFrames, optional
+        The patches' frames, over which the boundary moves.
 
     Raises
     ------
@@ -284,33 +295,69 @@ def choose_hyperparameters(
     folds, dives = split.cut(patches, targets, to_choose=True), split.dives(patches)
     parts = [*patches.groupby("mission").indices.values()] if split.by == DIVE else []
     tasks = [
-        (features, targets, fold, choice, settings, augmented, dives)
+        (features, targets, fold, choice, settings, augmented, dives, whole)
         for choice in settings.choices
         for fold in folds
     ]
-    results = map(tested_values, tasks) if jobs == 1 else mapped(tested_values, tasks, jobs)
+    results = map(_tested, tasks) if jobs == 1 else mapped(_tested, tasks, jobs)
     best, best_score = None, -np.inf
     for choice in settings.choices:
-        values = np.full((len(targets), _outputs(len(np.unique(targets)))), np.nan)
-        for fold in folds:
-            values[fold.test] = next(results)
+        found = [next(results) for _ in folds]
+        values, distance = _laid_out(targets, folds, found)
+        prior = None
+        if whole is not None and (prior := _prior(patches, targets, values, whole)):
+            for fold, one in zip(folds, found, strict=True):
+                values[fold.test] = whole.part(fold.test).moved(*one.whole, prior)
         score = _mean_f1(targets, values, parts)
         if best is None or score > best_score:
-            best, best_score = BestCandidate(choice, values), score
+            best, best_score = BestCandidate(choice, values, distance, prior), score
     if best is None:
         raise ValueError("settings hold no candidate")
     return best
 
 
-_Fit = tuple[F64, I64, Fold, Hyperparameters, TrainingSettings, Tables, NDArray[np.object_] | None]
-"""One fold of one candidate: features, targets, fold, choice, settings, augmented, dives."""
+_Dives = NDArray[np.object_] | None
+_Fit = tuple[F64, I64, Fold, Hyperparameters, TrainingSettings, Tables, _Dives, WholeFrames | None]
+"""One fold of one candidate: features, targets, fold, choice, settings, augmented, dives, whole."""
 
 
-def tested_values(task: _Fit) -> F64:
-    """Decision values of the fold's test rows."""
-    features, targets, fold, choice, settings, augmented, dives = task
+class _Tested(NamedTuple):
+    """Of a fold's test rows: decision values, distances, and the values of their whole frames."""
+
+    values: F64
+    distance: F64 | float
+    whole: tuple[I64, F64]
+
+
+def _tested(task: _Fit) -> _Tested:
+    features, targets, fold, choice, settings, augmented, dives, whole = task
     model = fit_rows(features, targets, fold.train, choice, settings, augmented, dives)
-    return decision_values(model, features[fold.test])
+    nystroem = map_of(model)
+    distance = np.nan if nystroem is None else nystroem.distance(features[fold.test])
+    if whole is None:
+        nothing = np.zeros(0, np.int64), np.zeros((0, 0, 0))
+        return _Tested(decision_values(model, features[fold.test]), distance, nothing)
+    part = whole.part(fold.test)
+    frames = part.values(model)
+    return _Tested(part.moved(*frames, None), distance, frames)
+
+
+def _laid_out(targets: I64, folds: Sequence[Fold], found: Sequence[_Tested]) -> tuple[F64, F64]:
+    """The folds' decision values and distances, a row a patch; NaN where none was tested."""
+    values = np.full((len(targets), _outputs(len(np.unique(targets)))), np.nan)
+    distance = np.full(len(targets), np.nan)
+    for fold, one in zip(folds, found, strict=True):
+        values[fold.test], distance[fold.test] = one.values, one.distance
+    return values, distance
+
+
+def _prior(
+    patches: pd.DataFrame, targets: I64, values: F64, whole: WholeFrames
+) -> WaterPrior | None:
+    tested, flags = rows_tested(values), np.asarray(whole.obstacle, bool)
+    scores = obstacle_score(values[tested], whole.obstacle)
+    dives = patches.mission.to_numpy()[tested]
+    return WaterPrior.of(scores, flags[targets[tested]], dives)
 
 
 def _outputs(classes: int) -> int:
@@ -348,6 +395,7 @@ def cross_validate(
     augmented: Tables = (),
     stress: Mapping[str, F64] | None = None,
     jobs: int = 1,
+    whole: Mapping[str, WholeFrames] | None = None,
 ) -> HeldOutPredictions:
     """Nested cross-validation: what is chosen is chosen inside the training part of each fold.
 
@@ -367,6 +415,9 @@ def cross_validate(
         By augmentation to test on beside.
     jobs : int
         As for `choose_hyperparameters`.
+    whole : mapping of str to WholeFrames, optional
+        By augmentation, ``""`` for none, of `features` and `stress`: the boundary then moves over
+        the frames of a fold, from the prior that its training part gives.
 
     Raises
     ------
@@ -375,7 +426,7 @@ def cross_validate(
         or all the same.
     """
     features = np.asarray(features)
-    stress = stress or {}
+    stress, whole = stress or {}, whole or {}
     for table in (features, *augmented, *stress.values()):
         check_features(dataset, table)
     patches, targets = dataset.patches, dataset.targets()
@@ -386,18 +437,23 @@ def cross_validate(
     choices, rules = [], []
     for index, fold in enumerate(progress(folds, len(folds), "cross-validation")):
         part = patches.iloc[fold.train], features[fold.train], targets[fold.train]
-        chosen = choose_hyperparameters(
-            *part, settings, split.inner, [table[fold.train] for table in augmented], jobs
-        )
+        learnt = [table[fold.train] for table in augmented]
+        frames = whole[""].part(fold.train) if whole else None
+        chosen = choose_hyperparameters(*part, settings, split.inner, learnt, jobs, frames)
         pipeline = fit_rows(
             features, targets, fold.train, chosen.choice, settings, augmented, dives
         )
         model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
         by_dive = split.by == DIVE
         rules.append(_inner_rule(dataset, fold.train, model, chosen.values, target, by_dive))
-        values[fold.test] = decision_values(pipeline, features[fold.test])
-        for name, table in stress.items():
-            stressed[name][fold.test] = decision_values(pipeline, table[fold.test])
+        for name, table, found in [("", features, values)] + [
+            (name, table, stressed[name]) for name, table in stress.items()
+        ]:
+            if name in whole:
+                part_of = whole[name].part(fold.test)
+                found[fold.test] = part_of.judged(pipeline, chosen.prior)
+            else:
+                found[fold.test] = decision_values(pipeline, table[fold.test])
         number[fold.test] = index
         choices.append(chosen.choice)
     return HeldOutPredictions(values, number, tuple(choices), tuple(rules), stressed)

@@ -1,4 +1,4 @@
-"""The distribution of a dataset's features, with limits of drift measured on held-back windows.
+"""When frames are unlike those learnt from: limits of drift and novelty, of held-back frames.
 
 A window is some consecutive frames of one mission and camera, as long as the blocks of frames that
 cross-validation holds out: what the runtime looks at, too. It is compared with all training patches
@@ -6,6 +6,8 @@ but its own and those near it (the gap that the split has; both cameras). Window
 frame, as the runtime's go along with the frames. Patches marked unsure are not in a dataset: the
 runtime sees them, the windows here do not.
 """
+
+from __future__ import annotations
 
 from dataclasses import dataclass
 
@@ -25,8 +27,47 @@ from tokt.models.distribution import (
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.evaluation.frame_scores import KEYS
 
+NOVEL_RATE = 0.01
+"""Part of the frames of known water that may be called unknown for a patch unlike all learnt."""
 _MIN_FILLED = 0.5
 """Part of the frames of the fullest window: a window at a gap in the labels may have fewer."""
+
+
+def novelty_limit(dataset: DatasetVersion, distance: F64) -> tuple[float | None, str]:
+    """The distance to the nearest landmark that clear patches of held-out frames stay below.
+
+    Of every dive's frames, each dive counting the same, `NOVEL_RATE` may have a farther one.
+
+    Parameters
+    ----------
+    dataset : DatasetVersion
+    distance : array of float64, shape (n_patches,)
+        `NystroemMap.distance` of held-out patches; NaN where one was not held out.
+
+    Returns
+    -------
+    float or None
+        None where there is no map, no whole frame, or no clear patch.
+    str
+        How it was found, in words.
+    """
+    clear = ~np.asarray(dataset.obstacle_flags(), bool)[dataset.targets()]
+    known = clear & np.isfinite(distance)
+    if dataset.block_frames is None or not known.any():
+        return None, ""
+    frames = dataset.patches[KEYS].assign(far=distance)[known].groupby(KEYS).far.max()
+    dives = frames.groupby("mission")
+    weight = 1 / dives.transform("size") / dives.ngroups
+    falling = frames.to_numpy().argsort()[::-1]
+    beyond = np.cumsum(weight.to_numpy()[falling])
+    limit = float(frames.to_numpy()[falling[np.searchsorted(beyond, NOVEL_RATE, side="right")]])
+    over = int((frames > limit).sum())
+    return limit, (
+        f"A frame in which a clear patch is farther than {limit:.2f} from all that was learnt is "
+        f"unknown: so were {over} of {len(frames)} held-out frames with water, at most "
+        f"{100 * NOVEL_RATE:g} % where each of {dives.ngroups} dives counts the same. Another "
+        "site's water can be farther in any frame."
+    )
 
 
 def training_distribution(

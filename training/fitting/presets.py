@@ -62,6 +62,9 @@ class TrainingSettings:
         Of that map's radial basis function, times the number of features.
     limit : float
         Standard deviations at which features are cut off before that map.
+    moving_boundary : bool
+        Whether the boundary moves with the water (`tokt.models.water`), where there are whole
+        frames.
     """
 
     preset: str
@@ -74,7 +77,8 @@ class TrainingSettings:
     change_weight: float = 1.0
     landmarks: int = 0
     gamma: float = 0.3
-    limit: float = 1.5
+    limit: float = 2.5
+    moving_boundary: bool = False
 
     @classmethod
     def logged(cls, parameters: Mapping[str, str]) -> Self:
@@ -116,7 +120,12 @@ PRESETS = {
         change_weight=0.05,
     ),
     "water": TrainingSettings(
-        "water", scale=True, penalties=(1.0, 3.0), two_images=False, landmarks=600
+        "water",
+        scale=True,
+        penalties=(0.5, 1.0),
+        two_images=False,
+        landmarks=600,
+        moving_boundary=True,
     ),
 }
 

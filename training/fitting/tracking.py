@@ -30,7 +30,6 @@ from tokt.models.bundle.bundle import (
     lineage_bytes,
     weights_bytes,
 )
-from tokt.models.operating_point import OperatingPoint
 from tokt.models.registry.registration import FILES_TAG, RegisteredVersion, files_tag
 from tokt.models.registry.registry import RECIPE_VERSION, Registry
 from tokt.models.signing.keys import SigningKey
@@ -113,7 +112,7 @@ def _recipe(trained: Trained, model_id: str) -> dict[str, Any]:
         "classes": [{"name": name, "obstacle": flag} for name, flag in pairs],
         "thresholds": model.thresholds.tolist(),
         "landmarks": model.landmarks,
-        "operating_point": OperatingPoint(trained.rule, trained.operating_point).to_json(),
+        "operating_point": trained.operating_point.to_json(),
         "distribution": trained.distribution.summary() if trained.distribution else None,
         "fold_rules": [rule.to_json() for rule in trained.held_out.rules],
         "metrics": trained.metrics,
@@ -214,7 +213,7 @@ def _log_figures(trained: Trained) -> None:
     mlflow.log_figure(plots.confusion(confusion), "plots/confusion.png")
     mlflow.log_dict(
         {
-            **OperatingPoint(trained.rule, trained.operating_point).to_json(),
+            **trained.operating_point.to_json(),
             "fold_rules": trained.metrics["fold_rules"],
             "frames": trained.metrics["frames"],
             "frames_at_margin_0": trained.metrics["frames_at_zero"],

@@ -18,7 +18,7 @@ from tokt.features.frames.image_file import pixel_sha256, read_image
 from tokt.models.bundle.bundle import frame_id
 from tokt.models.distribution import Distribution
 from tokt.models.linear import LinearModel
-from tokt.models.operating_point import MofNRule
+from tokt.models.operating_point import MofNRule, OperatingPoint
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.evaluation.frame_scores import KEYS
@@ -45,8 +45,9 @@ from .cross_validation import (
     robustness_figures,
     rows_tested,
 )
-from .drift_limits import training_distribution
+from .drift_limits import novelty_limit, training_distribution
 from .presets import CHOSEN_ON, Hyperparameters, TrainingSettings
+from .whole_frames import WholeFrames
 
 _MIN_BLOCK_FRAMES = 5
 _WEAK = (
@@ -111,11 +112,9 @@ class Trained:
         As `held_out_metrics`, with ``split``: how they were measured, in words.
     trained_on : array of uint64
         First 8 bytes of the pixel hash of every frame learnt from.
-    rule : MofNRule
+    operating_point : OperatingPoint
         Chosen on held-out decision values of all blocks; the figures of `metrics` come from the
         folds' own rules.
-    operating_point : dict
-        How the rule was chosen, as `choose_frame_rule` tells it.
     distribution : Distribution or None
         Of the features as the frames are, unchanged; None where no limits can be measured.
     """
@@ -127,8 +126,7 @@ class Trained:
     held_out: HeldOutPredictions
     metrics: dict[str, Any]
     trained_on: NDArray[np.uint64]
-    rule: MofNRule
-    operating_point: dict[str, Any]
+    operating_point: OperatingPoint
     distribution: Distribution | None
 
 
@@ -178,20 +176,25 @@ def train(
             check_target(dataset.grid, request.target)
     wanted = dict.fromkeys(("", *settings.changes, *stress))
     spec = request.extractor.spec
+    computed = dataset, spec, cache, progress, jobs, dask
+    whole: dict[str, WholeFrames] = {}
+    if settings.moving_boundary and dataset.block_frames is not None:
+        whole = {name: WholeFrames.of(*computed, name) for name in dict.fromkeys(("", *stress))}
     tables = {
-        augmentation: cached_features(dataset, spec, cache, progress, jobs, dask, augmentation)
-        for augmentation in wanted
+        name: whole[name].rows if name in whole else cached_features(*computed, name)
+        for name in wanted
     }
     # One thread, so that sums are added up in the same order on every machine.
     with ThreadpoolController().limit(limits=1):
         if settings.two_images:
             return _train_on_two_images(request, tables, stress)
-        return _train_on_dataset(request, tables, stress, progress, jobs)
+        return _train_on_dataset(request, tables, whole, stress, progress, jobs)
 
 
 def _train_on_dataset(
     request: TrainRequest,
     tables: dict[str, F64],
+    whole: dict[str, WholeFrames],
     stress: tuple[str, ...],
     progress: Callable[..., Any],
     jobs: int,
@@ -201,17 +204,22 @@ def _train_on_dataset(
     stressed = {name: tables[name] for name in stress}
     targets = dataset.targets()
     held_out = cross_validate(
-        dataset, features, settings, split, progress, request.target, augmented, stressed, jobs
+        *(dataset, features, settings, split, progress, request.target),
+        *(augmented, stressed, jobs, whole),
     )
     chosen = choose_hyperparameters(
-        dataset.patches, features, targets, settings, split, augmented, jobs
+        dataset.patches, features, targets, settings, split, augmented, jobs, whole.get("")
     )
     everything, dives = np.arange(len(targets)), split.dives(dataset.patches)
     pipeline = fit_rows(features, targets, everything, chosen.choice, settings, augmented, dives)
     model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
     score, tested = model.obstacle_score(chosen.values), rows_tested(chosen.values)
     by_dive = split.by == DIVE
-    rule, operating_point = choose_frame_rule(dataset, score, tested, request.target, by_dive)
+    rule, how = choose_frame_rule(dataset, score, tested, request.target, by_dive)
+    unlike, words = novelty_limit(dataset, chosen.distance)
+    moves = chosen.prior.words() if chosen.prior else ""
+    told = {**how, **{key: text for key, text in (("boundary", moves), ("novelty", words)) if text}}
+    operating_point = OperatingPoint(rule, told, chosen.prior, unlike)
     metrics = _metrics(request, held_out, model, pipeline, _split_in_words(request))
     trained_on = np.array([frame_id(digest) for digest in dataset.frames.digest], np.uint64)
     return Trained(
@@ -222,7 +230,6 @@ def _train_on_dataset(
         held_out,
         metrics,
         np.unique(trained_on),
-        rule,
         operating_point,
         training_distribution(dataset, features, split.embargo_frames),
     )
@@ -352,12 +359,13 @@ def _train_on_two_images(
         held_out,
         metrics,
         np.unique(images),
-        MofNRule(),
-        {
-            "method": "none",
-            "words": "As the thesis: any patch over its threshold, in any frame, is an alarm.",
-            "reachable": False,
-        },
+        OperatingPoint(
+            chosen={
+                "method": "none",
+                "words": "As the thesis: any patch over its threshold, in any frame, is an alarm.",
+                "reachable": False,
+            }
+        ),
         None,
     )
 
@@ -397,7 +405,7 @@ def parameters(trained: Trained) -> dict[str, Any]:
         "class_weight_chosen": trained.choice.class_weight,
         "search": request.search,
         **{f"target_{key}": value for key, value in asdict(request.target).items()},
-        **{f"rule_{key}": value for key, value in trained.rule.to_json().items()},
+        **{f"rule_{key}": value for key, value in trained.operating_point.rule.to_json().items()},
         **{f"setting_{key}": value for key, value in asdict(request.settings).items()},
         **{f"split_{key}": value for key, value in asdict(request.split).items()},
     }

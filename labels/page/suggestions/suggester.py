@@ -128,7 +128,7 @@ class Suggester:
             found = no_suggestions(self._size_fault(*image.shape[:2]))
             if not found.fault:
                 features = self.bundle.extractor.describe(image, self.bundle.grid)
-                found = suggestions(self.bundle.model, features)
+                found = suggestions(self.bundle.model, self.bundle.values_alone(features))
         except (ToktError, ValueError) as error:  # unreadable, or nothing the model can judge
             found, features = no_suggestions(str(error)), None
         with self._lock:
@@ -164,20 +164,15 @@ class Suggester:
             self._key = None  # no space or no permission: computed again next time
 
 
-def suggestions(model: LinearModel, features: F64) -> FrameSuggestions:
+def suggestions(model: LinearModel, values: F64) -> FrameSuggestions:
     """A model's classes and margins for the patches of one frame.
 
     Parameters
     ----------
     model : LinearModel
-    features : array of float64, shape (n_patches, dim)
-
-    Raises
-    ------
-    ValueError
-        If a feature is not finite.
+    values : array of float64, shape (n_patches, n_outputs)
+        Their decision values.
     """
-    values = model.decision_values(features)
     classes = model.predicted(values)
     excess = values - model.thresholds
     if excess.shape[1] == 1:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +14,7 @@ from tokt.features.common.errors import ToktError
 from .dataset import labelled_missions
 from .options import (
     DEFAULT_WORKSPACE,
+    FixedBoundaryOption,
     FramesOption,
     JsonOption,
     LabelFilesOption,
@@ -263,6 +265,7 @@ def evaluate(
     stopping_distance: StoppingOption = None,
     calibration: CalibrationOption = None,
     log: LogOption = None,
+    fixed_boundary: FixedBoundaryOption = False,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
@@ -289,6 +292,8 @@ def evaluate(
     classes = load_taxonomy(workspace, taxonomy)
     wanted = parse_frames(frames) if frames else None
     bundle = load_model(model, workspace)
+    if fixed_boundary:
+        bundle = replace(bundle, operating_point=replace(bundle.operating_point, water=None))
     if patches:
         result = evaluate_patches(bundle, patches, classes, progress)
     else:

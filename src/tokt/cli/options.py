@@ -29,6 +29,13 @@ TaxonomyOption = Annotated[
 ]
 DatasetArgument = Annotated[str, Argument(help="NAME or NAME@HASH.")]
 ModelArgument = Annotated[str, Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")]
+FixedBoundaryOption = Annotated[
+    bool,
+    Option(
+        "--fixed-boundary",
+        help="Leave the boundary between water and obstacles where it is, frame after frame.",
+    ),
+]
 FramesOption = Annotated[str | None, Option(help="Use these frames only, such as 1-99,132-246.")]
 MissionsOption = Annotated[
     list[Path] | None,

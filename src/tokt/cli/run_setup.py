@@ -230,8 +230,11 @@ def carry_out(config: RunConfig) -> None:
         model = RunModel(config.model)
         size = config.policy.anchor
         anchor = None if size is None else Anchor(size)
-        threads = config.model.threads
-        assembly = assemble(config.policy.policy, model.loader, pairs, threads, anchor=anchor)
+        assembly = assemble(
+            *(config.policy.policy, model.loader, pairs, config.model.threads),
+            anchor=anchor,
+            fixed_boundary=config.model.fixed_boundary,
+        )
         if config.source.pixel_format == "Mono8" and model.bundle and model.bundle.needs_colour:
             label = model.bundle.label
             raise ToktError(f"model {label} looks at colours: not with --pixel-format Mono8")
@@ -326,7 +329,8 @@ def _model_watch(
         return None
 
     def put(bundle: Bundle, note: str) -> None:
-        slot.put(TextureDetector(bundle, config.model.threads), note)
+        wanted = config.model
+        slot.put(TextureDetector(bundle, wanted.threads, wanted.fixed_boundary), note)
         drift.set_model(bundle)
 
     watch = ModelReloader(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +16,7 @@ from .options import (
     DEFAULT_WORKSPACE,
     DatasetArgument,
     EmbargoOption,
+    FixedBoundaryOption,
     FoldsOption,
     JsonOption,
     LabelFilesOption,
@@ -95,6 +97,7 @@ def train(
             "the preset's."
         ),
     ] = None,
+    fixed_boundary: FixedBoundaryOption = False,
     stress: Annotated[
         bool, Option("--stress", help="Test the folds on augmented frames as well.")
     ] = False,
@@ -146,6 +149,8 @@ def train(
     data = open_dataset(dataset, workspace / "datasets")
     settings = weighted(settings_named(preset, data.grid), class_weight)
     settings = with_augmentations(settings, changes)
+    if fixed_boundary:
+        settings = replace(settings, moving_boundary=False)
     if (ocean or other) and not settings.two_images:
         raise ToktError("--ocean and --other go with --preset thesis")
     target = _target(false_status_rate, confidence, least_patches, frame_rule)
@@ -298,7 +303,7 @@ def _result(trained: Trained) -> dict[str, Any]:
         "penalty": trained.choice.penalty,
         "class_weight": trained.choice.class_weight,
         "cv": trained.metrics,
-        "operating_point": {**trained.rule.to_json(), "chosen": trained.operating_point},
+        "operating_point": trained.operating_point.to_json(),
     }
 
 
@@ -322,8 +327,9 @@ def _print_training(label: str, trained: Trained) -> None:
             f"{one['detected']} of {one['obstacle_frames']} obstacle frames found"
             f"{' (learnt from)' if one['learnt'] else ''}"
         )
-    print(f"  operating point: {trained.rule.words()}")
-    print(f"  {trained.operating_point['words']}")
+    point = trained.operating_point
+    print(f"  operating point: {point.rule.words()}")
+    print(f"  {point.chosen['words']}")
     if not metrics["converged"]:
         print("  the solver stopped at its iteration limit (unscaled features)")
 

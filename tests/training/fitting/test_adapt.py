@@ -23,6 +23,7 @@ from tokt.training.fitting.adapt import _more, adaptation, adapted_request, know
 from tokt.training.fitting.classifier import decision_values
 from tokt.training.fitting.cross_validation import fit_rows
 from tokt.training.fitting.train import train
+from tokt.training.fitting.whole_frames import WholeFrames
 
 FRAMES = (2, 3, 9, 13, 17, 21, 26, 30, 34, 38)
 FIGURES = ("f1", "average_precision", "precision", "recall", "false_positive", "false_negative")
@@ -197,18 +198,33 @@ def test_gained_and_lost_are_what_a_fit_of_ones_own_says(three, again):
     assert told["lost"]["one"]["before"] == {key: before[key] for key in FIGURES}
 
 
-def test_another_rule_for_obstacle_scores_may_stand_in(again):
-    """It is given values and frame numbers, of the whole dive and of what is left to test."""
-    known, _, trained, cache = again
-    given = []
-
-    def never(values, frames):
-        given.append((len(values), set(frames.tolist())))
-        return np.full(len(values), -1.0)
-
-    found = adaptation(known, trained, "night", cache, quiet, 2, 1, never)
-    assert found["gained"]["after"]["recall"] == found["gained"]["before"]["recall"] == 0
-    assert given[0][1] == set(FRAMES) and all(frames < set(FRAMES) for _, frames in given[1:])
+def test_where_the_boundary_moves_with_the_water_it_moves_here_too(three, tmp_path, told):
+    """Before and after, from the model's own prior, over the frames of the new dive."""
+    workspace, (path, labels) = tmp_path / ".tokt", three["new"]
+    shutil.copytree(three["workspace"], workspace)
+    old, where = f"old@{three['before']['hash'][:16]}", ("--workspace", workspace)
+    moving = ("--extractor", "lbp_10_5", "--preset", "water", "--name", "moving", "--embargo", 1)
+    told("train", old, *moving, *where)
+    given = ("--mission", path, "--labels", labels, "--draws", 1, *where)
+    found = told("adapt", "moving", *given)["adaptation"]
+    known = known_model(Registry(workspace), "moving/1", workspace / "datasets")
+    data, prior = open_dataset("old", workspace / "datasets"), known.bundle.operating_point.water
+    whole = WholeFrames.of(data, known.bundle.extractor.spec, workspace / "cache", quiet, 1)
+    mission, frame, targets = data.patches.mission, data.patches.frame, data.targets()
+    own = (known.choice, known.settings, (), mission.to_numpy())
+    for said, learnt, tested in (
+        (found["gained"]["before"], mission != "night", mission == "night"),
+        (found["gained"]["frames"][2]["after"], (mission != "night") | (frame != 9),
+         (mission == "night") & (frame == 9)),
+    ):  # fmt: skip
+        model = fit_rows(whole.rows, targets, np.flatnonzero(learnt), *own)
+        rows = np.flatnonzero(tested)
+        assert prior is not None and not np.array_equal(
+            *(whole.part(rows).judged(model, one) for one in (prior, None))
+        )
+        values = whole.part(rows).judged(model, prior)[:, 0]
+        figures = obstacle_metrics(targets[rows] == 1, values)
+        assert said["f1"] == figures["f1"]
 
 
 def test_its_rate_is_unknown_until_it_shows_water_frames_in_a_row(

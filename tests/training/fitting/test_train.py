@@ -83,7 +83,8 @@ request = TrainRequest(data, "tiny-lbp", lbp, "lbp", plain, Split(3, 1))
 made = train(request, Path(sys.argv[2]), lambda items, *_: items, jobs=2)
 model, held_out = made.model, made.held_out
 arrays = [model.weights, model.bias, held_out.values]
-print(json.dumps([*(array.tobytes().hex() for array in arrays), made.metrics, made.rule.to_json()]))
+rule = made.operating_point.rule.to_json()
+print(json.dumps([*(array.tobytes().hex() for array in arrays), made.metrics, rule]))
 """
 
 

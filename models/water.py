@@ -1,0 +1,207 @@
+"""The state of the water: a boundary between water and obstacle that moves with a run's frames.
+
+In a water that a model never saw the order of its decision values holds better than their zero. The
+values of the last frames show where water lies and where obstacles do: a mixture of two normal
+distributions is fitted to them (EM), held by a prior, and the boundary goes where both are as
+likely. It moves by little, and never above all patches of a view that an obstacle fills.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tokt.features.common.arrays import F64, Bools
+from tokt.features.common.errors import ToktError
+
+FILLED = 0.5
+"""Part of a frame's patches above 0 from which on the boundary does not rise above all of them."""
+_ROUNDS = 10
+"""Of EM; the boundary of the six dives it was worked out on is the same after 6 as after 30."""
+_STEP = 0.01
+"""What the boundary is rounded to, so that last digits of a machine's logarithms do not show."""
+_MIN_SD = 0.05
+_SD_OF_MAD = 1.4826
+"""A normal distribution's standard deviation over its median absolute deviation."""
+_MAX = 1e6
+
+
+@dataclass(frozen=True)
+class WaterPrior:
+    """What is expected of decision values before a run's first frame, and how strongly.
+
+    Parameters
+    ----------
+    water, obstacle : float
+        Mean decision value of patches of water and of obstacles, the first less than the second.
+    water_sd, obstacle_sd : float
+        Their standard deviations.
+    share : float
+        Of patches that are obstacles, between 0 and 1.
+    limit : float
+        How far the boundary moves from 0 at most, 0.01 to 10.
+    frames : int
+        How many of the last frames it is found from, the newest among them.
+    weight, sd_weight : float
+        The patches that the means and the share, and the standard deviations, count as.
+
+    Raises
+    ------
+    ToktError
+        If a value is not as said here.
+    """
+
+    water: float
+    obstacle: float
+    water_sd: float
+    obstacle_sd: float
+    share: float
+    limit: float = 0.3
+    frames: int = 5
+    weight: float = 30.0
+    sd_weight: float = 300.0
+
+    def __post_init__(self) -> None:
+        numbers = {each.name: getattr(self, each.name) for each in fields(self)}
+        for name, value in numbers.items():
+            known = (int,) if name == "frames" else (int, float)
+            if type(value) not in known or not abs(value) <= _MAX:
+                raise ToktError(f"{name} of a water's prior is {value!r}")
+        sds = min(self.water_sd, self.obstacle_sd)
+        bounded = 0.01 <= self.limit <= 10 and min(self.weight, self.sd_weight) > 0
+        if not (self.water < self.obstacle and sds >= _MIN_SD and 0 < self.share < 1):
+            raise ToktError("a water's prior tells two normal distributions apart")
+        if not (bounded and 1 <= self.frames <= 60):
+            raise ToktError("a water's prior has positive bounds, and 1 to 60 frames")
+
+    @classmethod
+    def of(cls, scores: F64, obstacle: Bools, dive: NDArray[Any]) -> WaterPrior | None:
+        """The prior that held-out patches give: medians, each dive counting the same.
+
+        Parameters
+        ----------
+        scores : array of float64, shape (n,)
+            Obstacle scores of patches that were held out.
+        obstacle : array of bool, shape (n,)
+        dive : array, shape (n,)
+
+        Returns
+        -------
+        WaterPrior or None
+            None where the patches do not tell water and obstacles apart.
+        """
+        found: dict[bool, list[tuple[float, float]]] = {False: [], True: []}
+        shares = []
+        for name in np.unique(dive):
+            mine = dive == name
+            shares.append(obstacle[mine].mean())
+            for side, known in found.items():
+                values = scores[mine & (obstacle == side)]
+                if len(values):
+                    middle = float(np.median(values))
+                    spread = _SD_OF_MAD * float(np.median(np.abs(values - middle)))
+                    known.append((middle, spread))
+        share = float(np.mean(shares))
+        if not (found[False] and found[True] and 0 < share < 1):
+            return None
+        (water, water_sd), (other, other_sd) = (np.mean(found[side], axis=0) for side in found)
+        if not water < other:
+            return None
+        sds = max(float(water_sd), _MIN_SD), max(float(other_sd), _MIN_SD)
+        return cls(float(water), float(other), *sds, share)
+
+    def boundary(self, scores: F64) -> float:
+        """Where water ends, from -`limit` to `limit`.
+
+        Parameters
+        ----------
+        scores : array of float64, shape (n,)
+            Obstacle scores of all patches of some frames.
+
+        References
+        ----------
+        Dempster, Laird, Rubin (1977), "Maximum likelihood from incomplete data via the EM
+        algorithm", J. R. Statist. Soc. B 39.
+        """
+        before = np.array([[self.water], [self.obstacle]])
+        sds_before = np.array([[self.water_sd], [self.obstacle_sd]])
+        means, sds, share = before, sds_before, self.share
+        scores = np.clip(scores, -_MAX, _MAX)
+        for _ in range(_ROUNDS):
+            part = 1 / (1 + np.exp(np.clip(_log_odds(scores, means, sds, share), -500, 500)))
+            parts = np.stack([1 - part, part])
+            sums = parts.sum(axis=1, keepdims=True)
+            means = (parts @ scores[:, None] + self.weight * before) / (sums + self.weight)
+            squares = (parts * (scores - means) ** 2).sum(axis=1, keepdims=True)
+            squares += self.sd_weight * sds_before**2
+            sds = np.asarray(np.sqrt(squares / (sums + self.sd_weight)), np.float64)
+            share = (float(sums[1, 0]) + self.weight * self.share) / (len(scores) + self.weight)
+        steps = round(self.limit / _STEP)
+        at = np.round(np.arange(-steps, steps + 1) * _STEP, 2)
+        # Below its mean water is water, even where the wider distribution is the likelier one.
+        beyond = (_log_odds(at, means, sds, share) < 0) & (at >= means[0, 0])
+        return float(at[np.argmax(beyond)] if beyond.any() else at[-1])
+
+    def words(self) -> str:
+        """For people."""
+        return (
+            f"The boundary between water and obstacles moves with the last {self.frames} frames' "
+            f"decision values, by {self.limit:g} at most. At first water is expected at "
+            f"{self.water:.2f} (sd {self.water_sd:.2f}), obstacles at {self.obstacle:.2f} (sd "
+            f"{self.obstacle_sd:.2f}) in {100 * self.share:.0f} % of patches: what held-out dives "
+            "show."
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON form."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, value: Any) -> WaterPrior:
+        """Read back what `to_json` gave. Raises ToktError if it is none."""
+        if not isinstance(value, Mapping) or set(value) != {each.name for each in fields(cls)}:
+            raise ToktError("a water's prior has other entries")
+        return cls(**value)
+
+
+def _log_odds(scores: F64, means: F64, sds: F64, share: float) -> F64:
+    """Logarithm of how much likelier water is than an obstacle, shape (n,)."""
+    log = -0.5 * ((scores - means) / sds) ** 2 - np.log(sds)
+    return np.asarray(log[0] - log[1] + np.log(1 - share) - np.log(share))
+
+
+class WaterState:
+    """The decision values of one run's last frames, and the boundary they give.
+
+    Parameters
+    ----------
+    prior : WaterPrior or None
+        Without one the boundary stays at 0.
+    """
+
+    def __init__(self, prior: WaterPrior | None) -> None:
+        self.prior = prior
+        self._last: deque[F64] = deque(maxlen=prior.frames if prior else 1)
+
+    def begin(self, missed: int = 0) -> None:
+        """The next frame, `missed` frames after the one before; not judged unless `judge` is."""
+        self._last.extend([np.zeros(0)] * (1 + min(missed, self._last.maxlen or 0)))
+
+    def judge(self, scores: F64) -> float:
+        """The boundary in the frame that was begun.
+
+        Parameters
+        ----------
+        scores : array of float64, shape (n_patches,)
+            Its obstacle scores with the boundary at 0.
+        """
+        self._last[-1] = scores
+        boundary = self.prior.boundary(np.concatenate(self._last)) if self.prior else 0.0
+        # An even obstacle that fills the view looks like the water of another dive: not cleared.
+        filled = (scores > 0).mean() >= FILLED and not (scores > boundary).any()
+        return min(boundary, 0.0) if filled else boundary

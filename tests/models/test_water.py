@@ -1,0 +1,124 @@
+"""The state of the water: its prior, the boundary that moves with the frames, and its limits."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.calls import refuses
+from tests.tiers import scaled
+from tokt.models.water import WaterPrior, WaterState
+
+PRIOR = WaterPrior(-1.2, 1.2, 0.5, 0.9, 0.3)
+
+
+def frame(water, obstacle, share, seed=0, spread=0.2):
+    """The scores of 100 patches, some of them obstacles."""
+    rng = np.random.default_rng(seed)
+    sides = np.where(np.arange(100) < 100 * share, obstacle, water)
+    return sides + rng.normal(0, spread, 100)
+
+
+def boundaries(frames, prior=PRIOR):
+    state, found = WaterState(prior), []
+    for scores in frames:
+        state.begin()
+        found.append(state.judge(scores))
+    return found
+
+
+def test_the_boundary_follows_a_water_that_lies_elsewhere():
+    usual, brighter, darker = (
+        PRIOR.boundary(frame(-1.2 + shift, 1.2 + shift, 0.3)) for shift in (0, 0.5, -0.5)
+    )
+    assert abs(usual) < 0.2
+    assert brighter > usual + 0.1 and darker < usual - 0.1
+    assert PRIOR.boundary(frame(-0.3, 2.5, 0.3)) == 0.3, "at most its limit"
+    assert PRIOR.boundary(frame(0.5, 2.5, 0.3)) == -0.3, "too far: all of it is obstacles"
+
+
+def test_frames_together_say_more_than_the_last_and_older_ones_are_forgotten():
+    strange, usual = frame(-0.6, 1.5, 0.3), frame(-1.2, 1.2, 0.3)
+    alone, long = PRIOR.boundary(usual), boundaries([strange] * 5 + [usual] * 5)
+    assert long[5] != alone and long[-1] == boundaries([usual] * 5)[-1]
+    state = WaterState(PRIOR)
+    for missed in (0, 0, 4):
+        state.begin(missed)
+        last = state.judge(usual)
+    assert last == alone, "after four missing frames only the newest is known"
+    state.begin()
+    assert state.judge(strange) == PRIOR.boundary(np.concatenate([usual, strange]))
+
+
+SCORES = st.lists(st.floats(-1e9, 1e9), min_size=1, max_size=40).map(np.array)
+
+
+@settings(max_examples=scaled(200))
+@given(st.lists(SCORES, min_size=1, max_size=8), st.floats(0.01, 10))
+def test_it_never_moves_by_more_than_its_limit(frames, limit):
+    prior = dataclasses.replace(PRIOR, limit=limit)
+    for found in boundaries(frames, prior):
+        assert abs(found) <= limit + 0.005 and round(found, 2) == found
+
+
+@settings(max_examples=scaled(8))
+@given(st.floats(0.05, 3), st.floats(0.0, 1.0), st.floats(0, 1), st.integers(0, 99))
+def test_an_obstacle_that_fills_the_view_is_never_clear(middle, spread, grain, seed):
+    """From frame 1 for 1,000 frames, weak or strong, even or not: it moves too little."""
+    rng = np.random.default_rng(seed)
+    view = middle + spread * rng.random(100)
+    state = WaterState(PRIOR)
+    for index in range(1000):
+        scores = view + grain * 0.1 * rng.normal(size=100) if index % 100 < 5 else view
+        state.begin()
+        boundary = state.judge(scores)
+        if index < 10 or index % 100 < 5 or index == 999:
+            assert (scores - boundary > 0).any()
+
+
+def test_without_a_prior_it_stays():
+    assert boundaries([frame(0.5, 2.5, 0.3)] * 3, None) == [0.0] * 3
+
+
+def test_the_prior_is_of_dives_that_count_the_same():
+    rng = np.random.default_rng(3)
+    parts = [(-1.0, 1.0, 4000, 40), (-1.4, 2.0, 100, 100)]
+    scores = np.concatenate(
+        [
+            rng.normal(at, 0.4, n)
+            for water, other, w, o in parts
+            for at, n in ((water, w), (other, o))
+        ]
+    )
+    obstacle = np.concatenate([np.repeat([False, True], (w, o)) for _, _, w, o in parts])
+    dive = np.repeat(["a", "b"], [w + o for _, _, w, o in parts])
+    prior = WaterPrior.of(scores, obstacle, dive)
+    assert prior.water == pytest.approx(-1.2, abs=0.1)
+    assert prior.obstacle == pytest.approx(1.5, abs=0.1)
+    assert prior.water_sd == pytest.approx(0.4, abs=0.1)
+    assert prior.share == pytest.approx((40 / 4040 + 0.5) / 2)
+    assert WaterPrior.of(scores, ~obstacle, dive) is None, "water above obstacles"
+    assert WaterPrior.of(scores, np.zeros(len(scores), bool), dive) is None
+
+
+def test_what_is_no_prior_is_refused():
+    kept = json.loads(json.dumps(PRIOR.to_json()))
+    assert WaterPrior.from_json(kept) == PRIOR
+    for name, value in (
+        ("water", 2.0),
+        ("water_sd", 0.0),
+        ("obstacle_sd", float("nan")),
+        ("share", 1),
+        ("limit", 0),
+        ("limit", 1e6),
+        ("frames", 0),
+        ("frames", 5.0),
+        ("weight", True),
+        ("sd_weight", "300"),
+    ):
+        refuses("water", WaterPrior.from_json, {**kept, name: value})
+    for wrong in (None, [], {}, {**kept, "more": 1}):
+        refuses("a water's prior has other entries", WaterPrior.from_json, wrong)

@@ -1,0 +1,124 @@
+"""The boundary that moves: the same in a fold, in the runtime and in an evaluation."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.calls import call_tokt
+from tests.conftest import TRAIN_TINY, quiet
+from tokt.features.extractors.extractor import extractor_named
+from tokt.features.frames.mission import LEFT, open_mission
+from tokt.inference.frame import Frame
+from tokt.inference.texture.detector import TextureDetector
+from tokt.models.bundle.bundle import read_bundle
+from tokt.training.datasets.dataset import open_dataset
+from tokt.training.datasets.feature_cache import cached_features
+from tokt.training.datasets.splits import Fold
+from tokt.training.evaluation.evaluate import score_mission
+from tokt.training.fitting.cross_validation import Split, fit_rows
+from tokt.training.fitting.drift_limits import NOVEL_RATE, novelty_limit
+from tokt.training.fitting.presets import Hyperparameters, settings_named
+from tokt.training.fitting.train import TrainRequest, train
+from tokt.training.fitting.whole_frames import WholeFrames
+
+LBP = extractor_named("lbp_24_8")
+MOVING = replace(settings_named("water"), landmarks=60, penalties=(1.0,))
+
+
+@pytest.fixture(scope="module")
+def bundle(trained, tmp_path_factory):
+    """A model of the tiny dataset whose boundary moves."""
+    file = tmp_path_factory.mktemp("moving") / "moving.tokt"
+    for command in (
+        ("train", "tiny", "--preset", "water", "--extractor", "lbp_24_8", "--name", "moving"),
+        ("export", "moving", "-o", file),
+    ):
+        more = TRAIN_TINY if command[0] == "train" else ()
+        ran = call_tokt(*command, *more, "--workspace", trained)
+        assert ran.code == 0, ran.err
+    return read_bundle(file)
+
+
+def test_the_bundle_says_where_it_starts_and_what_is_too_far(bundle):
+    point = bundle.operating_point
+    assert point.water.water < 0 < point.water.obstacle and point.unlike > 0
+    assert point.chosen["boundary"] == point.water.words()
+    assert f"farther than {point.unlike:.2f}" in point.chosen["novelty"]
+    assert "moves with the last 5 frames" in bundle.card and "is unknown: so were" in bundle.card
+
+
+def test_a_fold_judges_as_the_runtime_and_an_evaluation_do(bundle, trained, tiny, tmp_path):
+    dataset = open_dataset("tiny", trained / "datasets")
+    whole = WholeFrames.of(dataset, dict(bundle.extractor_spec), tmp_path, quiet, 1)
+    every = np.arange(len(dataset.patches))
+    choice = Hyperparameters(bundle.metrics["folds"][0]["penalty"])
+    pipeline = fit_rows(*(whole.rows, dataset.targets(), every, choice, settings_named("water")))
+    mission, left = open_mission(tiny.path), (dataset.patches.camera == LEFT).to_numpy()
+    mine = dataset.patches[left]
+    values = whole.part(every[left]).judged(pipeline, bundle.operating_point.water)
+    detector, found = TextureDetector(bundle), {}
+    numbers = sorted(mine.frame.unique())
+    for number in numbers:
+        frame = Frame(int(number), 0.0, mission.read(int(number), LEFT), None)
+        found[number] = detector.detect(frame)
+    cell = mine.row * dataset.grid.cols + mine.col
+    told = [found[number].decision_values[at] for number, at in zip(mine.frame, cell, strict=True)]
+    np.testing.assert_allclose(values, told, atol=1e-6)
+    assert len({found[number].boundary for number in numbers}) > 1
+    scored = score_mission(bundle, mission, quiet, [int(number) for number in numbers])
+    for number, evaluated in zip(scored.frames, scored.values, strict=True):
+        np.testing.assert_array_equal(evaluated, found[number].decision_values)
+
+
+def test_in_a_fold_it_moves_by_frame_and_by_little(trained, tmp_path):
+    dataset = open_dataset("tiny", trained / "datasets")
+    held = {}
+    for name, moving in (("moving", True), ("fixed", False)):
+        settings = replace(MOVING, moving_boundary=moving)
+        request = TrainRequest(dataset, "m", LBP, "lbp_24_8", settings, Split(3, 1))
+        made = train(request, tmp_path, quiet, jobs=1, stress=("gain_0.5",))
+        assert (made.operating_point.water is not None) == moving
+        held[name] = made.held_out
+    frames = dataset.patches.groupby(["mission", "camera", "frame"]).ngroup()
+    for one, two in (
+        (held["moving"].values, held["fixed"].values),
+        (held["moving"].stressed["gain_0.5"], held["fixed"].stressed["gain_0.5"]),
+    ):
+        moved = pd.Series((two - one)[:, 0]).groupby(frames.to_numpy())
+        assert moved.mean().abs().max() <= 0.3 and moved.mean().nunique() > 1
+        assert (moved.max() - moved.min()).max() < 1e-9, "one boundary a frame"
+
+
+def test_whole_frames_are_the_labelled_patches_and_more(trained, tmp_path):
+    dataset = open_dataset("tiny", trained / "datasets")
+    whole = WholeFrames.of(dataset, LBP.spec, tmp_path, quiet, 1)
+    np.testing.assert_array_equal(
+        whole.rows, cached_features(dataset, LBP.spec, tmp_path, quiet, 1)
+    )
+    assert whole.features.shape[:2] == (len(np.unique(whole.frame)), dataset.grid.n_patches)
+    part = whole.part(np.array([5, 3]))
+    np.testing.assert_array_equal(part.rows, whole.rows[[5, 3]])
+    fold = Fold(np.arange(9), np.arange(9, 12))
+    assert len(whole.part(fold.test).values(PipelineOf())[0]) == len(np.unique(whole.frame[9:12]))
+
+
+class PipelineOf:
+    """A pipeline whose decision value is the first feature."""
+
+    def decision_function(self, features):
+        return features[:, 0]
+
+
+def test_at_most_one_frame_in_a_hundred_of_known_water_is_too_far(trained):
+    dataset = open_dataset("tiny", trained / "datasets")
+    distance = np.random.default_rng(2).gamma(2.0, 0.2, len(dataset.patches))
+    limit, words = novelty_limit(dataset, distance)
+    clear = ~np.asarray(dataset.obstacle_flags(), bool)[dataset.targets()]
+    keys = ["mission", "camera", "frame"]
+    farthest = dataset.patches[keys].assign(far=distance)[clear].groupby(keys).far.max()
+    assert (farthest > limit).mean() <= NOVEL_RATE
+    assert (farthest >= limit).mean() > NOVEL_RATE, "no larger than need be"
+    assert f"of {len(farthest)} held-out frames" in words
+    assert novelty_limit(dataset, np.full(len(dataset.patches), np.nan)) == (None, "")
