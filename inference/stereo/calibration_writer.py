@@ -36,7 +36,8 @@ def write_calibration(
         ``cv2.stereoRectify`` derives from them, and ``format_version``.
     notes : mapping of str to str
         How it was made: written under ``provenance`` and read back as `CheckedCalibration.notes`.
-        Keys are words of letters, digits and underscores; line breaks become spaces.
+        Keys are words of letters, digits and underscores; line breaks become spaces, quotes single
+        ones.
 
     Raises
     ------
@@ -70,7 +71,8 @@ def _fill(storage: cv2.FileStorage, known: StereoCalibration, notes: Mapping[str
     storage.write("R2", R2)
     storage.startWriteStruct("provenance", cv2.FileNode_MAP)
     for name, note in notes.items():
-        words = " ".join(note.split())
+        # OpenCV takes a text between quotes, or one quote, for quoted already.
+        words = " ".join(note.split()).replace('"', "'")
         if not (name.isascii() and name.isidentifier()) or len(words) > _MAX_NOTE:
             raise ValueError(f"no note for a calibration file: {name!r}")
         storage.write(name, words)

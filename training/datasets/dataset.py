@@ -33,6 +33,7 @@ from tokt.features.common import atomic
 from tokt.features.common.arrays import I64, U8
 from tokt.features.common.canonical import canonical_json
 from tokt.features.common.errors import ToktError
+from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import decode_image, pixel_sha256
 from tokt.labels.taxonomy import Taxonomy
@@ -173,6 +174,14 @@ class DatasetVersion:
         """
         row = self.frames.iloc[index]
         return read_stored_frame(self.path / "frames" / row.file, row.digest)
+
+    @property
+    def is_gray(self) -> bool:
+        """Whether the first frame of a mission's camera has no colour."""
+        first = self.frames.reset_index().groupby(["mission", "camera"])["index"].first()
+        return not all(
+            FramePictures(self.read_frame(int(index)), self.grid).has_colour for index in first
+        )
 
     def classes(self) -> tuple[str, ...]:
         """The classes that a model of this dataset tells apart, in the model's order."""

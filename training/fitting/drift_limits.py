@@ -1,4 +1,4 @@
-"""When frames are unlike those learnt from: limits of drift and novelty, of held-back frames.
+"""Limits of drift and novelty: what held-back frames differ by from those learnt from.
 
 A window is some consecutive frames of one mission and camera, as long as the blocks of frames that
 cross-validation holds out: what the runtime looks at, too. It is compared with all training patches

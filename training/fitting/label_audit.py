@@ -50,6 +50,7 @@ from .presets import (
     Hyperparameters,
     TrainingSettings,
     extractor_for,
+    preset_for,
     settings_named,
 )
 
@@ -122,13 +123,15 @@ def audit_input_named(reference: str, workspace: Path, folds: int | None = None)
 def _of_dataset(dataset: DatasetVersion, folds: int) -> AuditInput:
     # Short blocks would be left out whole by the usual embargo.
     embargo = min(EMBARGO_FRAMES, (dataset.block_frames or 0) // 4)
+    preset = preset_for(PRESET, dataset)
+    gray = preset != PRESET and dataset.is_gray
     return AuditInput(
         f"dataset {dataset.label}",
         dataset.label,
         dataset,
-        extractor_for(DEFAULT_EXTRACTOR, PRESET, dataset.grid).spec,
+        extractor_for(DEFAULT_EXTRACTOR, preset, dataset.grid, gray).spec,
         Split(folds, embargo),
-        settings_named(PRESET, dataset.grid),
+        settings_named(preset, dataset.grid),
     )
 
 

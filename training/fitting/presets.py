@@ -10,6 +10,7 @@ from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import Extractor, Haralick, extractor_named
 from tokt.features.frames.grid import Grid
 from tokt.training.datasets.augmentations import parse_augmentation
+from tokt.training.datasets.dataset import DatasetVersion
 
 
 @dataclass(frozen=True)
@@ -151,6 +152,15 @@ _BEST_READY_CUT = (
 )
 
 
+def preset_for(preset: str, dataset: DatasetVersion) -> str:
+    """The preset that a name stands for: of several dives' frames ``best`` is ``water``.
+
+    What tells one dive's water best does not carry over to another's, and the other way round.
+    """
+    several = dataset.patches.mission.nunique() > 1 and not _ready_cut(dataset.grid)
+    return "water" if preset == "best" and several else preset
+
+
 def settings_named(preset: str, grid: Grid | None = None) -> TrainingSettings:
     """The preset's settings, for frames cut by `grid` (or by any).
 
@@ -204,19 +214,22 @@ def with_augmentations(settings: TrainingSettings, names: str | None) -> Trainin
     return replace(settings, changes=changes)
 
 
-def extractor_for(name: str, preset: str, grid: Grid | None = None) -> Extractor:
+def extractor_for(
+    name: str, preset: str, grid: Grid | None = None, gray: bool = False
+) -> Extractor:
     """The extractor a preset uses for ``lbp``, ``haralick`` or a more exact name.
 
-    ``water`` and ``best`` widen the two plain names. ``water``: to gradients, colours, shapes, less
-    what the frame's own water shows. ``best``: to LBP, lines and structure of the frame without its
-    background, ``haralick`` with Haralick's figures of it as well. For ready-cut patches, which
-    have no background of their own frame around them, both are LBP and Haralick at several
+    ``water`` and ``best`` widen the two plain names. ``water``: to gradients, colours (none for
+    `gray` frames), shapes, less what the frame's own water shows. ``best``: to LBP, lines and
+    structure of the frame without its background, ``haralick`` with Haralick's figures of it as
+    well. For ready-cut patches, which have no background of their own frame around them, both are
+    LBP and Haralick at several
     scales. ``thesis`` leaves grey level 0 out of Haralick's counts, as the thesis does.
     """
     if preset == "water" and name in _BEST:
         if _ready_cut(grid):
             raise ToktError("preset water needs whole frames; ready-cut patches have no water")
-        return extractor_named("water")
+        return extractor_named("water_gray" if gray else "water")
     if preset == "best" and name in _BEST:
         return extractor_named(_BEST_READY_CUT if _ready_cut(grid) else _BEST[name])
     if preset == "thesis" and name == "haralick":

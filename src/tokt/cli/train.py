@@ -75,7 +75,9 @@ def train(
             show_default=False,
         ),
     ] = None,
-    preset: Annotated[str, Option(help="Preset: thesis, plain, best or water.")] = "best",
+    preset: Annotated[
+        str, Option(help="Preset: thesis, plain, water, or best: that is water for several dives.")
+    ] = "best",
     name: Annotated[
         str | None, Option(help="Name of the model. Default: DATASET-EXTRACTOR.")
     ] = None,
@@ -138,6 +140,7 @@ def train(
     from tokt.training.fitting.presets import (
         DEFAULT_EXTRACTOR,
         extractor_for,
+        preset_for,
         settings_named,
         weighted,
         with_augmentations,
@@ -147,6 +150,7 @@ def train(
     from tokt.training.fitting.train import train as train_task
 
     data = open_dataset(dataset, workspace / "datasets")
+    preset = preset_for(preset, data)
     settings = weighted(settings_named(preset, data.grid), class_weight)
     settings = with_augmentations(settings, changes)
     if fixed_boundary:
@@ -160,7 +164,8 @@ def train(
             "--least-patches or --frame-rule"
         )
     named = extractor or DEFAULT_EXTRACTOR
-    chosen = extractor_for(named, preset, data.grid)
+    gray = preset == "water" and data.is_gray
+    chosen = extractor_for(named, preset, data.grid, gray)
     model_name = name or f"{data.name}-{_file_name(named)}"
     check_model_name(model_name)
     folded, images = Split.of(data, folds, embargo, split, weight, site or ()), (ocean, other)

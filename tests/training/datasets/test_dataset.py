@@ -21,7 +21,7 @@ from tests.inference.test_faults import hold_row
 from tokt.features.frames.grid import Grid
 from tokt.labels import taxonomy as taxonomy_module
 from tokt.labels.taxonomy import Taxonomy
-from tokt.models.operating_point import MofNRule
+from tokt.models.operating_point import OperatingPoint
 from tokt.training.datasets.dataset import (
     DatasetPlan,
     DatasetVersion,
@@ -442,7 +442,7 @@ def test_a_patch_folder_is_ungrouped_and_its_figures_say_so(
     assert result["cv"]["patch"]["f1"] > 0.9
     assert "UNGROUPED" in done("models", "show", "cut-lbp", *where).out
     request = SimpleNamespace(dataset=open_dataset("cut", tmp_path / "ws" / "datasets"))
-    point = {"rule": MofNRule(), "operating_point": {"words": ""}}
+    point = {"operating_point": OperatingPoint(chosen={"words": ""})}
     import_module("tokt.cli.train")._print_training(
         "cut-lbp/1", SimpleNamespace(request=request, metrics=result["cv"], **point)
     )

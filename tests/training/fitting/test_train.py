@@ -17,8 +17,16 @@ from sklearn.model_selection import StratifiedKFold
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import LinearSVC
 
-from tests.calls import refuses, run_python
-from tests.conftest import quiet
+from tests.calls import refuses, run_python, succeeds
+from tests.conftest import (
+    BUILD_TINY,
+    TINY_FRAMES,
+    TRAIN_TINY,
+    draw_tiny_frame,
+    quiet,
+    tiny_labels,
+    write_labels,
+)
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import Grid
 from tokt.models.bundle.bundle import frame_id
@@ -45,6 +53,7 @@ from tokt.training.fitting.presets import (
     PRESETS,
     Hyperparameters,
     extractor_for,
+    preset_for,
     settings_named,
     weighted,
 )
@@ -537,6 +546,34 @@ def test_best_widens_the_plain_names_and_plain_does_not():
     assert settings_named("plain", ready_cut) == PLAIN
     assert extractor_for("haralick", "thesis").spec["ignore_zeros"] is True
     assert {name: preset.seed for name, preset in PRESETS.items()} == dict.fromkeys(PRESETS, 42)
+
+
+def test_of_several_dives_best_is_water_without_colours_where_there_are_none(tiny, tmp_path):
+    workspace, missions = tmp_path / ".tokt", [("--mission", tiny.path, "--labels", tiny.labels)]
+    for name, blue in (("yellow", 0.5), ("violet", 1.0)):
+        folder = tmp_path / name
+        (folder / "Left").mkdir(parents=True)
+        for frame in range(1, TINY_FRAMES + 1):
+            gray = draw_tiny_frame(frame)
+            picture = cv2.merge([np.uint8(gray * blue), np.uint8(gray * (1.5 - blue)), gray])
+            cv2.imwrite(str(folder / "Left" / f"{name}_L_{frame}.png"), picture)
+        labels = write_labels(folder / "labels.csv", tiny_labels(name))
+        missions.append(("--mission", folder, "--labels", labels))
+    gray, yellow, violet = missions
+    for name, used, extractor in (
+        ("mixed", (gray, yellow), "water_gray"),
+        ("coloured", (yellow, violet), "water"),
+    ):
+        given = [word for one in used for word in one]
+        where = ("--workspace", workspace)
+        succeeds("dataset", "build", name, *given, *BUILD_TINY, *where)
+        made = json.loads(succeeds("train", name, "--json", *TRAIN_TINY, *where).out)
+        assert (made["preset"], made["extractor"]) == ("water", extractor_named(extractor).spec)
+        assert set(made["cv"]["dives"]) > {"yellow"} and made["operating_point"]["water"]
+    ready_cut = Mock(grid=Grid(1, 1, None), patches=pd.DataFrame({"mission": ["a", "b"]}))
+    assert preset_for("best", ready_cut) == "best"
+    assert preset_for("best", open_dataset("mixed", workspace / "datasets")) == "water"
+    assert preset_for("plain", open_dataset("mixed", workspace / "datasets")) == "plain"
 
 
 def test_best_trains_better_than_plain_on_its_own_ground(request_for, tmp_path, no_progress):
