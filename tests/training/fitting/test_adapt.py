@@ -15,6 +15,7 @@ import pytest
 from tests.calls import refuses
 from tests.conftest import quiet, write_labels
 from tokt.models.registry.registry import Registry
+from tokt.models.water import WaterPrior
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.evaluation.metrics import obstacle_metrics
@@ -198,33 +199,27 @@ def test_gained_and_lost_are_what_a_fit_of_ones_own_says(three, again):
     assert told["lost"]["one"]["before"] == {key: before[key] for key in FIGURES}
 
 
-def test_where_the_boundary_moves_with_the_water_it_moves_here_too(three, tmp_path, told):
+def test_where_the_boundary_moves_with_the_water_it_moves_here_too(again):
     """Before and after, from the model's own prior, over the frames of the new dive."""
-    workspace, (path, labels) = tmp_path / ".tokt", three["new"]
-    shutil.copytree(three["workspace"], workspace)
-    old, where = f"old@{three['before']['hash'][:16]}", ("--workspace", workspace)
-    moving = ("--extractor", "lbp_10_5", "--preset", "water", "--name", "moving", "--embargo", 1)
-    told("train", old, *moving, *where)
-    given = ("--mission", path, "--labels", labels, "--draws", 1, *where)
-    found = told("adapt", "moving", *given)["adaptation"]
-    known = known_model(Registry(workspace), "moving/1", workspace / "datasets")
-    data, prior = open_dataset("old", workspace / "datasets"), known.bundle.operating_point.water
-    whole = WholeFrames.of(data, known.bundle.extractor.spec, workspace / "cache", quiet, 1)
-    mission, frame, targets = data.patches.mission, data.patches.frame, data.targets()
-    own = (known.choice, known.settings, (), mission.to_numpy())
+    known, data, trained, cache = again
+    prior = WaterPrior(-1.5, 0.5, 0.4, 0.4, 0.2)
+    point = replace(known.bundle.operating_point, water=prior)
+    settings = replace(known.settings, moving_boundary=True)
+    moving = replace(known, settings=settings, bundle=replace(known.bundle, operating_point=point))
+    gained = adaptation(moving, trained, "night", cache, quiet, 1, 1)["gained"]
+    whole = WholeFrames.of(data, known.bundle.extractor.spec, cache, quiet, 1)
+    mission, frame = (data.patches[name].to_numpy() for name in ("mission", "frame"))
+    new, targets = mission == "night", data.targets()
+    nine = new & (frame == 9)
     for said, learnt, tested in (
-        (found["gained"]["before"], mission != "night", mission == "night"),
-        (found["gained"]["frames"][2]["after"], (mission != "night") | (frame != 9),
-         (mission == "night") & (frame == 9)),
-    ):  # fmt: skip
-        model = fit_rows(whole.rows, targets, np.flatnonzero(learnt), *own)
-        rows = np.flatnonzero(tested)
-        assert prior is not None and not np.array_equal(
-            *(whole.part(rows).judged(model, one) for one in (prior, None))
-        )
-        values = whole.part(rows).judged(model, prior)[:, 0]
-        figures = obstacle_metrics(targets[rows] == 1, values)
-        assert said["f1"] == figures["f1"]
+        (gained["before"], ~new, new),
+        (gained["frames"][2]["after"], ~nine, nine),
+    ):
+        own = np.flatnonzero(learnt), known.choice, settings, (), mission
+        model, part = fit_rows(whole.rows, targets, *own), whole.part(np.flatnonzero(tested))
+        values, still = (part.judged(model, one)[:, 0] for one in (prior, None))
+        assert said["f1"] == obstacle_metrics(targets[tested] == 1, values)["f1"]
+        assert (values != still).any()
 
 
 def test_its_rate_is_unknown_until_it_shows_water_frames_in_a_row(
