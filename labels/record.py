@@ -14,6 +14,10 @@ _CAMERAS = ("left", "right")
 _LAST_FRAME = 2**31 - 1
 
 
+class NoLabelsError(ToktError):
+    """What was asked for has no labels."""
+
+
 class Cell(NamedTuple):
     """One patch of one frame, in one grid."""
 

@@ -15,7 +15,7 @@ from weakref import WeakSet
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
-from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord
+from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, NoLabelsError
 
 from .actions import REDO, UNDO, Action, ActionHead, ActionLog, ActionResult, UndoHistory
 from .schema import APPLICATION_ID, CELL, COLUMNS, FORMAT, create, format_of, upgrade
@@ -160,7 +160,7 @@ class LabelStore:
         self.path = path
         self._lock = threading.RLock()
         if not create and not path.is_file():
-            raise ToktError(f"no label store {path}; labels come in by tokt labels import FILE")
+            raise NoLabelsError(f"no label store {path}; labels come in by tokt labels import FILE")
         with self._user_errors():
             path.parent.mkdir(parents=True, exist_ok=True)
             # Where this process has it open, closing another look would take its locks off (POSIX).

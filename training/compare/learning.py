@@ -3,10 +3,9 @@
 Nothing is chosen anew: each fold keeps the settings that its own training part chose.
 """
 
-import ast
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +14,12 @@ import numpy as np
 from tokt.features.common.arrays import F64, I64
 from tokt.features.frames.mission import format_frames
 from tokt.models.registry.registry import Registry, fitting
-from tokt.training.datasets.augmentations import parse_augmentation
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import Fold
 from tokt.training.fitting.classifier import decision_values, linear_model
 from tokt.training.fitting.cross_validation import BLOCKS, Split, fit_rows
-from tokt.training.fitting.presets import PRESETS, Hyperparameters, TrainingSettings
+from tokt.training.fitting.presets import Hyperparameters, TrainingSettings
 
 from .bootstrap import ComparisonMetric, block_numbers, drawn_blocks, interval, summed
 from .predictions import ModelPredictions, independent_units
@@ -102,21 +100,6 @@ def _thinned(dataset: DatasetVersion, folds: list[Fold], dim: int) -> tuple[list
     return [Fold(fold.train[kept[fold.train]], fold.test) for fold in folds], every
 
 
-def _settings(parameters: Mapping[str, str]) -> TrainingSettings:
-    """What the model was trained with, from what its run logged."""
-    values: dict[str, Any] = {}
-    for field in fields(TrainingSettings):
-        text = parameters.get(f"setting_{field.name}")
-        if text is not None:  # an older tokt knew fewer settings
-            value = text if field.name == "preset" else ast.literal_eval(text)
-            if type(value) is not type(getattr(PRESETS["best"], field.name)):
-                raise ValueError(f"setting_{field.name} is {text}")
-            values[field.name] = value
-    for change in values.get("changes", ()):
-        parse_augmentation(change)
-    return TrainingSettings(**values)
-
-
 def set_up(
     predictions: ModelPredictions,
     dataset: DatasetVersion,
@@ -129,7 +112,7 @@ def set_up(
     version = registry.find(predictions.label)
     with fitting(version, "list of parameters"):
         parameters = registry.parameters(version)
-        split, settings = Split.logged(parameters), _settings(parameters)
+        split, settings = Split.logged(parameters), TrainingSettings.logged(parameters)
     with fitting(version):
         choices = [
             Hyperparameters(float(fold["penalty"]), fold.get("class_weight"))

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -14,10 +15,10 @@ from tokt.features.frames.image_file import SUFFIXES
 from tokt.features.frames.mission import Mission
 from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.merge import merge_annotators
-from tokt.labels.record import MODEL, LabelRecord
+from tokt.labels.record import MODEL, LabelRecord, NoLabelsError
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 
-from .dataset import DatasetPlan, FrameSource
+from .dataset import DatasetPlan, DatasetVersion, FrameSource, read_stored_frame
 from .splits import BLOCK_FRAMES, block_of
 
 PATCH_GRID = Grid(1, 1, None)
@@ -54,8 +55,10 @@ def labels_of_mission(
 
     Raises
     ------
+    NoLabelsError
+        If there are no labels for it.
     ToktError
-        If there are no labels for it, or they speak of frames it does not have.
+        If they speak of frames it does not have.
     """
     fitting = [record for record in records if record.grid == grid]
     names = sorted({record.mission for record in fitting})
@@ -66,7 +69,7 @@ def labels_of_mission(
         remark = f"labels of mission {names[0]!r} are taken for the frames in {mission.path}"
     if not mine:
         there = ", ".join(names) or "none"
-        raise ToktError(
+        raise NoLabelsError(
             f"no labels for mission {mission.name!r} (labels of: {there}); where they call it "
             "otherwise, give NAME=DIR"
         )
@@ -169,6 +172,48 @@ def _describe_sources(missions: Sequence[LabelledMission]) -> list[str]:
     people = ", ".join(f"{who} ({count} records)" for who, count in sorted(counts.items()))
     about = [", ".join(filter(None, (one.mission.name, one.date))) for one in missions]
     return [f"mission {words}" for words in about] + [f"labels by {people}"]
+
+
+def plan_with(base: DatasetVersion, added: DatasetPlan) -> DatasetPlan:
+    """Plan what a dataset version holds and what a plan adds, under the version's name.
+
+    The version's missions need not be on disk. The content, and so the hash, is what one build of
+    all missions gives.
+
+    Raises
+    ------
+    ToktError
+        If both have a mission of one name, an added label is none of the version's classes, or
+        the version was changed on disk.
+    """
+    base.check()
+    both = set(base.frames.mission) & {source.mission for source in added.frames}
+    if both:
+        raise ToktError(f"dataset {base.label} has frames of mission {min(both)!r} already")
+    for label in sorted(added.patches.label.unique()):
+        base.taxonomy.check_label(label)
+    stored = [
+        FrameSource(row.mission, row.camera, row.frame, row.group, partial(_stored, base, row))
+        for row in base.frames.itertuples(index=False)
+    ]
+    return DatasetPlan(
+        base.name,
+        base.task,
+        base.grid,
+        base.taxonomy,
+        [*stored, *added.frames],
+        pd.concat([base.patches[_COLUMNS], added.patches], ignore_index=True),
+        base.info["unsure_left_out"] + added.unsure,
+        base.block_frames,
+        [*base.info["sources"], *added.sources],
+        {**base.sites, **added.sites},
+    )
+
+
+def _stored(base: DatasetVersion, row: Any) -> tuple[bytes, str]:
+    path = base.path / "frames" / row.file
+    read_stored_frame(path, row.digest)
+    return _load(path)
 
 
 def plan_from_patch_folder(name: str, task: str, folder: Path, taxonomy: Taxonomy) -> DatasetPlan:

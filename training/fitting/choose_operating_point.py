@@ -1,10 +1,11 @@
 """The operating point: the frame rule that keeps false statuses on open ocean rare enough."""
 
+import ast
 import math
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, fields, replace
 from itertools import product
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.evaluation.frame_scores import FrameScores, frame_table
 from tokt.training.evaluation.metrics import BOUND_CONFIDENCE, upper_bound
 
-from .exceedance_model import ExceedanceModel, fit_exceedance_model
+from .exceedance_model import MIN_FRAMES, ExceedanceModel, fit_exceedance_model
 
 MIN_PATCHES = (1, 2)
 FRAME_RULES = ((1, 1), (2, 3), (3, 3), (3, 5))
@@ -61,6 +62,12 @@ class FalseStatusTarget:
         if not 0.5 <= self.confidence < 1:
             raise ToktError(f"a confidence lies between 0.5 and 1, not at {self.confidence:g}")
         tuple(self.shapes())
+
+    @classmethod
+    def logged(cls, parameters: Mapping[str, str]) -> Self:
+        """What a run's parameters say; an older tokt logged none."""
+        texts = {field.name: parameters.get(f"target_{field.name}") for field in fields(cls)}
+        return cls(**{name: ast.literal_eval(text) for name, text in texts.items() if text})
 
     def shapes(self) -> Iterator[MofNRule]:
         """The rules to choose among, still without their margins, the simpler first."""
@@ -175,9 +182,13 @@ def choose_frame_rule(
     described = _described(best, target, unit)
     if by_dive and unit == BLOCK:
         described["words"] += _ONE_DIVE
+    unknown = _rate_unknown_in(scores, ocean, best.rule)
+    if unknown:
+        described["words"] += _UNKNOWN.format(", ".join(unknown))
     return best.rule, {
         **said,
         **described,
+        **({"rate_unknown_in": unknown} if unknown else {}),
         "candidates": [_summary(candidate) for candidate in candidates],
     }
 
@@ -247,6 +258,19 @@ def _any_above(statistics: list[F64], margins: list[float]) -> Bools:
     return np.asarray(np.any([one > margin for one, margin in pairs], axis=0), bool)
 
 
+def _rate_unknown_in(scores: FrameScores, ocean: Bools, rule: MofNRule) -> list[str]:
+    """The dives, of several, with too few ocean frames for a law of their own.
+
+    Those count that have as many before them as the rule looks at.
+    """
+    statistic = scores.of_some(ocean).statistic(rule.min_patches, rule.m, rule.n)
+    shown = ocean & np.isfinite(statistic)
+    mission = scores.frames.keys["mission"].to_numpy()
+    names = np.unique(mission)
+    few = [str(name) for name in names if shown[mission == name].sum() < MIN_FRAMES]
+    return few if len(names) > 1 else []
+
+
 def _summary(candidate: _Candidate) -> dict[str, Any]:
     return {
         **candidate.rule.to_json(),
@@ -289,6 +313,10 @@ def _described(best: _Candidate, target: FalseStatusTarget, unit: str) -> dict[s
 _ONE_DIVE = (
     " Too few dives have such frames to tell how the level changes from dive to dive: of another "
     "dive's water nothing was shown."
+)
+_UNKNOWN = (
+    f" The rate is unknown in {{}}: it takes {MIN_FRAMES} held-out ocean frames there, each with "
+    "the frames before it that the rule looks at."
 )
 _COSTS = ("detected", "detected_at_margin_0", "latency_frames")
 _METHODS = {

@@ -1,7 +1,10 @@
 """The presets and settings of training, as plain values that are logged with every run."""
 
+import ast
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
 
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import Extractor, Haralick, extractor_named
@@ -77,6 +80,21 @@ class TrainingSettings:
     gamma: float = 0.3
     limit: float = 2.5
     moving_boundary: bool = False
+
+    @classmethod
+    def logged(cls, parameters: Mapping[str, str]) -> Self:
+        """What a run's parameters say."""
+        values: dict[str, Any] = {}
+        for field in fields(cls):
+            text = parameters.get(f"setting_{field.name}")
+            if text is not None:  # an older tokt knew fewer settings
+                value = text if field.name == "preset" else ast.literal_eval(text)
+                if type(value) is not type(getattr(PRESETS["best"], field.name)):
+                    raise ValueError(f"setting_{field.name} is {text}")
+                values[field.name] = value
+        for change in values.get("changes", ()):
+            parse_augmentation(change)
+        return cls(**values)
 
     @property
     def choices(self) -> tuple[Hyperparameters, ...]:

@@ -36,6 +36,7 @@ from tokt.models.signing.keys import SigningKey
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.evaluation import plots
 from tokt.training.evaluation.frame_scores import KEYS
+from tokt.training.evaluation.report import report_page
 
 from .classifier import decision_values
 from .train import Trained, parameters
@@ -282,6 +283,21 @@ def log_and_register(
         registry.sign(registered, key)
     _log_card(registered, registry)
     return registry.set_alias(registered.label, NEWEST_ALIAS)
+
+
+def log_adaptation(found: dict[str, Any], registered: RegisteredVersion, registry: Registry) -> str:
+    """Keep what `adaptation` found with the version's run; the same as an HTML page.
+
+    Raises
+    ------
+    ToktError
+        If the registry cannot be reached or written.
+    """
+    page = report_page(__package__ or "", found=found, label=registered.label)
+    with registry.reported():
+        registry.client.log_dict(registered.run_id, found, "tokt/adaptation.json")
+        registry.client.log_text(registered.run_id, page, "tokt/adaptation.html")
+    return page
 
 
 def _log_card(registered: RegisteredVersion, registry: Registry) -> None:

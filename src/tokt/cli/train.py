@@ -1,4 +1,4 @@
-"""`tokt train` and `tokt search`: one model version, or the best extractor's."""
+"""`tokt train`, `tokt adapt` and `tokt search`: one model version, or the best extractor's."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Option
+from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
+from .dataset import labelled_missions
 from .models import signing_key
 from .options import (
     DEFAULT_WORKSPACE,
@@ -18,9 +19,10 @@ from .options import (
     FixedBoundaryOption,
     FoldsOption,
     JsonOption,
+    LabelFilesOption,
     WorkspaceOption,
 )
-from .output import answer, figure, print_patches, progress
+from .output import answer, figure, print_patches, progress, say
 from .output import print_line as print
 
 if TYPE_CHECKING:
@@ -180,6 +182,94 @@ def train(
     model = {"name": version.name, "version": version.version, "aliases": version.aliases}
     value = {"model": model, "run_id": version.run_id, **_result(trained)}
     answer(json, value, lambda: _print_training(version.label, trained))
+
+
+def adapt(
+    model: Annotated[str, Argument(help="NAME, NAME@ALIAS or NAME/VERSION.")],
+    mission: Annotated[
+        Path,
+        Option(
+            metavar="[NAME=]DIR", help="The new dive: folder or video, NAME as its labels call it."
+        ),
+    ],
+    labels: LabelFilesOption = None,
+    draws: Annotated[
+        int, Option(help="Orders of labelled frames, drawn by lot, in the curve.", min=1)
+    ] = 5,
+    output: Annotated[Path | None, Option("-o", "--output", help="HTML report to write.")] = None,
+    split: Annotated[
+        str | None,
+        Option(help="Hold out dives (dive) or blocks of frames (block). Default: as the model."),
+    ] = None,
+    site: SitesOption = None,
+    jobs: Annotated[int, Option(help="Processes; -1 for one per core.")] = -1,
+    sign: Annotated[
+        Path | None, Option(metavar="KEY", help="Sign the registration with this private key.")
+    ] = None,
+    workspace: WorkspaceOption = DEFAULT_WORKSPACE,
+    json: JsonOption = False,
+) -> None:
+    """Train a model's next version on a new dive too; say what that gained, and cost elsewhere.
+
+    First label 5 to 10 frames of the dive that the page leads to (tokt label DIR --model MODEL).
+    """
+    from tokt.features.common import atomic
+    from tokt.labels.record import NoLabelsError
+    from tokt.models.registry.registry import Registry
+    from tokt.training.datasets.dataset import build_dataset
+    from tokt.training.datasets.mission_source import plan_from_missions, plan_with
+    from tokt.training.fitting.adapt import adaptation, adapted_request, known_model
+    from tokt.training.fitting.tracking import log_adaptation, log_and_register
+    from tokt.training.fitting.train import train as train_task
+
+    registry, root, cache = Registry(workspace), workspace / "datasets", workspace / "cache"
+    known, key = known_model(registry, model, root), signing_key(sign)
+    base = known.dataset
+    try:
+        missions = labelled_missions([mission], labels, workspace, base.taxonomy, base.grid)
+        if len(missions) > 1:
+            raise ToktError("adapt takes one new dive at a time")
+        plan, remarks = plan_from_missions(
+            *(base.name, base.task, missions, base.taxonomy, base.grid),
+            block_frames=base.block_frames or 1,
+        )
+        if not plan.frames:
+            raise NoLabelsError(f"no patch of mission {missions[0].name!r} has a sure label")
+    except NoLabelsError as error:
+        raise ToktError(
+            f"{error}; label 5 to 10 of its frames: tokt label {mission} --model {model} "
+            "(key q leads to the next one that the model is unsure of)"
+        ) from None
+    for remark in remarks:
+        say(f"note: {remark}")
+    name = missions[0].name
+    data = build_dataset(plan_with(base, plan), root, progress)
+    trained = train_task(adapted_request(known, data, split, site or ()), cache, progress, jobs)
+    found = adaptation(known, trained, name, cache, progress, draws, jobs)
+    version = log_and_register(trained, registry, key)
+    page = log_adaptation(found, version, registry)
+    if output:
+        atomic.write_text(output, page)
+    result = {
+        "model": {"name": version.name, "version": version.version, "aliases": version.aliases},
+        "run_id": version.run_id,
+        **_result(trained),
+        "adaptation": found,
+    }
+    answer(json, result, lambda: _print_adaptation(version.label, trained, found))
+
+
+def _print_adaptation(label: str, trained: Trained, found: dict[str, Any]) -> None:
+    _print_training(label, trained)
+    print(f"{label} beside {found['before']}, which did not learn of {found['mission']}:")
+    for words in found["words"]:
+        print(f"  {words}")
+    print("  labelled frames   F1: mean  worst  queue   before")
+    for one in found["curve"]:
+        print(
+            f"  {one['labelled']:15}  {figure(one['mean']):>9}  {figure(one['worst']):>5}  "
+            f"{figure(one['queue']):>5}   {figure(one['before']):>6}"
+        )
 
 
 def _file_name(extractor: str) -> str:

@@ -268,7 +268,8 @@ def test_by_dive_the_level_changes_from_dive_to_dive(dataset, score, monkeypatch
     chosen = chosen_by_dive(number <= 37)
     assert "unit" not in chosen and chosen["extrapolated_rate"] is not None
     assert "blocks of near copies" in chosen["words"]
-    assert chosen["words"].endswith("of another dive's water nothing was shown.")
+    assert "of another dive's water nothing was shown. The rate is unknown in b" in chosen["words"]
+    assert chosen["rate_unknown_in"] == ["b"]
     # None at all.
     chosen = chosen_by_dive((number <= 36) | (dataset.targets() == 1))
     assert "unit" not in chosen and chosen["extrapolated_rate"] is not None

@@ -1,0 +1,344 @@
+"""A model learns a new dive too: old and new together, told by what it had not seen."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import mlflow
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.calls import refuses
+from tests.conftest import quiet, write_labels
+from tokt.models.registry.registry import Registry
+from tokt.models.water import WaterPrior
+from tokt.training.datasets.dataset import open_dataset
+from tokt.training.datasets.feature_cache import cached_features
+from tokt.training.evaluation.metrics import obstacle_metrics
+from tokt.training.fitting import adapt
+from tokt.training.fitting.adapt import _more, adaptation, adapted_request, known_model
+from tokt.training.fitting.classifier import decision_values
+from tokt.training.fitting.cross_validation import fit_rows
+from tokt.training.fitting.train import train
+from tokt.training.fitting.whole_frames import WholeFrames
+
+FRAMES = (2, 3, 9, 13, 17, 21, 26, 30, 34, 38)
+FIGURES = ("f1", "average_precision", "precision", "recall", "false_positive", "false_negative")
+
+
+def dive(folder, tiny, tiny_truth, name, gain, frames=range(1, 41), labelled=None):
+    """The tiny mission in other light, as a dive of its own; its label file."""
+    (folder / name / "Left").mkdir(parents=True)
+    for frame in frames:
+        image = cv2.imread(str(tiny.path / "Left" / f"tiny_L_{frame}.png"), cv2.IMREAD_UNCHANGED)
+        changed = cv2.convertScaleAbs(image, alpha=gain, beta=9 * (gain - 1))
+        cv2.imwrite(str(folder / name / "Left" / f"{name}_L_{frame}.png"), changed)
+    rows = [row for row in tiny_truth.labels(name) if row[2] in (labelled or frames)]
+    return folder / name, write_labels(folder / f"{name}.csv", rows)
+
+
+@pytest.fixture(scope="module")
+def three(tiny, tiny_truth, done, told, tmp_path_factory):
+    """A model of two dives, which are gone since; a third dive of which some frames are labelled.
+
+    The workspace, what `tokt adapt` told, the new dive, and the old version's dataset.
+    """
+    folder = tmp_path_factory.mktemp("adapt")
+    where = ("--workspace", folder / ".tokt")
+    old = [dive(folder, tiny, tiny_truth, *one) for one in (("one", 1.0), ("two", 1.4))]
+    new = dive(folder, tiny, tiny_truth, "night", 0.6, labelled=FRAMES)
+
+    def build(name, *missions):
+        given = [text for path, file in missions for text in ("--mission", path, "--labels", file)]
+        return told("dataset", "build", name, *given, "--block", 4, *where)
+
+    before = build("old", *old)
+    whole = build("whole", *old, new)
+    train = ("--extractor", "lbp", "--preset", "plain", "--embargo", 1, "--confidence", 0.7)
+    done("train", "old", *train, "--frame-rule", "2/3", "--name", "tower", *where)
+    done("models", "alias", "tower", "champion", *where)
+    for path, file in old:
+        shutil.rmtree(path)
+        file.unlink()
+    files = folder / "page.html", folder / "tower-1.tokt", folder / "again.tokt"
+    done("export", "tower/1", "-o", files[1], *where)
+    given = ("--mission", new[0], "--labels", new[1], "--draws", 4, "-o", files[0], *where)
+    found = told("adapt", "tower@champion", *given)
+    done("export", "tower/1", "-o", files[2], *where)
+    return {
+        **{"workspace": folder / ".tokt", "found": found, "new": new, "before": before},
+        **{"whole": whole, "files": files},
+    }
+
+
+@pytest.fixture(scope="module")
+def again(three):
+    """The same by the functions: the old model, the dataset, what was trained on it, and how."""
+    workspace = three["workspace"]
+    known = known_model(Registry(workspace), "tower/1", workspace / "datasets")
+    data = open_dataset("old", workspace / "datasets")
+    trained = train(adapted_request(known, data), workspace / "cache", quiet, 1)
+    return known, data, trained, workspace / "cache"
+
+
+def test_the_new_version_is_of_the_old_frames_and_the_new(three, told):
+    workspace, found = three["workspace"], three["found"]
+    assert found["dataset_hash"] == three["whole"]["hash"] != three["before"]["hash"]
+    names = [f"old@{one}" for one in (three["before"]["hash"][:8], found["dataset_hash"][:8])]
+    diff = told("dataset", "diff", *names, "--workspace", workspace)
+    assert diff["missions"]["added"] == ["night"] and diff["missions"]["gone"] == []
+    added = {
+        "frames_added": len(FRAMES),
+        "patches_added": found["adaptation"]["labelled"]["patches"],
+    }
+    assert diff["missions"]["changes"] == {"night": added}
+    assert diff["sources"]["gone"] == [] and "mission night" in diff["sources"]["added"]
+
+
+def test_the_old_model_is_as_it_was_and_the_next_is_trained_as_it_was(three):
+    page, before, after = three["files"]
+    assert before.read_bytes() == after.read_bytes()
+    registry = Registry(three["workspace"])
+    new, old = registry.find("tower/2"), registry.find("tower/1")
+    assert (old.aliases, new.aliases) == (("champion",), ("challenger",))
+    was, now = registry.parameters(old), registry.parameters(new)
+    free = {"dataset", "dataset_hash", "penalty_chosen", *(one for one in now if "rule_" in one)}
+    free -= {"target_frame_rule"}
+    assert {name: was[name] for name in was if name not in free} == {
+        name: now[name] for name in now if name not in free
+    }
+    assert was["target_confidence"] == "0.7" and was["split_by"] == "dive"
+    client = mlflow.MlflowClient(f"sqlite:///{three['workspace']}/mlflow.db")
+    kept = Path(client.download_artifacts(new.run_id, "tokt", str(page.parent)))
+    assert json.loads((kept / "adaptation.json").read_text()) == three["found"]["adaptation"]
+    assert (kept / "adaptation.html").read_text("utf-8") == page.read_text("utf-8")
+    assert "WORSE" in page.read_text("utf-8") or "fell by 0.01 in none" in page.read_text("utf-8")
+
+
+def test_split_and_sites_are_the_models_unless_asked_otherwise(again):
+    known, data, trained, _ = again
+    assert trained.request.split == known.split
+    asked = adapted_request(known, data, "block", ["fjord=one,night"]).split
+    assert (asked.by, asked.sites) == ("block", {"one": "fjord", "night": "fjord"})
+    known = replace(known, split=replace(known.split, sites={"two": "fjord"}))
+    assert adapted_request(known, data).split.sites == {"two": "fjord"}
+    fewer = SimpleNamespace(classes=lambda: ("clear",))
+    refuses("tower/1 does not tell obstacle", adapted_request, replace(known, dataset=fewer), data)
+
+
+def test_without_a_labelled_frame_it_is_the_old_model(three, again):
+    """Fitted anew to the old dives, with its own C, and by the figures of the product."""
+    known, data, _, cache = again
+    features = cached_features(data, known.bundle.extractor.spec, cache, quiet, 1)
+    mission, targets = data.patches.mission.to_numpy(), data.targets()
+    rows = np.flatnonzero(mission != "night")
+    model = fit_rows(features, targets, rows, known.choice, known.settings, (), mission)
+    new = mission == "night"
+    figures = obstacle_metrics(targets[new] == 1, decision_values(model, features[new])[:, 0])
+    first, gained = three["found"]["adaptation"]["curve"][0], three["found"]["adaptation"]["gained"]
+    assert {first[key] for key in ("mean", "worst", "before", "queue")} == {figures["f1"]}
+    assert gained["before"] == {key: figures[key] for key in FIGURES}
+
+
+def test_nothing_is_tested_on_what_it_learnt_from(three, again, monkeypatch):
+    """Of the new dive neither a frame, its neighbour nor its copy; of the old ones no fold."""
+    known, data, trained, cache = again
+    tasks = []
+
+    def spy(function, given, jobs):
+        tasks.extend(given)
+        return map(function, given)
+
+    monkeypatch.setattr(adapt, "mapped", spy)
+    found = adaptation(known, trained, "night", cache, quiet, 4, 1)
+    assert found == three["found"]["adaptation"]
+    mission, frame = data.patches.mission.to_numpy(), data.patches.frame.to_numpy()
+    counts = set()
+    for fold in (task[2] for task in tasks):
+        tested = set(mission[fold.test])
+        learnt, seen = (np.unique(frame[rows][mission[rows] == "night"]) for rows in
+                        (fold.train, fold.test))  # fmt: skip
+        if tested == {"night"}:
+            assert np.abs(learnt[:, None] - seen).min() > 1
+            assert {"one", "two"} <= set(mission[fold.train])
+            counts.add(len(learnt))
+        else:
+            assert not tested & set(mission[fold.train]) and set(learnt) == set(FRAMES)
+    assert counts >= {1, 2, 3, 5, 8, 9}  # 2 and 3 are neighbours: one of them is left out with both
+    assert {choice for _, _, _, choice, *_ in tasks} <= {known.choice, *known.fold_choices}
+
+
+def test_gained_and_lost_are_what_a_fit_of_ones_own_says(three, again):
+    known, data, _, cache = again
+    features = cached_features(data, known.bundle.extractor.spec, cache, quiet, 1)
+    patches, targets = data.patches, data.targets()
+    mission, frame = patches.mission.to_numpy(), patches.frame.to_numpy()
+
+    def figures(test, left_out, choice):
+        rows = np.flatnonzero(~left_out)
+        model = fit_rows(features, targets, rows, choice, known.settings, (), mission)
+        values = decision_values(model, features[test])[:, 0]
+        found = obstacle_metrics(targets[test] == 1, values)
+        return {key: found[key] for key in FIGURES}
+
+    told = three["found"]["adaptation"]
+    new = mission == "night"
+    assert [one["frame"] for one in told["gained"]["frames"]] == [*FRAMES]
+    for one in told["gained"]["frames"]:
+        left_out = new & (abs(frame - one["frame"]) <= 1)
+        assert one["after"] == figures(new & (frame == one["frame"]), left_out, known.choice)
+    for name, choice in zip(("one", "two"), known.fold_choices, strict=True):
+        assert told["lost"][name]["after"] == figures(mission == name, mission == name, choice)
+    held_out = Registry(three["workspace"]).held_out("tower/1")
+    one = held_out[held_out.mission == "one"]
+    before = obstacle_metrics((one.target == 1).to_numpy(), one.obstacle_score.to_numpy())
+    assert told["lost"]["one"]["before"] == {key: before[key] for key in FIGURES}
+
+
+def test_where_the_boundary_moves_with_the_water_it_moves_here_too(again):
+    """Before and after, from the model's own prior, over the frames of the new dive."""
+    known, data, trained, cache = again
+    prior = WaterPrior(-1.5, 0.5, 0.4, 0.4, 0.2)
+    point = replace(known.bundle.operating_point, water=prior)
+    settings = replace(known.settings, moving_boundary=True)
+    moving = replace(known, settings=settings, bundle=replace(known.bundle, operating_point=point))
+    gained = adaptation(moving, trained, "night", cache, quiet, 1, 1)["gained"]
+    whole = WholeFrames.of(data, known.bundle.extractor.spec, cache, quiet, 1)
+    mission, frame = (data.patches[name].to_numpy() for name in ("mission", "frame"))
+    new, targets = mission == "night", data.targets()
+    nine = new & (frame == 9)
+    for said, learnt, tested in (
+        (gained["before"], ~new, new),
+        (gained["frames"][2]["after"], ~nine, nine),
+    ):
+        own = np.flatnonzero(learnt), known.choice, settings, (), mission
+        model, part = fit_rows(whole.rows, targets, *own), whole.part(np.flatnonzero(tested))
+        values, still = (part.judged(model, one)[:, 0] for one in (prior, None))
+        assert said["f1"] == obstacle_metrics(targets[tested] == 1, values)["f1"]
+        assert (values != still).any()
+
+
+def test_its_rate_is_unknown_until_it_shows_water_frames_in_a_row(
+    three, tiny_truth, tmp_path, told
+):
+    """The ten labelled frames are not in a row; then all forty are labelled."""
+    assert three["found"]["operating_point"]["chosen"]["rate_unknown_in"] == ["night"]
+    assert three["found"]["adaptation"]["rate_unknown"]
+    assert "unknown" in three["found"]["adaptation"]["words"][-1]
+    workspace = tmp_path / ".tokt"
+    shutil.copytree(three["workspace"], workspace)
+    labels = write_labels(tmp_path / "all.csv", tiny_truth.labels("night"))
+    given = ("--mission", three["new"][0], "--labels", labels, "--draws", 1)
+    given += ("--workspace", workspace)
+    found = told("adapt", "tower/1", *given)
+    assert not found["adaptation"]["rate_unknown"]
+    assert "rate_unknown_in" not in found["operating_point"]["chosen"]
+
+
+def test_one_frame_or_two_neighbours_tell_nothing(three, tiny_truth, tmp_path, told, done):
+    workspace = tmp_path / ".tokt"
+    shutil.copytree(three["workspace"], workspace)
+    labels = tmp_path / "few.csv"
+    given = ("--mission", three["new"][0], "--labels", labels, "--workspace", workspace)
+    for frames in ((5,), (5, 6)):
+        write_labels(labels, [row for row in tiny_truth.labels("night") if row[2] in frames])
+        if len(frames) == 2:
+            found = told("adapt", "tower/1", *given)["adaptation"]
+        else:
+            said = done("adapt", "tower/1", *given).out
+    assert found["gained"] is None and "cannot be told" in found["words"][0]
+    assert "too few frames are labelled" in found["words"][2]
+    assert found["lost"]["one"]["after"]["f1"] is not None
+    assert "which did not learn of night" in said
+    assert "Gained on night: cannot be told" in said and "labelled frames   F1: mean" in said
+
+
+def test_what_the_new_dive_shares_with_the_old_is_not_tested(
+    three, tiny, tiny_truth, tmp_path, told
+):
+    """Frame 9 is a picture of dive `one`: its block has been learnt from, as good as."""
+    workspace = tmp_path / ".tokt"
+    shutil.copytree(three["workspace"], workspace)
+    path, labels = dive(tmp_path, tiny, tiny_truth, "copy", 0.6, labelled=FRAMES)
+    shutil.copyfile(tiny.path / "Left" / "tiny_L_9.png", path / "Left" / "copy_L_9.png")
+    shutil.copyfile(path / "Left" / "copy_L_30.png", path / "Left" / "copy_L_17.png")
+    given = ("--mission", path, "--labels", labels, "--workspace", workspace)
+    found = told("adapt", "tower/1", *given)["adaptation"]
+    assert found["labelled"]["of_old_blocks"] == 1  # frame 9 alone of block 8 to 11
+    tested = [one["frame"] for one in found["gained"]["frames"]]
+    assert tested == [frame for frame in FRAMES if frame != 9]
+    data = open_dataset("old", workspace / "datasets")
+    groups = data.frames.set_index(["mission", "frame"]).group
+    assert groups["copy", 9] == groups["one", 9] and groups["copy", 17] == groups["copy", 30]
+
+
+def test_what_cannot_be_adapted_is_refused_in_one_line(
+    three, tiny, trained, tmp_path, refused, done
+):
+    workspace = tmp_path / ".tokt"
+    shutil.copytree(three["workspace"], workspace)
+    where, (path, labels) = ("--workspace", workspace), three["new"]
+    first = f"label 5 to 10 of its frames: tokt label {path} --model tower (key q"
+    refused("no label store", "adapt", "tower", "--mission", path, *where)
+    refused(first, "adapt", "tower", "--mission", path, *where)
+    other = write_labels(tmp_path / "o.csv", [["other", "left", 1, 0, 0, "ocean"]])
+    elsewhere = ("--mission", path, "--labels", tiny.labels, "--labels", other, *where)
+    named = "(labels of: other, tiny); where they call it otherwise, give NAME=DIR"
+    refused(f"{named}; {first}", "adapt", "tower", *elsewhere)
+    unsure = write_labels(tmp_path / "u.csv", [["night", "left", 1, 0, 0, "unsure"]])
+    refused("no patch of mission 'night' has a sure label; label 5",
+            "adapt", "tower", "--mission", path, "--labels", unsure, *where)  # fmt: skip
+    given = ("--mission", path, "--labels", labels, *where)
+    refused("has frames of mission 'night' already", "adapt", "tower/2", *given)
+    refused("no model 'none'", "adapt", "none", *given)
+    twice = tmp_path / "missions.toml"
+    twice.write_text("".join(f'[[mission]]\nname = "{n}"\ndir = "{path}"\nlabels = "{labels}"\n'
+                             for n in ("a", "b")))  # fmt: skip
+    refused("one new dive at a time", "adapt", "tower", "--mission", twice, *where)
+    thesis = ("--extractor", "lbp", "--preset", "thesis", "--name", "thesis")
+    done("train", "old", *thesis, *where)
+    refused("thesis/1 learnt from two images, not from dives", "adapt", "thesis", *given)
+    (table,) = (workspace / "datasets" / "old").glob(f"{three['before']['hash'][:16]}/patches.*")
+    pd.read_parquet(table).replace("ocean", "reef").to_parquet(table)
+    refused("has been changed on disk", "adapt", "tower/1", *given)
+
+
+def test_a_model_of_one_dive_learns_a_second(workspace, three, told):
+    """Then whole dives are held out; what is lost is told of the blocks that it held out."""
+    given = ("--mission", three["new"][0], "--labels", three["new"][1], "--workspace", workspace)
+    before = Registry(workspace).recipe(Registry(workspace).find("tiny-lbp"))["metrics"]["patch"]
+    found = told("adapt", "tiny-lbp", *given)
+    assert "whole dives" in found["cv"]["split"] and found["model"]["version"] == "2"
+    assert found["adaptation"]["lost"]["tiny"]["before"]["f1"] == before["f1"]
+
+
+def curve(last, *changes):
+    """A curve whose second half brought these changes."""
+    points = {0: 0.0, 1: 0.1, last // 2: 0.2, last: None}
+    return [
+        {"labelled": at, "changes": [(0.2 + one) if by is None else by for one in changes]}
+        for at, by in sorted(points.items())
+    ]
+
+
+def test_more_labels_in_words():
+    assert _more(curve(8, 0.03, 0.02, 0.05, 0.0)).startswith(
+        "they would probably help, the next as much at most: from 4 to 8"
+    )
+    assert "+0.025 (+0.000 to +0.050 in 4 drawn orders)" in _more(curve(8, 0.03, 0.02, 0.05, 0.0))
+    assert "hardly help, the curve is flat" in _more(curve(8, 0.01, -0.01, -0.01, 0.01))
+    assert "cannot be told whether" in _more(curve(8, 0.2, -0.05, -0.04, 0.01))
+    for few in (curve(8, 0.3, 0.3), curve(2, 0.3, 0.3, 0.3)):
+        assert "too few frames are labelled" in _more(few)
+
+
+def test_a_damaged_run_is_said_to_be_one(three, monkeypatch):
+    registry = Registry(three["workspace"])
+    was = registry.parameters(registry.find("tower/1"))
+    monkeypatch.setattr(registry, "parameters", lambda version: {**was, "setting_scale": "'x'"})
+    refuses("its list of parameters does not fit", known_model, registry, "tower/1",
+            three["workspace"] / "datasets")  # fmt: skip

@@ -1,0 +1,420 @@
+"""A registered model that learns a new dive too: what that gains there and costs elsewhere."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import ThreadpoolController
+
+from tokt.features.common.arrays import F64, I64, Bools
+from tokt.features.common.errors import ToktError
+from tokt.labels.page.suggestions.queue import next_frames
+from tokt.labels.page.suggestions.suggester import suggestions
+from tokt.labels.page.suggestions.suggestion_table import MissionSuggestions
+from tokt.models.bundle.bundle import Bundle
+from tokt.models.registry.registry import Registry, fitting
+from tokt.training.datasets.dataset import DatasetVersion, open_dataset
+from tokt.training.datasets.feature_cache import cached_features
+from tokt.training.datasets.splits import Fold
+from tokt.training.evaluation.metrics import obstacle_metrics
+from tokt.training.parallel import mapped
+
+from .choose_operating_point import FalseStatusTarget
+from .classifier import decision_values
+from .cross_validation import Split, fit_rows
+from .presets import Hyperparameters, TrainingSettings
+from .train import Trained, TrainRequest
+from .whole_frames import WholeFrames
+
+COUNTS = (1, 2, 3, 5, 8, 13, 21)
+"""Labelled frames of the new dive that a point of the curve is learnt from; a third are left."""
+_MIN_LAST, _MIN_STEPS = 3, 3  # labelled frames, and orders, that tell what the next ones bring
+_SMALL = 0.01  # of F1
+_MOST = 0.75  # of the orders
+_CELL = ["mission", "camera", "frame", "row", "col"]
+_FIGURES = ("f1", "average_precision", "precision", "recall", "false_positive", "false_negative")
+
+
+@dataclass(frozen=True)
+class KnownModel:
+    """A registered model with all that it was trained with.
+
+    Parameters
+    ----------
+    bundle : Bundle
+    dataset : DatasetVersion
+    extractor_name : str
+    target : FalseStatusTarget
+    settings : TrainingSettings
+    split : Split
+    choice : Hyperparameters
+    fold_choices : list of Hyperparameters
+    held_out : array of float64, shape (n_patches,)
+        Obstacle scores by models that did not learn from the patch; NaN where it was not tested.
+    """
+
+    bundle: Bundle
+    dataset: DatasetVersion
+    extractor_name: str
+    target: FalseStatusTarget
+    settings: TrainingSettings
+    split: Split
+    choice: Hyperparameters
+    fold_choices: list[Hyperparameters]
+    held_out: F64
+
+
+def known_model(registry: Registry, reference: str, datasets: Path) -> KnownModel:
+    """Read a registered model and what it was trained with.
+
+    Raises
+    ------
+    ToktError
+        If it is not there, or learnt from two images or a folder of patches: no dives.
+    """
+    version = registry.find(reference)
+    recipe, parameters = registry.recipe(version), registry.parameters(version)
+    with fitting(version):
+        made_by, folds = recipe["provenance"], recipe["metrics"]["folds"]
+        dataset = open_dataset(made_by["dataset"], datasets)
+        weight = made_by.get("class_weight", "none")
+        choice = Hyperparameters(made_by["penalty"], None if weight == "none" else weight)
+        fold_choices = [Hyperparameters(one["penalty"], one.get("class_weight")) for one in folds]
+    with fitting(version, "list of parameters"):
+        settings, split = TrainingSettings.logged(parameters), Split.logged(parameters)
+        asked = parameters["extractor"], FalseStatusTarget.logged(parameters)
+    if settings.two_images or dataset.block_frames is None:
+        what = "two images" if settings.two_images else "a folder of patches"
+        raise ToktError(f"model {version.label} learnt from {what}, not from dives: train another")
+    table, bundle = registry.held_out(version.label), registry.bundle(version.label)
+    if not table[_CELL].equals(dataset.patches[_CELL]):
+        raise ToktError(f"model {version.label}: its held_out.parquet is of another dataset")
+    held_out = table.obstacle_score.where(table.fold >= 0).to_numpy(np.float64)
+    return KnownModel(bundle, dataset, *asked, settings, split, choice, fold_choices, held_out)
+
+
+def adapted_request(
+    known: KnownModel, dataset: DatasetVersion, by: str | None = None, sites: Sequence[str] = ()
+) -> TrainRequest:
+    """A request for the model's next version: all as before, and the new dive.
+
+    Parameters
+    ----------
+    known : KnownModel
+    dataset : DatasetVersion
+        The model's, with the new dive.
+    by, sites
+        As for `Split.of`; what is left open is the model's own, but for one of a single dive.
+
+    Raises
+    ------
+    ToktError
+        As `Split.of`; or if the new dive has a class that the model does not tell.
+    """
+    old, bundle = known.split, known.bundle
+    more = sorted(set(dataset.classes()) - set(known.dataset.classes()))
+    if more:
+        raise ToktError(f"model {bundle.label} does not tell {', '.join(more)}: train another")
+    several = known.dataset.patches.mission.nunique() > 1
+    by, weight = by or (old.by if several else None), old.weight if several else None
+    split = Split.of(dataset, old.folds, old.embargo_frames, by, weight, sites)
+    return TrainRequest(
+        dataset,
+        bundle.content.name,
+        bundle.extractor,
+        known.extractor_name,
+        known.settings,
+        split if sites else replace(split, sites={**old.sites, **split.sites}),
+        target=known.target,
+        search=bundle.content.provenance.get("search"),
+        selection=f"Extractor and settings are those of {bundle.label}.",
+    )
+
+
+class _NewDive:
+    """The new dive in the dataset, and models of the old dives and some of its frames.
+
+    Its frames are named by their place in `frames`. `unseen[i, j]`: whether a model that learnt
+    from frame i has not as good as seen frame j, its copy, its neighbour or one of an old dive's
+    block. `before` are the old model's scores.
+    """
+
+    def __init__(
+        self,
+        known: KnownModel,
+        request: TrainRequest,
+        name: str,
+        tables: list[F64],
+        whole: WholeFrames | None,
+    ) -> None:
+        self.known, self.dataset = known, request.dataset
+        self.patches, self.targets = self.dataset.patches, self.dataset.targets()
+        self.obstacle = np.asarray(self.dataset.obstacle_flags(), bool)[self.targets]
+        mine = (self.patches.mission == name).to_numpy()
+        self.rows, self.old_rows = np.flatnonzero(mine), np.flatnonzero(~mine)
+        self.group = self.patches.group.to_numpy()
+        self.frames, self.place = np.unique(self.patches.frame[mine], return_inverse=True)
+        copied = np.isin(self.group[mine], self.group[~mine])
+        self.testable = ~np.isin(np.arange(len(self.frames)), self.place[copied])
+        self.listed = self.dataset.frames[self.dataset.frames.mission == name]
+        unseen = np.abs(self.frames[:, None] - self.frames) > request.split.embargo_frames
+        for _, numbers in self.listed.groupby("digest").frame:
+            same = np.isin(self.frames, numbers)
+            unseen &= ~np.outer(same, same)
+        self.unseen = unseen & self.testable
+        self._rest = known.settings, tables[1:], request.split.dives(self.patches)
+        self._features, self._whole = tables[0], whole
+        model, prior = known.bundle.model, known.bundle.operating_point.water
+        values = model.decision_values(tables[0][self.rows])
+        if whole is not None:
+            part = whole.part(self.rows)
+            frames = np.unique(part.frame)
+            found = part.features[frames]
+            every = model.decision_values(found.reshape(-1, found.shape[2]))
+            values = part.moved(frames, every.reshape(*found.shape[:2], -1), prior)
+        self.before = self.scores(values, self.rows)
+
+    def scores(self, values: F64, rows: I64) -> F64:
+        """Obstacle scores of the dive's patches; NaN of those without a value."""
+        found = np.full(len(self.rows), np.nan)
+        found[np.searchsorted(self.rows, rows)] = self.known.bundle.model.obstacle_score(values)
+        return found
+
+    def fold(self, learnt: frozenset[int]) -> Fold:
+        """Learn from the old dives and these frames; test those that are not as good as seen."""
+        mine = np.isin(self.place, list(learnt))
+        tested = np.isin(self.place, np.flatnonzero(self.unseen[list(learnt)].all(axis=0)))
+        return Fold(np.sort(np.concatenate([self.old_rows, self.rows[mine]])), self.rows[tested])
+
+    def old_folds(self) -> Iterator[Fold]:
+        """The old model's folds; the new dive is learnt too, but for copies of what is tested."""
+        old = self.known.dataset
+        for fold in self.known.split.cut(old.patches, old.targets()):
+            test = self.old_rows[fold.test]
+            mine = self.rows[~np.isin(self.group[self.rows], self.group[test])]
+            yield Fold(np.sort(np.concatenate([self.old_rows[fold.train], mine])), test)
+
+    def task(self, fold: Fold, choice: Hyperparameters) -> tuple[Any, ...]:
+        """One fit, for `_tested`."""
+        prior = self.known.bundle.operating_point.water
+        return self._features, self.targets, fold, choice, self._rest, self._whole, prior
+
+    def both(self, after: F64) -> dict[str, Any]:
+        """Figures of the old model and of another on the patches that the other has scored."""
+        told = np.isfinite(after)
+        return _both(self.obstacle[self.rows][told], self.before[told], after[told])
+
+
+def _tested(task: tuple[Any, ...]) -> F64:
+    """Decision values of a fold's test rows; where the boundary moves, over those frames of it."""
+    features, targets, fold, choice, (settings, augmented, dives), whole, prior = task
+    pipeline = fit_rows(features, targets, fold.train, choice, settings, augmented, dives)
+    if whole is None:
+        return decision_values(pipeline, features[fold.test])
+    judged: F64 = whole.part(fold.test).judged(pipeline, prior)
+    return judged
+
+
+def _both(truth: Bools, before: F64, after: F64) -> dict[str, Any]:
+    was, now = (obstacle_metrics(truth, scores) for scores in (before, after))
+    known = was["f1"] is not None and now["f1"] is not None
+    return {
+        "before": {name: was[name] for name in _FIGURES},
+        "after": {name: now[name] for name in _FIGURES},
+        "change": now["f1"] - was["f1"] if known else None,
+    }
+
+
+def adaptation(
+    known: KnownModel,
+    trained: Trained,
+    name: str,
+    cache: Path,
+    progress: Callable[..., Any],
+    draws: int,
+    jobs: int = -1,
+) -> dict[str, Any]:
+    """What learning a new dive too gained, what it cost, and what more labels would bring.
+
+    Nothing is chosen: fits have the model's own C, those of the old folds the folds'; a boundary
+    that moves with the water starts from the model's own prior.
+
+    Parameters
+    ----------
+    known : KnownModel
+        The model before.
+    trained : Trained
+        By `adapted_request`.
+    name : str
+        The new dive.
+    cache, progress, jobs
+        As for `train`.
+    draws : int
+        Orders, drawn with a fixed seed, in which the dive's frames are labelled.
+
+    Returns
+    -------
+    dict
+        JSON: mission, before (the model), labelled, gained (null where nothing can be told), lost
+        (by old dive), curve (a dict a number of labelled frames), rate_unknown, words.
+    """
+    data, spec = trained.request.dataset, known.bundle.extractor.spec
+    moving = known.settings.moving_boundary
+    whole = WholeFrames.of(data, spec, cache, progress, jobs) if moving else None
+    tables = [
+        whole.rows
+        if whole and not augmentation
+        else cached_features(data, spec, cache, progress, jobs, augmentation=augmentation)
+        for augmentation in ("", *known.settings.changes)
+    ]
+    with ThreadpoolController().limit(limits=1):
+        dive = _NewDive(known, trained.request, name, tables, whole)
+        orders, frames = _orders(dive, known.bundle, draws), len(dive.frames)
+        counts = [count for count in COUNTS if count <= frames - max(1, frames // 3)]
+        others = [frozenset(np.flatnonzero(row).tolist()) for row in dive.unseen.T]
+        wanted = {frozenset(order[:count]) for order in orders for count in counts} | {*others}
+        folds = {some: dive.fold(some) for some in sorted(wanted, key=sorted) if some}
+        folds = {some: fold for some, fold in folds.items() if len(fold.test)}
+        pairs = [(fold, known.choice) for fold in folds.values()]
+        pairs += zip(dive.old_folds(), known.fold_choices, strict=True)
+        found = mapped(_tested, [dive.task(*pair) for pair in pairs], jobs)
+        values = iter([*progress(found, len(pairs), "with and without the new dive")])
+    by_learnt = {some: dive.scores(next(values), fold.test) for some, fold in folds.items()}
+    by_learnt[frozenset()] = np.where(dive.testable[dive.place], dive.before, np.nan)
+    chosen = trained.operating_point.chosen
+    told: dict[str, Any] = {
+        "mission": name,
+        "before": known.bundle.label,
+        "labelled": {
+            "frames": frames,
+            "patches": len(dive.rows),
+            "obstacles": int(dive.obstacle[dive.rows].sum()),
+            "of_old_blocks": int((~dive.testable).sum()),
+        },
+        "gained": _gained(dive, [by_learnt.get(some) if some else None for some in others]),
+        "lost": _lost(dive, list(zip(dive.old_folds(), values, strict=True))),
+        "curve": [_point(dive, count, orders, by_learnt) for count in (0, *counts)],
+        "rate_unknown": chosen["method"] == "none" or name in chosen.get("rate_unknown_in", ()),
+    }
+    return {**told, "words": _words(told)}
+
+
+def _orders(dive: _NewDive, bundle: Bundle, draws: int) -> list[list[int]]:
+    """The queue's order of the labelled frames, by the old model alone; then drawn ones."""
+    described = [
+        bundle.extractor.describe(dive.dataset.read_frame(index), bundle.grid)
+        for index in dive.listed.index
+    ]
+    known = MissionSuggestions(
+        dive.listed.camera.to_numpy(str),
+        dive.listed.frame.to_numpy(np.int64),
+        np.stack(
+            [suggestions(bundle.model, bundle.values_alone(rows)).values for rows in described]
+        ),
+        np.stack([np.r_[rows.mean(0), rows.std(0)] for rows in described]).astype(np.float32),
+        len(bundle.model.classes) > 2,
+    )
+    queued = dict.fromkeys(entry.frame for entry in next_frames(known, [], len(described)))
+    rng = np.random.default_rng(0)
+    drawn = [rng.permutation(len(dive.frames)).tolist() for _ in range(draws)]
+    return [np.searchsorted(dive.frames, list(queued)).tolist(), *drawn]
+
+
+def _lost(dive: _NewDive, tested: Sequence[tuple[Fold, F64]]) -> dict[str, Any]:
+    """Each old dive, held out as the old model did: without the new dive, and with it."""
+    before, after = (np.full(len(dive.targets), np.nan) for _ in range(2))
+    before[dive.old_rows] = dive.known.held_out
+    for fold, values in tested:
+        after[fold.test] = dive.known.bundle.model.obstacle_score(values)
+    told = np.isfinite(before) & np.isfinite(after)
+    return {
+        str(name): _both(*(one[rows] for one in (dive.obstacle, before, after)))
+        for name, rows in dive.patches[told].groupby("mission").groups.items()
+    }
+
+
+def _gained(dive: _NewDive, others: Sequence[F64 | None]) -> dict[str, Any] | None:
+    """Each frame by a model of the old dives and of the new one's other frames."""
+    after = np.full(len(dive.rows), np.nan)
+    for place, scores in enumerate(others):
+        if scores is not None:
+            after[dive.place == place] = scores[dive.place == place]
+    rows = [
+        {
+            "frame": int(dive.frames[place]),
+            **dive.both(np.where(dive.place == place, after, np.nan)),
+        }
+        for place in np.unique(dive.place[np.isfinite(after)])
+    ]
+    return {**dive.both(after), "frames": rows} if rows else None
+
+
+def _point(
+    dive: _NewDive, count: int, orders: list[list[int]], by_learnt: dict[frozenset[int], F64]
+) -> dict[str, Any]:
+    """F1 on the frames not learnt from; `before` is the old model's on the same frames."""
+    learnt = [by_learnt.get(frozenset(order[:count])) for order in orders]
+    both = [None if scores is None else dive.both(scores) for scores in learnt]
+    queue, *drawn = [one if one and one["change"] is not None else None for one in both]
+    now, was = ([one[when]["f1"] for one in drawn if one] for when in ("after", "before"))
+    return {
+        "labelled": count,
+        "draws": len(now),
+        **{"mean": float(np.mean(now)) if now else None, "worst": min(now, default=None)},
+        "before": float(np.mean(was)) if was else None,
+        **{"queue": queue and queue["after"]["f1"]},
+        "queue_before": queue and queue["before"]["f1"],
+        "changes": [one and one["change"] for one in drawn],
+    }
+
+
+def _words(told: dict[str, Any]) -> list[str]:
+    """What was gained, what was lost, what more labels would bring: a sentence each."""
+    name, gained, lost = told["mission"], told["gained"], told["lost"]
+    if gained is None:
+        words = [
+            f"Gained on {name}: cannot be told. It takes labelled frames that are no neighbours or "
+            "copies of each other: each is judged by a model that learnt of the others."
+        ]
+    else:
+        was, now = gained["before"], gained["after"]
+        f1 = "" if gained["change"] is None else f"F1 {was['f1']:.3f} -> {now['f1']:.3f}, "
+        false, missed = (f"{was[key]} -> {now[key]}" for key in _FIGURES[-2:])
+        words = [
+            f"Gained on {name}: {f1}false patches {false}, missed {missed}, in "
+            f"{len(gained['frames'])} frames, each judged by a model that learnt of the others."
+        ]
+    changes = {dive: one for dive, one in lost.items() if one["change"] is not None}
+    worse = ", ".join(
+        f"{dive} F1 {one['before']['f1']:.3f} -> {one['after']['f1']:.3f}"
+        for dive, one in changes.items()
+        if one["change"] <= -_SMALL
+    )
+    fell = f"WORSE: {worse}" if worse else f"F1 fell by {_SMALL} in none"
+    words.append(f"Elsewhere, {len(changes)} old dives, held out as before: {fell}.")
+    words.append(f"More labels: {_more(told['curve'])}.")
+    if told["rate_unknown"]:
+        words.append(f"Rate of false statuses in {name}: unknown.")
+    return words
+
+
+def _more(curve: list[dict[str, Any]]) -> str:
+    """What the second half of the labelled frames brought, order by order."""
+    last = curve[-1]
+    half = [one for one in curve if 2 * one["labelled"] <= last["labelled"]][-1]
+    pairs = zip(last["changes"], half["changes"], strict=True)
+    steps = [now - was for now, was in pairs if now is not None and was is not None]
+    if last["labelled"] < _MIN_LAST or len(steps) < _MIN_STEPS:
+        return "too few frames are labelled, or orders drawn, to tell what they would bring"
+    mean, better = float(np.mean(steps)), float(np.mean(np.array(steps) > 0))
+    seen = (
+        f"from {half['labelled']} to {last['labelled']} labelled frames F1 on the others changed "
+        f"by {mean:+.3f} ({min(steps):+.3f} to {max(steps):+.3f} in {len(steps)} drawn orders)"
+    )
+    if mean >= _SMALL and better >= _MOST:
+        return f"they would probably help, the next as much at most: {seen}"
+    if mean < _SMALL and better < _MOST:
+        return f"they would hardly help, the curve is flat: {seen}"
+    return f"it cannot be told whether they would help: {seen}"
