@@ -219,6 +219,7 @@ def adapt(
     from tokt.training.datasets.dataset import build_dataset
     from tokt.training.datasets.mission_source import plan_from_missions, plan_with
     from tokt.training.fitting.adapt import adaptation, adapted_request, known_model
+    from tokt.training.fitting.presets import preset_for
     from tokt.training.fitting.tracking import log_adaptation, log_and_register
     from tokt.training.fitting.train import train as train_task
 
@@ -244,6 +245,11 @@ def adapt(
         say(f"note: {remark}")
     name = missions[0].name
     data = build_dataset(plan_with(base, plan), root, progress)
+    if preset_for(known.settings.preset, data) != known.settings.preset:
+        say(
+            f"note: {known.bundle.label} was made for one dive's water, and its features stay; "
+            f"tokt train {base.name} makes a model for several"
+        )
     trained = train_task(adapted_request(known, data, split, site or ()), cache, progress, jobs)
     found = adaptation(known, trained, name, cache, progress, draws, jobs)
     version = log_and_register(trained, registry, key)
