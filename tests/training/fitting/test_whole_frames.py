@@ -1,5 +1,6 @@
 """The boundary that moves: the same in a fold, in the runtime and in an evaluation."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -30,13 +31,15 @@ MOVING = replace(settings_named("water"), landmarks=60, penalties=(1.0,))
 @pytest.fixture(scope="module")
 def bundle(trained, tmp_path_factory):
     """A model of the tiny dataset whose boundary moves."""
-    file = tmp_path_factory.mktemp("moving") / "moving.tokt"
+    folder = tmp_path_factory.mktemp("moving")
+    file, workspace = folder / "moving.tokt", folder / ".tokt"
+    shutil.copytree(trained, workspace)
     for command in (
         ("train", "tiny", "--preset", "water", "--extractor", "lbp_24_8", "--name", "moving"),
         ("export", "moving", "-o", file),
     ):
         more = TRAIN_TINY if command[0] == "train" else ()
-        ran = call_tokt(*command, *more, "--workspace", trained)
+        ran = call_tokt(*command, *more, "--workspace", workspace)
         assert ran.code == 0, ran.err
     return read_bundle(file)
 
