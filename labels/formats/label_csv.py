@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
+from sys import intern
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
@@ -124,14 +125,14 @@ class _RowReader:
         row = {**self._defaults, **dict(zip(header, values, strict=True))}
         self._taxonomy.check_label(row["label"])
         record = LabelRecord(
-            mission=row["mission"],
-            camera=row["camera"],
+            mission=intern(row["mission"]),
+            camera=intern(row["camera"]),
             frame=_integer(row, "frame"),
             grid=self._grid(row["grid"]),
             row=_integer(row, "row"),
             col=_integer(row, "col"),
-            label=row["label"],
-            annotator=row["annotator"],
+            label=intern(row["label"]),
+            annotator=intern(row["annotator"]),
             time=utc_text(row["time"]),
             source=row["source"],
             model_version=row["model_version"] or None,

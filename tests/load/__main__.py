@@ -58,11 +58,18 @@ def page(
 
 
 @app.command()
-def scale(frames: Frames = None, out: Out = OUT, quick: Quick = False, json: Json = False) -> None:
+def scale(
+    frames: Frames = None,
+    width: Annotated[int | None, Option(help="Of the frames, in pixels.")] = None,
+    out: Out = OUT,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
     """Time and memory of each step of training on 10^4 to 10^6 patches of rendered frames."""
     from .scale.run import FULL, QUICK, run_scale_bench
 
     extent = QUICK if quick else FULL
+    extent = replace(extent, width=width or extent.width)
     _end(run_scale_bench(extent if frames is None else extent.up_to(frames)), out, json)
 
 

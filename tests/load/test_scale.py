@@ -6,6 +6,7 @@ import json
 import math
 import sys
 from contextlib import redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,11 +16,12 @@ import pytest
 from tests.load.scale import run as scale_run
 from tests.load.scale import steps as scale_steps
 from tests.load.scale.cost import cost_of, watched
-from tests.load.scale.mission import ScaleMission
-from tests.load.scale.run import exponent, worked_out
-from tests.load.scale.steps import FIT, TRIAL, Steps
+from tests.load.scale.mission import LABELS, ScaleMission
+from tests.load.scale.run import exponent
+from tests.load.scale.steps import Steps
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
+from tokt.training.fitting.presets import settings_named
 
 HEAVY = """
 import json, subprocess, sys, time
@@ -37,49 +39,50 @@ for step, does in {
 
 def in_this_process(command: list[str]) -> dict[str, dict]:
     """`watched` without the seconds that a process of its own takes to start."""
-    _, _, _, folder, mission, *steps = command
+    _, _, _, folder, dives, frames, *steps = command
     said = io.StringIO()
     with redirect_stdout(said):
-        Steps(Path(folder), Path(mission)).run(steps)
+        Steps(Path(folder), Path(dives), int(frames)).run(steps)
     lines = [json.loads(line) for line in said.getvalue().splitlines()]
     assert [line["step"] for line in lines] == steps
-    return {line.pop("step"): cost_of(np.zeros((1, 3)), **line) for line in lines}
+    return {line.pop("step"): cost_of(np.zeros((1, 4)), **line) for line in lines}
 
 
 def test_every_step_is_measured_on_what_was_rendered(run_load, tmp_path, monkeypatch):
     monkeypatch.setattr(scale_run, "watched", in_this_process)
-    monkeypatch.setattr(scale_steps, "EXTRACTOR", "lbp")  # a quarter of the features
+    monkeypatch.setattr(scale_steps, "EXTRACTOR", "lbp")
+    monkeypatch.setattr(scale_steps, "_SETTINGS", replace(settings_named("water"), landmarks=50))
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     out = tmp_path / "out"
-    ran = run_load("scale", "--quick", "--frames", 100, "--out", out, "--json")
+    ran = run_load("scale", "--quick", "--frames", 100, "--width", 180, "--out", out, "--json")
     assert ran.code == 0, ran.err
     found = json.loads(ran.out)
     assert json.loads((out / "scale.json").read_text()) == found
     assert [path.name for path in tmp_path.iterdir()] == ["out"]  # the temporary folder is gone
     steps = {step["name"]: step["sizes"][0] for step in found["steps"]}
-    assert list(steps) == [
-        *("build", "features_1_job", "features_2_jobs", "fit", "figures", "search_trial")
-    ]
+    assert list(steps) == ["build", "features_1_job", "features_2_jobs", "fit", "training"]
     patches = steps["build"]["patches"]
     assert 9000 < patches < 10_000  # some are unsure
     assert all(step["patches"] == patches and step["seconds"] > 0 for step in steps.values())
     for name in ("features_1_job", "features_2_jobs"):
-        assert steps[name]["table_mb"] == patches * steps[name]["features"] * 8 / 1e6
-    assert steps["search_trial"]["fits"] == 5 * (4 * 4 + 1)
+        assert steps[name]["table_mb"] == 10_000 * steps[name]["features"] * 8 / 1e6
+    assert steps["training"]["tested"] == patches and steps["training"]["f1"] > 0.5
+    assert found["extent"]["width"] == 180
     assert {step["exponent"] for step in found["steps"]} == {None}
 
 
 def test_frames_of_the_story_come_again_with_other_noise_and_their_labels(tmp_path):
-    mission = ScaleMission(tmp_path, 360, 5)
-    count = 8
-    assert mission.write_frames(count) > 0
-    assert open_mission(mission.path).frames() == list(range(1, count + 1))
+    mission = ScaleMission(tmp_path, 180, 5)
+    assert mission.write_frames(108) > 0
+    first, second = sorted(mission.path.iterdir())
+    assert [len(open_mission(dive).frames()) for dive in (first, second)] == [100, 8]
     once, again = (mission.draw(number).astype(int) for number in (2, 7))
     assert 0 < np.abs(once - again).mean() < 4
-    patches = mission.write_labels(tmp_path / "labels.csv", count)
-    with (tmp_path / "labels.csv").open(newline="") as handle:
+    files = (first / "Left" / f"{first.name}_L_7.jpg", second / "Left" / f"{second.name}_L_7.jpg")
+    assert files[0].read_bytes() != files[1].read_bytes()
+    with (second / LABELS).open(newline="") as handle:
         rows = list(csv.DictReader(handle))
-    assert len(rows) == patches == 100 * count
+    assert len(rows) == 800 and {row["mission"] for row in rows} == {second.name}
     labels = {(int(row["frame"]), row["row"], row["col"]): row["label"] for row in rows}
     third, eighth = (
         [labels[n, str(r), str(c)] for r in range(10) for c in range(10)] for n in (3, 8)
@@ -91,10 +94,10 @@ def test_memory_is_that_of_the_step_and_of_all_it_starts():
     found = watched([sys.executable, "-c", HEAVY])
     assert list(found) == ["light", "heavy"]
     light, heavy = found.values()
-    assert list(light) == ["seconds", "cpu_s", "peak_mb", "rows"] and light["rows"] == 7
+    assert list(light) == ["seconds", "cpu_s", "peak_mb", "own_mb", "rows"] and light["rows"] == 7
     assert light["seconds"] >= 0.3 and heavy["seconds"] >= 0.5
     assert light["cpu_s"] < 0.4 < heavy["cpu_s"] < 2
-    assert light["peak_mb"] < 100 < 150 < heavy["peak_mb"] < 400
+    assert light["peak_mb"] < 100 < 150 < heavy["own_mb"] <= heavy["peak_mb"] < 400
 
 
 def test_a_step_that_fails_is_said_in_its_own_words():
@@ -102,18 +105,9 @@ def test_a_step_that_fails_is_said_in_its_own_words():
         watched([sys.executable, "-c", "raise ValueError('too much')"])
 
 
-def test_growth_and_what_is_worked_out_from_it():
+def test_growth():
     sizes = (10_000, 100_000, 1_000_000)
     assert math.isclose(exponent(sizes, [3e-9 * n**1.5 for n in sizes]), 1.5)
-    before = {
-        FIT: {"seconds": 2.0, "cpu_s": 1.0, "peak_mb": 1.0},
-        TRIAL: {"seconds": 100.0, "cpu_s": 90.0, "peak_mb": 1.0, "fits": 85},
-    }
-    fit = {"seconds": 4.0, "cpu_s": 1.5, "peak_mb": 9.0}
-    assert worked_out(before, fit) is None  # short enough to be measured
-    assert worked_out(None, {**fit, "seconds": 4000.0}) is None  # nothing to go by
-    times = {"seconds": 3000.0, "cpu_s": 75.0, "peak_mb": 9.0}
-    assert worked_out(before, {**fit, "seconds": 60.0}) == {**times, "fits": 85, "worked_out": True}
 
 
 def test_too_little_room_and_too_few_frames_are_said_before_the_work(run_load, monkeypatch):

@@ -42,6 +42,7 @@ FORMAT_VERSION = 1
 TASKS = ("binary", "classes")
 CLEAR, OBSTACLE = "clear", "obstacle"
 _HASH_CHARS = 16
+_HASHED_AT_ONCE = 1 << 18  # rows
 _VERSION_INFO = "[0-9a-f]" * _HASH_CHARS + "/dataset.json"  # never of a half-written folder
 _FRAME_KEY = ["mission", "camera", "frame"]
 _PATCH_COLUMNS = [*_FRAME_KEY, "row", "col", "label", "group"]
@@ -280,7 +281,10 @@ def _content_hash(info: dict[str, Any], patches: pd.DataFrame, frames: pd.DataFr
     header = {name: info[name] for name in _HASHED_INFO}
     digest = hashlib.sha256(canonical_json(header).encode())
     for table in (patches[_PATCH_COLUMNS], frames[_HASHED_FRAME_COLUMNS]):
-        digest.update(table.to_csv(index=False, lineterminator="\n").encode())
+        for start in range(0, max(len(table), 1), _HASHED_AT_ONCE):
+            some = table.iloc[start : start + _HASHED_AT_ONCE]
+            text = some.to_csv(index=False, header=not start, lineterminator="\n")
+            digest.update(text.encode())
     return digest.hexdigest()
 
 

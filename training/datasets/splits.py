@@ -19,6 +19,8 @@ from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold
 from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.common.errors import ToktError
 
+MAX_JUDGED = 1_000_000
+"""Of more patches than these, some are cross-validated: 10,000 frames tell how good a model is."""
 BLOCK_FRAMES = 20
 EMBARGO_FRAMES = 5
 FOLDS = 5
@@ -200,10 +202,31 @@ def dive_folds(
     return []
 
 
-def dive_weights(missions: NDArray[np.object_]) -> F64:
+def some_units(units: Sequence[str], targets: I64, most: int, of_class: int) -> I64:
+    """Rows of whole units, drawn with a fixed seed, up to `most`; `of_class` units of each class.
+
+    Parameters
+    ----------
+    units : sequence of str, length n_patches
+        What is kept or left out as a whole.
+    targets : array of int, shape (n_patches,)
+    most, of_class : int
+        The second goes first.
+    """
+    unit = pd.factorize(np.asarray(units, object))[0]
+    order = np.random.default_rng(0).permutation(unit.max() + 1)
+    having = (order[np.isin(order, unit[targets == one])] for one in np.unique(targets))
+    first = [number for numbers in having for number in numbers[:of_class].tolist()]
+    order = np.array(list(dict.fromkeys([*first, *order.tolist()])))
+    kept = np.cumsum(np.bincount(unit)[order]) <= most
+    kept |= np.isin(order, first)
+    return np.flatnonzero(np.isin(unit, order[kept]))
+
+
+def dive_weights(dives: I64) -> F64:
     """A weight for each patch, so that all dives' patches add up to the same; 1 in the mean."""
-    _, dive, patches = np.unique(missions, return_inverse=True, return_counts=True)
-    return np.asarray(len(missions) / (len(patches) * patches[dive]), np.float64)
+    _, dive, patches = np.unique(dives, return_inverse=True, return_counts=True)
+    return np.asarray(len(dives) / (len(patches) * patches[dive]), np.float64)
 
 
 def sites_named(texts: Sequence[str], missions: Sequence[str]) -> dict[str, str]:

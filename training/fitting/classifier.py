@@ -26,6 +26,7 @@ def fit_classifier(
     settings: TrainingSettings,
     weights: F64 | None = None,
     scaled_by: F64 | None = None,
+    landmarks: F64 | None = None,
 ) -> Pipeline:
     """Fit scaler, map if there is one, and LinearSVC; deterministic for the same input.
 
@@ -44,6 +45,8 @@ def fit_classifier(
         How much each patch's error counts, and the patch itself before a map.
     scaled_by : array of float64, shape (n,), optional
         How much each patch counts in a scaler without a map; by default all alike.
+    landmarks : array of float64, shape (n_landmarks, dim), optional
+        Features of the map's landmarks; by default some of `features`, drawn by weight.
     """
     svc = LinearSVC(
         C=choice.penalty,
@@ -53,7 +56,10 @@ def fit_classifier(
         max_iter=5000,
     )
     features = np.asarray(features)
-    steps = _fitted_map(features, weights, settings) if settings.landmarks else []
+    parts = np.ones(len(features)) if weights is None else weights
+    if landmarks is None and settings.landmarks:
+        landmarks = features[drawn(parts, settings.landmarks, settings.seed)]
+    steps = [] if landmarks is None else _fitted_map(features, parts, landmarks, settings)
     if settings.scale and not steps:
         steps = [("scaler", StandardScaler().fit(features, sample_weight=scaled_by))]
     mapped = Pipeline(steps).transform(features) if steps else features
@@ -63,30 +69,27 @@ def fit_classifier(
     return Pipeline([*steps, ("svc", svc)])
 
 
-def _fitted_map(
-    features: F64, weights: F64 | None, settings: TrainingSettings
-) -> list[tuple[str, TransformerMixin]]:
-    """A scaler that limits what lies far out, and Nystroem's map; both take weights into account.
+def drawn(parts: F64, count: int, seed: int) -> I64:
+    """So many patches drawn by weight, so that a long dive does not have them all; or all."""
+    return np.random.default_rng(seed).choice(
+        len(parts), min(int(np.count_nonzero(parts)), count), replace=False, p=parts / parts.sum()
+    )
 
-    Landmarks are drawn from the patches by weight, so that a long dive does not have them all.
-    """
-    parts = np.ones(len(features)) if weights is None else weights
-    usual = StandardScaler().fit(features, sample_weight=parts)
+
+def _fitted_map(
+    features: F64, weights: F64, landmarks: F64, settings: TrainingSettings
+) -> list[tuple[str, TransformerMixin]]:
+    """A scaler that limits what lies far out, and Nystroem's map."""
+    usual = StandardScaler().fit(features, sample_weight=weights)
     far = settings.limit * usual.scale_
     scaler = MinMaxScaler((-settings.limit, settings.limit), clip=True)
     scaler.fit(np.stack([usual.mean_ - far, usual.mean_ + far]))
-    drawn = np.random.default_rng(settings.seed).choice(
-        len(features),
-        min(int(np.count_nonzero(parts)), settings.landmarks),
-        replace=False,
-        p=parts / parts.sum(),
-    )
     nystroem = Nystroem(
         gamma=settings.gamma / features.shape[1],
-        n_components=len(drawn),
+        n_components=len(landmarks),
         random_state=settings.seed,
     )
-    nystroem.fit(scaler.transform(features[drawn]))
+    nystroem.fit(scaler.transform(landmarks))
     return [("scaler", scaler), ("map", nystroem)]
 
 

@@ -11,7 +11,6 @@ from typing import Any, Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 
 from tokt.features.common.arrays import F64, I64, Bools
@@ -22,12 +21,14 @@ from tokt.models.operating_point import MofNRule
 from tokt.models.water import WaterPrior
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.splits import (
+    MAX_JUDGED,
     Fold,
     blocked_folds,
     dive_folds,
     dive_weights,
     held_out_together,
     sites_named,
+    some_units,
 )
 from tokt.training.evaluation.frame_scores import frame_figures
 from tokt.training.evaluation.metrics import class_metrics, metrics_by, obstacle_metrics, over_dives
@@ -40,12 +41,12 @@ from .choose_operating_point import (
     FalseStatusTarget,
     choose_frame_rule,
 )
-from .classifier import decision_values, fit_classifier, in_parts, linear_model
+from .classifier import decision_values, drawn, fit_classifier, in_parts, linear_model
 from .presets import Hyperparameters, TrainingSettings
 from .whole_frames import WholeFrames, judged
 
 Tables = Sequence[F64]
-
+_Dives = I64 | None
 
 PATCH = "patch"
 SITES, DIVES, BLOCKS = "sites", "dives", "blocks of frames"
@@ -141,6 +142,8 @@ class Split:
     def cut(self, patches: pd.DataFrame, targets: I64, to_choose: bool = False) -> list[Fold]:
         """Folds of whole dives or sites where it is by dive and there are several; else of blocks.
 
+        Of the patches that are `judged`; to choose, of all.
+
         Parameters
         ----------
         patches, targets
@@ -156,9 +159,19 @@ class Split:
             As `dive_folds` and `blocked_folds`.
         """
         folds: list[Fold] = []
+        rows = np.arange(len(patches)) if to_choose else self.judged(patches, targets)
+        patches, targets = patches.iloc[rows], targets[rows]
         if self.by == DIVE:
             folds = dive_folds(patches, targets, self.sites, self.folds, refuse=not to_choose)
-        return folds or blocked_folds(patches, targets, self.folds, self.embargo_frames)
+        folds = folds or blocked_folds(patches, targets, self.folds, self.embargo_frames)
+        return [Fold(rows[fold.train], rows[fold.test]) for fold in folds]
+
+    def judged_words(self, dataset: DatasetVersion) -> str:
+        """How many patches are judged, where it is not all of them."""
+        total = len(dataset.patches)
+        judged = len(self.judged(dataset.patches, dataset.targets()))
+        what = "whole dives or blocks of frames, drawn by lot"
+        return f" Judged are {judged:,} of {total:,} patches: {what}." if judged < total else ""
 
     def unit(self, patches: pd.DataFrame) -> str:
         """What `cut` holds out as a whole, for people."""
@@ -168,10 +181,19 @@ class Split:
                 return what
         return BLOCKS
 
-    def dives(self, patches: pd.DataFrame) -> NDArray[np.object_] | None:
+    def dives(self, patches: pd.DataFrame) -> _Dives:
         """The dive of each patch where there are several that count the same, for `fit_rows`."""
         several = self.weight == DIVE and patches.mission.nunique() > 1
-        return patches.mission.to_numpy() if several else None
+        return pd.factorize(patches.mission)[0] if several else None
+
+    def judged(self, patches: pd.DataFrame, targets: I64) -> I64:
+        """Rows to cross-validate: all, or of more than `MAX_JUDGED` whole dives or blocks."""
+        if len(patches) <= MAX_JUDGED:
+            return np.arange(len(patches))
+        whole = held_out_together(patches) if self.by == DIVE else patches.group
+        if self.by == DIVE and len(np.unique(whole)) == 1:
+            whole = patches.group
+        return some_units(whole, targets, MAX_JUDGED, 2 * self.folds)
 
 
 def _texts(sites: Mapping[Any, Any]) -> dict[str, str]:
@@ -232,9 +254,12 @@ def fit_rows(
     choice: Hyperparameters,
     settings: TrainingSettings,
     augmented: Tables = (),
-    dives: NDArray[np.object_] | None = None,
+    dives: _Dives = None,
 ) -> Pipeline:
     """Fit to some patches, as they are and as they look on augmented frames.
+
+    Of more than `settings.max_samples` some are drawn: half of them by class, so that a rare one is
+    not lost. Each class of a dive then counts as much as all its patches would.
 
     Parameters
     ----------
@@ -246,17 +271,36 @@ def fit_rows(
         As for `fit_classifier`.
     augmented : sequence of arrays like `features`
         The same patches on augmented frames.
-    dives : array, shape (n_patches,), optional
+    dives : array of int, shape (n_patches,), optional
         The dive of each patch, all of which then count the same; by default each patch does.
     """
+    parts, landmarks = np.ones(len(rows)), None
+    if several := dives is not None and len(np.unique(dives[rows])) > 1:
+        parts = dive_weights(dives[rows])
+    if len(rows) > settings.max_samples:
+        if settings.landmarks:
+            landmarks = features[rows[drawn(parts, settings.landmarks, settings.seed)]]
+        kept, parts = _sample(targets[rows], dives[rows] if several else None, parts, settings)
+        rows, several = rows[kept], True
     tables = [table[rows] for table in (features, *augmented)]
-    known = np.tile(targets[rows], len(tables))
-    weights = np.repeat([1.0] + [settings.change_weight] * len(augmented), len(rows))
-    scaled_by = None
-    if dives is not None and len(np.unique(dives[rows])) > 1:
-        scaled_by = np.tile(dive_weights(dives[rows]), len(tables))
-        weights *= scaled_by
-    return fit_classifier(np.concatenate(tables), known, choice, settings, weights, scaled_by)
+    known, parts = np.tile(targets[rows], len(tables)), np.tile(parts, len(tables))
+    weights = np.repeat([1.0] + [settings.change_weight] * len(augmented), len(rows)) * parts
+    return fit_classifier(
+        *(np.concatenate(tables), known, choice, settings, weights),
+        *(parts if several else None, landmarks),
+    )
+
+
+def _sample(targets: I64, dives: _Dives, parts: F64, settings: TrainingSettings) -> tuple[I64, F64]:
+    """Some patches and how much each counts, given how much each would count among all."""
+    of_class = np.bincount(targets, parts)
+    chance = parts / parts.sum() + parts / of_class[targets] / np.count_nonzero(of_class)
+    kept = np.sort(drawn(chance, settings.max_samples, settings.seed))
+    cell = targets if dives is None else targets + len(of_class) * dives
+    found = np.bincount(cell[kept])
+    share = np.bincount(cell, parts)[: len(found)] / np.maximum(found, 1)
+    weights = share[cell[kept]]
+    return kept, weights * len(kept) / weights.sum()
 
 
 def choose_hyperparameters(
@@ -290,14 +334,14 @@ def choose_hyperparameters(
     whole : WholeFrames, optional
         The patches' frames, over which the boundary moves.
     rows : array of int, optional
-        Of the patches to choose on; by default all.
+        Of the patches to choose on; by default those of `Split.judged`.
 
     Raises
     ------
     ToktError
         If there are too few groups; see `blocked_folds`.
     """
-    rows = np.arange(len(targets)) if rows is None else rows
+    rows = split.judged(patches, targets) if rows is None else rows
     cut = split.cut(patches.iloc[rows], targets[rows], to_choose=True)
     folds = [Fold(rows[fold.train], rows[fold.test]) for fold in cut]
     parts = [*patches.groupby("mission").indices.values()] if split.by == DIVE else []
@@ -325,7 +369,6 @@ def choose_hyperparameters(
     return best
 
 
-_Dives = NDArray[np.object_] | None
 _Fit = tuple[F64, I64, Fold, Hyperparameters, TrainingSettings, Tables, _Dives, WholeFrames | None]
 """One fold of one candidate: features, targets, fold, choice, settings, augmented, dives, whole."""
 
@@ -385,6 +428,8 @@ def cross_validate(
     whole: Mapping[str, WholeFrames] | None = None,
 ) -> HeldOutPredictions:
     """Nested cross-validation: what is chosen is chosen inside the training part of each fold.
+
+    Of very many patches some are tested, and learnt from by the folds (`Split.judged`).
 
     Parameters
     ----------
@@ -524,7 +569,8 @@ def check_features(dataset: DatasetVersion, features: F64) -> None:
     dataset : DatasetVersion
     features : array of float64, shape (n_patches, dim)
     """
-    sound = np.isfinite(features).all(axis=1)
+    every = np.arange(len(features))
+    sound = in_parts(lambda some: np.isfinite(some).all(axis=1), features, every) > 0
     if not sound.all():
         mission, camera, frame, row, col = dataset.patches.iloc[int(np.argmin(sound))][
             ["mission", "camera", "frame", "row", "col"]

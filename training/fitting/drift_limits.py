@@ -73,7 +73,7 @@ def novelty_limit(dataset: DatasetVersion, distance: F64 | None) -> tuple[float 
 
 
 def training_distribution(
-    dataset: DatasetVersion, features: F64, embargo_frames: int
+    dataset: DatasetVersion, features: F64, embargo_frames: int, rows: I64 | None = None
 ) -> Distribution | None:
     """The distribution of a dataset's features, and its held-back windows' distances from it.
 
@@ -84,6 +84,8 @@ def training_distribution(
         Finite, in the order of the dataset's patches.
     embargo_frames : int
         Frames on either side of a window that it is not compared with.
+    rows : array of int, optional
+        The patches to take; by default all.
 
     Returns
     -------
@@ -94,7 +96,8 @@ def training_distribution(
     if dataset.block_frames is None:
         return None
     length = min(dataset.block_frames, MAX_WINDOW_FRAMES)
-    grouped = dataset.patches.groupby(KEYS)
+    rows = np.arange(len(features)) if rows is None else rows
+    grouped = dataset.patches.iloc[rows].groupby(KEYS)
     of_patch = grouped.ngroup().to_numpy(np.int64)
     sizes = grouped.size()
     windows = _windows(sizes.index.to_frame(index=False), sizes.to_numpy(), length, embargo_frames)
@@ -105,7 +108,7 @@ def training_distribution(
     edges, counts = np.empty((dim, BINS - 1)), np.empty((dim, BINS), np.int64)
     typical, largest = np.empty(dim), np.empty(dim)
     for feature in range(dim):
-        values = np.ascontiguousarray(features[:, feature])
+        values = features[rows, feature]
         edges[feature] = quantile_edges(values)
         cells = of_patch * BINS + np.searchsorted(edges[feature], values)
         by_frame = np.bincount(cells, minlength=len(sizes) * BINS).reshape(-1, BINS)

@@ -232,7 +232,7 @@ def _rule(audited: AuditInput, folds: int) -> str:
     return (
         f"mean of two held-out margins ({folds} folds over {over}); the second "
         "without learning what the first contradicts. Decision values; below 0 the label's class "
-        f"loses.{'' if grouped else _UNGROUPED}"
+        f"loses.{'' if grouped else _UNGROUPED}{audited.split.judged_words(audited.dataset)}"
     )
 
 
@@ -249,7 +249,7 @@ def _judge(
         )
         first, choice = chosen.values, chosen.choice
     before = label_margins(first, targets)
-    second, dives = np.empty_like(first), audited.split.dives(dataset.patches)
+    second, dives = np.full_like(first, np.nan), audited.split.dives(dataset.patches)
     for fold in folds:
         believed = believable(fold, before, targets)
         model = fit_rows(features, targets, believed, choice, settings, augmented, dives)

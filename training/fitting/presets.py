@@ -66,6 +66,9 @@ class TrainingSettings:
     moving_boundary : bool
         Whether the boundary moves with the water (`tokt.models.water`), where there are whole
         frames.
+    max_samples : int
+        Patches that a fit learns from at most: drawn where there are more, so that memory and time
+        have a bound. More of the same water teach nothing (docs/scale.md).
     """
 
     preset: str
@@ -80,6 +83,7 @@ class TrainingSettings:
     gamma: float = 0.3
     limit: float = 2.5
     moving_boundary: bool = False
+    max_samples: int = 50_000
 
     @classmethod
     def logged(cls, parameters: Mapping[str, str]) -> Self:

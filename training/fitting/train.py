@@ -214,6 +214,7 @@ def _train_on_dataset(
     score, tested = model.obstacle_score(chosen.values), rows_tested(chosen.values)
     by_dive = split.by == DIVE
     rule, how = choose_frame_rule(dataset, score, tested, request.target, by_dive)
+    judged = split.judged(dataset.patches, targets)
     unlike, words = novelty_limit(dataset, held_out.distance)
     moves = chosen.prior.words() if chosen.prior else ""
     told = {**how, **{key: text for key, text in (("boundary", moves), ("novelty", words)) if text}}
@@ -229,7 +230,7 @@ def _train_on_dataset(
         metrics,
         np.unique(trained_on),
         operating_point,
-        training_distribution(dataset, features, split.embargo_frames),
+        training_distribution(dataset, features, split.embargo_frames, judged),
     )
 
 
@@ -258,11 +259,11 @@ def _folds_in_words(request: TrainRequest) -> str:
         return (
             f"UNGROUPED: {split.folds}-fold cross-validation over single patches. Nothing says "
             "which patches come from one photo, so near copies may stand on both sides and the "
-            f"figures may be too good.{_changes(request.settings)}"
+            f"figures may be too good.{_changes(request.settings)}{_drawn(request)}"
         )
     weighed = split.dives(request.dataset.patches) is not None
     weights = " Every dive counts the same in learning." if weighed else ""
-    rest = f"{_DECIDED}{weights}{_changes(request.settings)}"
+    rest = f"{_DECIDED}{weights}{_changes(request.settings)}{_drawn(request)}"
     candidates = f"{_candidates(request.settings)} chosen inside each training part"
     unit = split.unit(request.dataset.patches)
     if unit != BLOCKS:
@@ -295,6 +296,12 @@ def _changes(settings: TrainingSettings) -> str:
         f" Learnt from frames as they are and, counting {settings.change_weight:g} each, changed "
         f"({changes}); tested on as they are."
     )
+
+
+def _drawn(request: TrainRequest) -> str:
+    most, patches = request.settings.max_samples, len(request.dataset.patches)
+    fits = f" A fit learns from {most:,} patches at most, drawn by lot." if patches > most else ""
+    return request.split.judged_words(request.dataset) + fits
 
 
 def _candidates(settings: TrainingSettings) -> str:

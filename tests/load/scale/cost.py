@@ -19,8 +19,8 @@ _POLL_S = 0.02
 Cost = dict[str, Any]
 """Of one step: ``seconds``; ``cpu_s``, the processor time of the process and all that it started
 (on a busy computer it says more); ``peak_mb``, their resident memory at the same moment, in MB
-(10**6 bytes), in which files that are mapped count as far as they were read; and what else the step
-said of itself."""
+(10**6 bytes), in which files that are mapped count as far as they were read; ``own_mb``, the same
+without those; and what else the step said of itself."""
 
 
 def watched(command: Sequence[str]) -> dict[str, Cost]:
@@ -33,7 +33,7 @@ def watched(command: Sequence[str]) -> dict[str, Cost]:
     ToktError
         If it ends with an error; its own last words are passed on.
     """
-    usage = [(0.0, 0, 0.0)]
+    usage = [(0.0, 0, 0, 0.0)]
     with TemporaryFile("w+") as said, TemporaryFile("w+") as errors:
         process = subprocess.Popen(command, stdout=said, stderr=errors)
         try:
@@ -54,20 +54,23 @@ def watched(command: Sequence[str]) -> dict[str, Cost]:
 
 def cost_of(usage: F64, began: float, ended: float, **facts: Any) -> Cost:
     """The cost of one step, given what was in use at which time."""
-    at, resident, cpu_s = usage.T
+    at, resident, own, cpu_s = usage.T
     used_s = cpu_s[at <= ended].max() - cpu_s[at <= began].max()
-    peak = resident[(began <= at) & (at <= ended)].max(initial=0)
+    during = (began <= at) & (at <= ended)
+    peak, peak_own = (float(held[during].max(initial=0)) / 1e6 for held in (resident, own))
     times = {"seconds": ended - began, "cpu_s": float(used_s)}
-    return {**times, "peak_mb": float(peak) / 1e6, **facts}
+    return {**times, "peak_mb": peak, "own_mb": peak_own, **facts}
 
 
-def _usage(pid: int) -> tuple[int, float]:
-    """Bytes in memory and processor seconds of a process and of all that it started."""
-    resident, cpu_s = 0, 0.0
+def _usage(pid: int) -> tuple[int, int, float]:
+    """Bytes in memory, of them not of files, and processor seconds of a process and its own."""
+    resident, own, cpu_s = 0, 0, 0.0
     with suppress(psutil.NoSuchProcess):
         process = psutil.Process(pid)
         for member in (process, *process.children(recursive=True)):
             with suppress(psutil.NoSuchProcess), member.oneshot():
-                resident += member.memory_info().rss
+                memory = member.memory_info()
+                resident += memory.rss
+                own += memory.rss - memory.shared
                 cpu_s += sum(member.cpu_times()[:2])
-    return resident, cpu_s
+    return resident, own, cpu_s

@@ -1,8 +1,7 @@
-"""As many frames as one likes out of few rendered ones: each time with other noise."""
+"""As many dives as one likes out of few rendered frames: each time with other noise."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -16,13 +15,14 @@ from tokt.labels.formats.label_csv import COLUMNS
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 
 NAME = "scale"
+DIVE_FRAMES, LABELS = 100, "labels.csv"
 _NOISE = 4  # grey levels; noise of a camera, and what tells one frame's pixels from another's
-_SHIFTS = 256
+_SHIFTS = 320
 _QUALITY = 90
 
 
 class ScaleMission:
-    """A mission that grows to any number of left frames.
+    """A folder of dives that grows to any number of left frames, `DIVE_FRAMES` a dive.
 
     The dive repeats, so that a model of one block knows the next: what is measured on it is what
     work costs, never how good a model is. So many `story_frames` are rendered; a divisor of a
@@ -42,7 +42,7 @@ class ScaleMission:
         self._more, self._less = rng.integers(0, _NOISE, size, np.uint8)
 
     def draw(self, number: int) -> U8:
-        """Frame `number`, from 1 on; no two are equal up to 65,536."""
+        """Frame `number`, from 1 on; no two are equal up to 102,400."""
         picture = self._pictures[(number - 1) % len(self._pictures)]
         height, width = picture.shape
         down, right = divmod(number % _SHIFTS**2, _SHIFTS)
@@ -51,27 +51,32 @@ class ScaleMission:
         return np.asarray(noisy, np.uint8)
 
     def write_frames(self, count: int) -> int:
-        """Write frames 1 to `count` as JPEG files; the bytes of all of them."""
-        folder = self.path / "Left"
-        folder.mkdir(parents=True)
+        """Write frames 1 to `count` as JPEG files, each dive with its labels; the frames' bytes."""
+        for first in range(1, count + 1, DIVE_FRAMES):
+            dive = self._dive(first)
+            (dive / "Left").mkdir(parents=True)
+            self._write_labels(dive, min(DIVE_FRAMES, count + 1 - first))
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            sizes = pool.map(partial(self._write, folder), range(1, count + 1))
+            sizes = pool.map(self._write, range(1, count + 1))
             return sum(progress(sizes, count, "frames to measure on"))
 
-    def _write(self, folder: Path, number: int) -> int:
+    def _dive(self, number: int) -> Path:
+        return self.path / f"{NAME}_{(number - 1) // DIVE_FRAMES:05d}"
+
+    def _write(self, number: int) -> int:
         _, data = cv2.imencode(".jpg", self.draw(number), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-        (folder / f"{NAME}_L_{number}.jpg").write_bytes(data.tobytes())
+        dive, frame = self._dive(number), (number - 1) % DIVE_FRAMES + 1
+        (dive / "Left" / f"{dive.name}_L_{frame}.jpg").write_bytes(data.tobytes())
         return len(data)
 
-    def write_labels(self, path: Path, count: int) -> int:
-        """Write a label file of frames 1 to `count`; how many patches it labels."""
+    def _write_labels(self, dive: Path, count: int) -> None:
         story = len(self._pictures)
         rows = pd.concat(
             self._labels[self._labels.frame == number % story + 1].assign(frame=number + 1)
             for number in range(count)
         )
-        rows.assign(mission=NAME)[list(COLUMNS)].to_csv(path, index=False, lineterminator="\n")
-        return len(rows)
+        rows = rows.assign(mission=dive.name)[list(COLUMNS)]
+        rows.to_csv(dive / LABELS, index=False, lineterminator="\n")
 
 
 def _gray(image: U8) -> U8:

@@ -24,11 +24,9 @@ from tokt.training.datasets.splits import BLOCK_FRAMES, FOLDS
 
 from .cost import Cost, watched
 from .mission import ScaleMission
-from .steps import BUILD, EXTRACTOR, FIGURES, FIT, LABELS, ONE_JOB, TRIAL, TWO_JOBS
+from .steps import BUILD, EXTRACTOR, FIT, ONE_JOB, TRAINING, TWO_JOBS
 
-_PROCESSES = ((BUILD,), (ONE_JOB,), (TWO_JOBS,), (FIT, FIGURES), (TRIAL,))
-_MAX_S = 900.0
-"""A cross-validation that would take longer is worked out from its fits instead."""
+_PROCESSES = ((BUILD,), (ONE_JOB,), (TWO_JOBS,), (FIT,), (TRAINING,))
 _BYTES_A_PIXEL = 0.6  # of a noisy frame as JPEG, at most
 _KEPT_TWICE = 2.2  # the mission's frames, and the datasets' copies of them
 
@@ -72,9 +70,8 @@ def run_scale_bench(extent: ScaleBenchSize) -> Found:
         for frames in extent.frames:
             folder = work / str(frames)
             folder.mkdir()
-            mission.write_labels(folder / LABELS, frames)
             say(f"-- {frames} frames")
-            measured.append(_measure(folder, mission.path, measured[-1] if measured else None))
+            measured.append(_measure(folder, mission.path, frames))
             shutil.rmtree(folder)
     patches = [costs[BUILD]["patches"] for costs in measured]
     found = {
@@ -97,25 +94,14 @@ def run_scale_bench(extent: ScaleBenchSize) -> Found:
     return Found("scale", found, scale_report(found))
 
 
-def _measure(folder: Path, mission: Path, smaller: dict[str, Cost] | None) -> dict[str, Cost]:
-    """The costs of every step on the frames that a folder labels, given those of fewer frames."""
-    program = [sys.executable, "-m", "tests.load.scale.steps", str(folder), str(mission)]
+def _measure(folder: Path, dives: Path, frames: int) -> dict[str, Cost]:
+    """The costs of every step on the first frames, in a folder of its own."""
+    program = [sys.executable, "-m", "tests.load.scale.steps", str(folder), str(dives), str(frames)]
     costs: dict[str, Cost] = {}
-    for steps in progress(_PROCESSES, len(_PROCESSES), f"steps for {folder.name} frames"):
-        known = worked_out(smaller, costs[FIT]) if steps == (TRIAL,) else None
-        costs |= {TRIAL: known} if known else watched([*program, *steps])
+    for steps in progress(_PROCESSES, len(_PROCESSES), f"steps for {frames} frames"):
+        costs |= watched([*program, *steps])
+        say(f"   {', '.join(_cell(costs[step]) for step in steps)}")
     return costs
-
-
-def worked_out(smaller: Mapping[str, Cost] | None, fit: Cost) -> Cost | None:
-    """A long cross-validation's cost, were it as many fits long as that of fewer frames."""
-    if smaller is None:
-        return None
-    fits = smaller[TRIAL]["seconds"] / smaller[FIT]["seconds"]
-    if fit["seconds"] * fits < _MAX_S:
-        return None
-    times = {name: fit[name] * fits for name in ("seconds", "cpu_s")}
-    return {**smaller[TRIAL], **times, "peak_mb": fit["peak_mb"], "worked_out": True}
 
 
 def exponent(patches: Sequence[int], seconds: Sequence[float]) -> float | None:
@@ -153,13 +139,12 @@ def scale_report(found: Mapping[str, Any]) -> list[Table | str]:
     return [
         table(("step", *sizes, "time grows as"), rows),
         f"frames {found['extent']['width']} pixels wide, rendered and repeated with other "
-        f"noise; features {found['extractor']}; cpu s and MB (the most in use at one moment) "
-        "of all processes together; ~ worked out from a fit, not measured",
+        f"noise, 100 a dive; features {found['extractor']}; cpu s and MB (the most in use at one "
+        "moment) of all processes together; in brackets without pages of files that are mapped",
         machine_words(found),
     ]
 
 
 def _cell(cost: Cost) -> str:
-    about = "~" if cost.get("worked_out") else ""
-    times = f"{about}{cost['seconds']:.1f} s {about}{cost['cpu_s']:6.1f} cpu s"
-    return f"{times} {cost['peak_mb']:6.0f} MB"
+    memory = f"{cost['peak_mb']:6.0f} ({cost['own_mb']:.0f}) MB"
+    return f"{cost['seconds']:.1f} s {cost['cpu_s']:6.1f} cpu s {memory}"

@@ -60,9 +60,9 @@ def test_training_parts_are_learnt_from_changed_too_and_tests_are_plain(fabricat
     made = fabricate(["ocean", "reef"] * 30, [f"dive#{n // 5:03d}" for n in range(60)])
     seen = []
 
-    def spy(features, targets, choice, settings, weights, scaled_by):
+    def spy(features, targets, choice, settings, weights, scaled_by, landmarks):
         seen.append((features[:, 0], targets, weights))
-        assert scaled_by is None  # one dive: every patch counts the same
+        assert scaled_by is landmarks is None  # one dive: every patch counts the same
         return fit_classifier(features, targets, choice, settings, weights, scaled_by)
 
     monkeypatch.setattr(cross_validation, "fit_classifier", spy)

@@ -22,6 +22,7 @@ from tokt.features.frames.grid import Grid
 from tokt.labels import taxonomy as taxonomy_module
 from tokt.labels.taxonomy import Taxonomy
 from tokt.models.operating_point import OperatingPoint
+from tokt.training.datasets import dataset as datasets
 from tokt.training.datasets.dataset import (
     DatasetPlan,
     DatasetVersion,
@@ -475,7 +476,7 @@ def test_a_class_in_few_places_is_warned_of_when_built(tiny, tiny_truth, tmp_pat
 # --- size --------------------------------------------------------------------------------------
 
 
-def test_a_hundred_thousand_patches_build_and_open_in_seconds(tmp_path, no_progress):
+def test_a_hundred_thousand_patches_build_and_open_in_seconds(tmp_path, no_progress, monkeypatch):
     frames, cells = 100, 1000
     rng = np.random.default_rng(0)
     images = [np.full((75, 120), n, np.uint8) for n in range(frames)]
@@ -495,6 +496,8 @@ def test_a_hundred_thousand_patches_build_and_open_in_seconds(tmp_path, no_progr
     opened = open_dataset("large", tmp_path)
     opened.check()
     assert opened.hash == built.hash
+    monkeypatch.setattr(datasets, "_HASHED_AT_ONCE", 33_333)
+    opened.check()
     assert len(opened.targets()) == 100_000
     assert time.process_time() - begun < 10  # of one core's time, about 1
 

@@ -20,6 +20,7 @@ from tokt.training.datasets.splits import (
     every_nth_block,
     held_out_together,
     sites_named,
+    some_units,
 )
 
 
@@ -215,3 +216,22 @@ def test_holding_back_every_nth_block_does_not_leak(layout, n, embargo):
     assert not set(group[fold.train]) & set(group[fold.test])
     assert distance_to_test(table, fold) > embargo
     assert set(targets[fold.train]) == set(targets[fold.test]) == set(targets)
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 12), st.integers(0, 2)), min_size=1),
+    st.integers(1, 60),
+    st.integers(1, 3),
+)
+def test_some_units_are_whole_and_hold_every_class(rows, most, of_class):
+    units, targets = [f"unit {unit}" for unit, _ in rows], np.array([one for _, one in rows])
+    kept = some_units(units, targets, most, of_class)
+    names = np.array(units)
+    assert set(names[kept]).isdisjoint(np.delete(names, kept))
+    for target in np.unique(targets):
+        having = set(names[targets == target])
+        assert len(having & set(names[kept])) >= min(of_class, len(having))
+    again = some_units(units, targets, most, of_class)
+    assert (kept == again).all() and (np.diff(kept) > 0).all()
+    if len(kept) > most:  # only what the classes ask for
+        assert len(set(names[kept])) <= of_class * len(np.unique(targets))

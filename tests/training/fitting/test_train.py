@@ -38,8 +38,8 @@ from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import Fold, blocked_folds, dive_folds
 from tokt.training.evaluation.evaluate import first_detection
 from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
-from tokt.training.fitting import cross_validation
-from tokt.training.fitting.classifier import fit_classifier, linear_model
+from tokt.training.fitting import classifier, cross_validation
+from tokt.training.fitting.classifier import decision_values, fit_classifier, linear_model
 from tokt.training.fitting.cross_validation import (
     HeldOutPredictions,
     Split,
@@ -605,6 +605,81 @@ def test_three_classes_are_scored_by_class(fabricate):
     assert figures["precision"] == 20 / 21
     assert figures["confusion"]["counts"][1] == [0, 9, 1]
     assert figures["per_class"]["reef"]["recall"] == 0.9
+
+
+# --- very many patches -------------------------------------------------------------------------
+
+
+def test_of_many_patches_some_are_learnt_from_and_count_for_all(monkeypatch):
+    """Three dives, one of them short, and 12 patches of a rare class among 30,000."""
+    rng = np.random.default_rng(5)
+    dives = np.repeat([0, 1, 2], [24_000, 5_700, 300])
+    targets = (rng.random(30_000) < 0.1).astype(np.int64)
+    targets[rng.choice(30_000, 12, replace=False)] = 2
+    features = np.column_stack([targets + rng.normal(0, 0.4, 30_000), rng.normal(size=30_000)])
+    settings = replace(PLAIN, landmarks=40, max_samples=2_000)
+    seen = []
+
+    def spy(*args):
+        seen.append(args)
+        return fit_classifier(*args)
+
+    monkeypatch.setattr(cross_validation, "fit_classifier", spy)
+    asked = targets, np.arange(30_000), Hyperparameters(1.0)
+    fits = [
+        fit_rows(features, *asked, replace(settings, max_samples=most), (), dives)
+        for most in (2_000, 2_000, 30_000)
+    ]
+    (learnt, known, _, _, weights, *_), _, (*_, every, _, _) = seen
+    assert len(learnt) == len(known) == len(weights) == 2_000 and (known == 2).sum() > 5
+    at = {row: n for n, row in enumerate(features[:, 1].tolist())}
+    rows = [at[row] for row in learnt[:, 1].tolist()]
+    assert len(set(rows)) == 2_000 and (features[rows] == learnt).all()
+    assert (targets[rows] == known).all()
+    share = pd.Series(weights).groupby([dives[rows], known]).sum() / weights.sum()
+    expected = pd.Series(every).groupby([dives, targets]).sum() / every.sum()
+    expected = expected[share.index] / expected[share.index].sum()
+    np.testing.assert_allclose(share, expected, rtol=1e-9)
+    assert np.allclose(share.groupby(level=0).sum(), 1 / 3, atol=0.01)
+    # The same landmarks as of all patches, and so nearly the same model; each time the same.
+    first, again, whole = fits
+    np.testing.assert_array_equal(first["map"].component_indices_, whole["map"].component_indices_)
+    assert np.abs(first["map"].components_ - whole["map"].components_).max() < 0.1
+    np.testing.assert_array_equal(first["svc"].coef_, again["svc"].coef_)
+    agree = [first, whole] = [one.predict(features) for one in (first, whole)]
+    assert (agree[0] == agree[1]).mean() > 0.98
+
+
+@pytest.mark.parametrize("what", ["mission", "group"])
+def test_of_very_many_patches_whole_dives_or_blocks_are_judged(what, fabricate, monkeypatch):
+    monkeypatch.setattr(cross_validation, "MAX_JUDGED", 200)
+    numbers = [n % 40 if what == "mission" else n for n in range(480)]
+    missions = [f"dive_{n // 40:02d}" if what == "mission" else "dive" for n in range(480)]
+    groups = [f"{name}#{n // 10:03d}" for name, n in zip(missions, numbers, strict=True)]
+    labels = ["reef" if n // 10 % 2 else "ocean" for n in numbers]
+    dataset = fabricate(labels, groups, numbers, missions)
+    table = np.random.default_rng(0).normal(size=(480, 3))
+    split = Split.of(dataset, 2, 2)
+    held_out = cross_validate(dataset, table, PLAIN, split, quiet)
+    judged = held_out.fold >= 0
+    assert 160 <= judged.sum() <= 200 and np.isfinite(held_out.values[judged]).all()
+    assert np.isnan(held_out.values[~judged]).all()
+    units = dataset.patches[what]
+    assert set(units[judged]).isdisjoint(units[~judged])
+    said = f"Judged are {judged.sum()} of {len(table)} patches"
+    assert said in split.judged_words(dataset)
+    chosen = choose_hyperparameters(dataset.patches, table, dataset.targets(), PLAIN, split, (), 1)
+    assert (np.isfinite(chosen.values[:, 0]) == judged).all()
+
+
+def test_a_table_is_judged_in_parts(monkeypatch):
+    rng = np.random.default_rng(2)
+    table, rows = rng.normal(size=(50, 3)), rng.permutation(50)[:40]
+    made = fit_classifier(table, np.arange(50) % 2, Hyperparameters(1.0), PLAIN)
+    for at_once in (7, 40, 41):
+        monkeypatch.setattr(classifier, "_AT_ONCE", at_once)
+        found = decision_values(made, table, rows)
+        np.testing.assert_allclose(found[:, 0], made.decision_function(table)[rows], rtol=1e-12)
 
 
 # --- class weights -----------------------------------------------------------------------------
