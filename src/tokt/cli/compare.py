@@ -21,6 +21,7 @@ from .options import (
     MissionsOption,
     ModelArgument,
     PatchesOption,
+    ReportOption,
     TaxonomyOption,
     WorkspaceOption,
     read_calibration_file,
@@ -65,7 +66,7 @@ LogOption = Annotated[
 
 def compare(
     models: Annotated[list[str], Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")],
-    output: Annotated[Path | None, Option("-o", "--output", help="HTML report to write.")] = None,
+    output: ReportOption = None,
     mission: MissionsOption = None,
     labels: LabelFilesOption = None,
     frames: Annotated[
