@@ -39,9 +39,9 @@ import tokenize
 import warnings
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,6 +179,10 @@ class Bundle(BundleContent):
     def content(self) -> BundleContent:
         """What it holds, such as to write another one from."""
         return BundleContent(**{each.name: getattr(self, each.name) for each in _CONTENT})
+
+    def with_fixed_boundary(self) -> Self:
+        """The same model without a prior of the water; its file and hash stay those it has."""
+        return replace(self, operating_point=replace(self.operating_point, water=None))
 
     @property
     def label(self) -> str:
