@@ -164,6 +164,9 @@ def train(
     settings = weighted(settings_named(preset, data.grid), class_weight)
     settings = with_augmentations(settings, changes)
     if fixed_boundary:
+        if not settings.moving_boundary or data.block_frames is None:
+            what = "a folder of patches" if data.block_frames is None else f"preset {preset}"
+            raise ToktError(f"--fixed-boundary is of no use: with {what} it is fixed anyway")
         settings = replace(settings, moving_boundary=False)
     if (ocean or other) and not settings.two_images:
         raise ToktError("--ocean and --other go with --preset thesis")
