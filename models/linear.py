@@ -102,8 +102,10 @@ class LinearModel:
             As in `LinearModel`.
         """
         svc, scaler = pipeline.named_steps["svc"], pipeline.named_steps.get("scaler")
-        if (mapped := map_of(pipeline)) is not None:
-            nystroem = pipeline.named_steps["map"]
+        if (nystroem := pipeline.named_steps.get("map")) is not None:
+            limit, landmarks = float(scaler.feature_range[1]), np.array(nystroem.components_)
+            scaled = scaler.scale_, scaler.min_, limit
+            mapped = NystroemMap(*scaled, landmarks, float(nystroem.gamma))
             weights = np.asarray(svc.coef_ @ nystroem.normalization_, np.float64)
             return cls(weights, svc.intercept_, thresholds, classes, obstacle, mapped)
         mean, scale = np.zeros(svc.coef_.shape[1]), np.ones(svc.coef_.shape[1])
@@ -154,20 +156,6 @@ class LinearModel:
         A tie at 0 is decided as `predicted` decides it, by the order of the classes.
         """
         return obstacle_score(values - self.thresholds, self.obstacle)
-
-
-def map_of(pipeline: Any) -> NystroemMap | None:
-    """The map of a fitted scikit-learn pipeline, as for `LinearModel.from_pipeline`, if it has one.
-
-    Parameters
-    ----------
-    pipeline : sklearn.pipeline.Pipeline
-    """
-    if (nystroem := pipeline.named_steps.get("map")) is None:
-        return None
-    scaler = pipeline.named_steps["scaler"]
-    limit, landmarks = float(scaler.feature_range[1]), np.array(nystroem.components_)
-    return NystroemMap(scaler.scale_, scaler.min_, limit, landmarks, float(nystroem.gamma))
 
 
 def obstacle_score(excess: F64, obstacle: Sequence[bool]) -> F64:

@@ -52,7 +52,7 @@ def feature_key(
         code = Path(augmentations.__file__).read_bytes()
         parts += [augmentation, hashlib.sha256(code).hexdigest()]
     if whole_frames:
-        parts.append("whole frames")
+        parts.append("labelled first")
     return json_sha256(parts)[:24]
 
 
@@ -109,8 +109,8 @@ def cached_features(
     augmentation : str
         Name of an augmentation (`augmentations`) that every frame goes through first.
     whole_frames : bool
-        All patches of the labelled frames instead, labelled or not: frames by mission, camera and
-        number, their patches by row and column.
+        Those of the labelled frames' other patches too, after them: frames by mission, camera and
+        number, patches by row and column.
 
     Returns
     -------
@@ -120,7 +120,7 @@ def cached_features(
     key = feature_key(dataset, spec, augmentation, whole_frames)
     path, tasks = cache / f"{dataset.name}-{key}.npy", _tasks(dataset, spec, augmentation)
     if whole_frames:
-        tasks = _whole(tasks, dataset.grid)
+        tasks = _whole(tasks, dataset.grid, len(dataset.patches))
     shape = (sum(len(rows) for rows, _ in tasks), build_extractor(spec).dim)
     table = _cached(path, shape)
     if table is None:
@@ -151,13 +151,17 @@ def _tasks(
     ]
 
 
-def _whole(tasks: list[tuple[I64, _DescribeTask]], grid: Grid) -> list[tuple[I64, _DescribeTask]]:
-    """The same frames with all their patches, a row each in the frames' order."""
-    every = np.arange(grid.n_patches, dtype=np.int64)
-    return [
-        (index * grid.n_patches + every, (*task[:2], every, *task[3:]))
-        for index, (_, task) in enumerate(tasks)
-    ]
+def _whole(
+    tasks: list[tuple[I64, _DescribeTask]], grid: Grid, labelled: int
+) -> list[tuple[I64, _DescribeTask]]:
+    """The same frames with all their patches: the rows of what is not labelled come last."""
+    after, whole = labelled, []
+    for rows, (path, digest, cells, *rest) in tasks:
+        others = np.setdiff1d(np.arange(grid.n_patches), cells)
+        more = after + np.arange(len(others))
+        whole.append((np.append(rows, more), (path, digest, np.append(cells, others), *rest)))
+        after += len(others)
+    return whole
 
 
 def _compute(

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +23,11 @@ from tokt.training.evaluation.metrics import obstacle_metrics
 from tokt.training.parallel import mapped
 
 from .choose_operating_point import FalseStatusTarget
-from .classifier import decision_values
+from .classifier import decision_values, in_parts
 from .cross_validation import Split, fit_rows
 from .presets import Hyperparameters, TrainingSettings
 from .train import Trained, TrainRequest
-from .whole_frames import WholeFrames
+from .whole_frames import WholeFrames, judged
 
 COUNTS = (1, 2, 3, 5, 8, 13, 21)
 """Labelled frames of the new dive that a point of the curve is learnt from; a third are left."""
@@ -166,15 +167,9 @@ class _NewDive:
         self.unseen = unseen & self.testable
         self._rest = known.settings, tables[1:], request.split.dives(self.patches)
         self._features, self._whole = tables[0], whole
-        model, prior = known.bundle.model, known.bundle.operating_point.water
-        values = model.decision_values(tables[0][self.rows])
-        if whole is not None:
-            part = whole.part(self.rows)
-            frames = np.unique(part.frame)
-            found = part.features[frames]
-            every = model.decision_values(found.reshape(-1, found.shape[2]))
-            values = part.moved(frames, every.reshape(*found.shape[:2], -1), prior)
-        self.before = self.scores(values, self.rows)
+        before = partial(in_parts, known.bundle.model.decision_values)
+        prior = known.bundle.operating_point.water
+        self.before = self.scores(judged(before, tables[0], self.rows, whole, prior), self.rows)
 
     def scores(self, values: F64, rows: I64) -> F64:
         """Obstacle scores of the dive's patches; NaN of those without a value."""
@@ -211,10 +206,7 @@ def _tested(task: tuple[Any, ...]) -> F64:
     """Decision values of a fold's test rows; where the boundary moves, over those frames of it."""
     features, targets, fold, choice, (settings, augmented, dives), whole, prior = task
     pipeline = fit_rows(features, targets, fold.train, choice, settings, augmented, dives)
-    if whole is None:
-        return decision_values(pipeline, features[fold.test])
-    judged: F64 = whole.part(fold.test).judged(pipeline, prior)
-    return judged
+    return judged(partial(decision_values, pipeline), features, fold.test, whole, prior)
 
 
 def _both(truth: Bools, before: F64, after: F64) -> dict[str, Any]:
@@ -262,13 +254,11 @@ def adaptation(
     """
     data, spec = trained.request.dataset, known.bundle.extractor.spec
     moving = known.settings.moving_boundary
-    whole = WholeFrames.of(data, spec, cache, progress, jobs) if moving else None
     tables = [
-        whole.rows
-        if whole and not augmentation
-        else cached_features(data, spec, cache, progress, jobs, augmentation=augmentation)
-        for augmentation in ("", *known.settings.changes)
+        cached_features(data, spec, cache, progress, jobs, None, name, moving and not name)
+        for name in ("", *known.settings.changes)
     ]
+    whole = WholeFrames.of(data, tables[0]) if moving else None
     with ThreadpoolController().limit(limits=1):
         dive = _NewDive(known, trained.request, name, tables, whole)
         orders, frames = _orders(dive, known.bundle, draws), len(dive.frames)

@@ -6,7 +6,8 @@ Before it, what cannot be learnt from or tested is refused; after it come the fi
 import ast
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Self
+from functools import partial
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,7 @@ from sklearn.pipeline import Pipeline
 from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import format_frames
-from tokt.models.linear import LinearModel, map_of, obstacle_score
+from tokt.models.linear import LinearModel, obstacle_score
 from tokt.models.operating_point import MofNRule
 from tokt.models.water import WaterPrior
 from tokt.training.datasets.dataset import DatasetVersion
@@ -39,9 +40,9 @@ from .choose_operating_point import (
     FalseStatusTarget,
     choose_frame_rule,
 )
-from .classifier import decision_values, fit_classifier, linear_model
+from .classifier import decision_values, fit_classifier, in_parts, linear_model
 from .presets import Hyperparameters, TrainingSettings
-from .whole_frames import WholeFrames
+from .whole_frames import WholeFrames, judged
 
 Tables = Sequence[F64]
 
@@ -193,6 +194,9 @@ class HeldOutPredictions:
         Each fold's frame rule, chosen on its training part alone.
     stressed : mapping of str to array of float64, shape (n_patches, n_outputs)
         By augmentation: decision values of the patches on frames so augmented.
+    distance : array of float64, shape (n_patches,), or None
+        How far each was from the nearest landmark (`NystroemMap.distance`); NaN where it was not
+        tested, None without a map.
     """
 
     values: F64
@@ -200,6 +204,7 @@ class HeldOutPredictions:
     choices: tuple[Hyperparameters, ...]
     rules: tuple[MofNRule, ...]
     stressed: Mapping[str, F64] = field(default_factory=dict)
+    distance: F64 | None = None
 
 
 @dataclass(frozen=True)
@@ -211,15 +216,12 @@ class BestCandidate:
     choice : Hyperparameters
     values : array of float64, shape (n_patches, n_outputs)
         Its decision values of patches that were held out; NaN of others (`Split.cut`).
-    distance : array of float64, shape (n_patches,)
-        How far they were from the nearest landmark (`NystroemMap.distance`); NaN without a map.
     prior : WaterPrior or None
         Of these values before the boundary was moved by it; None where it was not.
     """
 
     choice: Hyperparameters
     values: F64
-    distance: F64
     prior: WaterPrior | None
 
 
@@ -266,6 +268,7 @@ def choose_hyperparameters(
     augmented: Tables = (),
     jobs: int = 1,
     whole: WholeFrames | None = None,
+    rows: I64 | None = None,
 ) -> BestCandidate:
     """The candidate with the best F1 (macro-F1 for several classes) of patches held out.
 
@@ -286,14 +289,19 @@ def choose_hyperparameters(
         Processes; -1 for one a core. The result does not depend on it.
     whole : WholeFrames, optional
         The patches' frames, over which the boundary moves.
+    rows : array of int, optional
+        Of the patches to choose on; by default all.
 
     Raises
     ------
     ToktError
         If there are too few groups; see `blocked_folds`.
     """
-    folds, dives = split.cut(patches, targets, to_choose=True), split.dives(patches)
+    rows = np.arange(len(targets)) if rows is None else rows
+    cut = split.cut(patches.iloc[rows], targets[rows], to_choose=True)
+    folds = [Fold(rows[fold.train], rows[fold.test]) for fold in cut]
     parts = [*patches.groupby("mission").indices.values()] if split.by == DIVE else []
+    dives = split.dives(patches)
     tasks = [
         (features, targets, fold, choice, settings, augmented, dives, whole)
         for choice in settings.choices
@@ -302,15 +310,16 @@ def choose_hyperparameters(
     results = map(_tested, tasks) if jobs == 1 else mapped(_tested, tasks, jobs)
     best, best_score = None, -np.inf
     for choice in settings.choices:
+        values, prior = np.full((len(targets), _outputs(len(np.unique(targets)))), np.nan), None
         found = [next(results) for _ in folds]
-        values, distance = _laid_out(targets, folds, found)
-        prior = None
+        for fold, one in zip(folds, found, strict=True):
+            values[fold.test] = one if whole is None else whole.part(fold.test).moved(*one, None)
         if whole is not None and (prior := _prior(patches, targets, values, whole)):
             for fold, one in zip(folds, found, strict=True):
-                values[fold.test] = whole.part(fold.test).moved(*one.whole, prior)
+                values[fold.test] = whole.part(fold.test).moved(*one, prior)
         score = _mean_f1(targets, values, parts)
         if best is None or score > best_score:
-            best, best_score = BestCandidate(choice, values, distance, prior), score
+            best, best_score = BestCandidate(choice, values, prior), score
     if best is None:
         raise ValueError("settings hold no candidate")
     return best
@@ -321,34 +330,12 @@ _Fit = tuple[F64, I64, Fold, Hyperparameters, TrainingSettings, Tables, _Dives, 
 """One fold of one candidate: features, targets, fold, choice, settings, augmented, dives, whole."""
 
 
-class _Tested(NamedTuple):
-    """Of a fold's test rows: decision values, distances, and the values of their whole frames."""
-
-    values: F64
-    distance: F64 | float
-    whole: tuple[I64, F64]
-
-
-def _tested(task: _Fit) -> _Tested:
+def _tested(task: _Fit) -> Any:
+    """Decision values of a fold's test rows, or those of their whole frames, by `WholeFrames`."""
     features, targets, fold, choice, settings, augmented, dives, whole = task
     model = fit_rows(features, targets, fold.train, choice, settings, augmented, dives)
-    nystroem = map_of(model)
-    distance = np.nan if nystroem is None else nystroem.distance(features[fold.test])
-    if whole is None:
-        nothing = np.zeros(0, np.int64), np.zeros((0, 0, 0))
-        return _Tested(decision_values(model, features[fold.test]), distance, nothing)
-    part = whole.part(fold.test)
-    frames = part.values(model)
-    return _Tested(part.moved(*frames, None), distance, frames)
-
-
-def _laid_out(targets: I64, folds: Sequence[Fold], found: Sequence[_Tested]) -> tuple[F64, F64]:
-    """The folds' decision values and distances, a row a patch; NaN where none was tested."""
-    values = np.full((len(targets), _outputs(len(np.unique(targets)))), np.nan)
-    distance = np.full(len(targets), np.nan)
-    for fold, one in zip(folds, found, strict=True):
-        values[fold.test], distance[fold.test] = one.values, one.distance
-    return values, distance
+    judge = partial(decision_values, model)
+    return judge(features, fold.test) if whole is None else whole.part(fold.test).values(judge)
 
 
 def _prior(
@@ -433,44 +420,29 @@ def cross_validate(
     folds, dives = split.cut(patches, targets), split.dives(patches)
     values = np.full((len(targets), _outputs(len(dataset.classes()))), np.nan)
     stressed = {name: values.copy() for name in stress}
-    number = np.full(len(targets), -1)
+    number, distance = np.full(len(targets), -1), np.full(len(targets), np.nan)
     choices, rules = [], []
     for index, fold in enumerate(progress(folds, len(folds), "cross-validation")):
-        part = patches.iloc[fold.train], features[fold.train], targets[fold.train]
-        learnt = [table[fold.train] for table in augmented]
-        frames = whole[""].part(fold.train) if whole else None
-        chosen = choose_hyperparameters(*part, settings, split.inner, learnt, jobs, frames)
+        learnt = patches, features, targets, settings, split.inner, augmented
+        chosen = choose_hyperparameters(*learnt, jobs, whole.get(""), fold.train)
         pipeline = fit_rows(
             features, targets, fold.train, chosen.choice, settings, augmented, dives
         )
         model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
+        scores, tested = model.obstacle_score(chosen.values), rows_tested(chosen.values)
         by_dive = split.by == DIVE
-        rules.append(_inner_rule(dataset, fold.train, model, chosen.values, target, by_dive))
+        rules.append(choose_frame_rule(dataset, scores, tested, target, by_dive)[0])
+        judge = partial(decision_values, pipeline)
         for name, table, found in [("", features, values)] + [
             (name, table, stressed[name]) for name, table in stress.items()
         ]:
-            if name in whole:
-                part_of = whole[name].part(fold.test)
-                found[fold.test] = part_of.judged(pipeline, chosen.prior)
-            else:
-                found[fold.test] = decision_values(pipeline, table[fold.test])
+            found[fold.test] = judged(judge, table, fold.test, whole.get(name), chosen.prior)
+        if model.map is not None:
+            distance[fold.test] = in_parts(model.map.distance, features, fold.test)
         number[fold.test] = index
         choices.append(chosen.choice)
-    return HeldOutPredictions(values, number, tuple(choices), tuple(rules), stressed)
-
-
-def _inner_rule(
-    dataset: DatasetVersion,
-    rows: I64,
-    model: LinearModel,
-    values: F64,
-    target: FalseStatusTarget,
-    by_dive: bool,
-) -> MofNRule:
-    """The frame rule that a fold's training part asks for."""
-    scores, tested = np.full(len(dataset.patches), np.nan), np.zeros(len(dataset.patches), bool)
-    scores[rows], tested[rows] = model.obstacle_score(values), rows_tested(values)
-    return choose_frame_rule(dataset, scores, tested, target, by_dive)[0]
+    told = values, number, tuple(choices), tuple(rules), stressed
+    return HeldOutPredictions(*told, distance if settings.landmarks else None)
 
 
 def held_out_metrics(

@@ -33,7 +33,7 @@ _MIN_FILLED = 0.5
 """Part of the frames of the fullest window: a window at a gap in the labels may have fewer."""
 
 
-def novelty_limit(dataset: DatasetVersion, distance: F64) -> tuple[float | None, str]:
+def novelty_limit(dataset: DatasetVersion, distance: F64 | None) -> tuple[float | None, str]:
     """The distance to the nearest landmark that clear patches of held-out frames stay below.
 
     Of every dive's frames, each dive counting the same, `NOVEL_RATE` may have a farther one.
@@ -41,7 +41,7 @@ def novelty_limit(dataset: DatasetVersion, distance: F64) -> tuple[float | None,
     Parameters
     ----------
     dataset : DatasetVersion
-    distance : array of float64, shape (n_patches,)
+    distance : array of float64, shape (n_patches,), or None
         `NystroemMap.distance` of held-out patches; NaN where one was not held out.
 
     Returns
@@ -52,8 +52,10 @@ def novelty_limit(dataset: DatasetVersion, distance: F64) -> tuple[float | None,
         How it was found, in words.
     """
     clear = ~np.asarray(dataset.obstacle_flags(), bool)[dataset.targets()]
+    if distance is None or dataset.block_frames is None:
+        return None, ""
     known = clear & np.isfinite(distance)
-    if dataset.block_frames is None or not known.any():
+    if not known.any():
         return None, ""
     frames = dataset.patches[KEYS].assign(far=distance)[known].groupby(KEYS).far.max()
     dives = frames.groupby("mission")

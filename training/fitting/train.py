@@ -177,13 +177,11 @@ def train(
     wanted = dict.fromkeys(("", *settings.changes, *stress))
     spec = request.extractor.spec
     computed = dataset, spec, cache, progress, jobs, dask
-    whole: dict[str, WholeFrames] = {}
-    if settings.moving_boundary and dataset.block_frames is not None:
-        whole = {name: WholeFrames.of(*computed, name) for name in dict.fromkeys(("", *stress))}
-    tables = {
-        name: whole[name].rows if name in whole else cached_features(*computed, name)
-        for name in wanted
-    }
+    moves = settings.moving_boundary and dataset.block_frames is not None
+    judged = ("", *stress) if moves else ()
+    tables = {name: cached_features(*computed, name, name in judged) for name in wanted}
+    whole = {name: WholeFrames.of(dataset, tables[name]) for name in judged}
+    tables = {name: table[: len(dataset.patches)] for name, table in tables.items()}
     # One thread, so that sums are added up in the same order on every machine.
     with ThreadpoolController().limit(limits=1):
         if settings.two_images:
@@ -216,7 +214,7 @@ def _train_on_dataset(
     score, tested = model.obstacle_score(chosen.values), rows_tested(chosen.values)
     by_dive = split.by == DIVE
     rule, how = choose_frame_rule(dataset, score, tested, request.target, by_dive)
-    unlike, words = novelty_limit(dataset, chosen.distance)
+    unlike, words = novelty_limit(dataset, held_out.distance)
     told = {**how, "novelty": words} if words else how
     operating_point = OperatingPoint(rule, told, chosen.prior, unlike)
     metrics = _metrics(request, held_out, model, pipeline, _split_in_words(request))

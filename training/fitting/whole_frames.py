@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-from sklearn.pipeline import Pipeline
 
 from tokt.features.common.arrays import F64, I64
 from tokt.models.linear import moved, obstacle_score
 from tokt.models.water import WaterPrior, WaterState
 from tokt.training.datasets.dataset import DatasetVersion
-from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.evaluation.frame_scores import frame_table
 
-from .classifier import decision_values
+Judge = Callable[[F64, I64], F64]
+"""Decision values, shape (n, n_outputs), of some rows of a table of features."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +23,10 @@ class WholeFrames:
 
     Parameters
     ----------
-    features : array of float64, shape (n_frames, n_patches, dim)
-        Frames as `frame_table` has them: by mission, camera and number.
+    features : array of float64, shape (n_frames * n_patches, dim)
+        As `cached_features` has those of whole frames.
+    at : array of int, shape (n_frames, n_patches)
+        Their rows in it; frames as `frame_table` has them: by mission, camera and number.
     place : array of int, shape (n_frames,)
         As of `FrameTable`.
     obstacle : tuple of bool
@@ -37,45 +36,27 @@ class WholeFrames:
     """
 
     features: F64
+    at: I64
     place: I64
     obstacle: tuple[bool, ...]
     frame: I64
     cell: I64
 
     @classmethod
-    def of(
-        cls,
-        dataset: DatasetVersion,
-        spec: dict[str, Any],
-        cache: Path,
-        progress: Callable[..., Any],
-        jobs: int = -1,
-        dask: str | None = None,
-        augmentation: str = "",
-    ) -> WholeFrames:
-        """Compute them; the parameters are those of `cached_features`."""
-        features = cached_features(
-            dataset, spec, cache, progress, jobs, dask, augmentation, whole_frames=True
-        )
+    def of(cls, dataset: DatasetVersion, features: F64) -> WholeFrames:
+        """Those of a dataset, given what `cached_features` computed of its whole frames."""
         table, grid, patches = frame_table(dataset), dataset.grid, dataset.patches
-        return cls(
-            features.reshape(len(table), grid.n_patches, -1),
-            table.place,
-            dataset.obstacle_flags(),
-            table.of_patch,
-            (patches.row * grid.cols + patches.col).to_numpy(np.int64),
-        )
-
-    @property
-    def rows(self) -> F64:
-        """Features of the table's patches, shape (n_rows, dim)."""
-        return np.asarray(self.features[self.frame, self.cell])
+        cell = (patches.row * grid.cols + patches.col).to_numpy(np.int64)
+        at = np.full((len(table), grid.n_patches), -1)
+        at[table.of_patch, cell] = np.arange(len(patches))
+        at[at < 0] = np.arange(len(patches), at.size)
+        return cls(features, at, table.place, dataset.obstacle_flags(), table.of_patch, cell)
 
     def part(self, rows: I64) -> WholeFrames:
         """Of some rows of the table."""
         return replace(self, frame=self.frame[rows], cell=self.cell[rows])
 
-    def values(self, pipeline: Pipeline) -> tuple[I64, F64]:
+    def values(self, judge: Judge) -> tuple[I64, F64]:
         """The frames of the table's patches, rising, and all their patches' decision values.
 
         Returns
@@ -83,9 +64,8 @@ class WholeFrames:
         array of int, shape (n,), and array of float64, shape (n, n_patches, n_outputs)
         """
         frames = np.unique(self.frame)
-        found = self.features[frames]
-        values = decision_values(pipeline, found.reshape(-1, found.shape[2]))
-        return frames, values.reshape(*found.shape[:2], -1)
+        found = self.at[frames]
+        return frames, judge(self.features, found.ravel()).reshape(*found.shape, -1)
 
     def moved(self, frames: I64, values: F64, prior: WaterPrior | None) -> F64:
         """Decision values of the table's patches, less the boundary in their frame.
@@ -114,6 +94,12 @@ class WholeFrames:
             boundary[index] = state.judge(frame)
         return moved(own, boundary[at][:, None], self.obstacle)
 
-    def judged(self, pipeline: Pipeline, prior: WaterPrior | None) -> F64:
-        """What a model says of the table's patches, frame by frame in their order."""
-        return self.moved(*self.values(pipeline), prior)
+
+def judged(
+    judge: Judge, features: F64, rows: I64, whole: WholeFrames | None, prior: WaterPrior | None
+) -> F64:
+    """What a model says of some patches; with whole frames, frame by frame in their order."""
+    if whole is None:
+        return judge(features, rows)
+    part = whole.part(rows)
+    return part.moved(*part.values(judge), prior)

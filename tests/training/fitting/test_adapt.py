@@ -3,6 +3,7 @@
 import json
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -24,7 +25,7 @@ from tokt.training.fitting.adapt import _more, adaptation, adapted_request, know
 from tokt.training.fitting.classifier import decision_values
 from tokt.training.fitting.cross_validation import fit_rows
 from tokt.training.fitting.train import train
-from tokt.training.fitting.whole_frames import WholeFrames
+from tokt.training.fitting.whole_frames import WholeFrames, judged
 
 FRAMES = (2, 3, 9, 13, 17, 21, 26, 30, 34, 38)
 FIGURES = ("f1", "average_precision", "precision", "recall", "false_positive", "false_negative")
@@ -207,7 +208,9 @@ def test_where_the_boundary_moves_with_the_water_it_moves_here_too(again):
     settings = replace(known.settings, moving_boundary=True)
     moving = replace(known, settings=settings, bundle=replace(known.bundle, operating_point=point))
     gained = adaptation(moving, trained, "night", cache, quiet, 1, 1)["gained"]
-    whole = WholeFrames.of(data, known.bundle.extractor.spec, cache, quiet, 1)
+    spec = known.bundle.extractor.spec
+    features = cached_features(data, spec, cache, quiet, 1, whole_frames=True)
+    whole = WholeFrames.of(data, features)
     mission, frame = (data.patches[name].to_numpy() for name in ("mission", "frame"))
     new, targets = mission == "night", data.targets()
     nine = new & (frame == 9)
@@ -216,8 +219,8 @@ def test_where_the_boundary_moves_with_the_water_it_moves_here_too(again):
         (gained["frames"][2]["after"], ~nine, nine),
     ):
         own = np.flatnonzero(learnt), known.choice, settings, (), mission
-        model, part = fit_rows(whole.rows, targets, *own), whole.part(np.flatnonzero(tested))
-        values, still = (part.judged(model, one)[:, 0] for one in (prior, None))
+        judge, rows = partial(decision_values, fit_rows(features, targets, *own)), tested.nonzero()
+        values, still = (judged(judge, features, *rows, whole, one)[:, 0] for one in (prior, None))
         assert said["f1"] == obstacle_metrics(targets[tested] == 1, values)["f1"]
         assert (values != still).any()
 

@@ -3,6 +3,7 @@
 import json
 import shutil
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -10,20 +11,20 @@ import pytest
 
 from tests.calls import call_tokt
 from tests.conftest import TRAIN_TINY, quiet
-from tokt.features.extractors.extractor import extractor_named
+from tokt.features.extractors.extractor import build_extractor, extractor_named
 from tokt.features.frames.mission import LEFT, open_mission
 from tokt.inference.frame import Frame
 from tokt.inference.texture.detector import TextureDetector
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.datasets.splits import Fold
 from tokt.training.evaluation.evaluate import score_mission
+from tokt.training.fitting.classifier import decision_values
 from tokt.training.fitting.cross_validation import Split, fit_rows
 from tokt.training.fitting.drift_limits import NOVEL_RATE, novelty_limit
 from tokt.training.fitting.presets import Hyperparameters, settings_named
 from tokt.training.fitting.train import TrainRequest, train
-from tokt.training.fitting.whole_frames import WholeFrames
+from tokt.training.fitting.whole_frames import WholeFrames, judged
 
 LBP = extractor_named("lbp_24_8")
 MOVING = replace(settings_named("water"), landmarks=60, penalties=(1.0,))
@@ -55,13 +56,14 @@ def test_the_bundle_says_where_it_starts_and_what_is_too_far(bundle):
 
 def test_a_fold_judges_as_the_runtime_and_an_evaluation_do(bundle, trained, tiny, tmp_path):
     dataset = open_dataset("tiny", trained / "datasets")
-    whole = WholeFrames.of(dataset, dict(bundle.extractor_spec), tmp_path, quiet, 1)
+    features, whole = described(dataset, dict(bundle.extractor_spec), tmp_path)
     every = np.arange(len(dataset.patches))
     choice = Hyperparameters(bundle.metrics["folds"][0]["penalty"])
-    pipeline = fit_rows(*(whole.rows, dataset.targets(), every, choice, settings_named("water")))
+    pipeline = fit_rows(*(features, dataset.targets(), every, choice, settings_named("water")))
     mission, left = open_mission(tiny.path), (dataset.patches.camera == LEFT).to_numpy()
     mine = dataset.patches[left]
-    values = whole.part(every[left]).judged(pipeline, bundle.operating_point.water)
+    prior, judge = bundle.operating_point.water, partial(decision_values, pipeline)
+    values = judged(judge, features, every[left], whole, prior)
     detector, found = TextureDetector(bundle), {}
     numbers = sorted(mine.frame.unique())
     for number in numbers:
@@ -113,22 +115,25 @@ def test_in_a_fold_it_moves_by_frame_and_by_little(trained, tmp_path):
 
 def test_whole_frames_are_the_labelled_patches_and_more(trained, tmp_path):
     dataset = open_dataset("tiny", trained / "datasets")
-    whole = WholeFrames.of(dataset, LBP.spec, tmp_path, quiet, 1)
-    np.testing.assert_array_equal(
-        whole.rows, cached_features(dataset, LBP.spec, tmp_path, quiet, 1)
-    )
-    assert whole.features.shape[:2] == (len(np.unique(whole.frame)), dataset.grid.n_patches)
-    part = whole.part(np.array([5, 3]))
-    np.testing.assert_array_equal(part.rows, whole.rows[[5, 3]])
-    fold = Fold(np.arange(9), np.arange(9, 12))
-    assert len(whole.part(fold.test).values(PipelineOf())[0]) == len(np.unique(whole.frame[9:12]))
+    features, whole = described(dataset, LBP.spec, tmp_path)
+    own = cached_features(dataset, LBP.spec, tmp_path, quiet, 1)
+    np.testing.assert_array_equal(features, own)
+    table = dataset.frames.sort_values(["mission", "camera", "frame"])
+    extractor, grid = build_extractor(LBP.spec), dataset.grid
+    for at, index in zip(whole.at[:3], table.index[:3], strict=True):
+        frame = extractor.describe(dataset.read_frame(index), grid)
+        np.testing.assert_array_equal(whole.features[at], frame)
+    assert len(whole.at) == len(np.unique(whole.frame)) and len(own) < whole.at.size
+    tested = np.arange(9, 12)
+    frames, values = whole.part(tested).values(lambda table, rows: table[rows, :1])
+    assert (frames == np.unique(whole.frame[tested])).all()
+    np.testing.assert_array_equal(values[..., 0], whole.features[whole.at[frames], 0])
 
 
-class PipelineOf:
-    """A pipeline whose decision value is the first feature."""
-
-    def decision_function(self, features):
-        return features[:, 0]
+def described(dataset, spec, cache):
+    """Features of the labelled patches, and the frames that they are in."""
+    table = cached_features(dataset, spec, cache, quiet, 1, whole_frames=True)
+    return table[: len(dataset.patches)], WholeFrames.of(dataset, table)
 
 
 def test_at_most_one_frame_in_a_hundred_of_known_water_is_too_far(trained):

@@ -46,6 +46,7 @@ from tokt.training.fitting.cross_validation import (
     choose_hyperparameters,
     fit_rows,
     inner_folds,
+    rows_tested,
 )
 from tokt.training.fitting.presets import (
     CHOSEN_ON,
@@ -174,14 +175,11 @@ def _learn(
     rules: list[MofNRule] = []
     said: dict[int, tuple[int, F64]] = {}
     for index, fold in enumerate(inputs.progress(folds, len(folds), "our texture, held out")):
-        rows = fold.train
-        parts = [one[rows] for one in augmented]
-        part = patches.iloc[rows], table[rows], targets[rows]
-        chosen = choose_hyperparameters(*part, settings, inner, parts, inputs.request.jobs)
-        pipeline = fit_rows(table, targets, rows, chosen.choice, settings, augmented)
+        learnt = patches, table, targets, settings, inner, augmented, inputs.request.jobs
+        chosen = choose_hyperparameters(*learnt, rows=fold.train)
+        pipeline = fit_rows(table, targets, fold.train, chosen.choice, settings, augmented)
         model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
-        scores, tested = np.full(len(targets), np.nan), np.zeros(len(targets), bool)
-        scores[rows], tested[rows] = model.obstacle_score(chosen.values), True
+        scores, tested = model.obstacle_score(chosen.values), rows_tested(chosen.values)
         rule, _ = choose_frame_rule(dataset, scores, tested, DEFAULT_TARGET)
         rules.append(rule)
         for number in (number for number, judge in judges.items() if judge == index):
