@@ -134,7 +134,6 @@ def assemble(
     threads: int = 1,
     stopwatch: Stopwatch = SYSTEM_STOPWATCH,
     anchor: Anchor | None = None,
-    fixed_boundary: bool = False,
 ) -> Assembly:
     """Assemble the policy of that name.
 
@@ -152,8 +151,6 @@ def assemble(
         What a policy measures lateness with.
     anchor : Anchor, optional
         What is to be held in the picture.
-    fixed_boundary : bool
-        As of `TextureDetector`.
 
     Raises
     ------
@@ -176,7 +173,7 @@ def assemble(
         policy: Policy = TemporalCues(SinglePolicy(disparity), None, anchor, blind_m)
         return Assembly(policy, None, stereo, grid)
     texture = ReloadableTextureDetector(
-        None if model is None else TextureDetector(model, threads, fixed_boundary), fault
+        None if model is None else TextureDetector(model, threads), fault
     )
     if name == "texture":
         policy = SinglePolicy(texture)

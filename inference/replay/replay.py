@@ -93,9 +93,8 @@ class Replay:
                 if assembly.texture is None:
                     words = "a model was exchanged where the policy has none"
                     raise ToktError(f"{self.run.path}: {words}")
-                model = self.models[logged.model.sha256]
-                fixed = self.run.start.fixed_boundary
-                assembly.texture.put(TextureDetector(model, fixed_boundary=fixed))
+                model = self._as_it_ran(self.models[logged.model.sha256])
+                assembly.texture.put(TextureDetector(model))
                 history.begin_model(_window(assembly))
             exchanged = logged.exchanged
             frame, why_not = self._shown(logged)
@@ -115,23 +114,22 @@ class Replay:
         if self.other is None and start.model is None and not start.model_fault:
             load = None
         anchor = None if start.anchor is None else Anchor(start.anchor)
-        assembly = assemble(
-            *(start.policy, load, self.stereo),
-            stopwatch=stopwatch,
-            anchor=anchor,
-            fixed_boundary=start.fixed_boundary,
-        )
+        assembly = assemble(start.policy, load, self.stereo, stopwatch=stopwatch, anchor=anchor)
         if assembly.texture is not None:
             assembly.texture.note = start.model_note
         return assembly
 
     def _first_model(self) -> Bundle:
         if self.other is not None:
-            return self.other
+            return self._as_it_ran(self.other)
         start = self.run.start
         if start.model is None:
             raise ToktError(start.model_fault)
-        return self.models[start.model.sha256]
+        return self._as_it_ran(self.models[start.model.sha256])
+
+    def _as_it_ran(self, model: Bundle) -> Bundle:
+        """With the boundary as the run's options had it."""
+        return model.with_fixed_boundary() if self.run.start.fixed_boundary else model
 
     def _shown(self, logged: LoggedFrame) -> tuple[Frame | None, str]:
         """The frame as the policy saw it, or why it cannot be shown again."""

@@ -150,17 +150,15 @@ class TextureDetector:
         Or what has as much of one as this class asks for.
     threads : int
         How many threads share one frame's rows of patches; the verdict does not depend on it.
-    fixed_boundary : bool
-        Leave the boundary at 0, also of a model whose boundary moves with the water.
     """
 
     method = TEXTURE
 
-    def __init__(self, scorer: Bundle, threads: int = 1, fixed_boundary: bool = False) -> None:
+    def __init__(self, scorer: Bundle, threads: int = 1) -> None:
         self.scorer = scorer
         self.threads = threads
         self._rule = MofNRun(scorer.operating_point.rule)
-        self._water = WaterState(None if fixed_boundary else scorer.operating_point.water)
+        self._water = WaterState(scorer.operating_point.water)
         known = scorer.distribution is not None
         self._least_detail = _least_detail(scorer.golden.frames) if known else 0.0
 

@@ -39,9 +39,9 @@ import tokenize
 import warnings
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,7 +94,7 @@ _MANIFEST_KEYS = {
     *("provenance", "metrics", "members", "manifest_sha256"),
 }
 _SINCE_2 = {"operating_point"}
-_FIRST_WITH_MAP = 4
+_POINT_SINCE_4 = {"water", "unlike"}
 _MAP = tuple(each.name for each in fields(NystroemMap))
 _DISTRIBUTED = {
     **dict.fromkeys(("edges", "typical", "factor"), np.float64),
@@ -179,6 +179,10 @@ class Bundle(BundleContent):
     def content(self) -> BundleContent:
         """What it holds, such as to write another one from."""
         return BundleContent(**{each.name: getattr(self, each.name) for each in _CONTENT})
+
+    def with_fixed_boundary(self) -> Self:
+        """The same model without a prior of the water; its file and hash stay those it has."""
+        return replace(self, operating_point=replace(self.operating_point, water=None))
 
     @property
     def label(self) -> str:
@@ -590,6 +594,9 @@ def _operating_point(manifest: Mapping[str, Any], grid: Grid, model: LinearModel
     if "operating_point" not in manifest:
         return OperatingPoint()
     point = OperatingPoint.from_json(manifest["operating_point"])
+    newer = _POINT_SINCE_4.intersection(manifest["operating_point"])
+    if newer and manifest["format_version"] < 4:
+        raise ToktError(f"its format knows no {min(newer)} in an operating point")
     if point.unlike is not None and model.map is None:
         raise ToktError("a distance to landmarks, and no landmarks")
     if point.water is not None and len(set(model.obstacle)) < 2:
@@ -605,7 +612,7 @@ def _check_content(
 ) -> BundleContent:
     """Act two, second half: every value has the shape and the bounds it must have."""
     arrays = weights_from_bytes(members["weights.npz"], where)
-    if "map" in arrays and manifest["format_version"] < _FIRST_WITH_MAP:
+    if "map" in arrays and manifest["format_version"] < 4:
         raise ToktError(f"{where}: its format knows no map before the weights")
     trained_on = lineage_from_bytes(members["lineage.npz"], where)
     golden = golden_from_bytes(members["golden.npz"], where)

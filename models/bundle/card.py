@@ -9,9 +9,10 @@ from tokt.models.operating_point import OperatingPoint
 
 _MAX_LIST = 12
 _WORST_FOLDS = 2
+_SENTENCES = ("words", "method", "novelty")
 _NOT_LISTED = (
-    *("words", "method", "candidates", "tail"),
-    *("reachable", "confidence", "latency_frames"),
+    *(*_SENTENCES, "candidates", "tail", "reachable", "confidence", "latency_frames"),
+    "boundary",  # of the first models whose boundary moves: the words of their prior
 )
 _OF_DATA = (
     *("dataset", "dataset_hash", "dataset_sources"),
@@ -88,11 +89,13 @@ def _classifier(landmarks: int) -> str:
 def _operating_point(point: OperatingPoint) -> str:
     rule = point.rule
     head = f"Status 1 with {rule.words()}; {rule.latency_words()}."
+    moves = [point.water.words()] if point.water else []
     if not point.chosen:
-        return f"{head} It was not chosen for a stated rate of false statuses."
-    words = [point.chosen[key] for key in ("words", "method") if key in point.chosen]
+        head += " It was not chosen for a stated rate of false statuses."
+        return "\n\n".join([head, *moves])
+    words = [point.chosen[key] for key in _SENTENCES if key in point.chosen]
     rest = {key: value for key, value in point.chosen.items() if key not in _NOT_LISTED}
-    return "\n\n".join([head, *words, _lines(rest)])
+    return "\n\n".join([head, *words, *moves, _lines(rest)])
 
 
 def _table(metrics: Mapping[str, Any]) -> str:

@@ -216,8 +216,7 @@ def _train_on_dataset(
     rule, how = choose_frame_rule(dataset, score, tested, request.target, by_dive)
     judged = split.judged(dataset.patches, targets)
     unlike, words = novelty_limit(dataset, held_out.distance)
-    moves = chosen.prior.words() if chosen.prior else ""
-    told = {**how, **{key: text for key, text in (("boundary", moves), ("novelty", words)) if text}}
+    told = {**how, "novelty": words} if words else how
     operating_point = OperatingPoint(rule, told, chosen.prior, unlike)
     metrics = _metrics(request, held_out, model, pipeline, _split_in_words(request))
     trained_on = np.array([frame_id(digest) for digest in dataset.frames.digest], np.uint64)

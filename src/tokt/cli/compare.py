@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +20,7 @@ from .options import (
     MissionsOption,
     ModelArgument,
     PatchesOption,
+    ReportOption,
     TaxonomyOption,
     WorkspaceOption,
     read_calibration_file,
@@ -65,7 +65,7 @@ LogOption = Annotated[
 
 def compare(
     models: Annotated[list[str], Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")],
-    output: Annotated[Path | None, Option("-o", "--output", help="HTML report to write.")] = None,
+    output: ReportOption = None,
     mission: MissionsOption = None,
     labels: LabelFilesOption = None,
     frames: Annotated[
@@ -293,7 +293,7 @@ def evaluate(
     wanted = parse_frames(frames) if frames else None
     bundle = load_model(model, workspace)
     if fixed_boundary:
-        bundle = replace(bundle, operating_point=replace(bundle.operating_point, water=None))
+        bundle = bundle.with_fixed_boundary()
     if patches:
         result = evaluate_patches(bundle, patches, classes, progress)
     else:

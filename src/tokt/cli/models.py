@@ -23,6 +23,7 @@ from .options import (
     LabelFilesOption,
     MissionsOption,
     ModelArgument,
+    RegisteredModelArgument,
     WorkspaceOption,
 )
 from .output import answer, figure, print_json, say
@@ -120,7 +121,7 @@ def show(
 
 @models_app.command("alias")
 def alias(
-    model: Annotated[str, Argument(help="NAME, NAME@ALIAS or NAME/VERSION.")],
+    model: RegisteredModelArgument,
     alias: Annotated[str, Argument(help="Alias, such as champion.")],
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
@@ -137,7 +138,7 @@ def alias(
 
 @models_app.command("promote")
 def promote(
-    model: Annotated[str, Argument(help="NAME, NAME@ALIAS or NAME/VERSION.")],
+    model: RegisteredModelArgument,
     to: Annotated[str, Option("--to", metavar="ALIAS", help="Alias to move.")] = CHAMPION,
     mission: MissionsOption = None,
     labels: LabelFilesOption = None,

@@ -29,6 +29,7 @@ TaxonomyOption = Annotated[
 ]
 DatasetArgument = Annotated[str, Argument(help="NAME or NAME@HASH.")]
 ModelArgument = Annotated[str, Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")]
+RegisteredModelArgument = Annotated[str, Argument(help="NAME, NAME@ALIAS or NAME/VERSION.")]
 FixedBoundaryOption = Annotated[
     bool,
     Option(
@@ -56,6 +57,7 @@ FoldsOption = Annotated[int, Option(help="Folds of the cross-validation.", min=2
 EmbargoOption = Annotated[
     int, Option(help="Frames left out of training on each side of a test frame.", min=1)
 ]
+ReportOption = Annotated[Path | None, Option("-o", "--output", help="HTML report to write.")]
 LoggedRunOption = Annotated[
     str | None, Option("--run", help="Which run of the log. Default: its last.")
 ]

@@ -165,14 +165,18 @@ class RunModel:
                 if found.deployment_fault:
                     fault = f"model {found.label} cannot guard a vehicle: {found.deployment_fault}"
                     raise ToktError(f"{self._wanted.bundle}: {fault}")
-                self.bundle = found
             else:
                 assert self._wanted.store is not None
-                self.bundle, self.notes = load_running(Store(self._wanted.store))
+                found, self.notes = load_running(Store(self._wanted.store))
         except ToktError as error:
             self.fault = str(error)
             raise
+        self.bundle = self.as_it_runs(found)
         return self.bundle
+
+    def as_it_runs(self, bundle: Bundle) -> Bundle:
+        """A model that has passed all checks, with its boundary as the options want it."""
+        return bundle.with_fixed_boundary() if self._wanted.fixed_boundary else bundle
 
     def words(self) -> list[str]:
         """Lines for people."""
@@ -231,9 +235,7 @@ def carry_out(config: RunConfig) -> None:
         size = config.policy.anchor
         anchor = None if size is None else Anchor(size)
         assembly = assemble(
-            *(config.policy.policy, model.loader, pairs, config.model.threads),
-            anchor=anchor,
-            fixed_boundary=config.model.fixed_boundary,
+            *(config.policy.policy, model.loader, pairs, config.model.threads), anchor=anchor
         )
         if config.source.pixel_format == "Mono8" and model.bundle and model.bundle.needs_colour:
             label = model.bundle.label
@@ -330,7 +332,7 @@ def _model_watch(
 
     def put(bundle: Bundle, note: str) -> None:
         wanted = config.model
-        slot.put(TextureDetector(bundle, wanted.threads, wanted.fixed_boundary), note)
+        slot.put(TextureDetector(model.as_it_runs(bundle), wanted.threads), note)
         drift.set_model(bundle)
 
     watch = ModelReloader(

@@ -18,6 +18,9 @@ from .output import print_line as print
 if TYPE_CHECKING:
     from tokt.studies.simulation.rendering.synthetic_mission import SyntheticMission
 
+ProcessesOption = Annotated[
+    int | None, Option("--jobs", help="Processes. Default: one per core.", min=1)
+]
 _NOT_EXACT = 1
 _FOR_MISSIONS = ("frames",)
 _FOR_CLOSED_LOOP = ("scenes", "methods", "runs", "model")
@@ -80,7 +83,7 @@ def simulate(
             help="Closed loop: model to fly. Default: one trained on rendered missions.",
         ),
     ] = None,
-    jobs: Annotated[int | None, Option(help="Processes. Default: one per core.")] = None,
+    jobs: ProcessesOption = None,
     json: JsonOption = False,
 ) -> None:
     """Render a synthetic mission with exact labels, masks and depth; or fly the closed loop."""
@@ -171,7 +174,7 @@ def reproduce(
     sample: Annotated[
         int, Option(help="Number of frames for slow methods, spread over the mission.", min=1)
     ] = 12,
-    jobs: Annotated[int | None, Option(help="Processes. Default: one per core.", min=1)] = None,
+    jobs: ProcessesOption = None,
     json: JsonOption = False,
 ) -> None:
     """Reproduce the thesis's tables and figures, beside other methods and tokt's own.

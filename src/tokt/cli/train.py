@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
+from typer import Option
 
 from tokt.features.common.errors import ToktError
 
@@ -20,6 +20,8 @@ from .options import (
     FoldsOption,
     JsonOption,
     LabelFilesOption,
+    RegisteredModelArgument,
+    ReportOption,
     WorkspaceOption,
 )
 from .output import answer, figure, print_patches, progress, say
@@ -58,6 +60,18 @@ WeightOption = Annotated[
         help="What counts the same in learning: each dive or each patch. Default: dive.",
         show_default=False,
     ),
+]
+JobsOption = Annotated[int, Option(help="Processes; -1 for one per core.", min=-1)]
+DaskOption = Annotated[
+    str | None,
+    Option(
+        metavar="ADDRESS",
+        help="Dask cluster to work on that sees the same files (tcp://HOST:8786).",
+    ),
+]
+SignRegistrationOption = Annotated[
+    Path | None,
+    Option("--sign", metavar="KEY", help="Sign the registration with this private key."),
 ]
 _RULE = (
     "the simplest within one standard error, and 0.01, of the best (result.json has the rule in "
@@ -121,13 +135,9 @@ def train(
     other: Annotated[
         Path | None, Option(help="Other image of preset thesis. Default: a rendered one.")
     ] = None,
-    jobs: Annotated[int, Option(help="Processes; -1 for one per core.")] = -1,
-    dask: Annotated[
-        str | None, Option(help="Dask scheduler to use instead, such as tcp://HOST:8786.")
-    ] = None,
-    sign: Annotated[
-        Path | None, Option(metavar="KEY", help="Sign the registration with this private key.")
-    ] = None,
+    jobs: JobsOption = -1,
+    dask: DaskOption = None,
+    sign: SignRegistrationOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
@@ -154,6 +164,9 @@ def train(
     settings = weighted(settings_named(preset, data.grid), class_weight)
     settings = with_augmentations(settings, changes)
     if fixed_boundary:
+        if not settings.moving_boundary or data.block_frames is None:
+            what = "a folder of patches" if data.block_frames is None else f"preset {preset}"
+            raise ToktError(f"--fixed-boundary is of no use: with {what} it is fixed anyway")
         settings = replace(settings, moving_boundary=False)
     if (ocean or other) and not settings.two_images:
         raise ToktError("--ocean and --other go with --preset thesis")
@@ -185,7 +198,7 @@ def train(
 
 
 def adapt(
-    model: Annotated[str, Argument(help="NAME, NAME@ALIAS or NAME/VERSION.")],
+    model: RegisteredModelArgument,
     mission: Annotated[
         Path,
         Option(
@@ -196,16 +209,14 @@ def adapt(
     draws: Annotated[
         int, Option(help="Orders of labelled frames, drawn by lot, in the curve.", min=1)
     ] = 5,
-    output: Annotated[Path | None, Option("-o", "--output", help="HTML report to write.")] = None,
+    output: ReportOption = None,
     split: Annotated[
         str | None,
         Option(help="Hold out dives (dive) or blocks of frames (block). Default: as the model."),
     ] = None,
     site: SitesOption = None,
-    jobs: Annotated[int, Option(help="Processes; -1 for one per core.")] = -1,
-    sign: Annotated[
-        Path | None, Option(metavar="KEY", help="Sign the registration with this private key.")
-    ] = None,
+    jobs: JobsOption = -1,
+    sign: SignRegistrationOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
@@ -406,14 +417,8 @@ def search(
     split: SplitOption = None,
     site: SitesOption = None,
     weight: WeightOption = None,
-    jobs: Annotated[int, Option(help="Processes; -1 for one per core.", min=-1)] = -1,
-    dask: Annotated[
-        str | None,
-        Option(
-            metavar="ADDRESS",
-            help="Dask cluster to work on that sees the same files (tcp://HOST:8786).",
-        ),
-    ] = None,
+    jobs: JobsOption = -1,
+    dask: DaskOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:

@@ -21,11 +21,16 @@ import numpy as np
 import psutil
 import pytest
 
+from tests.calls import call_tokt
+from tests.inference.logged_runs import lines
 from tests.models.parts import golden_of
 from tests.waiting import MAX_S, until
 from tokt.inference.outputs.udp import decode
+from tokt.inference.recording.run_log import events_path
 from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes, read_bundle
+from tokt.models.operating_point import OperatingPoint
 from tokt.models.store.store import Store
+from tokt.models.water import WaterPrior
 
 from ..conftest import draw
 from ..test_faults import hold_row
@@ -192,6 +197,23 @@ def test_a_run_at_sea(ship):
     assert ship.process.wait(MAX_S) == 0 and not runtime.is_running()
     hold_row("SIGTERM, Ctrl-C", "the frame is judged and sent, then it ends with code 0", "nothing")
     assert not [one for one in ship.said if one["status"] == 0]
+
+
+def test_the_boundary_stays_fixed_when_the_model_is_exchanged(launch, tmp_path):
+    log = tmp_path / "log.jsonl"
+    ship = launch("--fixed-boundary", "--log", log, "--log-values")
+    assert ship.until(lambda one: one["model"])["model"] == "noise/7"
+    prior = WaterPrior(-0.3, 0.1, 0.08, 0.08, 0.1, limit=0.02)
+    moving = replace(ship.first.content, version="8", operating_point=OperatingPoint(water=prior))
+    entry = ship.store.deploy(bundle_from_bytes(bundle_bytes(moving), "8"))
+    ship.until(lambda one: one["model"] == "noise/8" and one["status"] == 1)
+    ship.process.terminate()
+    assert ship.process.wait(MAX_S) == 0
+    assert {line["boundary"] for line in lines(log)} == {None}
+    (exchanged,) = [event for event in lines(events_path(log)) if event["event"] == "model"]
+    assert exchanged["sha256"] == entry.sha256
+    again = call_tokt("replay", log, "--json")
+    assert again.code == 0, again.out
 
 
 def fill(descriptor: int) -> None:

@@ -32,9 +32,9 @@ class Moving(Script):
 
     obstacle = (False, True)
 
-    def __init__(self, answers):
+    def __init__(self, answers, prior=PRIOR):
         super().__init__(RULE, answers)
-        object.__setattr__(self, "operating_point", OperatingPoint(RULE, water=PRIOR))
+        object.__setattr__(self, "operating_point", OperatingPoint(RULE, water=prior))
 
 
 def test_the_detector_judges_by_the_boundary_of_the_last_frames():
@@ -42,7 +42,7 @@ def test_the_detector_judges_by_the_boundary_of_the_last_frames():
     answers = [rng.normal(-0.4, 0.3, 4) for _ in range(12)]
     gaps = [0, 0, 0, 2, 0, 0, 9, 0, 0, 0, 1, 0]
     detector, state = TextureDetector(Moving(answers)), WaterState(PRIOR)
-    fixed = TextureDetector(Moving(answers), fixed_boundary=True)
+    fixed = TextureDetector(Moving(answers, None))
     seen = set()
     for frame, gap, answer in zip(frames(gaps), gaps, answers, strict=True):
         state.begin(gap)
@@ -141,6 +141,15 @@ def test_in_a_bundle_and_out_again():
         with_map().values_alone(bundle.features(frame)),
         alone + (PRIOR.boundary(bundle.values_of(bundle.features(frame))[:, 0])),
     )
+
+
+def test_a_bundle_with_a_fixed_boundary_is_the_same_but_for_the_prior():
+    moving, still = with_map(2.5, PRIOR), with_map(2.5)
+    fixed = moving.with_fixed_boundary()
+    assert fixed.operating_point == still.operating_point
+    assert (fixed.sha256, fixed.data, fixed.label) == (moving.sha256, moving.data, moving.label)
+    features = moving.features(decode_image(moving.golden.frames[0], "golden"))
+    np.testing.assert_array_equal(fixed.values_alone(features), still.values_alone(features))
 
 
 def test_a_boundary_that_would_silence_the_model_is_told(bundle_file):

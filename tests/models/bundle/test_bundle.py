@@ -6,6 +6,7 @@ import pickle
 import random
 import tracemalloc
 import zipfile
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -31,6 +32,7 @@ from tokt.models.bundle.bundle import (
     read_bundle,
 )
 from tokt.models.operating_point import MofNRule, OperatingPoint
+from tokt.models.water import WaterPrior
 
 BYTES = st.integers(0, 255)
 SEVERAL = (("ocean", False), ("sand", True), ("tower", True))
@@ -316,6 +318,17 @@ def test_format_versions(members):
     assert "newer" in refuse(pack({"manifest.json": b'{"format_version": 99}', "x": b""}))
     for wrong in (0, -1, None, "1", 1.0, True, [1]):
         refuse(rehash(members, {"format_version": wrong}), "no format version")
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize(
+    "newer", [{"water": WaterPrior(-1.0, 1.0, 0.5, 0.5, 0.25).to_json()}, {"unlike": 2.0}]
+)
+def test_an_older_format_has_nothing_of_a_newer_one(version, newer):
+    old = unpack((Path(__file__).parent / f"bundle_of_format_{version}.zip").read_bytes())
+    point = json.loads(old["manifest.json"])["operating_point"]
+    edited = rehash(old, {"operating_point": {**point, **newer}})
+    assert f"its format knows no {next(iter(newer))} in an operating point" in refuse(edited)
 
 
 OCEAN = {"name": "ocean", "obstacle": False}

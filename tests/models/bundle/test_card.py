@@ -1,6 +1,7 @@
 from typing import Any
 
 from tokt.models.bundle.card import model_card
+from tokt.models.water import WaterPrior
 
 DEEP = {"resize": "area_deep", "gray": "bt601", "gain": 8.0, "levels": 256}
 DEEP |= {"flatten": {"window": 31, "by": "frame"}}
@@ -105,6 +106,19 @@ def test_of_several_dives_each_is_named():
     card = model_card("tower/3", recipe, PROVENANCE)
     assert "| F1 of the dives | fjord 0.750, quay, by night undefined |" in card
     assert "F1 of the folds" not in card
+
+
+def test_a_boundary_that_moves_is_told_once():
+    """In the prior's words of today; earlier models have such words among their figures too."""
+    prior = WaterPrior(-1.0, 1.0, 0.5, 0.5, 0.25)
+    was = RECIPE["operating_point"]
+    told = {"boundary": "It moved.", "novelty": "A frame in which a patch is farther than 2.5 ..."}
+    now = {**was, "water": prior.to_json(), "chosen": {**was["chosen"], **told}}
+    lines = model_card("tower/3", {**RECIPE, "operating_point": now}, PROVENANCE).splitlines()
+    assert lines.count(prior.words()) == lines.count(told["novelty"]) == 1
+    assert not [line for line in lines if "It moved." in line or line.startswith("- novelty")]
+    unchosen = {**now, "chosen": {}}
+    assert prior.words() in model_card("tower/3", {**RECIPE, "operating_point": unchosen}, {})
 
 
 def test_a_recipe_of_version_1_has_a_card_too():

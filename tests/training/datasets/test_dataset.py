@@ -429,13 +429,15 @@ def patch_folder(cut_patches, tmp_path):
 
 
 def test_a_patch_folder_is_ungrouped_and_its_figures_say_so(
-    patch_folder, tmp_path, done, told, capsys
+    patch_folder, tmp_path, done, told, refused, capsys
 ):
     where = ("--workspace", tmp_path / "ws")
     assert "UNGROUPED" in done("dataset", "build", "cut", "--patches", patch_folder, *where).out
     info = told("dataset", "show", "cut", *where)
     assert info["block_frames"] is None
     assert (info["patches"], info["unsure_left_out"]) == (60, 30)
+    moving = ("train", "cut", "--preset", "water", "--fixed-boundary", *where)
+    refused("with a folder of patches it is fixed anyway", *moving)
     # With the default embargo: file numbers are no frame numbers, so it must not bite.
     result = told("train", "cut", "--extractor", "lbp", *where)
     assert result["cv"]["split"].startswith("UNGROUPED")

@@ -770,6 +770,7 @@ def test_a_model_with_obstacles_only_has_no_obstacle_figures():
         (("--preset", "plain", "--frame-rule", "often"), "--frame-rule is auto or"),
         (("--preset", "thesis", "--frame-rule", "2/3"), "preset thesis has the thesis's rule"),
         (("--preset", "plain", "--changes", "gain_0_5"), "no picture change 'gain_0_5'"),
+        (("--preset", "best", "--fixed-boundary"), "with preset best it is fixed anyway"),
     ],
 )
 def test_what_cannot_be_asked_for_is_said_before_the_work(trained, tmp_path, refused, asked, said):

@@ -1,5 +1,6 @@
 """The boundary that moves: the same in a fold, in the runtime and in an evaluation."""
 
+import json
 import shutil
 from dataclasses import replace
 from functools import partial
@@ -14,7 +15,7 @@ from tokt.features.extractors.extractor import build_extractor, extractor_named
 from tokt.features.frames.mission import LEFT, open_mission
 from tokt.inference.frame import Frame
 from tokt.inference.texture.detector import TextureDetector
-from tokt.models.bundle.bundle import read_bundle
+from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.evaluation.evaluate import score_mission
@@ -48,7 +49,7 @@ def bundle(trained, tmp_path_factory):
 def test_the_bundle_says_where_it_starts_and_what_is_too_far(bundle):
     point = bundle.operating_point
     assert point.water.water < 0 < point.water.obstacle and point.unlike > 0
-    assert point.chosen["boundary"] == point.water.words()
+    assert "boundary" not in point.chosen
     assert f"farther than {point.unlike:.2f}" in point.chosen["novelty"]
     assert "moves with the last 5 frames" in bundle.card and "is unknown: so were" in bundle.card
 
@@ -75,6 +76,22 @@ def test_a_fold_judges_as_the_runtime_and_an_evaluation_do(bundle, trained, tiny
     scored = score_mission(bundle, mission, quiet, [int(number) for number in numbers])
     for number, evaluated in zip(scored.frames, scored.values, strict=True):
         np.testing.assert_array_equal(evaluated, found[number].decision_values)
+
+
+def test_an_evaluation_with_a_fixed_boundary_is_that_of_a_model_without_prior(
+    bundle, tiny, tmp_path
+):
+    still = replace(bundle.content, operating_point=replace(bundle.operating_point, water=None))
+    found = []
+    for content, more in ((bundle, ("--fixed-boundary",)), (still, ()), (bundle, ())):
+        file = tmp_path / "evaluated.tokt"
+        file.write_bytes(bundle_bytes(content))
+        given = ("--mission", tiny.path, "--labels", tiny.labels, *more, "--workspace", tmp_path)
+        ran = call_tokt("evaluate", file, *given, "--json")
+        assert ran.code == 0, ran.err
+        told = json.loads(ran.out)
+        found.append((told["patch"], told["frames"]))
+    assert found[0] == found[1] != found[2]
 
 
 def test_in_a_fold_it_moves_by_frame_and_by_little(trained, tmp_path):

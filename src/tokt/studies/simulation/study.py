@@ -151,8 +151,6 @@ def _check(study: Study) -> None:
     check_width(study.width)
     if study.model is not None and not any(map(uses_model, study.methods)):
         raise ToktError(f"no model is used by {', '.join(study.methods)}: leave it out")
-    if study.jobs == 0:
-        raise ToktError("jobs: a number of processes, or -1 for one a core; not 0")
     for what, asked, known in (
         ("scene", study.scenes, tuple(KINDS)),
         ("method", study.methods, METHODS),
