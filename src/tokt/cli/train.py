@@ -100,6 +100,12 @@ def train(
     split: SplitOption = None,
     site: SitesOption = None,
     weight: WeightOption = None,
+    max_samples: Annotated[
+        int | None,
+        Option(
+            min=1000, help="Patches that a fit learns from at most, drawn by lot. Default: 50000."
+        ),
+    ] = None,
     class_weight: Annotated[
         str | None,
         Option(
@@ -168,6 +174,10 @@ def train(
             what = "a folder of patches" if data.block_frames is None else f"preset {preset}"
             raise ToktError(f"--fixed-boundary is of no use: with {what} it is fixed anyway")
         settings = replace(settings, moving_boundary=False)
+    if max_samples:
+        if settings.two_images:
+            raise ToktError("preset thesis learns from two images: no --max-samples")
+        settings = replace(settings, max_samples=max_samples)
     if (ocean or other) and not settings.two_images:
         raise ToktError("--ocean and --other go with --preset thesis")
     target = _target(false_status_rate, confidence, least_patches, frame_rule)

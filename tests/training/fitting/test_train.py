@@ -1,6 +1,7 @@
 """Training and its cross-validation: the same each time, and honest."""
 
 import json
+import shutil
 from dataclasses import asdict, replace
 from unittest.mock import Mock
 
@@ -650,6 +651,16 @@ def test_of_many_patches_some_are_learnt_from_and_count_for_all(monkeypatch):
     assert (agree[0] == agree[1]).mean() > 0.98
 
 
+def test_how_many_patches_a_fit_learns_from_can_be_asked_for(trained, tmp_path, told):
+    shutil.copytree(trained, tmp_path / ".tokt")
+    asked = ("--max-samples", 1000, "--preset", "plain", "--extractor", "lbp", "--name", "few")
+    few = told("train", "tiny", *asked, *TRAIN_TINY, "--workspace", tmp_path / ".tokt")
+    assert "A fit learns from 1,000 patches at most, drawn by lot." in few["cv"]["split"]
+    assert few["cv"]["patch"]["f1"] > 0.5 and few["cv"]["patches_tested"] == 3950
+    registry = Registry(tmp_path / ".tokt")
+    assert registry.parameters(registry.find("few"))["setting_max_samples"] == "1000"
+
+
 @pytest.mark.parametrize("what", ["mission", "group"])
 def test_of_very_many_patches_whole_dives_or_blocks_are_judged(what, fabricate, monkeypatch):
     monkeypatch.setattr(cross_validation, "MAX_JUDGED", 200)
@@ -771,6 +782,7 @@ def test_a_model_with_obstacles_only_has_no_obstacle_figures():
         (("--preset", "thesis", "--frame-rule", "2/3"), "preset thesis has the thesis's rule"),
         (("--preset", "plain", "--changes", "gain_0_5"), "no picture change 'gain_0_5'"),
         (("--preset", "best", "--fixed-boundary"), "with preset best it is fixed anyway"),
+        (("--preset", "thesis", "--max-samples", 2000), "two images: no --max-samples"),
     ],
 )
 def test_what_cannot_be_asked_for_is_said_before_the_work(trained, tmp_path, refused, asked, said):
