@@ -26,8 +26,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from tokt.features.common import atomic
 from tokt.features.common.arrays import I64, U8
@@ -37,6 +35,8 @@ from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import decode_image, pixel_sha256
 from tokt.labels.taxonomy import Taxonomy
+
+from .splits import joined_names
 
 FORMAT_VERSION = 1
 TASKS = ("binary", "classes")
@@ -244,18 +244,6 @@ def read_stored_frame(path: Path, digest: str) -> U8:
     return image
 
 
-def _join_copies(frames: pd.DataFrame) -> pd.DataFrame:
-    """Give groups that share a picture one name: copies must not stand on both sides of a split."""
-    group, names = pd.factorize(frames.group, sort=True)
-    digest, pictures = pd.factorize(frames.digest)
-    size = len(names) + len(pictures)
-    edges = (np.ones(len(frames)), (group, len(names) + digest))
-    graph = coo_array(edges, shape=(size, size))
-    _, component = connected_components(graph, directed=False)
-    first = pd.Series(names).groupby(component[: len(names)]).transform("min")
-    return frames.assign(group=first.to_numpy()[group])
-
-
 def _check_classes(plan: DatasetPlan) -> None:
     labels = sorted(plan.patches.label.unique())
     if not labels:
@@ -360,7 +348,9 @@ def build_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -
     with atomic.scratch_folder(home) as folder:
         sources = progress(plan.frames, len(plan.frames), "reading frames")
         frames = _store_frames(folder / "frames", sources, plan.grid, plan.name)
-        frames = _join_copies(frames.sort_values(_FRAME_KEY, ignore_index=True))
+        frames = frames.sort_values(_FRAME_KEY, ignore_index=True)
+        # Copies of a picture must not stand on both sides of a split.
+        frames = frames.assign(group=joined_names(frames.group, frames.digest, "min"))
         patches = plan.patches.merge(frames[[*_FRAME_KEY, "group"]], on=_FRAME_KEY, how="left")
         patches = patches[_PATCH_COLUMNS].sort_values(_PATCH_COLUMNS, ignore_index=True)
         info = _summary(plan, patches, frames)

@@ -6,7 +6,7 @@ and camera: how a model does on another dive is only seen where whole dives are 
 """
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -136,13 +136,28 @@ def held_out_together(
         Site by mission; a mission that has none is a site of its own.
     """
     named = {name: (sites or {}).get(name, name) for name in patches.mission.unique()}
-    unit, names = pd.factorize(patches.mission.map(named), sort=True)
-    group, groups = pd.factorize(patches.group)
-    size = len(names) + len(groups)
-    edges = (np.ones(len(patches)), (unit, len(names) + group))
+    return joined_names(patches.mission.map(named), patches.group, "+".join)
+
+
+def joined_names(
+    names: pd.Series, shared: pd.Series, join: str | Callable[[Iterable[str]], str]
+) -> NDArray[np.object_]:
+    """For each row its name; of names that share something, directly or by others, one for all.
+
+    Parameters
+    ----------
+    names, shared : Series
+        Of each row its name, and what it may share with others.
+    join : callable or str
+        Makes one name of several in rising order, as for pandas' `transform`.
+    """
+    name, known = pd.factorize(names, sort=True)
+    thing, things = pd.factorize(shared)
+    size = len(known) + len(things)
+    edges = (np.ones(len(name)), (name, len(known) + thing))
     _, component = connected_components(coo_array(edges, shape=(size, size)), directed=False)
-    joined = pd.Series(names, dtype=object).groupby(component[: len(names)]).transform("+".join)
-    return np.asarray(joined.to_numpy()[unit], object)
+    joined = pd.Series(known, dtype=object).groupby(component[: len(known)]).transform(join)
+    return np.asarray(joined.to_numpy()[name], object)
 
 
 def dive_folds(

@@ -23,8 +23,8 @@ from tokt.training.evaluation.metrics import obstacle_metrics
 from tokt.training.parallel import mapped
 
 from .choose_operating_point import FalseStatusTarget
-from .classifier import decision_values, in_parts
-from .cross_validation import Split, fit_rows
+from .classifier import decision_values, fit_rows, in_parts
+from .cross_validation import Split
 from .presets import Hyperparameters, TrainingSettings
 from .train import Trained, TrainRequest
 from .whole_frames import WholeFrames, judged

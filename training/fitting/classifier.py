@@ -1,7 +1,7 @@
 """The classifier of a model: optional scaler and map, a LinearSVC, as scikit-learn has them."""
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from sklearn.base import TransformerMixin
@@ -13,10 +13,71 @@ from sklearn.svm import LinearSVC
 
 from tokt.features.common.arrays import F64, I64
 from tokt.models.linear import LinearModel
+from tokt.training.datasets.splits import dive_weights
 
 from .presets import Hyperparameters, TrainingSettings
 
+Tables = Sequence[F64]
+
 _AT_ONCE = 1 << 15  # patches: 160 MB at 600 landmarks
+
+
+def fit_rows(
+    features: F64,
+    targets: I64,
+    rows: I64,
+    choice: Hyperparameters,
+    settings: TrainingSettings,
+    augmented: Tables = (),
+    dives: I64 | None = None,
+) -> Pipeline:
+    """Fit to some patches, as they are and as they look on augmented frames.
+
+    Of more than `settings.max_samples` some are drawn: half of them by class, so that a rare one is
+    not lost. Each class of a dive then counts as much as all its patches would.
+
+    Parameters
+    ----------
+    features : array of float64, shape (n_patches, dim)
+    targets : array of int, shape (n_patches,)
+    rows : array of int
+        What to learn from.
+    choice, settings
+        As for `fit_classifier`.
+    augmented : sequence of arrays like `features`
+        The same patches on augmented frames.
+    dives : array of int, shape (n_patches,), optional
+        The dive of each patch, all of which then count the same; by default each patch does.
+    """
+    parts, landmarks = np.ones(len(rows)), None
+    if several := dives is not None and len(np.unique(dives[rows])) > 1:
+        parts = dive_weights(dives[rows])
+    if len(rows) > settings.max_samples:
+        if settings.landmarks:
+            landmarks = features[rows[drawn(parts, settings.landmarks, settings.seed)]]
+        kept, parts = _sample(targets[rows], dives[rows] if several else None, parts, settings)
+        rows, several = rows[kept], True
+    tables = [table[rows] for table in (features, *augmented)]
+    known, parts = np.tile(targets[rows], len(tables)), np.tile(parts, len(tables))
+    weights = np.repeat([1.0] + [settings.change_weight] * len(augmented), len(rows)) * parts
+    return fit_classifier(
+        *(np.concatenate(tables), known, choice, settings, weights),
+        *(parts if several else None, landmarks),
+    )
+
+
+def _sample(
+    targets: I64, dives: I64 | None, parts: F64, settings: TrainingSettings
+) -> tuple[I64, F64]:
+    """Some patches and how much each counts, given how much each would count among all."""
+    of_class = np.bincount(targets, parts)
+    chance = parts / parts.sum() + parts / of_class[targets] / np.count_nonzero(of_class)
+    kept = np.sort(drawn(chance, settings.max_samples, settings.seed))
+    cell = targets if dives is None else targets + len(of_class) * dives
+    found = np.bincount(cell[kept])
+    share = np.bincount(cell, parts)[: len(found)] / np.maximum(found, 1)
+    weights = share[cell[kept]]
+    return kept, weights * len(kept) / weights.sum()
 
 
 def fit_classifier(

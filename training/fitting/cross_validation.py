@@ -11,7 +11,6 @@ from typing import Any, Self
 
 import numpy as np
 import pandas as pd
-from sklearn.pipeline import Pipeline
 
 from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.common.errors import ToktError
@@ -25,7 +24,6 @@ from tokt.training.datasets.splits import (
     Fold,
     blocked_folds,
     dive_folds,
-    dive_weights,
     held_out_together,
     sites_named,
     some_units,
@@ -41,12 +39,9 @@ from .choose_operating_point import (
     FalseStatusTarget,
     choose_frame_rule,
 )
-from .classifier import decision_values, drawn, fit_classifier, in_parts, linear_model
+from .classifier import Tables, decision_values, fit_rows, in_parts, linear_model
 from .presets import Hyperparameters, TrainingSettings
 from .whole_frames import WholeFrames, judged
-
-Tables = Sequence[F64]
-_Dives = I64 | None
 
 PATCH = "patch"
 SITES, DIVES, BLOCKS = "sites", "dives", "blocks of frames"
@@ -176,12 +171,12 @@ class Split:
     def unit(self, patches: pd.DataFrame) -> str:
         """What `cut` holds out as a whole, for people."""
         for what, grouped in ((SITES, self.sites), (DIVES, {})):
-            several = len(np.unique(held_out_together(patches, grouped))) > 1
+            several = len(pd.unique(held_out_together(patches, grouped))) > 1
             if self.by == DIVE and several and (grouped or what == DIVES):
                 return what
         return BLOCKS
 
-    def dives(self, patches: pd.DataFrame) -> _Dives:
+    def dives(self, patches: pd.DataFrame) -> I64 | None:
         """The dive of each patch where there are several that count the same, for `fit_rows`."""
         several = self.weight == DIVE and patches.mission.nunique() > 1
         return pd.factorize(patches.mission)[0] if several else None
@@ -191,7 +186,7 @@ class Split:
         if len(patches) <= MAX_JUDGED:
             return np.arange(len(patches))
         whole = held_out_together(patches) if self.by == DIVE else patches.group
-        if self.by == DIVE and len(np.unique(whole)) == 1:
+        if len(pd.unique(whole)) == 1:
             whole = patches.group
         return some_units(whole, targets, MAX_JUDGED, 2 * self.folds)
 
@@ -245,62 +240,6 @@ class BestCandidate:
     choice: Hyperparameters
     values: F64
     prior: WaterPrior | None
-
-
-def fit_rows(
-    features: F64,
-    targets: I64,
-    rows: I64,
-    choice: Hyperparameters,
-    settings: TrainingSettings,
-    augmented: Tables = (),
-    dives: _Dives = None,
-) -> Pipeline:
-    """Fit to some patches, as they are and as they look on augmented frames.
-
-    Of more than `settings.max_samples` some are drawn: half of them by class, so that a rare one is
-    not lost. Each class of a dive then counts as much as all its patches would.
-
-    Parameters
-    ----------
-    features : array of float64, shape (n_patches, dim)
-    targets : array of int, shape (n_patches,)
-    rows : array of int
-        What to learn from.
-    choice, settings
-        As for `fit_classifier`.
-    augmented : sequence of arrays like `features`
-        The same patches on augmented frames.
-    dives : array of int, shape (n_patches,), optional
-        The dive of each patch, all of which then count the same; by default each patch does.
-    """
-    parts, landmarks = np.ones(len(rows)), None
-    if several := dives is not None and len(np.unique(dives[rows])) > 1:
-        parts = dive_weights(dives[rows])
-    if len(rows) > settings.max_samples:
-        if settings.landmarks:
-            landmarks = features[rows[drawn(parts, settings.landmarks, settings.seed)]]
-        kept, parts = _sample(targets[rows], dives[rows] if several else None, parts, settings)
-        rows, several = rows[kept], True
-    tables = [table[rows] for table in (features, *augmented)]
-    known, parts = np.tile(targets[rows], len(tables)), np.tile(parts, len(tables))
-    weights = np.repeat([1.0] + [settings.change_weight] * len(augmented), len(rows)) * parts
-    return fit_classifier(
-        *(np.concatenate(tables), known, choice, settings, weights),
-        *(parts if several else None, landmarks),
-    )
-
-
-def _sample(targets: I64, dives: _Dives, parts: F64, settings: TrainingSettings) -> tuple[I64, F64]:
-    """Some patches and how much each counts, given how much each would count among all."""
-    of_class = np.bincount(targets, parts)
-    chance = parts / parts.sum() + parts / of_class[targets] / np.count_nonzero(of_class)
-    kept = np.sort(drawn(chance, settings.max_samples, settings.seed))
-    cell = targets if dives is None else targets + len(of_class) * dives
-    found = np.bincount(cell[kept])
-    share = np.bincount(cell, parts)[: len(found)] / np.maximum(found, 1)
-    weights = share[cell[kept]]
-    return kept, weights * len(kept) / weights.sum()
 
 
 def choose_hyperparameters(
@@ -369,7 +308,9 @@ def choose_hyperparameters(
     return best
 
 
-_Fit = tuple[F64, I64, Fold, Hyperparameters, TrainingSettings, Tables, _Dives, WholeFrames | None]
+_Fit = tuple[
+    F64, I64, Fold, Hyperparameters, TrainingSettings, Tables, I64 | None, WholeFrames | None
+]
 """One fold of one candidate: features, targets, fold, choice, settings, augmented, dives, whole."""
 
 

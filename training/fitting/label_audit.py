@@ -42,8 +42,8 @@ from tokt.training.datasets.dataset import OBSTACLE, DatasetVersion, open_datase
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS, Fold
 
-from .classifier import decision_values
-from .cross_validation import Split, Tables, check_features, choose_hyperparameters, fit_rows
+from .classifier import Tables, decision_values, fit_rows
+from .cross_validation import Split, check_features, choose_hyperparameters
 from .presets import (
     DEFAULT_EXTRACTOR,
     PRESETS,

@@ -30,7 +30,7 @@ from .choose_operating_point import (
     check_target,
     choose_frame_rule,
 )
-from .classifier import converged, decision_values, fit_classifier, linear_model
+from .classifier import converged, decision_values, fit_classifier, fit_rows, linear_model
 from .cross_validation import (
     BLOCKS,
     HeldOutPredictions,
@@ -39,7 +39,6 @@ from .cross_validation import (
     check_split,
     choose_hyperparameters,
     cross_validate,
-    fit_rows,
     held_out_metrics,
     inner_folds,
     robustness_figures,

@@ -15,7 +15,7 @@ from tokt.features.extractors.extractor import extractor_named
 from tokt.training.datasets.augmentations import STRESS, augment
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.fitting import cross_validation
+from tokt.training.fitting import classifier
 from tokt.training.fitting.classifier import fit_classifier
 from tokt.training.fitting.cross_validation import Split, cross_validate
 from tokt.training.fitting.presets import settings_named, with_augmentations
@@ -65,7 +65,7 @@ def test_training_parts_are_learnt_from_changed_too_and_tests_are_plain(fabricat
         assert scaled_by is landmarks is None  # one dive: every patch counts the same
         return fit_classifier(features, targets, choice, settings, weights, scaled_by)
 
-    monkeypatch.setattr(cross_validation, "fit_classifier", spy)
+    monkeypatch.setattr(classifier, "fit_classifier", spy)
     number = np.arange(60.0)
     plain = np.column_stack([number, number % 2])
     other = plain + np.array([1000.0, 0])

@@ -22,8 +22,7 @@ from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.evaluation.metrics import obstacle_metrics
 from tokt.training.fitting import adapt
 from tokt.training.fitting.adapt import _more, adaptation, adapted_request, known_model
-from tokt.training.fitting.classifier import decision_values
-from tokt.training.fitting.cross_validation import fit_rows
+from tokt.training.fitting.classifier import decision_values, fit_rows
 from tokt.training.fitting.train import train
 from tokt.training.fitting.whole_frames import WholeFrames, judged
 

@@ -40,13 +40,12 @@ from tokt.training.datasets.splits import Fold, blocked_folds, dive_folds
 from tokt.training.evaluation.evaluate import first_detection
 from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
 from tokt.training.fitting import classifier, cross_validation
-from tokt.training.fitting.classifier import decision_values, fit_classifier, linear_model
+from tokt.training.fitting.classifier import decision_values, fit_classifier, fit_rows, linear_model
 from tokt.training.fitting.cross_validation import (
     HeldOutPredictions,
     Split,
     choose_hyperparameters,
     cross_validate,
-    fit_rows,
     held_out_metrics,
 )
 from tokt.training.fitting.presets import (
@@ -227,7 +226,7 @@ def test_rows_within_the_embargo_are_not_learnt_from(blocks, monkeypatch):
         seen.append(features[:, 0])
         return fit_classifier(features, *rest)
 
-    monkeypatch.setattr(cross_validation, "fit_classifier", spy)
+    monkeypatch.setattr(classifier, "fit_classifier", spy)
     number = np.arange(300, dtype=float)
     features, settings = np.column_stack([number, number % 7]), replace(PLAIN, penalties=(1.0,))
     held_out = cross_validate(blocks, features, settings, Split(5, 5), quiet)
@@ -625,7 +624,7 @@ def test_of_many_patches_some_are_learnt_from_and_count_for_all(monkeypatch):
         seen.append(args)
         return fit_classifier(*args)
 
-    monkeypatch.setattr(cross_validation, "fit_classifier", spy)
+    monkeypatch.setattr(classifier, "fit_classifier", spy)
     asked = targets, np.arange(30_000), Hyperparameters(1.0)
     fits = [
         fit_rows(features, *asked, replace(settings, max_samples=most), (), dives)

@@ -19,8 +19,8 @@ from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.evaluation.evaluate import score_mission
-from tokt.training.fitting.classifier import decision_values
-from tokt.training.fitting.cross_validation import Split, fit_rows
+from tokt.training.fitting.classifier import decision_values, fit_rows
+from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.drift_limits import NOVEL_RATE, novelty_limit
 from tokt.training.fitting.presets import Hyperparameters, settings_named
 from tokt.training.fitting.train import TrainRequest, train

@@ -38,13 +38,12 @@ from tokt.training.datasets.dataset import DatasetVersion, build_dataset
 from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions
 from tokt.training.datasets.splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
 from tokt.training.fitting.choose_operating_point import DEFAULT_TARGET, choose_frame_rule
-from tokt.training.fitting.classifier import decision_values, fit_classifier, linear_model
+from tokt.training.fitting.classifier import decision_values, fit_classifier, fit_rows, linear_model
 from tokt.training.fitting.cross_validation import (
     Split,
     check_features,
     check_split,
     choose_hyperparameters,
-    fit_rows,
     inner_folds,
     rows_tested,
 )
