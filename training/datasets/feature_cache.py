@@ -155,11 +155,12 @@ def _whole(
     tasks: list[tuple[I64, _DescribeTask]], grid: Grid, labelled: int
 ) -> list[tuple[I64, _DescribeTask]]:
     """The same frames with all their patches: the rows of what is not labelled come last."""
-    after, whole = labelled, []
-    for rows, (path, digest, cells, *rest) in tasks:
+    after, whole = labelled, list[tuple[I64, _DescribeTask]]()
+    for rows, (path, digest, cells, spec, _, augmentation) in tasks:
         others = np.setdiff1d(np.arange(grid.n_patches), cells)
         more = after + np.arange(len(others))
-        whole.append((np.append(rows, more), (path, digest, np.append(cells, others), *rest)))
+        every = np.append(cells, others)
+        whole.append((np.append(rows, more), (path, digest, every, spec, grid, augmentation)))
         after += len(others)
     return whole
 

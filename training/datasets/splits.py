@@ -217,18 +217,18 @@ def dive_folds(
     return []
 
 
-def some_units(units: Sequence[str], targets: I64, most: int, of_class: int) -> I64:
+def some_units(units: NDArray[np.object_], targets: I64, most: int, of_class: int) -> I64:
     """Rows of whole units, drawn with a fixed seed, up to `most`; `of_class` units of each class.
 
     Parameters
     ----------
-    units : sequence of str, length n_patches
+    units : array of str, shape (n_patches,)
         What is kept or left out as a whole.
     targets : array of int, shape (n_patches,)
     most, of_class : int
         The second goes first.
     """
-    unit = pd.factorize(np.asarray(units, object))[0]
+    unit = pd.factorize(units)[0]
     order = np.random.default_rng(0).permutation(unit.max() + 1)
     having = (order[np.isin(order, unit[targets == one])] for one in np.unique(targets))
     first = [number for numbers in having for number in numbers[:of_class].tolist()]

@@ -49,20 +49,22 @@ def fit_rows(
     dives : array of int, shape (n_patches,), optional
         The dive of each patch, all of which then count the same; by default each patch does.
     """
-    parts, landmarks = np.ones(len(rows)), None
-    if several := dives is not None and len(np.unique(dives[rows])) > 1:
-        parts = dive_weights(dives[rows])
+    own, landmarks = None if dives is None else dives[rows], None
+    if own is not None and len(np.unique(own)) == 1:
+        own = None
+    parts = np.ones(len(rows)) if own is None else dive_weights(own)
+    scaled = own is not None or len(rows) > settings.max_samples
     if len(rows) > settings.max_samples:
         if settings.landmarks:
             landmarks = features[rows[drawn(parts, settings.landmarks, settings.seed)]]
-        kept, parts = _sample(targets[rows], dives[rows] if several else None, parts, settings)
-        rows, several = rows[kept], True
+        kept, parts = _sample(targets[rows], own, parts, settings)
+        rows = rows[kept]
     tables = [table[rows] for table in (features, *augmented)]
     known, parts = np.tile(targets[rows], len(tables)), np.tile(parts, len(tables))
     weights = np.repeat([1.0] + [settings.change_weight] * len(augmented), len(rows)) * parts
     return fit_classifier(
         *(np.concatenate(tables), known, choice, settings, weights),
-        *(parts if several else None, landmarks),
+        *(parts if scaled else None, landmarks),
     )
 
 

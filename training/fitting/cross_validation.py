@@ -185,9 +185,10 @@ class Split:
         """Rows to cross-validate: all, or of more than `MAX_JUDGED` whole dives or blocks."""
         if len(patches) <= MAX_JUDGED:
             return np.arange(len(patches))
-        whole = held_out_together(patches) if self.by == DIVE else patches.group
+        blocks = patches.group.to_numpy(object)
+        whole = held_out_together(patches) if self.by == DIVE else blocks
         if len(pd.unique(whole)) == 1:
-            whole = patches.group
+            whole = blocks
         return some_units(whole, targets, MAX_JUDGED, 2 * self.folds)
 
 
@@ -296,10 +297,11 @@ def choose_hyperparameters(
         values, prior = np.full((len(targets), _outputs(len(np.unique(targets)))), np.nan), None
         found = [next(results) for _ in folds]
         for fold, one in zip(folds, found, strict=True):
-            values[fold.test] = one if whole is None else whole.part(fold.test).moved(*one, None)
+            part = None if whole is None else whole.part(fold.test)
+            values[fold.test] = one if part is None else part.moved(one[0], one[1], None)
         if whole is not None and (prior := _prior(patches, targets, values, whole)):
             for fold, one in zip(folds, found, strict=True):
-                values[fold.test] = whole.part(fold.test).moved(*one, prior)
+                values[fold.test] = whole.part(fold.test).moved(one[0], one[1], prior)
         score = _mean_f1(targets, values, parts)
         if best is None or score > best_score:
             best, best_score = BestCandidate(choice, values, prior), score
@@ -511,7 +513,12 @@ def check_features(dataset: DatasetVersion, features: F64) -> None:
     features : array of float64, shape (n_patches, dim)
     """
     every = np.arange(len(features))
-    sound = in_parts(lambda some: np.isfinite(some).all(axis=1), features, every) > 0
+    sound = (
+        in_parts(
+            lambda some: np.asarray(np.isfinite(some).all(axis=1), np.float64), features, every
+        )
+        > 0
+    )
     if not sound.all():
         mission, camera, frame, row, col = dataset.patches.iloc[int(np.argmin(sound))][
             ["mission", "camera", "frame", "row", "col"]

@@ -224,9 +224,10 @@ def test_holding_back_every_nth_block_does_not_leak(layout, n, embargo):
     st.integers(1, 3),
 )
 def test_some_units_are_whole_and_hold_every_class(rows, most, of_class):
-    units, targets = [f"unit {unit}" for unit, _ in rows], np.array([one for _, one in rows])
+    units = np.array([f"unit {unit}" for unit, _ in rows], object)
+    targets = np.array([one for _, one in rows])
     kept = some_units(units, targets, most, of_class)
-    names = np.array(units)
+    names = units.astype(str)
     assert set(names[kept]).isdisjoint(np.delete(names, kept))
     for target in np.unique(targets):
         having = set(names[targets == target])
