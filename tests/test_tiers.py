@@ -33,6 +33,7 @@ def in_make_test(*markers):
         ("labels/page/state/test_review_sheet.py", "core"),
         ("labels/page/browser/frame_view/test_browser_frame.py", "browser"),
         ("studies/simulation/loop/test_loop.py", "study"),
+        ("training/compare/test_compare.py", "study"),
         ("load/test_soak.py", "load"),
         ("fuzz/test_fuzz.py", "fuzz"),
     ],

@@ -37,7 +37,7 @@ CORE = Tier("core", (), 100)
 TIERS = (
     Tier("browser", ("labels/page/browser",), 20),
     Tier("process", ("process", "labels/page/api"), 20),
-    Tier("study", ("studies",), 50),
+    Tier("study", ("studies", "training/compare", "training/search"), 50),
     Tier("load", ("load",), 20),
     Tier("fuzz", ("fuzz",), 100),
     CORE,
