@@ -361,7 +361,7 @@ class Registry:
             return dict(self.client.get_run(version.run_id).data.params)
 
     def held_out(self, reference: str) -> pandas.DataFrame:
-        """What cross-validation said of every patch, by a model that did not learn from it.
+        """What cross-validation said of each patch, by a model that did not learn from it.
 
         Returns
         -------

@@ -194,9 +194,10 @@ def _fits_without(setting: _Setting, stretches: list[I64]) -> Iterator[_Fit]:
 def _wrong_by_label(setting: _Setting, found: dict[tuple[float, int], I64]) -> list[dict[str, Any]]:
     """For each label the share of its patches that is judged wrong, by fraction."""
     labels = setting.dataset.patches.label.to_numpy()
+    tested = np.isin(np.arange(len(labels)), np.concatenate([fold.test for fold in setting.folds]))
     rows = []
-    for label in sorted(set(labels)):
-        mine = labels == label
+    for label in sorted(set(labels[tested])):
+        mine = tested & (labels == label)
         shares = [
             float(
                 np.mean(
@@ -249,8 +250,8 @@ def learning_curve(
             without[key[0]][fold] = predicted
     # What is drawn are dives where there are several: each with all its blocks.
     draws = drawn_blocks(setting.units)[:, setting.unit]
-    rows = np.arange(len(setting.targets))
-    counts = {key: setting.counts(predicted, rows) for key, predicted in curve.items()}
+    rows = np.sort(np.concatenate([fold.test for fold in setting.folds]))
+    counts = {key: setting.counts(predicted[rows], rows) for key, predicted in curve.items()}
     result = {
         "model": predictions.label,
         "measure": setting.measure.name,

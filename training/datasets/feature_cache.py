@@ -109,8 +109,8 @@ def cached_features(
     augmentation : str
         Name of an augmentation (`augmentations`) that every frame goes through first.
     whole_frames : bool
-        Those of the labelled frames' other patches too, after them: frames by mission, camera and
-        number, patches by row and column.
+        After the labelled patches also the others of their frames: by mission, camera and number of
+        the frame, then by row and column.
 
     Returns
     -------

@@ -217,21 +217,26 @@ def dive_folds(
     return []
 
 
-def some_units(units: NDArray[np.object_], targets: I64, most: int, of_class: int) -> I64:
-    """Rows of whole units, drawn with a fixed seed, up to `most`; `of_class` units of each class.
+def some_units(units: NDArray[np.object_], kinds: Sequence[I64], most: int, of_kind: int) -> I64:
+    """Rows of whole units, drawn with a fixed seed, up to `most`; `of_kind` units of each kind.
 
     Parameters
     ----------
     units : array of str, shape (n_patches,)
         What is kept or left out as a whole.
-    targets : array of int, shape (n_patches,)
-    most, of_class : int
+    kinds : sequence of arrays of int, shape (n_patches,)
+        Such as classes, and sites; below 0 is none.
+    most, of_kind : int
         The second goes first.
     """
     unit = pd.factorize(units)[0]
     order = np.random.default_rng(0).permutation(unit.max() + 1)
-    having = (order[np.isin(order, unit[targets == one])] for one in np.unique(targets))
-    first = [number for numbers in having for number in numbers[:of_class].tolist()]
+    having = (
+        order[np.isin(order, unit[kind == one])]
+        for kind in kinds
+        for one in np.unique(kind[kind >= 0])
+    )
+    first = [number for numbers in having for number in numbers[:of_kind].tolist()]
     order = np.array(list(dict.fromkeys([*first, *order.tolist()])))
     kept = np.cumsum(np.bincount(unit)[order]) <= most
     kept |= np.isin(order, first)

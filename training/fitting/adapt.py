@@ -92,6 +92,10 @@ def known_model(registry: Registry, reference: str, datasets: Path) -> KnownMode
     table, bundle = registry.held_out(version.label), registry.bundle(version.label)
     if not table[_CELL].equals(dataset.patches[_CELL]):
         raise ToktError(f"model {version.label}: its held_out.parquet is of another dataset")
+    with fitting(version, "list of folds"):
+        judged = split.cut(dataset.patches, dataset.targets())
+        if len(judged) != len(fold_choices):
+            raise ValueError(f"{len(judged)} folds, choices of {len(fold_choices)}")
     held_out = table.obstacle_score.where(table.fold >= 0).to_numpy(np.float64)
     return KnownModel(bundle, dataset, *asked, settings, split, choice, fold_choices, held_out)
 

@@ -23,6 +23,7 @@ from .exceedance_model import MIN_FRAMES, ExceedanceModel, fit_exceedance_model
 MIN_PATCHES = (1, 2)
 FRAME_RULES = ((1, 1), (2, 3), (3, 3), (3, 5))
 DIVE, BLOCK = "dive", "block"
+_MAX_NAMED = 20
 MIN_RATE, MAX_RATE = 1e-9, 0.5
 _MARGIN_STEPS = 10_000  # a unit; margins are rounded up to them: short to read, never too small
 
@@ -184,7 +185,8 @@ def choose_frame_rule(
         described["words"] += _ONE_DIVE
     unknown = _rate_unknown_in(scores, ocean, best.rule)
     if unknown:
-        described["words"] += _UNKNOWN.format(", ".join(unknown))
+        named = ", ".join(unknown) if len(unknown) <= _MAX_NAMED else f"{len(unknown)} of the dives"
+        described["words"] += _UNKNOWN.format(named)
     return best.rule, {
         **said,
         **described,

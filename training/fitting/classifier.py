@@ -34,7 +34,8 @@ def fit_rows(
     """Fit to some patches, as they are and as they look on augmented frames.
 
     Of more than `settings.max_samples` some are drawn: half of them by class, so that a rare one is
-    not lost. Each class of a dive then counts as much as all its patches would.
+    not lost. Each class, and of a dive what was drawn, then counts by as much as among all patches;
+    the mean weight stays 1, so that C acts as on so few.
 
     Parameters
     ----------
@@ -79,6 +80,8 @@ def _sample(
     found = np.bincount(cell[kept])
     share = np.bincount(cell, parts)[: len(found)] / np.maximum(found, 1)
     weights = share[cell[kept]]
+    # What a dive has of a class, and none of it was drawn, the other dives' patches stand for.
+    weights *= (of_class / np.bincount(targets[kept], weights, len(of_class)))[targets[kept]]
     return kept, weights * len(kept) / weights.sum()
 
 

@@ -165,8 +165,10 @@ class Split:
         """How many patches are judged, where it is not all of them."""
         total = len(dataset.patches)
         judged = len(self.judged(dataset.patches, dataset.targets()))
-        what = "whole dives or blocks of frames, drawn by lot"
-        return f" Judged are {judged:,} of {total:,} patches: {what}." if judged < total else ""
+        what = "whole blocks of frames" if dataset.block_frames else "single ones"
+        if judged == total:
+            return ""
+        return f" Judged are {judged:,} of {total:,} patches: {what}, drawn by lot."
 
     def unit(self, patches: pd.DataFrame) -> str:
         """What `cut` holds out as a whole, for people."""
@@ -182,14 +184,12 @@ class Split:
         return pd.factorize(patches.mission)[0] if several else None
 
     def judged(self, patches: pd.DataFrame, targets: I64) -> I64:
-        """Rows to cross-validate: all, or of more than `MAX_JUDGED` whole dives or blocks."""
+        """Rows to cross-validate: all, or of more than `MAX_JUDGED` some blocks of every site."""
         if len(patches) <= MAX_JUDGED:
             return np.arange(len(patches))
+        site = pd.factorize(patches.mission.map(self.sites))[0]
         blocks = patches.group.to_numpy(object)
-        whole = held_out_together(patches) if self.by == DIVE else blocks
-        if len(pd.unique(whole)) == 1:
-            whole = blocks
-        return some_units(whole, targets, MAX_JUDGED, 2 * self.folds)
+        return some_units(blocks, (targets, site), MAX_JUDGED, 2 * self.folds)
 
 
 def _texts(sites: Mapping[Any, Any]) -> dict[str, str]:

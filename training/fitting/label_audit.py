@@ -147,7 +147,10 @@ def _of_model(registry: Registry, reference: str, datasets: Path) -> AuditInput:
             )
         dataset, settings = open_dataset(made_by["dataset"], datasets), _settings_of(made_by)
     with fitting(version, "list of parameters"):
-        split = Split.logged(registry.parameters(version))
+        parameters = registry.parameters(version)
+        split = Split.logged(parameters)
+        most = int(parameters.get("setting_max_samples", settings.max_samples))
+        settings = replace(settings, max_samples=most)
     return AuditInput(
         f"model {version.label} ({dataset.label})",
         f"{version.name}-{version.version}",

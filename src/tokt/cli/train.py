@@ -103,7 +103,9 @@ def train(
     max_samples: Annotated[
         int | None,
         Option(
-            min=1000, help="Patches that a fit learns from at most, drawn by lot. Default: 50000."
+            min=1000,
+            help="Patches, unchanged ones, that a fit learns from at most, drawn by lot. "
+            "Default: 50000.",
         ),
     ] = None,
     class_weight: Annotated[

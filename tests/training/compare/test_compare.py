@@ -23,7 +23,7 @@ from tokt.training.compare.bootstrap import ComparisonMetric, drawn_blocks
 from tokt.training.compare.comparison import explorer_data
 from tokt.training.compare.frames import FrameSeries, frame_figures, statuses
 from tokt.training.compare.held_out_predictions import check_different, read_held_out
-from tokt.training.compare.learning import _helped, _Setting, set_up
+from tokt.training.compare.learning import _helped, _Setting, learning_curve, set_up
 from tokt.training.compare.pairs import compare_pairs
 from tokt.training.compare.predictions import ComparedModels
 from tokt.training.compare.report import report_html
@@ -611,6 +611,17 @@ def test_a_fold_is_judged_by_its_own_rule_alone(compared):
     rules = [MofNRule(2.0), MofNRule(0.0, 2, 2, 3)]
     assert statuses(series, scores, judged, rules).tolist() == [0, 0, 0, 1]
     assert statuses(series, scores, judged, rules[:1]).tolist() == [0, 0, 1, 0]
+
+
+def test_a_learning_curve_counts_only_what_its_folds_test(compared, no_progress, monkeypatch):
+    """Of very many patches some are judged: the others are no patches taken for water."""
+    asked = compared.judged.models[0], compared.judged.dataset, compared.workspace, no_progress
+    patches = compared.judged.dataset.patches
+    half = np.flatnonzero(pd.factorize(patches.group)[0] % 2 == 0)
+    monkeypatch.setattr(Split, "judged", lambda *_: half)
+    curve = learning_curve(*asked)
+    assert sum(row["n"] for row in curve["by_label"]) == len(half) < len(patches)
+    assert curve["points"][-1]["mean"] > 0.9
 
 
 def test_ceilings_are_of_the_same_folds(compared, told, refused, tiny, no_progress, monkeypatch):

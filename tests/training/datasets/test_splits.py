@@ -223,16 +223,17 @@ def test_holding_back_every_nth_block_does_not_leak(layout, n, embargo):
     st.integers(1, 60),
     st.integers(1, 3),
 )
-def test_some_units_are_whole_and_hold_every_class(rows, most, of_class):
+def test_some_units_are_whole_and_hold_every_class_and_site(rows, most, of_class):
     units = np.array([f"unit {unit}" for unit, _ in rows], object)
     targets = np.array([one for _, one in rows])
-    kept = some_units(units, targets, most, of_class)
+    site = np.array([unit % 3 - 1 for unit, _ in rows])  # the first of them is none
+    kept = some_units(units, (targets, site), most, of_class)
     names = units.astype(str)
     assert set(names[kept]).isdisjoint(np.delete(names, kept))
-    for target in np.unique(targets):
-        having = set(names[targets == target])
+    for kind in [targets == one for one in range(3)] + [site == one for one in range(2)]:
+        having = set(names[kind])
         assert len(having & set(names[kept])) >= min(of_class, len(having))
-    again = some_units(units, targets, most, of_class)
+    again = some_units(units, (targets, site), most, of_class)
     assert (kept == again).all() and (np.diff(kept) > 0).all()
     if len(kept) > most:  # only what the classes ask for
-        assert len(set(names[kept])) <= of_class * len(np.unique(targets))
+        assert len(set(names[kept])) <= of_class * 5

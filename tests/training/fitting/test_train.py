@@ -641,6 +641,13 @@ def test_of_many_patches_some_are_learnt_from_and_count_for_all(monkeypatch):
     expected = expected[share.index] / expected[share.index].sum()
     np.testing.assert_allclose(share, expected, rtol=1e-9)
     assert np.allclose(share.groupby(level=0).sum(), 1 / 3, atol=0.01)
+    # Short of patches of a class in most dives, the class counts as much as before.
+    many = np.repeat(np.arange(3_000), 10)
+    fit_rows(features, *asked, replace(settings, max_samples=1_000), (), many)
+    _, known, _, _, weights, *_ = seen[-1]
+    few = pd.Series(weights).groupby(known).sum() / weights.sum()
+    even = pd.Series(np.ones(30_000)).groupby(targets).sum() / 30_000
+    np.testing.assert_allclose(few, even, rtol=1e-9)
     # The same landmarks as of all patches, and so nearly the same model; each time the same.
     first, again, whole = fits
     np.testing.assert_array_equal(first["map"].component_indices_, whole["map"].component_indices_)
@@ -661,7 +668,7 @@ def test_how_many_patches_a_fit_learns_from_can_be_asked_for(trained, tmp_path, 
 
 
 @pytest.mark.parametrize("what", ["mission", "group"])
-def test_of_very_many_patches_whole_dives_or_blocks_are_judged(what, fabricate, monkeypatch):
+def test_of_very_many_patches_some_blocks_are_judged(what, fabricate, monkeypatch):
     monkeypatch.setattr(cross_validation, "MAX_JUDGED", 200)
     numbers = [n % 40 if what == "mission" else n for n in range(480)]
     missions = [f"dive_{n // 40:02d}" if what == "mission" else "dive" for n in range(480)]
@@ -669,13 +676,18 @@ def test_of_very_many_patches_whole_dives_or_blocks_are_judged(what, fabricate, 
     labels = ["reef" if n // 10 % 2 else "ocean" for n in numbers]
     dataset = fabricate(labels, groups, numbers, missions)
     table = np.random.default_rng(0).normal(size=(480, 3))
-    split = Split.of(dataset, 2, 2)
+    sites = ["small=dive_03", "pair=dive_00,dive_01"] if what == "mission" else []
+    split = Split.of(dataset, 2, 2, None, None, sites)
     held_out = cross_validate(dataset, table, PLAIN, split, quiet)
     judged = held_out.fold >= 0
     assert 160 <= judged.sum() <= 200 and np.isfinite(held_out.values[judged]).all()
     assert np.isnan(held_out.values[~judged]).all()
-    units = dataset.patches[what]
+    units = dataset.patches.group
     assert set(units[judged]).isdisjoint(units[~judged])
+    if sites:  # every site is there, held out as a whole
+        site = dataset.patches.mission.map(split.sites)[judged]
+        assert set(site.dropna()) == {"small", "pair"}
+        assert (pd.Series(held_out.fold[judged]).groupby(site.to_numpy()).nunique() == 1).all()
     said = f"Judged are {judged.sum()} of {len(table)} patches"
     assert said in split.judged_words(dataset)
     chosen = choose_hyperparameters(dataset.patches, table, dataset.targets(), PLAIN, split, (), 1)
