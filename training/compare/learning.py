@@ -59,6 +59,11 @@ class _Setting:
         """How many are drawn for an interval."""
         return int(self.unit.max()) + 1
 
+    @property
+    def tested(self) -> I64:
+        """The rows that some fold tests, in order."""
+        return np.sort(np.concatenate([fold.test for fold in self.folds]))
+
     def counts(self, predicted: I64, rows: I64) -> F64:
         """What predictions of some rows add to each block's counts."""
         flags = np.asarray(self.dataset.obstacle_flags(), bool)
@@ -193,11 +198,11 @@ def _fits_without(setting: _Setting, stretches: list[I64]) -> Iterator[_Fit]:
 
 def _wrong_by_label(setting: _Setting, found: dict[tuple[float, int], I64]) -> list[dict[str, Any]]:
     """For each label the share of its patches that is judged wrong, by fraction."""
-    labels = setting.dataset.patches.label.to_numpy()
-    tested = np.isin(np.arange(len(labels)), np.concatenate([fold.test for fold in setting.folds]))
+    tested = setting.tested
+    labels = setting.dataset.patches.label.to_numpy()[tested]
     rows = []
-    for label in sorted(set(labels[tested])):
-        mine = tested & (labels == label)
+    for label in sorted(set(labels)):
+        mine = tested[labels == label]
         shares = [
             float(
                 np.mean(
@@ -210,7 +215,7 @@ def _wrong_by_label(setting: _Setting, found: dict[tuple[float, int], I64]) -> l
             )
             for fraction in FRACTIONS
         ]
-        rows.append({"label": str(label), "n": int(mine.sum()), "wrong": shares})
+        rows.append({"label": str(label), "n": len(mine), "wrong": shares})
     return rows
 
 
@@ -250,7 +255,7 @@ def learning_curve(
             without[key[0]][fold] = predicted
     # What is drawn are dives where there are several: each with all its blocks.
     draws = drawn_blocks(setting.units)[:, setting.unit]
-    rows = np.sort(np.concatenate([fold.test for fold in setting.folds]))
+    rows = setting.tested
     counts = {key: setting.counts(predicted[rows], rows) for key, predicted in curve.items()}
     result = {
         "model": predictions.label,

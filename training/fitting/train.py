@@ -204,16 +204,15 @@ def _train_on_dataset(
         *(dataset, features, settings, split, progress, request.target),
         *(augmented, stressed, jobs, whole),
     )
-    chosen = choose_hyperparameters(
-        dataset.patches, features, targets, settings, split, augmented, jobs, whole.get("")
-    )
+    judged = split.judged(dataset.patches, targets)
+    learnt = dataset.patches, features, targets, settings, split, augmented
+    chosen = choose_hyperparameters(*learnt, jobs, whole.get(""), judged)
     everything, dives = np.arange(len(targets)), split.dives(dataset.patches)
     pipeline = fit_rows(features, targets, everything, chosen.choice, settings, augmented, dives)
     model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
     score, tested = model.obstacle_score(chosen.values), rows_tested(chosen.values)
     by_dive = split.by == DIVE
     rule, how = choose_frame_rule(dataset, score, tested, request.target, by_dive)
-    judged = split.judged(dataset.patches, targets)
     unlike, words = novelty_limit(dataset, held_out.distance)
     told = {**how, "novelty": words} if words else how
     operating_point = OperatingPoint(rule, told, chosen.prior, unlike)
