@@ -14,6 +14,7 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.labels.record import HUMAN, MODEL, LabelRecord, utc_now, utc_text
 
+from .boxes import Size
 from .options import label_of
 
 FORMAT = 1
@@ -21,19 +22,29 @@ FORMAT = 1
 
 _PREFIX = "tokt_"
 _MARK = f"{_PREFIX}format"
+_SIZE = f"{_PREFIX}size"
+_SIZE_TEXT = re.compile(r"(\d{1,6})x(\d{1,6})")
 _WHOLE = re.compile(r"(-?[0-9]{1,18})(?:\.0*)?")
 _MAX_EXACT = 2**53
 _LARGEST = 10**300  # what a float can hold, with room to calculate
 
 
-def to_attributes(record: LabelRecord) -> dict[str, str | int]:
-    """All that a record says."""
+def to_attributes(record: LabelRecord, size: Size | None = None) -> dict[str, str | int]:
+    """All that a record says, and the frame's size where the format has no other place for it."""
     said = {**vars(record), "grid": str(record.grid), "label": label_of(record)}
     if record.source == HUMAN:
         del said["source"]
     if record.model_version is None:
         del said["model_version"]
-    return {_MARK: FORMAT, **{f"{_PREFIX}{name}": value for name, value in said.items()}}
+    found = {_MARK: FORMAT, **{f"{_PREFIX}{name}": value for name, value in said.items()}}
+    return {**found, _SIZE: f"{size.width}x{size.height}"} if size else found
+
+
+def size_of(attributes: Any) -> Size | None:
+    """The frame's size that attributes carry."""
+    text = attributes.get(_SIZE) if isinstance(attributes, Mapping) else None
+    match = _SIZE_TEXT.fullmatch(text) if isinstance(text, str) else None
+    return Size(int(match[2]), int(match[1])) if match else None
 
 
 def from_attributes(attributes: Any) -> LabelRecord | None:
