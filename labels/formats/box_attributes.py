@@ -5,6 +5,7 @@ the text ``3`` into the number ``3.0``, and that what people changed there can b
 they left.
 """
 
+import json
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -38,6 +39,19 @@ def to_attributes(record: LabelRecord, size: Size | None = None) -> dict[str, st
         del said["model_version"]
     found = {_MARK: FORMAT, **{f"{_PREFIX}{name}": value for name, value in said.items()}}
     return {**found, _SIZE: f"{size.width}x{size.height}"} if size else found
+
+
+def text_to_carry(record: LabelRecord, size: Size) -> str:
+    """The attributes as one text, which no spreadsheet takes for a number or a date."""
+    return json.dumps(to_attributes(record, size), ensure_ascii=False)
+
+
+def carried_text(text: str | None) -> Any:
+    """The opposite of `text_to_carry`; None where the text is something else."""
+    try:
+        return json.loads(text or "null")
+    except (ValueError, RecursionError):
+        return None
 
 
 def size_of(attributes: Any) -> Size | None:
@@ -82,6 +96,19 @@ def from_attributes(attributes: Any) -> LabelRecord | None:
         source=source,
         model_version=_text(attributes, "model_version") if with_model else None,
     )
+
+
+def size_in(holder: Any, where: str) -> Size | None:
+    """The size that an object of a file has as ``height`` and ``width``; None where it has none.
+
+    Raises
+    ------
+    ToktError
+        If these are no whole numbers.
+    """
+    if holder.get("width") is None or holder.get("height") is None:
+        return None
+    return Size(*(whole(holder.get(side), f"{where}: {side}") for side in ("height", "width")))
 
 
 def changed_by_hand(
