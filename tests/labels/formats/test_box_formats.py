@@ -11,18 +11,25 @@ from tokt.features.common.errors import ToktError
 from tokt.labels.formats.formats import FORMATS
 
 from .examples import (
+    BIIGLE,
+    CORALNET,
+    CVAT,
     DIVE,
     SLOW,
     damaged,
     foreign_coco,
+    foreign_ifdo,
     foreign_label_studio,
     said,
     some_records,
     with_odd_values,
 )
 
-FOREIGN = {"coco": foreign_coco, "labelstudio": foreign_label_studio}
-FILES = {"viame": "boxes.csv", "coco": "boxes.json", "labelstudio": "boxes.json"}
+JSON = {"coco": foreign_coco, "labelstudio": foreign_label_studio, "ifdo": foreign_ifdo}
+TEXT = {"viame": DIVE, "coralnet": CORALNET, "biigle": BIIGLE, "cvat": CVAT}
+FILES = {**dict.fromkeys(JSON, "boxes.json"), **dict.fromkeys(TEXT, "boxes.csv")}
+FILES["cvat"] = "boxes.xml"
+NO_SUGGESTIONS = ("coralnet", "biigle")
 all_formats = pytest.mark.parametrize("name", FILES)
 
 
@@ -33,8 +40,14 @@ def test_own_files_come_back_whole(tmp_path, reading, writing, name, some, with_
     path = tmp_path / FILES[name]
     if name == "viame":  # holds one camera
         some = [record for record in some if record.camera == some[0].camera]
-    written = FORMATS[name].write(path, some, writing)
-    assert (written.labels, written.lost) == (len(some), [])
+    if name == "coralnet":  # holds one label a patch
+        some = list({record.cell: record for record in some}.values())
+    more = [said("sand", 2, 2, annotator="net", source="model", model_version="net/3")]
+    more = [] if name not in NO_SUGGESTIONS else more
+    some = [record for record in some if not more or record.source != "model"] or [said()]
+    written = FORMATS[name].write(path, [*some, *more], writing)
+    lost = [line for line in written.lost if "label codes" not in line and "header" not in line]
+    assert (written.labels, len(lost)) == (len(some), len(more)), written.lost
     options = reading if with_frames else replace(reading, images=None)
     read = FORMATS[name].read(path, options)
     assert set(read.records) == set(some) and len(read.records) == len(some)
@@ -49,15 +62,19 @@ def test_own_files_come_back_whole(tmp_path, reading, writing, name, some, with_
 def test_damaged_files_are_refused_or_read(tmp_path, reading, writing, name, data):
     path = tmp_path / FILES[name]
     some = [said("sand", 1, 2), said("reef", annotator="7")]
-    some.append(said(source="model", annotator="7", model_version="net/3"))
+    if name not in NO_SUGGESTIONS:
+        some.append(said(source="model", annotator="7", model_version="net/3"))
+    some = [replace(record, col=n) for n, record in enumerate(some)]
     FORMATS[name].write(path, some, writing)
     whole = path.read_bytes()
-    if name == "viame":
-        path.write_bytes(data.draw(damaged(whole + DIVE.encode())))
+    if name in TEXT:
+        path.write_bytes(
+            data.draw(damaged(data.draw(st.sampled_from([whole, TEXT[name].encode()]))))
+        )
     elif data.draw(st.booleans()):
         path.write_bytes(data.draw(damaged(whole)))
     else:
-        seed = data.draw(st.sampled_from([json.loads(whole), FOREIGN[name]()]))
+        seed = data.draw(st.sampled_from([json.loads(whole), JSON[name]()]))
         path.write_text(json.dumps(data.draw(with_odd_values(seed))))
     try:
         FORMATS[name].read(path, replace(reading, classes={"fish": "other", "rock": "reef"}))
