@@ -128,6 +128,8 @@ def _add(
     name = images.file_name(key)
     if name is None:
         return f"{images.mission.path} has no such frames"
+    if any("\ud800" <= sign <= "\udfff" for sign in name):  # as Python reads such bytes
+        return "the name of their file is not UTF-8"
     try:
         size = images.size(key)
     except FrameError:

@@ -1,14 +1,20 @@
 """What the formats of boxes have in common: whole there and back, and damage is refused."""
 
 import json
+import os
 from dataclasses import replace
 
+import cv2
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import open_mission
 from tokt.labels.formats.formats import FORMATS
+from tokt.labels.formats.images import MissionImages
+from tokt.labels.formats.options import ReadOptions, WriteOptions
 
 from .examples import (
     BIIGLE,
@@ -16,6 +22,7 @@ from .examples import (
     CVAT,
     DIVE,
     SLOW,
+    TAXONOMY,
     damaged,
     foreign_coco,
     foreign_ifdo,
@@ -80,3 +87,23 @@ def test_damaged_files_are_refused_or_read(tmp_path, reading, writing, name, dat
         FORMATS[name].read(path, replace(reading, classes={"fish": "other", "rock": "reef"}))
     except ToktError as error:
         assert "\n" not in str(error)
+
+
+@all_formats
+def test_odd_names_of_files(tmp_path, name):
+    """Those that text can hold come back; the other ones' labels are left out and counted."""
+    folder = tmp_path / "dive"
+    folder.mkdir()
+    picture = cv2.imencode(".png", np.full((137, 181), 90, np.uint8))[1].tobytes()
+    odd = ['a,b "c"\'d;_1.png', "Åse > <b>&amp;_2.png", "=1+1_3.png", "b\xff_4.png", "x\x07_5.png"]
+    for file in odd:
+        # A name in Latin-1, as an older system wrote it, is not UTF-8.
+        kind = "latin-1" if "\xff" in file else "utf-8"
+        (folder / os.fsdecode(file.encode(kind))).write_bytes(picture)
+    images = MissionImages(open_mission(folder))
+    some = [said("reef", 1, 2, frame=frame) for frame in range(1, 6)]
+    written = FORMATS[name].write(tmp_path / FILES[name], some, WriteOptions(TAXONOMY, images))
+    assert "1 label left out: the name of their file is not UTF-8" in written.lost
+    read = FORMATS[name].read(tmp_path / FILES[name], ReadOptions(TAXONOMY, images=images))
+    frames = {record.frame for record in read.records}
+    assert frames == ({1, 2, 3} if name == "cvat" else {1, 2, 3, 5})  # XML has no bell
