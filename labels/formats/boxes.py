@@ -107,13 +107,7 @@ def patches_in_box(grid: Grid, size: Size, box: Box) -> list[tuple[int, int, flo
 
 
 def patch_at(grid: Grid, size: Size, x: float, y: float) -> tuple[int, int] | None:
-    """Row and column of the patch that holds a point; None where none does.
-
-    Raises
-    ------
-    ToktError
-        As `patch_box`.
-    """
+    """Row and column of the patch that holds a point, None where none does; as `patch_box`."""
     height, width = _patch_size(grid, size)
     if not (0 <= x < size.width and 0 <= y < size.height):
         return None
@@ -122,13 +116,7 @@ def patch_at(grid: Grid, size: Size, x: float, y: float) -> tuple[int, int] | No
 
 
 def patches_in_outline(grid: Grid, size: Size, outline: Outline) -> list[tuple[int, int, float]]:
-    """As `patches_in_box`, of a polygon, counted in pixels of the resized frame.
-
-    Raises
-    ------
-    ToktError
-        As `patch_box`.
-    """
+    """As `patches_in_box`, of a polygon, counted in pixels of the resized frame."""
     _patch_size(grid, size)
     height, width = grid.resized(*size)
     mask = np.zeros((height, width), np.uint8)

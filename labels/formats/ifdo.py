@@ -42,11 +42,7 @@ _KINDS = {"single-pixel": "point"}
 def write_ifdo(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> ExportResult:
     """Write labels of one mission, both cameras in one file, as JSON.
 
-    Raises
-    ------
-    ToktError
-        If the labels are of several missions, the mission's frames are not given, the iFDO file
-        that lies with it cannot be read, or the file cannot be written.
+    ToktError as `write_coco`, or where the iFDO file that lies with the mission cannot be read.
     """
     frames, lost = labels_to_boxes(records, options, TITLE)
     records = [record for frame in frames for record, _ in frame.labels]
@@ -102,11 +98,7 @@ def read_ifdo_labels(path: Path, options: ReadOptions) -> ImportResult:
     """Read a file, or refuse it with its first mistake.
 
     A label with a confidence below 1 becomes a suggestion of the model that is its annotator.
-
-    Raises
-    ------
-    ToktError
-        If the file is no iFDO file, or `boxes_to_labels` refuses its shapes.
+    ToktError where the file is no iFDO file, or `boxes_to_labels` refuses its shapes.
     """
     document, remarks = load_ifdo(path), Counter[tuple[str, str]]()
     found: list[FoundBox] = []
@@ -118,15 +110,16 @@ def read_ifdo_labels(path: Path, options: ReadOptions) -> ImportResult:
                 where = f"{name[:100]} annotation {n}"
                 annotation = of_kind(value, dict, where)
                 shape = _shape(annotation, where, remarks)
-                entries = of_kind(annotation.get("labels") or [], list, f"{where}: labels")
-                for label in entries if shape else ():
-                    label = of_kind(label, dict, f"{where}: labels")
+                if shape is None:
+                    continue
+                attributes = annotation.get("tokt")
+                for entry in of_kind(annotation.get("labels") or [], list, f"{where}: labels"):
+                    label = of_kind(entry, dict, f"{where}: labels")
                     what = of_kind(label.get("label", label.get("id")), str, f"{where}: label")
                     who = of_kind(label.get("annotator") or "", str, f"{where}: annotator")
                     time = of_kind(label.get("created-at") or "", str, f"{where}: created-at")
                     sure = finite(label.get("confidence", 1), f"{where}: confidence") >= 1
                     who = creators.get(who, who) or options.who(path)
-                    attributes = annotation.get("tokt")
                     found.append(
                         FoundBox(
                             *(where, name, shape[0], labels.get(what, what)),
@@ -143,15 +136,12 @@ def read_ifdo_labels(path: Path, options: ReadOptions) -> ImportResult:
 
 def _names(header: dict[str, Any], field: str) -> dict[str, str]:
     """Names by id."""
-    listed = [
-        of_kind(entry, dict, field) for entry in of_kind(header.get(field) or [], list, field)
-    ]
-    return {
-        of_kind(entry.get("id"), str, f"{field}: id"): of_kind(
-            entry.get("name", entry.get("id")), str, f"{field}: name"
-        )
-        for entry in listed
-    }
+    found = {}
+    for value in of_kind(header.get(field) or [], list, field):
+        entry = of_kind(value, dict, field)
+        key = of_kind(entry.get("id"), str, f"{field}: id")
+        found[key] = of_kind(entry.get("name", key), str, f"{field}: name")
+    return found
 
 
 def _shape(annotation: dict[str, Any], where: str, remarks: Remarks) -> tuple[Box, Outline] | None:

@@ -53,7 +53,7 @@ def read_label_csv(
     reader = csv_rows(read_utf8(path))
     rows = _RowReader(taxonomy, annotator or path.stem, grid)
     try:
-        header = next(reader, [])
+        header: list[str] = next(reader, [])
         _check_header(header)
         for values in reader:
             if values:
