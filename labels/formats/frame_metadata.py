@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import Mission
 
 from .images import FrameKey, MissionImages
 from .text_file import finite, naming, of_kind, read_json, read_utf8, utc_time
@@ -56,6 +57,12 @@ def ifdo_of(mission: Path) -> Path | None:
     names = [mission / f"ifdo{ending}" for ending in _ENDINGS]
     names += [mission.with_name(f"{mission.stem}_ifdo{ending}") for ending in _ENDINGS]
     return next((path for path in names if path.is_file()), None)
+
+
+def mission_metadata(mission: Mission) -> dict[FrameKey, FrameMetadata]:
+    """What the file that lies with a mission says, as `read_ifdo`; nothing where none does."""
+    path = ifdo_of(mission.path)
+    return read_ifdo(path, MissionImages(mission)) if path else {}
 
 
 def read_ifdo(path: Path, images: MissionImages) -> dict[FrameKey, FrameMetadata]:
