@@ -97,7 +97,7 @@ def read_biigle(path: Path, options: ReadOptions) -> ImportResult:
                     row["filename"],
                     shape[0],
                     _class(row, options),
-                    options.annotator or who or options.who(path),
+                    who or options.who(path),
                     carried_text(row.get("tokt")),
                     size_in(image if isinstance(image, dict) else {}, "attributes"),
                     time=utc_time(time) if time else None,

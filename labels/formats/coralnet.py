@@ -91,7 +91,7 @@ def read_coralnet(path: Path, options: ReadOptions) -> ImportResult:
                     row["name"],
                     Box(x, y, x, y),
                     row[column],
-                    options.annotator or (options.who(path) if who.lower() in _NOBODY else who),
+                    options.who(path) if who.lower() in _NOBODY else who,
                     attributes,
                     size_of(attributes),
                     time=utc_time(time) if time else None,

@@ -54,9 +54,11 @@ class FrameMetadata:
 
 def ifdo_of(mission: Path) -> Path | None:
     """The iFDO file that lies in or beside a mission, None where none does."""
-    names = [mission / f"ifdo{ending}" for ending in _ENDINGS]
-    names += [mission.with_name(f"{mission.stem}_ifdo{ending}") for ending in _ENDINGS]
-    return next((path for path in names if path.is_file()), None)
+    folder = mission.resolve()
+    name = folder.name if folder.is_dir() else folder.stem
+    paths = [folder / f"ifdo{ending}" for ending in _ENDINGS]
+    paths += [folder.with_name(f"{name}_ifdo{ending}") for ending in _ENDINGS]
+    return next((path for path in paths if path.is_file()), None)
 
 
 def mission_metadata(mission: Mission) -> dict[FrameKey, FrameMetadata]:

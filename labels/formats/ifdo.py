@@ -122,8 +122,7 @@ def read_ifdo_labels(path: Path, options: ReadOptions) -> ImportResult:
                     who = creators.get(who, who) or options.who(path)
                     found.append(
                         FoundBox(
-                            *(where, name, shape[0], labels.get(what, what)),
-                            options.annotator or who,
+                            *(where, name, shape[0], labels.get(what, what), who),
                             attributes,
                             size_of(attributes),
                             time=utc_time(time) if time else None,

@@ -1,6 +1,7 @@
 import json
 from dataclasses import replace
 from importlib.util import find_spec
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -55,15 +56,18 @@ image-set-items:
         assert read_ifdo(put(tmp_path, usual, "ifdo.yml"), images)[LEFT] == expected
 
 
-def test_where_it_lies(tmp_path):
+def test_where_it_lies(tmp_path, monkeypatch):
     (tmp_path / "dive").mkdir()
     assert ifdo_of(tmp_path / "dive") is None
     put(tmp_path, {}, "ifdo.json")  # of another dive, for all that is known
     assert ifdo_of(tmp_path / "dive") is None
     beside = put(tmp_path, {}, "dive_ifdo.yaml")
     assert ifdo_of(tmp_path / "dive") == ifdo_of(tmp_path / "dive.mp4") == beside
+    (tmp_path / "dive.2").mkdir()
+    assert ifdo_of(tmp_path / "dive.2") is None
     inside = put(tmp_path / "dive", {}, "ifdo.yml")
-    assert ifdo_of(tmp_path / "dive") == inside
+    monkeypatch.chdir(tmp_path / "dive")
+    assert ifdo_of(tmp_path / "dive") == ifdo_of(Path()) == inside
 
 
 def test_labels_go_beside_what_was_known(tmp_path, dive_with_ifdo):
