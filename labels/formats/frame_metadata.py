@@ -1,4 +1,4 @@
-"""What an iFDO file says of a mission's frames: when, where, how deep, which way.
+"""Metadata of a mission's frames, out of an iFDO file: time, place, depth, height, heading.
 
 It lies in the mission's folder as ``ifdo.json``, ``.yaml`` or ``.yml``, or beside the mission as
 ``NAME_ifdo.json``. What the header says holds for all frames that do not say otherwise.
