@@ -125,6 +125,7 @@ class Session:
             "label": bundle.label,
             "classes": list(classes),
             "obstacle": list(bundle.model.obstacle),
+            "learnt": bundle.content.provenance.get("label_counts") or {},
             **(self.progress() or {}),
         }
 

@@ -1,6 +1,8 @@
 // Starts the page: the mission first, then the views, the keys and what keeps everything saved.
 
 import "../frame/frame_view.js";
+import { proposeAgain } from "../frame/painting.js";
+import { askObstacleClass } from "./controls.js";
 import { el, say } from "./dom.js";
 import { startHeader } from "./header.js";
 import { addGlobalKeys, listen, toggleHelp } from "./keys.js";
@@ -40,6 +42,7 @@ async function start() {
   addLaterView("audit", "", later("sheets/audit"));
   addLaterView("agreement", "Agreement", later("sheets/agreement"));
   startRouting(home());
+  askObstacleClass();
   setTimeout(loadLaterViews, LOAD_LATER_MS);
 }
 
@@ -49,7 +52,9 @@ function home() {
 }
 
 async function stepBack() {
-  tell("Undone", await undo());
+  const head = await undo();
+  proposeAgain(head?.key);
+  tell("Undone", head);
 }
 
 async function stepForward() {

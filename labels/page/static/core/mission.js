@@ -9,7 +9,9 @@ import { adoptPreset, blind, setIdentity, setSetting, setting, who } from "./set
 export { blind, onSetting, setSetting, setting, who } from "./settings.js";
 
 /** The last /api/mission; `states` holds one array of characters a camera. */
-export const mission = { loaded: false, classes: [], cameras: {}, states: {}, counts: {} };
+export const mission = {
+  loaded: false, classes: [], cameras: {}, states: {}, counts: {}, settings: {},
+};
 
 let byName = new Map();
 let frameLists = {};
@@ -69,7 +71,8 @@ function takeMission(answer) {
 
 /**
  * Take in what an acknowledgement or an event says of states, counts and faults.
- * @param {{event?: number, states?: Object, counts?: Object, fault?: string, model?: Object}} news
+ * @param {{event?: number, states?: Object, counts?: Object, fault?: string, model?: Object,
+ *   settings?: Object}} news
  */
 export function takeNews(news) {
   if (news.event > mission.event) mission.event = news.event;
@@ -80,7 +83,8 @@ export function takeNews(news) {
   if (news.states || news.counts) changed("states");
   if (news.fault !== undefined) mission.fault = news.fault;
   if (news.model) mission.model = { ...mission.model, ...news.model };
-  if (news.fault !== undefined || news.model) changed("status");
+  if (news.settings) mission.settings = news.settings;
+  if (news.fault !== undefined || news.model || news.settings) changed("status");
 }
 
 function setState(camera, frame, state) {

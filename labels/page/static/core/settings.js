@@ -80,7 +80,6 @@ const DEFAULTS = {
   suggestions: true,
   confidence: 0.5,
   follow: 2,
-  obstacleAs: "",
   palette: "taxonomy",
   filter: "all",
   selected: "",
