@@ -163,6 +163,14 @@ class SeenBody(_Body):
     frame: FrameNumber
 
 
+class SettingBody(_Body):
+    """A setting of the mission, for everybody: ``obstacle_as``, a model's "obstacle" in words."""
+
+    who: Name
+    name: Literal["obstacle_as"]
+    value: Name
+
+
 async def _session(request: Request) -> Session:
     session = cast(Session, request.app.state.session)
     session.give_way()

@@ -17,6 +17,7 @@ from .messages import (
     Frame,
     SeenBody,
     SessionOf,
+    SettingBody,
     Who,
     check_frame,
     json_response,
@@ -52,8 +53,18 @@ def get_mission(session: SessionOf, who: Who | None = None, blind: Blind = False
             "counts": board.counts(who),
             "undo": session.undo_heads(who),
             "other_grids": session.other_grids,
+            "settings": session.settings,
         }
     )
+
+
+@router.post("/settings")
+def post_setting(session: SessionOf, body: SettingBody) -> Response:
+    """Set one of the mission's settings; all pages hear of it."""
+    if not any(known.obstacle and known.name == body.value for known in session.taxonomy.classes):
+        raise refuse(400, f"{body.name}: {body.value!r} is no class of obstacles")
+    session.set_setting(body.name, body.value, body.who)
+    return json_response({"settings": session.settings})
 
 
 @router.get("/labelled")

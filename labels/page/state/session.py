@@ -52,6 +52,8 @@ class Session:
     live : Broadcaster
     fault : str
         Why nothing can be saved at present, or an empty string.
+    settings : dict of str to str
+        Of the mission, for everybody.
     """
 
     mission: Mission
@@ -65,6 +67,7 @@ class Session:
     pictures_version: str = ""
     live: Broadcaster = field(default_factory=Broadcaster)
     fault: str = ""
+    settings: dict[str, str] = field(default_factory=dict)
     _refreshing: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
@@ -87,6 +90,7 @@ class Session:
         """
         # Within one lock, so that pages hear of events in their order.
         with self._refreshing:
+            self.settings = self.store.settings(self.mission.name)
             changed = self.board.refresh()
             if changed:
                 self.live.publish(changed)
@@ -106,7 +110,7 @@ class Session:
 
     def status(self) -> dict[str, Any]:
         """The server's own state, as pages get it."""
-        return {"fault": self.fault, "model": self.progress()}
+        return {"fault": self.fault, "model": self.progress(), "settings": self.settings}
 
     def progress(self) -> dict[str, int] | None:
         """How many frames the model has been asked about; None without a model."""
@@ -139,6 +143,21 @@ class Session:
         if not self.board.is_seen(who, camera, frame):
             self.store.mark_seen(self.mission.name, camera, frame, who, utc_now())
             self.board.mark_seen(who, camera, frame)
+
+    def set_setting(self, name: str, value: str, who: str) -> None:
+        """Set what holds for everybody in this mission, and tell all pages.
+
+        Raises
+        ------
+        ToktError
+            If the store cannot be written.
+        """
+        self.store.set_setting(self.mission.name, name, value, who, utc_now())
+        self._tell()
+
+    def _tell(self) -> None:
+        self.refresh()
+        self.live.publish_status(self.status())
 
     def start(self) -> None:
         """Begin what is computed beside the page."""
@@ -235,8 +254,8 @@ def open_session(
         store.check_writable()
         note_mission(workspace, mission)
         board = Board(mission, grid, classes, store)
-        board.refresh()
         session = Session(mission, classes, store, board, annotator, version)
+        session.refresh()
         session.other_grids = len(set(store.grids(mission.name)) - {str(grid)})
         session.pictures_version = _pictures_version(mission, version)
         session.find_fault()

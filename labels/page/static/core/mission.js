@@ -69,7 +69,8 @@ function takeMission(answer) {
 
 /**
  * Take in what an acknowledgement or an event says of states, counts and faults.
- * @param {{event?: number, states?: Object, counts?: Object, fault?: string, model?: Object}} news
+ * @param {{event?: number, states?: Object, counts?: Object, fault?: string, model?: Object,
+ *   settings?: Object}} news
  */
 export function takeNews(news) {
   if (news.event > mission.event) mission.event = news.event;
@@ -78,6 +79,7 @@ export function takeNews(news) {
   }
   if (news.counts) mission.counts = news.counts;
   if (news.states || news.counts) changed("states");
+  if (news.settings) mission.settings = news.settings;
   if (news.fault !== undefined) mission.fault = news.fault;
   if (news.model) mission.model = { ...mission.model, ...news.model };
   if (news.fault !== undefined || news.model) changed("status");
