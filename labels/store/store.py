@@ -152,6 +152,8 @@ class AnnotatorStats:
     ----------
     frames, patches : int
         Frames and patches that have a label of this annotator now.
+    blind : int
+        Patches among them that were labelled blind.
     counts : dict of str to int
         Patches by label, ``unsure`` included.
     events : int
@@ -162,6 +164,7 @@ class AnnotatorStats:
     annotator: str
     frames: int
     patches: int
+    blind: int
     events: int
     counts: dict[str, int] = field(default_factory=dict)
 
@@ -526,7 +529,7 @@ class LabelStore:
         counts: dict[tuple[str, str], dict[str, int]] = {}
         totals = self._rows(
             "SELECT mission, annotator, COUNT(DISTINCT camera || frame) FILTER"
-            " (WHERE label IS NOT NULL), COUNT(label), (SELECT COUNT(*) FROM events AS said WHERE"
+            " (WHERE label IS NOT NULL), COUNT(label), COUNT(label) FILTER (WHERE blind), (SELECT COUNT(*) FROM events AS said WHERE"
             " said.mission = said_last.mission AND said.annotator = said_last.annotator"
             " AND source = 'human') FROM said_last GROUP BY mission, annotator ORDER BY 1, 2"
         )
@@ -536,8 +539,8 @@ class LabelStore:
         ):
             counts.setdefault((mission, annotator), {})[label] = n
         return [
-            AnnotatorStats(mission, who, frames, patches, events, counts.get((mission, who), {}))
-            for mission, who, frames, patches, events in totals
+            AnnotatorStats(mission, who, *numbers, counts.get((mission, who), {}))
+            for mission, who, *numbers in totals
         ]
 
     def _open(self) -> None:

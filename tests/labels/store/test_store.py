@@ -116,7 +116,9 @@ def test_stats(store):
     store.add([_record("ocean", frame=f, col=c) for f in (1, 2) for c in range(3)])
     store.add([_record("unsure"), _record("reef", annotator="bob")])
     ann, bob = store.stats()
-    assert (ann.frames, ann.patches, ann.events) == (2, 6, 7)
+    assert (ann.frames, ann.patches, ann.blind, ann.events) == (2, 6, 0, 7)
+    store.add([_record("ocean", annotator="bob", blind=True)])
+    assert [entry.blind for entry in store.stats()] == [0, 1]
     assert ann.counts == {"ocean": 5, "unsure": 1}
     assert (bob.annotator, bob.counts, bob.events) == ("bob", {"reef": 1}, 1)
 
