@@ -529,7 +529,8 @@ class LabelStore:
         counts: dict[tuple[str, str], dict[str, int]] = {}
         totals = self._rows(
             "SELECT mission, annotator, COUNT(DISTINCT camera || frame) FILTER"
-            " (WHERE label IS NOT NULL), COUNT(label), COUNT(label) FILTER (WHERE blind), (SELECT COUNT(*) FROM events AS said WHERE"
+            " (WHERE label IS NOT NULL), COUNT(label), COUNT(label) FILTER (WHERE blind),"
+            " (SELECT COUNT(*) FROM events AS said WHERE"
             " said.mission = said_last.mission AND said.annotator = said_last.annotator"
             " AND source = 'human') FROM said_last GROUP BY mission, annotator ORDER BY 1, 2"
         )

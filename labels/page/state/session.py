@@ -54,6 +54,9 @@ class Session:
         Why nothing can be saved at present, or an empty string.
     settings : dict of str to str
         Of the mission, for everybody.
+    blind : frozenset of str
+        Who labels this mission blind: these hear nothing of what others or the model said,
+        whatever browser they use. The store knows it, and no page is asked.
     """
 
     mission: Mission
@@ -68,6 +71,7 @@ class Session:
     live: Broadcaster = field(default_factory=Broadcaster)
     fault: str = ""
     settings: dict[str, str] = field(default_factory=dict)
+    blind: frozenset[str] = frozenset()
     _refreshing: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
@@ -91,6 +95,7 @@ class Session:
         # Within one lock, so that pages hear of events in their order.
         with self._refreshing:
             self.settings = self.store.settings(self.mission.name)
+            self.blind = self.store.blind_annotators(self.mission.name)
             changed = self.board.refresh()
             if changed:
                 self.live.publish(changed)
@@ -109,8 +114,9 @@ class Session:
         return self.fault
 
     def status(self) -> dict[str, Any]:
-        """The server's own state, as pages get it."""
-        return {"fault": self.fault, "model": self.progress(), "settings": self.settings}
+        """The server's own state; pages get it without the names of who is `blind`."""
+        state = {"fault": self.fault, "model": self.progress(), "settings": self.settings}
+        return {**state, "blind": self.blind}
 
     def progress(self) -> dict[str, int] | None:
         """How many frames the model has been asked about; None without a model."""
@@ -155,6 +161,17 @@ class Session:
         self.store.set_setting(self.mission.name, name, value, who, utc_now())
         self._tell()
 
+    def set_blind(self, who: str, *, blind: bool) -> None:
+        """Let `who` label blind from now on, or see again, and tell all pages.
+
+        Raises
+        ------
+        ToktError
+            If the store cannot be written.
+        """
+        self.store.set_blind(self.mission.name, who, blind=blind, time=utc_now())
+        self._tell()
+
     def _tell(self) -> None:
         self.refresh()
         self.live.publish_status(self.status())
@@ -187,19 +204,19 @@ class Session:
         undo, redo = self.store.history_top(who, self.mission.name, self.grid)
         return {"undo": _head(undo), "redo": _head(redo)}
 
-    def names(self, who: str, blind: bool) -> list[str]:
+    def names(self, who: str) -> list[str]:
         """Labels that `who` may give: classes, ``unsure``, and what the store has beside them.
 
         What only others used is theirs: somebody who labels blind does not hear of it.
         """
-        if blind:
+        if who in self.blind:
             return list(self.board.counts(who))
         return self.board.names
 
-    def state_after(self, who: str, blind: bool, frames: set[FrameName]) -> dict[str, Any]:
+    def state_after(self, who: str, frames: set[FrameName]) -> dict[str, Any]:
         """What a page must know after a change: states of these frames, counts, undo."""
         return {
-            "states": self.board.states_of(who, blind, frames),
+            "states": self.board.states_of(who, who in self.blind, frames),
             "counts": self.board.counts(who),
             "undo": self.undo_heads(who),
         }

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tests.load.page.mission import copy_frames
-from tests.load.page.tab import Tab
+from tests.load.page.tab import ANNOTATOR, Tab
 from tests.load.program import label_server
 from tokt.cli.output import progress, say
 from tokt.features.frames.grid import DEFAULT_GRID
@@ -31,7 +31,6 @@ WAYS = (
 FOLLOW = 2.0
 """How long to keep what held in the frame before: as the page does unless it is told."""
 _LISTED = 5
-_ANNOTATOR = "bench"
 
 
 @dataclass
@@ -126,7 +125,7 @@ def label_on_page(browser, mission, workspace, target: Target, way: Workflow, mo
     """
     options = () if model is None else ("--model", model)
     settings = {"confidence": 0, "follow": FOLLOW, "obstacleAs": obstacle}
-    with label_server(mission, workspace, "--annotator", _ANNOTATOR, *options) as url:
+    with label_server(mission, workspace, "--annotator", ANNOTATOR, *options) as url:
         tab = Tab(browser, url, settings)
         tab.open(f"#/label/left/{next(iter(target))}")
         actions = LabelSession(tab, target, way, model is not None).run()

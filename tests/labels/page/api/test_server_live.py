@@ -21,7 +21,7 @@ def server(page_server):
 
 def test_two_people_hear_of_each_other(server):
     with server.events(who="anna") as anna, server.events(who="ben") as ben:
-        status = {"fault": "", "model": None, "settings": {}}
+        status = {"fault": "", "model": None, "settings": {}, "blind": False}
         assert anna.next("status") == ben.next("status") == status
         done = server.paint("two-1", 1, [3], "ocean", who="anna")
         for stream, letter, n in ((anna, "p", 1), (ben, "u", 0)):

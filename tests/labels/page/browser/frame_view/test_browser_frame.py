@@ -318,13 +318,15 @@ def test_blind_hides_what_others_and_the_model_said(fresh, server):
     fresh.shows("#status", "ben: reef")
     fresh.page.locator("#person").click()
     fresh.page.locator("#person-blind").check()
-    fresh.page.get_by_text("Work as this").click()
+    fresh.page.get_by_text("Label as this").click()
     fresh.page.wait_for_selector("#blind-badge:visible")
     fresh.wait(38)
     fresh.page.mouse.move(*fresh.at(5))
     fresh.page.mouse.move(x, y)
     assert "ben" not in fresh.text("#status") and "suggests" not in fresh.text("#status")
     assert not fresh.page.locator(".model").is_visible()
+    server.post("/api/blind", who="anna", blind=False)
+    fresh.page.wait_for_selector("#blind-badge", state="hidden")
 
 
 def test_looking_closer_changes_nothing(fresh):
