@@ -16,7 +16,8 @@ from tokt.labels.taxonomy import Taxonomy
 from .text_file import read_utf8, save_text
 
 COLUMNS = ("mission", "camera", "frame", "row", "col", "label")
-MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version")
+MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version", "blind")
+_BLIND = {"": False, "yes": True}
 AUDIT_COLUMNS = ("suggested", "margin", "reason")
 """What a label audit says beside each label; passed over when a file is read."""
 _INTEGER = re.compile(r"-?[0-9]{1,18}")
@@ -98,7 +99,9 @@ def write_label_csv(path: Path, records: Iterable[LabelRecord], *, full: bool = 
     out = io.StringIO(newline="")
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows([getattr(record, name) for name in columns] for record in chosen)
+    for record in chosen:
+        said = {**vars(record), "blind": "yes" if record.blind else ""}
+        writer.writerow([said[name] for name in columns])
     save_text(path, out.getvalue())
     return len(chosen)
 
@@ -115,6 +118,7 @@ class _RowReader:
             "grid": str(grid),
             "source": HUMAN,
             "model_version": "",
+            "blind": "",
         }
         self._grids = {str(grid): grid}
         self._lines: dict[tuple[object, ...], int] = {}
@@ -124,6 +128,8 @@ class _RowReader:
             raise ToktError(f"{len(values)} fields where the first line names {len(header)}")
         row = {**self._defaults, **dict(zip(header, values, strict=True))}
         self._taxonomy.check_label(row["label"])
+        if row["blind"] not in _BLIND:
+            raise ToktError(f"blind {row['blind']!r} is neither yes nor empty")
         record = LabelRecord(
             mission=intern(row["mission"]),
             camera=intern(row["camera"]),
@@ -136,6 +142,7 @@ class _RowReader:
             time=utc_text(row["time"]),
             source=row["source"],
             model_version=row["model_version"] or None,
+            blind=_BLIND[row["blind"]],
         )
         settled = record.source == SETTLED
         # A patch is settled once, whoever did it.

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.load.page.mission import copy_frames
-from tests.load.page.tab import Tab
+from tests.load.page.tab import ANNOTATOR, Tab
 from tests.load.program import label_server
 from tokt.cli.output import progress, say
 from tokt.features.frames.grid import DEFAULT_GRID
@@ -28,10 +28,11 @@ from .stretches import (
 ASKED = 60
 """Actions with suggestions for `FRAMES` frames, unsure patches left as they come."""
 _LISTED = 5
-_ANNOTATOR = "bench"
 _SET_OBSTACLE = """async (value) => {
   const { post } = await import("/static/core/api.js");
-  await post("/api/settings", { name: "obstacle_as", value });
+  const { takeNews } = await import("/static/core/mission.js");
+  takeNews(await post("/api/settings", { name: "obstacle_as", value }));
+  document.getElementById("question").close();
 }"""
 
 
@@ -106,14 +107,11 @@ def label_on_page(browser, mission, workspace, target: Target, model, obstacle) 
     `model` is the bundle that suggests labels, `obstacle` the class that its "obstacle" stands for.
     """
     options = () if model is None else ("--model", model)
-    first = f"#/label/left/{next(iter(target))}"
-    with label_server(mission, workspace, "--annotator", _ANNOTATOR, *options) as url:
-        tab = Tab(browser, url, {})
-        tab.open(first)
+    with label_server(mission, workspace, "--annotator", ANNOTATOR, *options) as url:
+        tab = Tab(browser, url)
+        tab.open(f"#/label/left/{next(iter(target))}")
         if model is not None and obstacle is not None:
             tab.page.evaluate(_SET_OBSTACLE, obstacle)
-            tab.page.reload()
-            tab.open(first)
         session = LabelSession(tab, target, model is not None)
         session.run()
         tab.close()

@@ -4,7 +4,7 @@ import "../frame/frame_view.js";
 import { proposeAgain } from "../frame/painting.js";
 import { askObstacleClass } from "./controls.js";
 import { el, say } from "./dom.js";
-import { startHeader } from "./header.js";
+import { askPerson, startHeader } from "./header.js";
 import { addGlobalKeys, listen, toggleHelp } from "./keys.js";
 import { startListening } from "./live.js";
 import { frames, loadMission, mission } from "./mission.js";
@@ -18,6 +18,7 @@ const LOAD_LATER_MS = 3000;
 async function start() {
   try {
     await loadMission();
+    await askPerson();
   } catch (error) {
     if (error.name !== "ApiError") throw error;
     const text = `The mission cannot be shown: ${error.message}. Trying again…`;
