@@ -1,3 +1,4 @@
-"""Label files of other tools: VIAME CSV, COCO, Label Studio JSON, folders of patches."""
+"""Label files of other tools: boxes, points and polygons, and folders of patches."""
 
-NAMES = CSV, VIAME, COCO, LABEL_STUDIO, PATCHES = "csv", "viame", "coco", "labelstudio", "patches"
+NAMES = ("csv", "viame", "coco", "labelstudio", "coralnet", "biigle", "cvat", "ifdo", "patches")
+CSV, VIAME, COCO, LABEL_STUDIO, CORALNET, BIIGLE, CVAT, IFDO, PATCHES = NAMES

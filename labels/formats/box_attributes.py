@@ -5,6 +5,7 @@ the text ``3`` into the number ``3.0``, and that what people changed there can b
 they left.
 """
 
+import json
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -14,6 +15,7 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.labels.record import HUMAN, MODEL, LabelRecord, utc_now, utc_text
 
+from .boxes import Size
 from .options import label_of
 
 FORMAT = 1
@@ -21,13 +23,15 @@ FORMAT = 1
 
 _PREFIX = "tokt_"
 _MARK = f"{_PREFIX}format"
+_SIZE = f"{_PREFIX}size"
+_SIZE_TEXT = re.compile(r"(\d{1,6})x(\d{1,6})")
 _WHOLE = re.compile(r"(-?[0-9]{1,18})(?:\.0*)?")
 _MAX_EXACT = 2**53
 _LARGEST = 10**300  # what a float can hold, with room to calculate
 
 
-def to_attributes(record: LabelRecord) -> dict[str, str | int]:
-    """All that a record says."""
+def to_attributes(record: LabelRecord, size: Size | None = None) -> dict[str, str | int]:
+    """All that a record says, and the frame's size where the format has no other place for it."""
     said = {**vars(record), "grid": str(record.grid), "label": label_of(record), "blind": "yes"}
     if record.source == HUMAN:
         del said["source"]
@@ -35,7 +39,28 @@ def to_attributes(record: LabelRecord) -> dict[str, str | int]:
         del said["model_version"]
     if not record.blind:
         del said["blind"]
-    return {_MARK: FORMAT, **{f"{_PREFIX}{name}": value for name, value in said.items()}}
+    found = {_MARK: FORMAT, **{f"{_PREFIX}{name}": value for name, value in said.items()}}
+    return {**found, _SIZE: f"{size.width}x{size.height}"} if size else found
+
+
+def text_to_carry(record: LabelRecord, size: Size) -> str:
+    """The attributes as one text, which no spreadsheet takes for a number or a date."""
+    return json.dumps(to_attributes(record, size), ensure_ascii=False)
+
+
+def carried_text(text: str | None) -> Any:
+    """The opposite of `text_to_carry`; None where the text is something else."""
+    try:
+        return json.loads(text or "null")
+    except (ValueError, RecursionError):
+        return None
+
+
+def size_of(attributes: Any) -> Size | None:
+    """The frame's size that attributes carry."""
+    text = attributes.get(_SIZE) if isinstance(attributes, Mapping) else None
+    match = _SIZE_TEXT.fullmatch(text) if isinstance(text, str) else None
+    return Size(int(match[2]), int(match[1])) if match else None
 
 
 def from_attributes(attributes: Any) -> LabelRecord | None:
@@ -74,6 +99,19 @@ def from_attributes(attributes: Any) -> LabelRecord | None:
         model_version=_text(attributes, "model_version") if with_model else None,
         blind=attributes.get(f"{_PREFIX}blind") == "yes",
     )
+
+
+def size_in(holder: Any, where: str) -> Size | None:
+    """The size that an object of a file has as ``height`` and ``width``; None where it has none.
+
+    Raises
+    ------
+    ToktError
+        If these are no whole numbers.
+    """
+    if holder.get("width") is None or holder.get("height") is None:
+        return None
+    return Size(*(whole(holder.get(side), f"{where}: {side}") for side in ("height", "width")))
 
 
 def changed_by_hand(

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from tokt.features.common.arrays import F64
@@ -18,6 +21,13 @@ _MAX_SIDE_PX = 100_000
 _MAX_PATCHES = 1_000_000  # a file may name any grid, and this one fills no memory
 _ROUNDING_PX = 1.0  # what other tools round a coordinate by
 _EPSILON = 1e-9
+_FAR_PX = 1e7  # a corner beyond is no nearer to any frame
+_SUBPIXEL_BITS = 4
+_CIRCLE_CORNERS = 64
+_LEAST = {"point": 2, "rectangle": 8, "polygon": 6}  # numbers
+
+Outline = tuple[tuple[float, float], ...]
+"""Corners (x, y) in pixels of what is no upright box; a single one is a point."""
 
 
 class Size(NamedTuple):
@@ -39,6 +49,11 @@ class Box(NamedTuple):
     def is_empty(self) -> bool:
         """Whether no pixel is in it."""
         return self.x1 <= self.x0 or self.y1 <= self.y0
+
+    @property
+    def corners(self) -> tuple[float, ...]:
+        """All four as alternating x and y, clockwise from the upper left."""
+        return self.x0, self.y0, self.x1, self.y0, self.x1, self.y1, self.x0, self.y1
 
     def is_outside(self, size: Size) -> bool:
         """Whether no part of it is in a frame of that size."""
@@ -89,6 +104,67 @@ def patches_in_box(grid: Grid, size: Size, box: Box) -> list[tuple[int, int, flo
         (int(row), int(col), float(shares[row, col]))
         for row, col in np.argwhere(shares >= HALF - _EPSILON)
     ]
+
+
+def patch_at(grid: Grid, size: Size, x: float, y: float) -> tuple[int, int] | None:
+    """Row and column of the patch that holds a point; None where none does.
+
+    Raises
+    ------
+    ToktError
+        As `patch_box`.
+    """
+    height, width = _patch_size(grid, size)
+    if not (0 <= x < size.width and 0 <= y < size.height):
+        return None
+    row, col = math.floor(y / height), math.floor(x / width)
+    return (row, col) if grid.contains(row, col) else None
+
+
+def patches_in_outline(grid: Grid, size: Size, outline: Outline) -> list[tuple[int, int, float]]:
+    """As `patches_in_box`, of a polygon, counted in pixels of the resized frame.
+
+    Raises
+    ------
+    ToktError
+        As `patch_box`.
+    """
+    _patch_size(grid, size)
+    height, width = grid.resized(*size)
+    mask = np.zeros((height, width), np.uint8)
+    corners = np.clip(outline, -_FAR_PX, _FAR_PX) * (width / size.width, height / size.height)
+    pixels = np.clip(corners - 0.5, -_FAR_PX, _FAR_PX) * 2**_SUBPIXEL_BITS
+    cv2.fillPoly(mask, [np.rint(pixels).astype(np.int32)], (1,), shift=_SUBPIXEL_BITS)
+    shares = grid.cells(mask).mean(axis=(1, 2))
+    return [(*divmod(int(n), grid.cols), float(shares[n])) for n in np.flatnonzero(shares >= HALF)]
+
+
+def found_shape(kind: str, numbers: Sequence[float]) -> tuple[Box, Outline] | None:
+    """What a shape of other tools is here: its box, and its outline where it is no upright box.
+
+    Parameters
+    ----------
+    kind : str
+        ``point``, ``rectangle``, ``polygon``: alternating x and y; ``circle``: x, y, radius.
+    numbers : sequence of float
+
+    Returns
+    -------
+    tuple of Box and Outline, or None
+        None for any other shape, or where the count of numbers is not the shape's.
+    """
+    if kind == "circle" and len(numbers) == 3:
+        x, y, radius = numbers
+        turns = [2 * math.pi * n / _CIRCLE_CORNERS for n in range(_CIRCLE_CORNERS)]
+        corners = [(x + radius * math.cos(turn), y + radius * math.sin(turn)) for turn in turns]
+    elif len(numbers) % 2 or len(numbers) < _LEAST.get(kind, math.inf):
+        return None
+    else:
+        corners = list(zip(numbers[::2], numbers[1::2], strict=True))
+    across, down = zip(*corners, strict=True)
+    box = Box(min(across), min(down), max(across), max(down))
+    upright = kind == "rectangle" and all(x in box[::2] and y in box[1::2] for x, y in corners)
+    return box, () if upright else tuple(corners[:1] if kind == "point" else corners)
 
 
 def _overlap(n: int, length: float, start: float, end: float) -> F64:

@@ -14,8 +14,8 @@ from tokt.features.common.errors import ToktError
 from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import Taxonomy
 
-from .box_attributes import to_attributes, whole
-from .boxes import Box, Size
+from .box_attributes import size_in, to_attributes, whole
+from .boxes import Box
 from .labels_and_boxes import FoundBox, FrameLabels, boxes_to_labels, labels_to_boxes
 from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, label_of
 from .text_file import finite, naming, of_kind, read_json, save_json
@@ -166,7 +166,7 @@ def _found(
         name,
         annotator,
         annotation.get("attributes"),
-        size=_size(image, where),
+        size=size_in(image, f"{where}: image"),
         model_version=annotator if score < 1 else None,
     )
 
@@ -178,9 +178,3 @@ def _box(value: Any, where: str) -> Box:
         raise ToktError(f"{where}: bbox has {len(sides)} numbers, not 4")
     left, top, width, height = sides
     return Box(left, top, left + width, top + height)
-
-
-def _size(image: dict[str, Any], where: str) -> Size | None:
-    if image.get("width") is None or image.get("height") is None:
-        return None
-    return Size(*(whole(image[side], f"{where}: image {side}") for side in ("height", "width")))

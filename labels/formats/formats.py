@@ -9,12 +9,32 @@ from pathlib import Path
 from tokt.features.common.errors import ToktError
 from tokt.labels.record import LabelRecord
 
-from . import COCO, CSV, LABEL_STUDIO, PATCHES, VIAME, coco, label_studio, patch_folder, viame_csv
+from . import (
+    BIIGLE,
+    COCO,
+    CORALNET,
+    CSV,
+    CVAT,
+    IFDO,
+    LABEL_STUDIO,
+    PATCHES,
+    VIAME,
+    biigle,
+    coco,
+    coralnet,
+    cvat,
+    ifdo,
+    label_studio,
+    patch_folder,
+    viame_csv,
+)
+from .frame_metadata import HEADER, YAML
 from .label_csv import COLUMNS, read_label_csv, write_label_csv
 from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, lines
-from .text_file import read_json, read_utf8
+from .text_file import csv_rows, read_json, read_utf8
 
-_ENDINGS = "{}: label files end in .csv or .json, folders of patches have no ending"
+_BY_ENDING = {".xml": CVAT, **dict.fromkeys(YAML, IFDO)}
+_ENDINGS = "{}: label files end in .csv, .json, .xml or .yaml, folders of patches have no ending"
 
 
 @dataclass(frozen=True)
@@ -52,6 +72,10 @@ FORMATS = {
     LABEL_STUDIO: LabelFormat(
         label_studio.TITLE, label_studio.read_label_studio, label_studio.write_label_studio
     ),
+    CORALNET: LabelFormat(coralnet.TITLE, coralnet.read_coralnet, coralnet.write_coralnet),
+    BIIGLE: LabelFormat(biigle.TITLE, biigle.read_biigle, biigle.write_biigle),
+    CVAT: LabelFormat(cvat.TITLE, cvat.read_cvat, cvat.write_cvat),
+    IFDO: LabelFormat(ifdo.TITLE, ifdo.read_ifdo_labels, ifdo.write_ifdo),
     PATCHES: LabelFormat(
         patch_folder.TITLE, patch_folder.read_patch_folder, patch_folder.write_patch_folder
     ),
@@ -76,10 +100,13 @@ def format_to_write(path: Path) -> str:
     suffix = path.suffix.lower()
     if suffix == ".csv":
         return CSV
+    if suffix == ".xml":
+        return CVAT
     if path.is_dir() or not suffix:
         return PATCHES
     if suffix == ".json":
-        raise ToktError(f"{path}: say which JSON by --format {COCO} or --format {LABEL_STUDIO}")
+        names = " or ".join(f"--format {name}" for name in (COCO, LABEL_STUDIO, IFDO))
+        raise ToktError(f"{path}: say which JSON by {names}")
     raise ToktError(_ENDINGS.format(path))
 
 
@@ -94,7 +121,7 @@ def format_to_read(path: Path) -> str:
     suffix = path.suffix.lower()
     if path.is_dir():
         return PATCHES
-    if suffix not in ("", ".csv", ".json"):
+    if suffix not in ("", ".csv", ".json", ".xml", *YAML):
         raise ToktError(_ENDINGS.format(path))
     if not path.exists():
         raise ToktError(f"label file {path} does not exist")
@@ -102,6 +129,8 @@ def format_to_read(path: Path) -> str:
         return _kind_of_csv(read_utf8(path))
     if suffix == ".json":
         return _kind_of_json(path)
+    if suffix in _BY_ENDING:
+        return _BY_ENDING[suffix]
     raise ToktError(_ENDINGS.format(path))
 
 
@@ -111,9 +140,13 @@ def _kind_of_csv(text: str) -> str:
     if first.startswith(("#", '"#')):
         return VIAME
     try:
-        row = next(csv.reader([first]), [])
+        row = next(csv_rows(first), [])
     except csv.Error:
         return CSV
+    names = {name.strip().lower() for name in row}
+    for kind, needed in ((CORALNET, {"name", "row", "column"}), (BIIGLE, {"shape_name", "points"})):
+        if needed <= names:
+            return kind
     if set(COLUMNS) & set(row) or len(row) < 9:
         return CSV
     return VIAME if row[2].strip().isdigit() else CSV
@@ -123,9 +156,11 @@ def _kind_of_json(path: Path) -> str:
     value = read_json(path)
     if isinstance(value, dict) and "images" in value:
         return COCO
+    if isinstance(value, dict) and HEADER in value:
+        return IFDO
     if isinstance(value, list) or (isinstance(value, dict) and "data" in value):
         return LABEL_STUDIO
     raise ToktError(
         f"{path}: neither COCO (an object with images, annotations, categories) nor Label Studio"
-        " (a list of tasks)"
+        f" (a list of tasks) nor iFDO (an object with {HEADER})"
     )

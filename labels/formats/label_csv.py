@@ -1,7 +1,6 @@
 """Label files: CSV with one row a patch, in and out."""
 
 import csv
-import io
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -13,7 +12,7 @@ from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.labels.record import HUMAN, MODEL, SETTLED, LabelRecord, utc_now, utc_text
 from tokt.labels.taxonomy import Taxonomy
 
-from .text_file import read_utf8, save_text
+from .text_file import csv_rows, read_utf8, save_table
 
 COLUMNS = ("mission", "camera", "frame", "row", "col", "label")
 MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version", "blind")
@@ -52,7 +51,7 @@ def read_label_csv(
         For wrong columns, an unknown class, a patch outside the grid, a number that is none, a
         patch that the same annotator labels twice, or one that is settled twice.
     """
-    reader = csv.reader(io.StringIO(read_utf8(path), newline=""), strict=True)
+    reader = csv_rows(read_utf8(path))
     rows = _RowReader(taxonomy, annotator or path.stem, grid)
     try:
         header = next(reader, [])
@@ -96,13 +95,8 @@ def write_label_csv(path: Path, records: Iterable[LabelRecord], *, full: bool = 
     )
     if not full:
         _check_six_columns_suffice(chosen)
-    out = io.StringIO(newline="")
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(columns)
-    for record in chosen:
-        said = {**vars(record), "blind": "yes" if record.blind else ""}
-        writer.writerow([said[name] for name in columns])
-    save_text(path, out.getvalue())
+    said = ({**vars(record), "blind": "yes" if record.blind else ""} for record in chosen)
+    save_table(path, [columns, *([one[name] for name in columns] for one in said)])
     return len(chosen)
 
 
@@ -167,8 +161,6 @@ def _check_header(header: list[str]) -> None:
     twice = [name for name, times in Counter(header).items() if times > 1]
     if not header:
         raise ToktError(f"the file is empty; a label file begins with {known}")
-    if missing and len(header) == 1 and ";" in header[0]:
-        raise ToktError("the columns are separated by ; and must be by ,")
     if missing:
         raise ToktError(f"no column {', '.join(missing)}; a label file has {known}")
     if unknown:

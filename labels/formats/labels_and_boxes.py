@@ -1,8 +1,10 @@
 """Labels of patches become boxes on their frames, and boxes of any file become labels.
 
 A box that is a patch of ours, by the attributes it carries and by its place, becomes that
-patch's label as it was. Any other box gives its class to each patch that it covers by half or
-more; where several do, the one that covers most decides, and of equal ones the last.
+patch's label as it was. Any other box or polygon gives its class to each patch that it covers by
+half or more; where several do, the one that covers most decides, and of equal ones the last. A
+point gives its class to the patch that it is in, unless a box decides there; a patch whose points
+differ is left out.
 """
 
 from collections import Counter
@@ -12,11 +14,12 @@ from itertools import groupby
 from typing import Any
 
 from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.frames.grid import Grid
 from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, utc_now
 from tokt.labels.taxonomy import UNSURE
 
 from .box_attributes import changed_by_hand, from_attributes
-from .boxes import Box, Size, patch_box, patches_in_box
+from .boxes import Box, Outline, Size, patch_at, patch_box, patches_in_box, patches_in_outline
 from .images import FrameKey, MissionImages
 from .options import ImportResult, ReadOptions, Remarks, WriteOptions, count, lines, mission_images
 from .text_file import naming
@@ -58,6 +61,46 @@ def labels_to_boxes(
     return frames, lines(remarks)
 
 
+def one_label_a_patch(
+    records: Iterable[LabelRecord], remarks: Remarks, what: str
+) -> list[LabelRecord]:
+    """The labels, of a settled patch the settlement; ToktError where two people said something."""
+    chosen: dict[Cell, LabelRecord] = {}
+    for record in sorted(records, key=lambda r: (r.source != SETTLED, r.annotator)):
+        first = chosen.setdefault(record.cell, record)
+        if first is record:
+            continue
+        if first.source != SETTLED:
+            raise ToktError(
+                f"{record.cell} is labelled by {first.annotator} and by {record.annotator}: {what}"
+                " holds one label a patch; choose by --annotator"
+            )
+        remarks["opinion", "on patches that were settled"] += 1
+    return list(chosen.values())
+
+
+def without_suggestions(
+    records: Iterable[LabelRecord], remarks: Remarks, what: str
+) -> list[LabelRecord]:
+    """The labels without the suggestions of models, which `what` would take for labels."""
+    chosen = list(records)
+    kept = [record for record in chosen if record.source != MODEL]
+    remarks["suggestion", f"of models left out: {what} would count as labels"] += len(chosen) - len(
+        kept
+    )
+    return kept
+
+
+def short_names(frames: Iterable[FrameLabels]) -> dict[FrameKey, str]:
+    """File names without the camera's folder, where that tells the frames apart."""
+    names = {frame.key: frame.name for frame in frames}
+    short = Counter(name.rpartition("/")[2] for name in names.values())
+    return {
+        key: name if short[name.rpartition("/")[2]] > 1 else name.rpartition("/")[2]
+        for key, name in names.items()
+    }
+
+
 def frames_of(
     records: Iterable[LabelRecord], what: str
 ) -> list[tuple[FrameKey, list[LabelRecord]]]:
@@ -85,6 +128,8 @@ def _add(
     name = images.file_name(key)
     if name is None:
         return f"{images.mission.path} has no such frames"
+    if any("\ud800" <= sign <= "\udfff" for sign in name):  # as Python reads such bytes
+        return "the name of their file is not UTF-8"
     try:
         size = images.size(key)
     except FrameError:
@@ -120,6 +165,8 @@ class FoundBox:
         When, where the file says so.
     model_version : str, optional
         The model, where the box is not what a person said but a model's suggestion.
+    outline : Outline
+        The corners, where it is no upright box; `box` then is the box around them.
     """
 
     where: str
@@ -132,6 +179,12 @@ class FoundBox:
     position: int | None = None
     time: str | None = None
     model_version: str | None = None
+    outline: Outline = ()
+
+    @property
+    def noun(self) -> str:
+        """What remarks call it."""
+        return "point" if len(self.outline) == 1 else "box" if not self.outline else "outline"
 
 
 def boxes_to_labels(
@@ -159,7 +212,7 @@ def boxes_to_labels(
     for box in found:
         label = classes[box.label]
         if not label:
-            remarks["box", f"left out by --map: class {box.label!r}"] += 1
+            remarks[box.noun, f"left out by --map: class {box.label!r}"] += 1
             continue
         with naming(box.where):
             labels.add(box, label)
@@ -198,20 +251,23 @@ class _LabelCollector:
         self._now = utc_now()
         self._best: dict[tuple[Cell, str, str], tuple[float, LabelRecord]] = {}
         self._contested: set[tuple[Cell, str, str]] = set()
+        self._mixed: set[tuple[Cell, str, str]] = set()
         self._missing: Counter[str] = Counter()
 
     def add(self, found: FoundBox, label: str) -> None:
         """Take over one box."""
         carried = from_attributes(found.attributes)
-        if found.box.is_empty:
-            self._remarks["box", "left out: without area"] += 1
+        if found.box.is_empty and found.noun != "point":
+            self._remarks[found.noun, "left out: without area"] += 1
         elif carried and self._is_in_place(carried, found):
             if found.label != carried.label:
-                self._remarks["box", "of another class than tokt wrote: labels by hand"] += 1
+                remark = "of another class than tokt wrote: labels by hand"
+                self._remarks[found.noun, remark] += 1
                 carried = self._by_hand(carried, found, label)
             self._keep(1.0, replace(carried, label=label))
         elif carried:
-            self._remarks["box", "moved since tokt wrote the file: read by its new place"] += 1
+            remark = "moved since tokt wrote the file: read by its new place"
+            self._remarks[found.noun, remark] += 1
             size = found.size or self._size(_key(carried))
             self._spread(found, self._by_hand(carried, found, label), size, label)
         else:
@@ -219,6 +275,9 @@ class _LabelCollector:
 
     def _is_in_place(self, carried: LabelRecord, found: FoundBox) -> bool:
         size = found.size or self._size(_key(carried))
+        if found.outline:
+            patches = _patches(carried.grid, size, found)
+            return found.noun == "point" and (carried.row, carried.col, 0.0) in patches
         return found.box.is_like(patch_box(carried.grid, size, carried.row, carried.col))
 
     def _by_hand(self, carried: LabelRecord, found: FoundBox, label: str) -> LabelRecord:
@@ -238,7 +297,7 @@ class _LabelCollector:
             return
         version = found.model_version
         if version is not None:
-            self._remarks["box", "of a model: suggestions, not labels"] += 1
+            self._remarks[found.noun, "of a model: suggestions, not labels"] += 1
         base = LabelRecord(
             *(images.name, key.camera, key.frame, self._options.grid, 0, 0, label),
             found.annotator,
@@ -249,12 +308,14 @@ class _LabelCollector:
         self._spread(found, base, found.size or images.size(key), label)
 
     def _spread(self, found: FoundBox, base: LabelRecord, size: Size, label: str) -> None:
-        """Give the label to each patch that the box covers by half."""
-        patches = patches_in_box(base.grid, size, found.box)
+        """Give the label to each patch that is found in it."""
+        patches = _patches(base.grid, size, found)
         if found.box.is_outside(size):
-            self._remarks["box", "left out: outside the frame"] += 1
+            self._remarks[found.noun, "left out: outside the frame"] += 1
         elif not patches:
-            self._remarks["box", "left out: covering no patch by half"] += 1
+            point = found.noun == "point"
+            remark = "left out: in no patch" if point else "left out: covering no patch by half"
+            self._remarks[found.noun, remark] += 1
         for row, col, share in patches:
             self._keep(share, replace(base, row=row, col=col, label=label))
 
@@ -263,7 +324,7 @@ class _LabelCollector:
         key = (record.cell, "" if settled else record.annotator, record.source)
         best = self._best.get(key)
         if best and best[1].label != record.label:
-            self._contested.add(key)
+            (self._contested if share or best[0] else self._mixed).add(key)
         if best is None or share >= best[0]:
             self._best[key] = (share, record)
 
@@ -275,6 +336,8 @@ class _LabelCollector:
             "under boxes of several classes: the box that covers most decided, of equal ones the"
             " last",
         ] += len(self._contested)
+        mixed = {key for key in self._mixed if not self._best[key][0]}
+        remarks["patch", "left out: points of several classes"] += len(mixed)
         if self._missing:
             first = next(iter(self._missing))
             images = count(len(self._missing), "image")
@@ -282,11 +345,22 @@ class _LabelCollector:
             remarks["box", what] += sum(self._missing.values())
         # A settlement answers the opinions, so it comes after them.
         records = sorted(
-            (record for _, record in self._best.values()), key=lambda r: r.source == SETTLED
+            (record for key, (_, record) in self._best.items() if key not in mixed),
+            key=lambda r: r.source == SETTLED,
         )
         if not records:
             raise ToktError("; ".join(["no labels in it", *lines(remarks)]))
         return ImportResult(records, lines(remarks))
+
+
+def _patches(grid: Grid, size: Size, found: FoundBox) -> list[tuple[int, int, float]]:
+    """Row, column and covered share of the patches in it; a point covers nothing of its one."""
+    if found.noun == "point":
+        at = patch_at(grid, size, *found.outline[0])
+        return [(*at, 0.0)] if at else []
+    if found.outline:
+        return patches_in_outline(grid, size, found.outline)
+    return patches_in_box(grid, size, found.box)
 
 
 def _key(record: LabelRecord) -> FrameKey:

@@ -22,11 +22,11 @@ from tokt.features.common.atomic import publish_folder, scratch_folder
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import SUFFIXES
-from tokt.labels.record import SETTLED, LabelRecord
+from tokt.labels.record import LabelRecord
 
 from .box_attributes import changed_by_hand, from_attributes, to_attributes
 from .images import FrameKey, MissionImages
-from .labels_and_boxes import class_names, frames_of
+from .labels_and_boxes import class_names, frames_of, one_label_a_patch
 from .options import (
     ExportResult,
     ImportResult,
@@ -64,7 +64,10 @@ def write_patch_folder(
     _check_free(path)
     images = mission_images(options, f"a {TITLE} needs the frames' pixels")
     remarks: Remarks = Counter()
-    chosen = _one_label_a_patch(records, remarks)
+    chosen = one_label_a_patch(records, remarks, f"a {TITLE}")
+    grids = sorted({str(record.grid) for record in chosen})
+    if len(grids) > 1:
+        raise ToktError(f"labels on grids {', '.join(grids)}: choose one by --grid")
     groups = frames_of(chosen, f"a {TITLE}")
     patches: dict[str, dict[str, str | int]] = {}
     try:
@@ -87,24 +90,6 @@ def write_patch_folder(
 def _check_free(path: Path) -> None:
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise ToktError(f"{path} is there already; give the name of a new folder")
-
-
-def _one_label_a_patch(records: Iterable[LabelRecord], remarks: Remarks) -> list[LabelRecord]:
-    chosen: dict[tuple[object, ...], LabelRecord] = {}
-    for record in sorted(records, key=lambda r: (r.source != SETTLED, r.annotator)):
-        first = chosen.setdefault(record.cell, record)
-        if first is record:
-            continue
-        if first.source != SETTLED:
-            raise ToktError(
-                f"{record.cell} is labelled by {first.annotator} and by {record.annotator}: a"
-                f" {TITLE} holds one label a patch; choose by --annotator"
-            )
-        remarks["opinion", "on patches that were settled"] += 1
-    grids = sorted({str(record.grid) for record in chosen.values()})
-    if len(grids) > 1:
-        raise ToktError(f"labels on grids {', '.join(grids)}: choose one by --grid")
-    return list(chosen.values())
 
 
 def _write_frame(

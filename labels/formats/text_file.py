@@ -1,14 +1,17 @@
 """Text and numbers out of files that anybody may have written, or an error in plain words."""
 
+import csv
+import io
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 from tokt.features.common.atomic import write_text
 from tokt.features.common.errors import ToktError
+from tokt.labels.record import utc_text
 
 T = TypeVar("T")
 _KINDS: dict[type, str] = {list: "a list", dict: "an object", str: "text"}
@@ -39,6 +42,43 @@ def read_utf8(path: Path) -> str:
         raise ToktError(f"label file {path}: {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise ToktError(f"{path} is not a label file: it is not UTF-8 text") from None
+
+
+def csv_rows(text: str) -> Any:
+    """A reader of CSV that a spreadsheet may have written: separated by ``,``, or by ``;`` where
+    the first line has more of these.
+    """
+    first = text.lstrip().partition("\n")[0]
+    delimiter = ";" if first.count(";") > first.count(",") else ","
+    return csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
+
+
+def read_table(path: Path, columns: Iterable[str]) -> Iterator[tuple[str, dict[str, str]]]:
+    """The rows of a CSV file, each with its line for error messages, by the first line's names.
+
+    Raises
+    ------
+    ToktError
+        If it is no CSV, or none of the names, in any case of letters, is one of `columns`.
+    """
+    reader = csv_rows(read_utf8(path))
+    try:
+        names = [name.strip().lower() for name in next(reader, [])]
+        for column in columns:
+            if names.count(column) != 1:
+                raise ToktError(f"{names.count(column)} columns {column!r} where there must be one")
+        for values in reader:
+            if values:
+                yield f"line {reader.line_num}", dict(zip(names, values, strict=False))
+    except (ToktError, csv.Error) as error:
+        raise ToktError(f"{path} line {max(1, reader.line_num)}: {error}") from None
+
+
+def save_table(path: Path, rows: Iterable[Iterable[Any]]) -> None:
+    """Write rows as CSV, as `save_text` writes."""
+    out = io.StringIO(newline="")
+    csv.writer(out, lineterminator="\n").writerows(rows)
+    save_text(path, out.getvalue())
 
 
 def read_json(path: Path) -> Any:
@@ -80,6 +120,14 @@ def finite(value: Any, what: str) -> float:
     except (ValueError, OverflowError):
         pass
     raise ToktError(f"{what} {ascii(value)[:40]} is not a number")
+
+
+def utc_time(text: str) -> str:
+    """As `utc_text`, of a time that is in UTC where it names no zone."""
+    try:
+        return utc_text(text)
+    except ToktError:
+        return utc_text(f"{text}Z")
 
 
 def of_kind(value: Any, kind: type[T], what: str) -> T:

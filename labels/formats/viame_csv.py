@@ -24,8 +24,8 @@ from typing import Any
 from tokt.features.common.errors import ToktError
 from tokt.labels.record import MODEL, LabelRecord
 
-from .box_attributes import to_attributes, whole
-from .boxes import Box, Size
+from .box_attributes import size_of, to_attributes, whole
+from .boxes import Box
 from .labels_and_boxes import FoundBox, FrameLabels, boxes_to_labels, labels_to_boxes
 from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, label_of
 from .text_file import finite, naming, read_utf8, save_text
@@ -46,12 +46,10 @@ _HEADER = (
     "Confidence Pairs or Attributes",
 )
 _FIXED = 9  # columns before the classes
-_SIZE = "tokt_size"
 _SURE, _SUGGESTED = "1.0", "0.5"
 _ATTRIBUTE = re.compile(r"\(atr\) (\S+)\s(.+)")
 _SHAPE = re.compile(r"\((poly|hole|kp|mask)\)")
 _SHAPES = ("box", "with an outline or points: only the box is read")
-_SIZE_TEXT = re.compile(r"(\d{1,6})x(\d{1,6})")
 
 
 def write_viame_csv(
@@ -87,11 +85,10 @@ def write_viame_csv(
 
 
 def _rows(frame: FrameLabels, position: int) -> Iterator[list[Any]]:
-    size = f"{frame.size.width}x{frame.size.height}"
     name = frame.name.rpartition("/")[2]
     for record, box in frame.labels:
         confidence = _SUGGESTED if record.source == MODEL else _SURE
-        attributes = {**to_attributes(record), _SIZE: size}
+        attributes = to_attributes(record, frame.size)
         yield [
             *(name, position, *(f"{side:.2f}" for side in box), confidence, -1),
             *(label_of(record), confidence),
@@ -137,7 +134,7 @@ def _found(row: list[str], where: str, annotator: str) -> FoundBox:
         label,
         annotator,
         attributes,
-        size=_size(attributes),
+        size=size_of(attributes),
         position=whole(row[2].strip(), "frame"),
         model_version=annotator if confidence < 1 else None,
     )
@@ -159,11 +156,6 @@ def _class(row: list[str]) -> tuple[str, float]:
 def _attributes(row: list[str]) -> dict[str, str]:
     found = (_ATTRIBUTE.fullmatch(cell.strip()) for cell in row[_FIXED:])
     return {match[1]: _unquoted(match[2]) for match in found if match}
-
-
-def _size(attributes: dict[str, str]) -> Size | None:
-    match = _SIZE_TEXT.fullmatch(attributes.get(_SIZE, ""))
-    return Size(int(match[2]), int(match[1])) if match else None
 
 
 def _quoted(value: str | int) -> str:

@@ -13,11 +13,23 @@ from random import Random
 import cv2
 import numpy as np
 
-from tests.labels.formats.examples import DIVE, FRAMES, foreign_coco, foreign_label_studio, said
+from tests.labels.formats.examples import (
+    BIIGLE,
+    CORALNET,
+    CVAT,
+    DIVE,
+    FRAMES,
+    foreign_coco,
+    foreign_ifdo,
+    foreign_label_studio,
+    said,
+)
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
+from tokt.labels.formats import IFDO
 from tokt.labels.formats.audit_csv import Audit, AuditedPatch, read_audit, write_audit
 from tokt.labels.formats.formats import FORMATS, format_to_read
+from tokt.labels.formats.frame_metadata import read_ifdo
 from tokt.labels.formats.images import MissionImages
 from tokt.labels.formats.options import ReadOptions, WriteOptions
 from tokt.labels.record import LabelRecord
@@ -64,7 +76,8 @@ def _records() -> list[LabelRecord]:
 def written(name: str) -> Files:
     """The records in a format, as tokt writes them."""
     with tempfile.TemporaryDirectory() as folder:
-        suffix = {"csv": ".csv", "viame": ".csv", "patches": ""}.get(name, ".json")
+        suffix = dict.fromkeys(("csv", "viame", "coralnet", "biigle"), ".csv").get(name, ".json")
+        suffix = {"patches": "", "cvat": ".xml"}.get(name, suffix)
         target = Path(folder) / f"labels{suffix}"
         FORMATS[name].write(target, _records(), WriteOptions(Taxonomy.load(), _images(), full=True))
         paths = [target] if target.is_file() else [p for p in target.rglob("*") if p.is_file()]
@@ -76,6 +89,10 @@ _FOREIGN = {
     "viame": DIVE,
     "coco": json.dumps(foreign_coco()),
     "labelstudio": json.dumps(foreign_label_studio()),
+    "coralnet": CORALNET,
+    "biigle": BIIGLE.replace("Cod, big", "fish").replace("Fine", "rock"),
+    "cvat": CVAT,
+    "ifdo": json.dumps(foreign_ifdo()),
 }
 """As other tools would have written such a file, but for classes that are not ours."""
 
@@ -84,10 +101,12 @@ def _labels(name: str) -> Kind:
     def seeds() -> list[Files]:
         ((path, data),) = written(name).items()
         foreign = _FOREIGN[name].replace("fish", "reef").replace("rock", "sand")
-        return [{path: data}, {path: foreign.encode()}]
+        # JSON is YAML, too.
+        more = [{"labels.yaml": foreign.encode()}] if name == "ifdo" else []
+        return [{path: data}, {path: foreign.encode()}, *more]
 
     splices = [text.encode() for text in _FOREIGN.values()]
-    return Kind(f"labels.{name}", seeds, _import_labels, 9, splices=lambda: splices)
+    return Kind(f"labels.{name}", seeds, _import_labels, 4.5, splices=lambda: splices)
 
 
 def _change_patches(files: Files, rng: Random, others: Sequence[bytes]) -> Files:
@@ -105,7 +124,10 @@ def _import_labels(folder: Path) -> object:
     """What `tokt labels import` does, up to the store."""
     (path,) = folder.iterdir()
     options = ReadOptions(Taxonomy.load(), images=_images())
-    read = FORMATS[format_to_read(path)].read(path, options)
+    kind = format_to_read(path)
+    if kind == IFDO:
+        read_ifdo(path, _images())
+    read = FORMATS[kind].read(path, options)
     for line in read.lost:
         assert not line_fault(line), line_fault(line)
     with LabelStore(folder / "labels.db") as store:

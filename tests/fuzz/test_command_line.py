@@ -12,6 +12,7 @@ from random import Random
 import pytest
 
 from tests.calls import run_python
+from tokt.labels.formats import NAMES
 
 from .bundles import FILE, small_bundles
 from .case import MAX_LINE, DefectError, Files, write_files
@@ -34,7 +35,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "store": (("store",), ("store", "store", "--json")),
     "rollback": (("store",), ("rollback", "store")),
     "labels import": (
-        ("labels.csv", "labels.viame", "labels.coco", "labels.labelstudio", "labels.patches"),
+        tuple(f"labels.{name}" for name in NAMES),
         ("labels", "import", "{top}", "--mission-dir", "dive", "--workspace", "made/ws"),
     ),
     "labels import --taxonomy": (

@@ -35,7 +35,7 @@ labels_app = typer.Typer(
 )
 
 LabelFile = Annotated[
-    Path, Argument(metavar="FILE", help="Label file (.csv, .json) or folder of patches.")
+    Path, Argument(metavar="FILE", help="Label file (.csv, .json, .xml) or folder of patches.")
 ]
 FormatOption = Annotated[
     str | None,

@@ -1,5 +1,7 @@
 """Labels of a small mission, and files gone wrong."""
 
+import csv
+import io
 import json
 
 from hypothesis import HealthCheck, settings
@@ -166,3 +168,95 @@ def foreign_label_studio():
         {"id": 1, "data": left, "annotations": annotations, "predictions": predictions},
         {"data": right, "completions": [{"result": [_box("reef", 0, 0, 10, 10)]}]},
     ]
+
+
+# What CoralNet exports with the annotator, of a whole patch, a patch of two minds, a robot's and a
+# point in the strip under the patches.
+CORALNET = """Name,Row,Column,Label code,Annotator,Date annotated,Machine suggestion 1
+dive_L_3.png,0,0,reef,eva,2021-03-09 22:16:08+00:00,sand
+dive_L_3.png,13,18,reef,eva,2021-03-09 22:16:08+00:00,
+dive_L_7.png,20,30,sand,Imported,2021-03-09 22:16:08+00:00,
+dive_L_7.png,25,20,reef,Imported,2021-03-09 22:16:08+00:00,
+dive_R_20.png,136,0,fish,eva,,
+dive_R_20.png,135,180,fish,robot,2021-03-09 22:16:08+00:00,fish
+dive_R_20.png,5,5,,eva,,
+"""
+
+_BIIGLE_SIZE = json.dumps({"mimetype": "image/png", "width": 362, "height": 274})
+_BIIGLE_ROWS = [
+    ["Biota > Sponges > reef", "reef", "Rectangle", [0, 0, 89, 0, 89, 27, 0, 27]],
+    ["Biota > Fish > Cod, big", "Cod, big", "Circle", [181, 137, 30]],
+    ["Sediment > Fine", "Fine", "Point", [361, 273]],
+    ["Sediment > Fine", "Fine", "Polygon", [0, 135, 0, 272, 181, 272]],
+    ["Sediment > Fine", "Fine", "LineString", [0, 0, 300, 200]],
+    ["Sediment > Fine", "Fine", "WholeFrame", []],
+]
+
+
+def _biigle():
+    """A report as BIIGLE writes it, of pictures of twice our frames' size."""
+    out = io.StringIO()
+    writer = csv.writer(out)
+    names = "annotation_label_id,label_id,label_name,label_hierarchy,user_id,firstname,lastname"
+    names += ",image_id,filename,image_longitude,image_latitude,shape_id,shape_name,points"
+    writer.writerow(f"{names},attributes,annotation_id,created_at".split(","))
+    for n, (path, label, shape, points) in enumerate(_BIIGLE_ROWS):
+        who = [7, "Eva", "Ås"]
+        where = [3, "dive_L_3.png", "", "", 1, shape, json.dumps(points), _BIIGLE_SIZE]
+        writer.writerow([n, 9, label, path, *who, *where, n, "2021-03-09 22:16:08"])
+    return out.getvalue()
+
+
+BIIGLE = _biigle()
+
+CVAT = """<?xml version="1.0" encoding="utf-8"?>
+<annotations>
+  <version>1.1</version>
+  <meta><job><id>1</id><labels><label><name>reef</name></label></labels></job></meta>
+  <image id="0" name="Left/dive_L_3.png" width="362" height="274">
+    <box label="reef" source="manual" occluded="0" xtl="0.00" ytl="0.00" xbr="89.00" ybr="27.00"
+      z_order="0"><attribute name="depth">12</attribute></box>
+    <box label="reef" source="manual" occluded="0" xtl="0" ytl="0" xbr="90" ybr="90" rotation="30"/>
+    <polygon label="sand" source="manual" points="0.00,135.00;0.00,272.00;181.00,272.00"/>
+    <points label="reef" source="auto" points="300,20;361,273"/>
+    <polyline label="reef" points="0,0;9,9"/>
+    <tag label="reef" source="manual"/>
+  </image>
+  <image id="1" name="dive_R_20.png"><ellipse label="fish" cx="3" cy="3" rx="2" ry="2"/></image>
+  <track id="0" label="reef"/>
+</annotations>
+"""
+
+
+def foreign_ifdo():
+    """Metadata with annotations, of pictures of our frames' size."""
+    said = {"label": "8a45", "annotator": "0000-0002", "created-at": "2021-03-09 22:16:08.5"}
+    guessed = {**said, "label": "sand", "annotator": "net", "confidence": 0.7}
+    half = [0, 67.5, 0, 136, 90.5, 136, 0, 67.5]
+    return {
+        "image-set-header": {
+            "image-set-name": "dive",
+            "image-set-uuid": "f840644a-fe4a-46a7-9791-e32c211bcbf5",
+            "image-set-handle": "https://example.org/f840644a",
+            "image-set-ifdo-version": "v2.1.0",
+            "image-altitude-meters": -310.5,
+            "image-annotation-labels": [{"id": "8a45", "name": "reef"}],
+            "image-annotation-creators": [{"id": "0000-0002", "name": "Eva Ås"}],
+        },
+        "image-set-items": {
+            "dive_L_3.png": {
+                "image-datetime": "2016-04-20 10:00:00.250",
+                "image-latitude": 63.4,
+                "image-longitude": 10.4,
+                "image-camera-yaw-degrees": 271.0,
+                "image-meters-above-ground": 2.5,
+                "image-annotations": [
+                    {"shape": "single-pixel", "coordinates": [[0, 0]], "labels": [said, guessed]},
+                    {"shape": "polygon", "coordinates": [half], "labels": [guessed]},
+                    {"shape": "whole-image", "coordinates": [[]], "labels": [said]},
+                ],
+            },
+            "dive_R_20.png": [{"image-altitude-meters": -300}],
+            "other_5.png": {},
+        },
+    }

@@ -1,28 +1,42 @@
 """What the formats of boxes have in common: whole there and back, and damage is refused."""
 
 import json
+import os
 from dataclasses import replace
 
+import cv2
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import open_mission
 from tokt.labels.formats.formats import FORMATS
+from tokt.labels.formats.images import MissionImages
+from tokt.labels.formats.options import ReadOptions, WriteOptions
 
 from .examples import (
+    BIIGLE,
+    CORALNET,
+    CVAT,
     DIVE,
     SLOW,
+    TAXONOMY,
     damaged,
     foreign_coco,
+    foreign_ifdo,
     foreign_label_studio,
     said,
     some_records,
     with_odd_values,
 )
 
-FOREIGN = {"coco": foreign_coco, "labelstudio": foreign_label_studio}
-FILES = {"viame": "boxes.csv", "coco": "boxes.json", "labelstudio": "boxes.json"}
+JSON = {"coco": foreign_coco, "labelstudio": foreign_label_studio, "ifdo": foreign_ifdo}
+TEXT = {"viame": DIVE, "coralnet": CORALNET, "biigle": BIIGLE, "cvat": CVAT}
+FILES = {**dict.fromkeys(JSON, "boxes.json"), **dict.fromkeys(TEXT, "boxes.csv")}
+FILES["cvat"] = "boxes.xml"
+NO_SUGGESTIONS = ("coralnet", "biigle")
 all_formats = pytest.mark.parametrize("name", FILES)
 
 
@@ -33,8 +47,14 @@ def test_own_files_come_back_whole(tmp_path, reading, writing, name, some, with_
     path = tmp_path / FILES[name]
     if name == "viame":  # holds one camera
         some = [record for record in some if record.camera == some[0].camera]
-    written = FORMATS[name].write(path, some, writing)
-    assert (written.labels, written.lost) == (len(some), [])
+    if name == "coralnet":  # holds one label a patch
+        some = list({record.cell: record for record in some}.values())
+    more = [said("sand", 2, 2, annotator="net", source="model", model_version="net/3")]
+    more = [] if name not in NO_SUGGESTIONS else more
+    some = [record for record in some if not more or record.source != "model"] or [said()]
+    written = FORMATS[name].write(path, [*some, *more], writing)
+    lost = [line for line in written.lost if "label codes" not in line and "header" not in line]
+    assert (written.labels, len(lost)) == (len(some), len(more)), written.lost
     options = reading if with_frames else replace(reading, images=None)
     read = FORMATS[name].read(path, options)
     assert set(read.records) == set(some) and len(read.records) == len(some)
@@ -49,17 +69,41 @@ def test_own_files_come_back_whole(tmp_path, reading, writing, name, some, with_
 def test_damaged_files_are_refused_or_read(tmp_path, reading, writing, name, data):
     path = tmp_path / FILES[name]
     some = [said("sand", 1, 2), said("reef", annotator="7")]
-    some.append(said(source="model", annotator="7", model_version="net/3"))
+    if name not in NO_SUGGESTIONS:
+        some.append(said(source="model", annotator="7", model_version="net/3"))
+    some = [replace(record, col=n) for n, record in enumerate(some)]
     FORMATS[name].write(path, some, writing)
     whole = path.read_bytes()
-    if name == "viame":
-        path.write_bytes(data.draw(damaged(whole + DIVE.encode())))
+    if name in TEXT:
+        path.write_bytes(
+            data.draw(damaged(data.draw(st.sampled_from([whole, TEXT[name].encode()]))))
+        )
     elif data.draw(st.booleans()):
         path.write_bytes(data.draw(damaged(whole)))
     else:
-        seed = data.draw(st.sampled_from([json.loads(whole), FOREIGN[name]()]))
+        seed = data.draw(st.sampled_from([json.loads(whole), JSON[name]()]))
         path.write_text(json.dumps(data.draw(with_odd_values(seed))))
     try:
         FORMATS[name].read(path, replace(reading, classes={"fish": "other", "rock": "reef"}))
     except ToktError as error:
         assert "\n" not in str(error)
+
+
+@all_formats
+def test_odd_names_of_files(tmp_path, name):
+    """Those that text can hold come back; the other ones' labels are left out and counted."""
+    folder = tmp_path / "dive"
+    folder.mkdir()
+    picture = cv2.imencode(".png", np.full((137, 181), 90, np.uint8))[1].tobytes()
+    odd = ['a,b "c"\'d;_1.png', "Åse > <b>&amp;_2.png", "=1+1_3.png", "b\xff_4.png", "x\x07_5.png"]
+    for file in odd:
+        # A name in Latin-1, as an older system wrote it, is not UTF-8.
+        kind = "latin-1" if "\xff" in file else "utf-8"
+        (folder / os.fsdecode(file.encode(kind))).write_bytes(picture)
+    images = MissionImages(open_mission(folder))
+    some = [said("reef", 1, 2, frame=frame) for frame in range(1, 6)]
+    written = FORMATS[name].write(tmp_path / FILES[name], some, WriteOptions(TAXONOMY, images))
+    assert "1 label left out: the name of their file is not UTF-8" in written.lost
+    read = FORMATS[name].read(tmp_path / FILES[name], ReadOptions(TAXONOMY, images=images))
+    frames = {record.frame for record in read.records}
+    assert frames == ({1, 2, 3} if name == "cvat" else {1, 2, 3, 5})  # XML has no bell

@@ -26,6 +26,13 @@ KINDS = {
     "empty.csv": ("csv", ""),
     "dive.csv": ("viame", '"# 1: Detection or Track-id",2: Video\n'),
     "plain.csv": ("viame", "\n0,a.png,12,0,0,5,5,1,-1,reef,1\n"),
+    "points.csv": ("coralnet", "Row;Column;Name;Label\n"),
+    "aux.csv": ("coralnet", "\ufeffName,Date,Aux1,Row,Column,Label code\n"),
+    "report.csv": ("biigle", "annotation_label_id,shape_name,points\n"),
+    "spread.csv": ("csv", "mission;camera;frame;row;col;label\n"),
+    "cvat.xml": ("cvat", "<annotations/>"),
+    "dive.yaml": ("ifdo", ""),
+    "ifdo.json": ("ifdo", '{"image-set-header": {}}'),
     "coco.json": ("coco", '{"images": []}'),
     "tasks.json": ("labelstudio", "[]"),
     "task.json": ("labelstudio", '{"data": {}}'),
@@ -45,18 +52,23 @@ def test_what_is_no_label_file(tmp_path):
     (tmp_path / "x.json").write_text('{"a": 1}')
     (tmp_path / "y.json").write_text("{")
     for name, message in (
-        ("labels", "end in .csv or .json"),
-        ("labels.xlsx", "end in .csv or .json"),
+        ("labels", "end in .csv, .json, .xml or .yaml"),
+        ("labels.xlsx", "end in .csv, .json, .xml or .yaml"),
         ("none.csv", "does not exist"),
         ("none", "does not exist"),
-        ("x.json", "neither COCO .* nor Label Studio"),
+        ("x.json", "neither COCO .* nor Label Studio .* nor iFDO"),
         ("y.json", "not JSON"),
     ):
         refuses(message, format_to_read, tmp_path / name)
     refuses("no label format 'yolo'; there are csv, viame, coco", format_named, "yolo")
-    refuses("--format coco or --format labelstudio", format_to_write, tmp_path / "new.json")
+    refuses(
+        "--format coco or --format labelstudio or --format ifdo",
+        format_to_write,
+        tmp_path / "new.json",
+    )
     assert format_to_write(tmp_path / "new.csv") == "csv"
     assert format_to_write(tmp_path / "patches") == "patches"
+    assert format_to_write(tmp_path / "new.xml") == "cvat"
 
 
 def test_a_label_that_is_taken_back_goes_into_no_file():
@@ -64,7 +76,7 @@ def test_a_label_that_is_taken_back_goes_into_no_file():
         to_attributes(replace(said(), label=None))
 
 
-@given(data=st.binary(max_size=200), suffix=st.sampled_from([".csv", ".json"]))
+@given(data=st.binary(max_size=200), suffix=st.sampled_from([".csv", ".json", ".yaml"]))
 def test_any_bytes_are_refused_or_told(tmp_path_factory, data, suffix):
     path = tmp_path_factory.getbasetemp() / f"any{suffix}"
     path.write_bytes(data)

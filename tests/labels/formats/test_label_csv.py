@@ -48,6 +48,13 @@ def test_all_columns_in_any_order_with_mark_and_windows_line_ends(tmp_path):
 GOOD = "dive,left,1,0,0,ocean\n"
 
 
+def test_what_excel_writes_where_the_comma_is_for_decimals(tmp_path):
+    text = "\ufeff" + (HEADER + GOOD).replace(",", ";").replace("\n", "\r\n")
+    read = read_label_csv(put(tmp_path, text), TAXONOMY)
+    plain = read_label_csv(put(tmp_path, HEADER + GOOD), TAXONOMY)
+    assert [record.cell for record in read] == [record.cell for record in plain]
+
+
 @pytest.mark.parametrize(
     ("text", "line", "message"),
     [
@@ -57,7 +64,7 @@ GOOD = "dive,left,1,0,0,ocean\n"
         (HEADER.replace("label", "class") + GOOD, 1, "no column label"),
         (HEADER.replace("label", "label,confidence") + GOOD, 1, "unknown column 'confidence'"),
         (HEADER.replace("label", "label,label") + GOOD, 1, "column label is there twice"),
-        (HEADER.replace(",", ";") + GOOD.replace(",", ";"), 1, "separated by ;"),
+        ((HEADER + GOOD).replace(",", "\t"), 1, "no column mission"),
         (HEADER + GOOD + "dive,left,1,0,1,fish\n", 3, "unknown class 'fish'; known: ocean"),
         (HEADER + GOOD + "dive,left,1,0,1,\n", 3, "unknown class ''"),
         (HEADER + GOOD + "dive,left,1,0,10,ocean\n", 3, "row 0 col 10 is outside the grid"),
