@@ -67,4 +67,5 @@ def _merge(said: list[LabelRecord], label: str | None) -> LabelRecord:
         annotator="+".join(sorted({record.annotator for record in said})),
         time=max(record.time for record in said),
         model_version=versions.pop() if len(versions) == 1 else None,
+        blind=all(record.blind for record in said),
     )

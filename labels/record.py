@@ -59,6 +59,8 @@ class LabelRecord:
     model_version : str or None
         The model version that suggested it. A human record may carry one: a person confirmed
         that model's suggestion.
+    blind : bool
+        Whether the annotator saw nobody else's labels, and no suggestion.
 
     Raises
     ------
@@ -77,6 +79,7 @@ class LabelRecord:
     time: str
     source: str = HUMAN
     model_version: str | None = None
+    blind: bool = False
 
     def __post_init__(self) -> None:
         check_name("mission", self.mission)

@@ -32,11 +32,13 @@ _LARGEST = 10**300  # what a float can hold, with room to calculate
 
 def to_attributes(record: LabelRecord, size: Size | None = None) -> dict[str, str | int]:
     """All that a record says, and the frame's size where the format has no other place for it."""
-    said = {**vars(record), "grid": str(record.grid), "label": label_of(record)}
+    said = {**vars(record), "grid": str(record.grid), "label": label_of(record), "blind": "yes"}
     if record.source == HUMAN:
         del said["source"]
     if record.model_version is None:
         del said["model_version"]
+    if not record.blind:
+        del said["blind"]
     found = {_MARK: FORMAT, **{f"{_PREFIX}{name}": value for name, value in said.items()}}
     return {**found, _SIZE: f"{size.width}x{size.height}"} if size else found
 
@@ -95,6 +97,7 @@ def from_attributes(attributes: Any) -> LabelRecord | None:
         time=utc_text(_text(attributes, "time")),
         source=source,
         model_version=_text(attributes, "model_version") if with_model else None,
+        blind=attributes.get(f"{_PREFIX}blind") == "yes",
     )
 
 
@@ -126,6 +129,7 @@ def changed_by_hand(
         time=utc_now(),
         source=HUMAN if suggested else record.source,
         model_version=None,
+        blind=False,
     )
 
 

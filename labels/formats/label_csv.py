@@ -15,7 +15,8 @@ from tokt.labels.taxonomy import Taxonomy
 from .text_file import csv_rows, read_utf8, save_table
 
 COLUMNS = ("mission", "camera", "frame", "row", "col", "label")
-MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version")
+MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version", "blind")
+_BLIND = {"": False, "yes": True}
 AUDIT_COLUMNS = ("suggested", "margin", "reason")
 """What a label audit says beside each label; passed over when a file is read."""
 _INTEGER = re.compile(r"-?[0-9]{1,18}")
@@ -94,8 +95,8 @@ def write_label_csv(path: Path, records: Iterable[LabelRecord], *, full: bool = 
     )
     if not full:
         _check_six_columns_suffice(chosen)
-    rows = ([getattr(record, name) for name in columns] for record in chosen)
-    save_table(path, [columns, *rows])
+    said = ({**vars(record), "blind": "yes" if record.blind else ""} for record in chosen)
+    save_table(path, [columns, *([one[name] for name in columns] for one in said)])
     return len(chosen)
 
 
@@ -111,6 +112,7 @@ class _RowReader:
             "grid": str(grid),
             "source": HUMAN,
             "model_version": "",
+            "blind": "",
         }
         self._grids = {str(grid): grid}
         self._lines: dict[tuple[object, ...], int] = {}
@@ -120,6 +122,8 @@ class _RowReader:
             raise ToktError(f"{len(values)} fields where the first line names {len(header)}")
         row = {**self._defaults, **dict(zip(header, values, strict=True))}
         self._taxonomy.check_label(row["label"])
+        if row["blind"] not in _BLIND:
+            raise ToktError(f"blind {row['blind']!r} is neither yes nor empty")
         record = LabelRecord(
             mission=intern(row["mission"]),
             camera=intern(row["camera"]),
@@ -132,6 +136,7 @@ class _RowReader:
             time=utc_text(row["time"]),
             source=row["source"],
             model_version=row["model_version"] or None,
+            blind=_BLIND[row["blind"]],
         )
         settled = record.source == SETTLED
         # A patch is settled once, whoever did it.

@@ -17,10 +17,10 @@ UNDO, REDO = "undo", "redo"
 _AT = " AND ".join(f"{name} = :{name}" for name in CELL.split(", "))
 _NOW = 2**63 - 1  # no event has this number
 
-_SAID = f"""SELECT label, model_version FROM events WHERE {_AT} AND annotator = :annotator
+_SAID = f"""SELECT label, model_version, blind FROM events WHERE {_AT} AND annotator = :annotator
     AND source = 'human' AND id < :before ORDER BY id DESC LIMIT 1"""
 _SETTLED = f"""SELECT CASE source WHEN 'settled' THEN label END,
-    CASE source WHEN 'settled' THEN model_version END FROM events WHERE {_AT}
+    CASE source WHEN 'settled' THEN model_version END, FALSE FROM events WHERE {_AT}
     AND source <> 'model' AND id < :before ORDER BY id DESC LIMIT 1"""
 
 _ADD_EVENT = f"""INSERT INTO events ({COLUMNS}, action)
@@ -123,6 +123,7 @@ class Action:
             LabelRecord(
                 *(self.mission, change.camera, change.frame, self.grid, change.row, change.col),
                 *(change.label, self.annotator, self.time, self.source, change.model_version),
+                self.blind,
             )
             for change in self.changes
         ]
@@ -340,7 +341,7 @@ class ActionLog:
         for record, expected in steps:
             frames[record.camera, record.frame] = None
             row = {**vars(record), "grid": str(record.grid), "action": action}
-            holds, _ = self._in_force(row, _NOW)
+            holds, *_ = self._in_force(row, _NOW)
             if holds == record.label:
                 continue
             if holds != expected:
@@ -358,11 +359,11 @@ class ActionLog:
             "kind": kind,
         }
 
-    def _in_force(self, row: dict[str, Any], before: int) -> tuple[str | None, str | None]:
-        """Label and model version that held just before event number `before`."""
+    def _in_force(self, row: dict[str, Any], before: int) -> tuple[str | None, str | None, bool]:
+        """What held just before event number `before`: label, model version, whether blind."""
         sql = _SETTLED if row["source"] == SETTLED else _SAID
         found = self._connection.execute(sql, {**row, "before": before}).fetchone()
-        return found or (None, None)
+        return found or (None, None, False)
 
     def _inverse(self, node: _Node, history: UndoHistory, time: str) -> list[_Step]:
         """Back to what held before each event of an action, where its label still holds."""
@@ -373,7 +374,8 @@ class ActionLog:
             place = (history.mission, camera, frame, history.grid, row, col)
             said = LabelRecord(*place, label, history.annotator, time, node.source)
             before = self._in_force({**vars(said), "grid": str(said.grid)}, event)
-            steps.append(_Step(replace(said, label=before[0], model_version=before[1]), label))
+            held = dict(zip(("label", "model_version", "blind"), before, strict=True))
+            steps.append(_Step(replace(said, **held), label))
         return steps
 
     def _tops(self, history: UndoHistory) -> _Tops:

@@ -2,7 +2,7 @@
 
 import sqlite3
 
-FORMAT = 2
+FORMAT = 3
 """Format of the file, kept as its ``user_version``.
 
 To change it: raise the number, let `upgrade` bring a file of each older format up to date, and
@@ -10,16 +10,18 @@ keep the tests that build yesterday's files from literal SQL.
 
 1. Events of people and models.
 2. Settlements, the actions that events belong to (undo), and the frames that were seen.
+3. Whether each label was given blind, who labels blind when, notes, settings of missions.
 """
 
 APPLICATION_ID = 0x746F6B74  # "tokt": tells our file from any other program's database
 CELL = "mission, camera, frame, grid, row, col"
-COLUMNS = f"{CELL}, label, annotator, time, source, model_version"
+FIRST_COLUMNS = f"{CELL}, label, annotator, time, source, model_version"  # of every format
+COLUMNS = f"{FIRST_COLUMNS}, blind"
 
 _SAME_CELL = " AND ".join(f"other.{name} = events.{name}" for name in CELL.split(", "))
 
 _TABLES = (
-    """CREATE TABLE events (
+    """CREATE TABLE IF NOT EXISTS events (
         id INTEGER PRIMARY KEY AUTOINCREMENT,
         mission TEXT NOT NULL,
         camera TEXT NOT NULL,
@@ -32,12 +34,13 @@ _TABLES = (
         time TEXT NOT NULL,
         source TEXT NOT NULL CHECK (source IN ('human', 'model', 'settled')),
         model_version TEXT,
+        blind INTEGER NOT NULL,
         action INTEGER REFERENCES actions (id)
     )""",
     # Each history (annotator, mission, grid) has two stacks, undo and redo, kept as linked lists
     # of actions: the tops after an action are written with it, and so is the action below it in
     # the stack it lies on. Rows are never changed, and no stack is ever walked.
-    """CREATE TABLE actions (
+    """CREATE TABLE IF NOT EXISTS actions (
         id INTEGER PRIMARY KEY AUTOINCREMENT,
         key TEXT NOT NULL UNIQUE,
         annotator TEXT NOT NULL,
@@ -54,7 +57,7 @@ _TABLES = (
         redo_top INTEGER REFERENCES actions (id),
         result TEXT NOT NULL
     )""",
-    """CREATE TABLE seen (
+    """CREATE TABLE IF NOT EXISTS seen (
         mission TEXT NOT NULL,
         camera TEXT NOT NULL,
         frame INTEGER NOT NULL,
@@ -62,21 +65,57 @@ _TABLES = (
         time TEXT NOT NULL,
         PRIMARY KEY (mission, annotator, camera, frame)
     ) WITHOUT ROWID""",
+    # Of the next three the newest row of a kind holds. A note without grid, row and col is on the
+    # whole frame.
+    """CREATE TABLE IF NOT EXISTS notes (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        mission TEXT NOT NULL,
+        camera TEXT NOT NULL,
+        frame INTEGER NOT NULL,
+        grid TEXT,
+        row INTEGER,
+        col INTEGER,
+        text TEXT NOT NULL,
+        annotator TEXT NOT NULL,
+        time TEXT NOT NULL
+    )""",
+    """CREATE TABLE IF NOT EXISTS blindness (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        mission TEXT NOT NULL,
+        annotator TEXT NOT NULL,
+        blind INTEGER NOT NULL,
+        time TEXT NOT NULL
+    )""",
+    """CREATE TABLE IF NOT EXISTS settings (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        mission TEXT NOT NULL,
+        name TEXT NOT NULL,
+        value TEXT NOT NULL,
+        annotator TEXT NOT NULL,
+        time TEXT NOT NULL
+    )""",
 )
+
+_APPEND_ONLY = {
+    "events": "label events",
+    "actions": "actions",
+    "notes": "notes",
+    "blindness": "times of blind labelling",
+    "settings": "settings of missions",
+}
 
 _REST = (
     f"CREATE INDEX events_by_cell ON events ({CELL}, annotator, source)",
     f"CREATE INDEX events_settled ON events ({CELL}) WHERE source = 'settled'",
     "CREATE INDEX events_by_action ON events (action) WHERE action IS NOT NULL",
     "CREATE INDEX actions_by_history ON actions (annotator, mission, grid)",
-    """CREATE TRIGGER events_keep_update BEFORE UPDATE ON events
-        BEGIN SELECT RAISE(ABORT, 'label events are never changed'); END""",
-    """CREATE TRIGGER events_keep_delete BEFORE DELETE ON events
-        BEGIN SELECT RAISE(ABORT, 'label events are never deleted'); END""",
-    """CREATE TRIGGER actions_keep_update BEFORE UPDATE ON actions
-        BEGIN SELECT RAISE(ABORT, 'actions are never changed'); END""",
-    """CREATE TRIGGER actions_keep_delete BEFORE DELETE ON actions
-        BEGIN SELECT RAISE(ABORT, 'actions are never deleted'); END""",
+    "CREATE INDEX notes_by_mission ON notes (mission)",
+    *(
+        f"""CREATE TRIGGER {table}_keep_{verb} BEFORE {verb} ON {table}
+        BEGIN SELECT RAISE(ABORT, '{rows} are never {verb}d'); END"""
+        for table, rows in _APPEND_ONLY.items()
+        for verb in ("update", "delete")
+    ),
     # SQLite takes the columns beside a single MAX() from the row that has the maximum. The order
     # of writing decides, not the time: a ship's clock may be set back.
     f"""CREATE VIEW said_last AS
@@ -91,18 +130,12 @@ _REST = (
     f"PRAGMA user_version = {FORMAT}",
 )
 
-# SQLite cannot change a CHECK, so the events move to a new table. They keep their numbers.
-_FROM_1 = (
-    "DROP VIEW said_last",
-    "DROP TRIGGER IF EXISTS events_keep_update",
-    "DROP TRIGGER IF EXISTS events_keep_delete",
-    "DROP INDEX IF EXISTS events_by_cell",
-    "ALTER TABLE events RENAME TO events_1",
-    *_TABLES,
-    f"INSERT INTO events (id, {COLUMNS}) SELECT id, {COLUMNS} FROM events_1 ORDER BY id",
-    "DROP TABLE events_1",
-    *_REST,
-)
+# SQLite cannot change a CHECK, nor put a column before another one: the events move to a new
+# table, whatever stood on the old one. They keep their numbers.
+_MADE_ANEW = "SELECT type, name FROM sqlite_master WHERE type <> 'table' AND sql IS NOT NULL"
+_MORE_OF_1 = "FALSE, NULL"
+_MORE_OF_2 = """COALESCE((SELECT blind FROM actions WHERE actions.id = old_events.action), FALSE),
+    action"""
 
 
 def create(connection: sqlite3.Connection) -> None:
@@ -112,8 +145,20 @@ def create(connection: sqlite3.Connection) -> None:
 
 def upgrade(connection: sqlite3.Connection) -> None:
     """Bring a file of an older format up to date; the caller holds the transaction."""
-    if format_of(connection) == 1:
-        _run(connection, _FROM_1)
+    old = format_of(connection)
+    if old >= FORMAT:
+        return
+    for kind, name in connection.execute(_MADE_ANEW).fetchall():
+        connection.execute(f"DROP {kind} {name}")
+    more = _MORE_OF_1 if old == 1 else _MORE_OF_2
+    connection.execute("ALTER TABLE events RENAME TO old_events")
+    _run(connection, _TABLES)
+    connection.execute(
+        f"INSERT INTO events (id, {COLUMNS}, action)"
+        f" SELECT id, {FIRST_COLUMNS}, {more} FROM old_events ORDER BY id"
+    )
+    connection.execute("DROP TABLE old_events")
+    _run(connection, _REST)
 
 
 def format_of(connection: sqlite3.Connection) -> int:

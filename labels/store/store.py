@@ -63,11 +63,9 @@ _COUNT_ADDED = f"""SELECT source, ({
 _LAST_EVENT = "SELECT COALESCE(MAX(id), 0) FROM events"
 
 # By number, whatever SQLite thinks of the index by mission.
-_AFTER = """SELECT events.id, camera, frame, row, col, label, events.annotator, events.source,
-    model_version, blind IS TRUE
-    FROM events NOT INDEXED LEFT JOIN actions ON actions.id = events.action
-    WHERE events.id > ? AND events.mission = ? AND events.grid = ? AND events.source <> 'model'
-    ORDER BY events.id LIMIT ?"""
+_AFTER = """SELECT id, camera, frame, row, col, label, annotator, source,
+    model_version, blind FROM events NOT INDEXED
+    WHERE id > ? AND mission = ? AND grid = ? AND source <> 'model' ORDER BY id LIMIT ?"""
 
 _IS_SEEN = """SELECT 1 FROM seen
     WHERE mission = ? AND camera = ? AND frame = ? AND annotator = ?"""
@@ -76,6 +74,44 @@ _MARK_SEEN = """INSERT OR IGNORE INTO seen (mission, camera, frame, annotator, t
 
 EventRow = tuple[int, str, int, int, int, str | None, str, str, str | None, bool]
 """Event number, camera, frame, row, col, label, annotator, source, model version, blind."""
+
+
+# What the newest row says already is not written again.
+_ADD_NOTE = """INSERT INTO notes (mission, camera, frame, grid, row, col, text, annotator, time)
+    SELECT :mission, :camera, :frame, :grid, :row, :col, :text, :annotator, :time
+    WHERE :text <> COALESCE((SELECT text FROM notes WHERE mission = :mission AND camera = :camera
+        AND frame = :frame AND grid IS :grid AND row IS :row AND col IS :col
+        AND annotator = :annotator ORDER BY id DESC LIMIT 1), '')"""
+_NOTES = """SELECT id, mission, camera, frame, grid, row, col, text, annotator, time FROM notes
+    WHERE mission = ? AND id > ? ORDER BY id"""
+_ADD_BLINDNESS = """INSERT INTO blindness (mission, annotator, blind, time)
+    SELECT :mission, :annotator, :blind, :time
+    WHERE :blind <> COALESCE((SELECT blind FROM blindness WHERE mission = :mission
+        AND annotator = :annotator ORDER BY id DESC LIMIT 1), FALSE)"""
+_BLINDNESS = "SELECT annotator, blind FROM blindness WHERE mission = ? ORDER BY id"
+_ADD_SETTING = """INSERT INTO settings (mission, name, value, annotator, time)
+    SELECT :mission, :name, :value, :annotator, :time
+    WHERE :value IS NOT (SELECT value FROM settings WHERE mission = :mission AND name = :name
+        ORDER BY id DESC LIMIT 1)"""
+_SETTINGS = "SELECT name, value FROM settings WHERE mission = ? ORDER BY id"
+
+
+@dataclass(frozen=True)
+class Note:
+    """What an annotator wrote about a patch, or about a frame where `grid`, `row`, `col` are None.
+
+    The newest one of an annotator on a place counts; an empty text takes it back.
+    """
+
+    mission: str
+    camera: str
+    frame: int
+    grid: Grid | None
+    row: int | None
+    col: int | None
+    text: str
+    annotator: str
+    time: str
 
 
 @dataclass(frozen=True)
@@ -116,6 +152,8 @@ class AnnotatorStats:
     ----------
     frames, patches : int
         Frames and patches that have a label of this annotator now.
+    blind : int
+        Patches among them that were labelled blind.
     counts : dict of str to int
         Patches by label, ``unsure`` included.
     events : int
@@ -126,6 +164,7 @@ class AnnotatorStats:
     annotator: str
     frames: int
     patches: int
+    blind: int
     events: int
     counts: dict[str, int] = field(default_factory=dict)
 
@@ -429,6 +468,40 @@ class LabelStore:
         sql = "SELECT camera, frame FROM seen WHERE mission = ? AND annotator = ?"
         return set(self._rows(sql, (mission, annotator)))
 
+    def add_note(self, note: Note) -> None:
+        """Keep a note; what its annotator wrote there before stays in the file."""
+        grid = None if note.grid is None else str(note.grid)
+        with self._transaction():
+            self._connection.execute(_ADD_NOTE, {**vars(note), "grid": grid})
+
+    def notes_after(self, number: int, mission: str) -> list[tuple[int, Note]]:
+        """Notes with a number higher than `number`, each with its own, in order."""
+        return [
+            (row[0], Note(*row[1:4], row[4] and Grid.parse(row[4]), *row[5:]))
+            for row in self._rows(_NOTES, (mission, number))
+        ]
+
+    def set_blind(self, mission: str, annotator: str, *, blind: bool, time: str) -> None:
+        """Keep that an annotator labels a mission blind from now on, or no longer does."""
+        row = {"mission": mission, "annotator": annotator, "blind": blind, "time": time}
+        with self._transaction():
+            self._connection.execute(_ADD_BLINDNESS, row)
+
+    def blind_annotators(self, mission: str) -> frozenset[str]:
+        """Who labels this mission blind."""
+        now = dict(self._rows(_BLINDNESS, (mission,)))
+        return frozenset(who for who, blind in now.items() if blind)
+
+    def set_setting(self, mission: str, name: str, value: str, annotator: str, time: str) -> None:
+        """Keep a setting of a mission, which is everybody's."""
+        row = dict(mission=mission, name=name, value=value, annotator=annotator, time=time)
+        with self._transaction():
+            self._connection.execute(_ADD_SETTING, row)
+
+    def settings(self, mission: str) -> dict[str, str]:
+        """The settings of a mission by name."""
+        return dict(self._rows(_SETTINGS, (mission,)))
+
     def history(self, cell: Cell) -> list[LabelRecord]:
         """Everything ever said of one patch, by people and models, in the order it was said."""
         where = " AND ".join(f"{name} = :{name}" for name in Cell._fields)
@@ -456,7 +529,8 @@ class LabelStore:
         counts: dict[tuple[str, str], dict[str, int]] = {}
         totals = self._rows(
             "SELECT mission, annotator, COUNT(DISTINCT camera || frame) FILTER"
-            " (WHERE label IS NOT NULL), COUNT(label), (SELECT COUNT(*) FROM events AS said WHERE"
+            " (WHERE label IS NOT NULL), COUNT(label), COUNT(label) FILTER (WHERE blind),"
+            " (SELECT COUNT(*) FROM events AS said WHERE"
             " said.mission = said_last.mission AND said.annotator = said_last.annotator"
             " AND source = 'human') FROM said_last GROUP BY mission, annotator ORDER BY 1, 2"
         )
@@ -466,8 +540,8 @@ class LabelStore:
         ):
             counts.setdefault((mission, annotator), {})[label] = n
         return [
-            AnnotatorStats(mission, who, frames, patches, events, counts.get((mission, who), {}))
-            for mission, who, frames, patches, events in totals
+            AnnotatorStats(mission, who, *numbers, counts.get((mission, who), {}))
+            for mission, who, *numbers in totals
         ]
 
     def _open(self) -> None:
@@ -542,8 +616,8 @@ class LabelStore:
         rows = self._rows(sql, values)
         grids = {text: Grid.parse(text) for text in {row[3] for row in rows}}
         return [
-            LabelRecord(mission, camera, frame, grids[grid], row, col, *said)
-            for mission, camera, frame, grid, row, col, *said in rows
+            LabelRecord(mission, camera, frame, grids[grid], row, col, *said, bool(blind))
+            for mission, camera, frame, grid, row, col, *said, blind in rows
         ]
 
     @contextmanager

@@ -10,13 +10,13 @@ from pathlib import Path
 
 from tokt.features.common.errors import ToktError
 
-from .schema import COLUMNS
+from .schema import FIRST_COLUMNS
 
 BUSY_S = 60.0
 """How long to wait for another process that is writing, in seconds."""
 
-_LAST = f"SELECT id, {COLUMNS} FROM events ORDER BY id DESC LIMIT 1"
-_SAME = f"SELECT id, {COLUMNS} FROM events WHERE id = ?"
+_LAST = f"SELECT id, {FIRST_COLUMNS} FROM events ORDER BY id DESC LIMIT 1"
+_SAME = f"SELECT id, {FIRST_COLUMNS} FROM events WHERE id = ?"
 _DAMAGE = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
 
 

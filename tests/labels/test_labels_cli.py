@@ -40,8 +40,8 @@ def test_import_stats_export(folder):
     assert (changed["new"], changed["changed"]) == (0, 1)
     assert (folder / ".tokt" / "labels.db").is_file()
     table = _good(folder, "stats")
-    # mission, annotator, frames, patches, ocean, reef, events
-    assert table.splitlines()[2].split() == ["dive", "ann", "1", "10", "6", "4", "11"]
+    # mission, annotator, frames, patches, ocean, reef, blind, events
+    assert table.splitlines()[2].split() == ["dive", "ann", "1", "10", "6", "4", "0", "11"]
     stats = json.loads(_good(folder, "stats", "--json"))
     assert stats["annotators"][0]["counts"] == {"ocean": 6, "reef": 4}
     _good(folder, "export", "out.csv")

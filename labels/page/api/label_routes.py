@@ -41,10 +41,10 @@ _RANGE = re.compile(r"(\d{1,18})\s*-\s*(\d{1,18})")
 @router.get("/labels")
 def get_labels(
     session: SessionOf,
+    blind: Blind,
     camera: Camera,
     frames: str,
     who: Who | None = None,
-    blind: Blind = False,
     suggest: bool = False,
     version: Version = "",
 ) -> Response:
@@ -84,7 +84,7 @@ def post_redo(session: SessionOf, body: StepBody) -> Response:
 
 @router.get("/history")
 def get_history(
-    session: SessionOf, camera: Camera, frame: Frame, cell: int, blind: Blind = False
+    session: SessionOf, blind: Blind, camera: Camera, frame: Frame, cell: int
 ) -> Response:
     """Everything ever said of one patch."""
     refuse_blind(blind)
@@ -108,12 +108,11 @@ def get_history(
 async def get_events(
     session: SessionOf,
     who: Who | None = None,
-    blind: Blind = False,
     since: Annotated[int | None, Query(ge=0, le=2**63 - 1)] = None,
 ) -> StreamingResponse:
     """What changes from now on, and first what changed after event `since`."""
     return StreamingResponse(
-        _stream(session, who or session.annotator, blind, since),
+        _stream(session, who or session.annotator, since),
         media_type="text/event-stream",
         headers={"cache-control": "no-store"},
     )
@@ -174,9 +173,10 @@ def _check_addressee(session: Session, body: ActionBody | StepBody) -> None:
 
 
 def _action(session: Session, body: ActionBody) -> Action:
+    blind = body.who in session.blind
     if body.source == SETTLED:
-        refuse_blind(body.blind)
-    known = session.names(body.who, body.blind)
+        refuse_blind(blind, 409)  # not 403, on which pages wait and try again
+    known = session.names(body.who)
     changes = []
     for change in body.changes:
         check_frame(session, change.camera, change.frame)
@@ -191,7 +191,7 @@ def _action(session: Session, body: ActionBody) -> Action:
             )
     said = (body.key, body.who, session.mission.name, session.grid, body.kind, body.time)
     try:
-        return Action(*said, tuple(changes), body.source, body.blind)
+        return Action(*said, tuple(changes), body.source, blind or body.blind)
     except ToktError as error:
         raise refuse(400, str(error)) from None
 
@@ -220,7 +220,7 @@ def _applied(
         "changed": applied.changed,
         "repeated": applied.repeated,
         "conflicts": [_conflict(session, body, conflict) for conflict in applied.conflicts],
-        **session.state_after(body.who, body.blind, set(applied.frames)),
+        **session.state_after(body.who, set(applied.frames)),
     }
 
 
@@ -229,7 +229,7 @@ def _conflict(
 ) -> dict[str, str | int | None]:
     camera, frame, theirs = conflict.camera, conflict.frame, conflict.theirs
     cell = conflict.row * session.grid.cols + conflict.col
-    if body.blind:
+    if body.who in session.blind:
         # Where a settlement is undone, what holds may be somebody else's word.
         theirs = session.board.labels(body.who, camera, frame)[cell]
     return {
@@ -241,30 +241,31 @@ def _conflict(
     }
 
 
-async def _stream(session: Session, who: str, blind: bool, since: int | None) -> AsyncIterator[str]:
-    yield event_text("status", _status(session.status(), blind))
+async def _stream(session: Session, who: str, since: int | None) -> AsyncIterator[str]:
+    yield event_text("status", _status(session.status(), who))
     async for changed, status in session.live.listen():
         if since is not None:
             missed = await run_in_threadpool(session.board.changed_since, since)
             changed, since = missed if changed is None else missed.merged(changed), None
-        heard = changed.seen_by(who, blind) if changed else None
         if status is not None:
-            yield event_text("status", _status(status, blind))
+            yield event_text("status", _status(status, who))
+        heard = changed.seen_by(who, who in session.blind) if changed else None
         if heard:
-            yield event_text("change", await run_in_threadpool(_news, session, who, blind, heard))
+            yield event_text("change", await run_in_threadpool(_news, session, who, heard))
         elif status is None:
             yield ALIVE
 
 
-def _status(status: dict[str, Any], blind: bool) -> dict[str, Any]:
-    return {**status, "model": None} if blind else status
+def _status(status: dict[str, Any], who: str) -> dict[str, Any]:
+    blind = who in status["blind"]
+    return {**status, "model": None if blind else status["model"], "blind": blind}
 
 
-def _news(session: Session, who: str, blind: bool, changed: LabelChanges) -> dict[str, Any]:
+def _news(session: Session, who: str, changed: LabelChanges) -> dict[str, Any]:
     return {
         "event": changed.event,
         "since": changed.since,
         "frames": [list(frame) for frame in sorted(changed.frames)],
-        "by": [] if blind else sorted(changed.annotators),
-        **session.state_after(who, blind, changed.frames),
+        "by": [] if who in session.blind else sorted(changed.annotators),
+        **session.state_after(who, changed.frames),
     }

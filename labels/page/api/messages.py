@@ -129,7 +129,8 @@ class _Write(_Body):
     """What an action and an undo have in common.
 
     A page that replays what it kept names the mission and the grid it was made for: the server on
-    this port may have been started anew with another one.
+    this port may have been started anew with another one. `blind` says that it was done while the
+    page hid what others say; whether who sends it sees that now is for the store to say.
     """
 
     key: Name
@@ -158,9 +159,23 @@ class SeenBody(_Body):
     """A person opened a frame."""
 
     who: Name
-    blind: Flag = False
     camera: Camera
     frame: FrameNumber
+
+
+class BlindBody(_Body):
+    """A person labels blind from now on, or no longer does."""
+
+    who: Name
+    blind: bool
+
+
+class SettingBody(_Body):
+    """A setting of the mission, for everybody: ``obstacle_as``, a model's "obstacle" in words."""
+
+    who: Name
+    name: Literal["obstacle_as"]
+    value: Name
 
 
 async def _session(request: Request) -> Session:
@@ -171,7 +186,14 @@ async def _session(request: Request) -> Session:
 
 SessionOf = Annotated[Session, Depends(_session)]
 Who = Annotated[str, Query(min_length=1, max_length=MAX_NAME)]
-Blind = Annotated[bool, Query()]
+
+
+def _blind(session: SessionOf, who: Who | None = None) -> bool:
+    return (who or session.annotator) in session.blind
+
+
+Blind = Annotated[bool, Depends(_blind)]
+"""Whether who asks labels blind. The store says so, whatever a page believes."""
 Version = Annotated[str, Query(alias="v", max_length=MAX_NAME)]
 """Which mission's frames a page means: another one may be served on this port tomorrow."""
 Frame = Annotated[int, Query(ge=0, le=2**31 - 1)]
@@ -191,7 +213,7 @@ def check_version(session: Session, version: str) -> None:
         )
 
 
-def refuse_blind(blind: bool) -> None:
+def refuse_blind(blind: bool, status: int = 403) -> None:
     """Answer 403 to a blind annotator who asks for what others say."""
     if blind:
-        raise refuse(403, "not while labelling blind: it would show what others say")
+        raise refuse(status, "not while labelling blind: it would show what others say")

@@ -16,10 +16,12 @@ from tokt.labels.taxonomy import UNSURE, UNSURE_KEY
 
 from .messages import (
     Blind,
+    BlindBody,
     Camera,
     Frame,
     SeenBody,
     SessionOf,
+    SettingBody,
     Who,
     check_frame,
     json_response,
@@ -32,7 +34,7 @@ _SCORE_DECIMALS = 4
 
 
 @router.get("/mission")
-def get_mission(session: SessionOf, who: Who | None = None, blind: Blind = False) -> Response:
+def get_mission(session: SessionOf, blind: Blind, who: Who | None = None) -> Response:
     """Everything but the labels themselves."""
     who = who or session.annotator
     board = session.board
@@ -45,8 +47,9 @@ def get_mission(session: SessionOf, who: Who | None = None, blind: Blind = False
             "pictures": session.pictures_version,
             "grid": session.grid.to_json(),
             "cameras": {camera: _ranges(frames) for camera, frames in board.frames.items()},
-            "classes": _classes(session, who, blind),
+            "classes": _classes(session, who),
             "annotator": session.annotator,
+            "blind": blind,
             "annotators": [who] if blind else sorted({*board.annotators, who}),
             "model": None if blind else session.model_state(),
             "fault": session.fault,
@@ -55,8 +58,25 @@ def get_mission(session: SessionOf, who: Who | None = None, blind: Blind = False
             "counts": board.counts(who),
             "undo": session.undo_heads(who),
             "other_grids": session.other_grids,
+            "settings": session.settings,
         }
     )
+
+
+@router.post("/blind")
+def post_blind(session: SessionOf, body: BlindBody) -> Response:
+    """Let a person label blind from now on, or see again; all of that person's pages hear of it."""
+    session.set_blind(body.who, blind=body.blind)
+    return json_response({"blind": body.who in session.blind})
+
+
+@router.post("/settings")
+def post_setting(session: SessionOf, body: SettingBody) -> Response:
+    """Set one of the mission's settings; all pages hear of it."""
+    if not any(known.obstacle and known.name == body.value for known in session.taxonomy.classes):
+        raise refuse(400, f"{body.name}: {body.value!r} is no class of obstacles")
+    session.set_setting(body.name, body.value, body.who)
+    return json_response({"settings": session.settings})
 
 
 @router.get("/labelled")
@@ -84,7 +104,9 @@ def post_seen(session: SessionOf, body: SeenBody) -> Response:
     session.shown(body.camera, body.frame)
     session.mark_seen(body.who, body.camera, body.frame)
     frames = [(body.camera, body.frame)]
-    return json_response({"states": session.board.states_of(body.who, body.blind, frames)})
+    return json_response(
+        {"states": session.board.states_of(body.who, body.who in session.blind, frames)}
+    )
 
 
 @router.get("/frame_info")
@@ -101,8 +123,8 @@ def get_frame_info(session: SessionOf, camera: Camera, frame: Frame) -> Response
 @router.get("/queue")
 def get_queue(
     session: SessionOf,
+    blind: Blind,
     who: Who | None = None,
-    blind: Blind = False,
     n: Annotated[int, Query(ge=1, le=1000)] = 30,
     camera: Camera | None = None,
     frame: Frame | None = None,
@@ -150,13 +172,13 @@ def _ranges(frames: list[int]) -> dict[str, Any]:
     return {"ranges": [[int(run[0]), int(run[-1])] for run in runs], "count": len(frames)}
 
 
-def _classes(session: Session, who: str, blind: bool) -> list[dict[str, Any]]:
+def _classes(session: Session, who: str) -> list[dict[str, Any]]:
     classes: list[dict[str, Any]] = [vars(known) for known in session.taxonomy.classes]
     known = {*session.taxonomy.names, UNSURE}
     classes.append(_no_class(UNSURE, UNSURE_KEY, "Looked at, and could not be decided."))
     classes.extend(
         _no_class(name, "", "Not in the taxonomy; labels of this name are in the store.")
-        for name in session.names(who, blind)
+        for name in session.names(who)
         if name not in known
     )
     return classes

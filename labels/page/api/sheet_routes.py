@@ -50,7 +50,7 @@ def _rounded(value: float) -> float | None:
 
 
 @router.get("/agreement")
-def get_agreement(session: SessionOf, a: Who, b: Who, blind: Blind = False) -> Response:
+def get_agreement(session: SessionOf, blind: Blind, a: Who, b: Who) -> Response:
     """Agreement of annotators `a` and `b`, and the patches that they labelled differently."""
     refuse_blind(blind)
     board = session.board
@@ -80,7 +80,7 @@ def get_agreement(session: SessionOf, a: Who, b: Who, blind: Blind = False) -> R
 
 
 @router.get("/audits")
-def get_audits(session: SessionOf, blind: Blind = False) -> Response:
+def get_audits(session: SessionOf, blind: Blind) -> Response:
     """The audits that speak of this mission; ``fault`` says why one cannot be read."""
     refuse_blind(blind)
     found = [_listed(session, name) for name in session.audits.names()]
@@ -90,9 +90,9 @@ def get_audits(session: SessionOf, blind: Blind = False) -> Response:
 @router.get("/audit")
 def get_audit(
     session: SessionOf,
+    blind: Blind,
     name: Annotated[str, Query(max_length=MAX_NAME)],
     who: Who | None = None,
-    blind: Blind = False,
 ) -> Response:
     """One audit's worst patches of this mission, with what `who` says and what is settled now."""
     refuse_blind(blind)

@@ -55,6 +55,11 @@ class Session:
     live : Broadcaster
     fault : str
         Why nothing can be saved at present, or an empty string.
+    settings : dict of str to str
+        Of the mission, for everybody.
+    blind : frozenset of str
+        Who labels this mission blind: these hear nothing of what others or the model said,
+        whatever browser they use. The store knows it, and no page is asked.
     """
 
     mission: Mission
@@ -68,6 +73,8 @@ class Session:
     pictures_version: str = ""
     live: Broadcaster = field(default_factory=Broadcaster)
     fault: str = ""
+    settings: dict[str, str] = field(default_factory=dict)
+    blind: frozenset[str] = frozenset()
     _refreshing: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
@@ -95,6 +102,8 @@ class Session:
         """
         # Within one lock, so that pages hear of events in their order.
         with self._refreshing:
+            self.settings = self.store.settings(self.mission.name)
+            self.blind = self.store.blind_annotators(self.mission.name)
             changed = self.board.refresh()
             if changed:
                 self.live.publish(changed)
@@ -113,8 +122,9 @@ class Session:
         return self.fault
 
     def status(self) -> dict[str, Any]:
-        """The server's own state, as pages get it."""
-        return {"fault": self.fault, "model": self.progress()}
+        """The server's own state; pages get it without the names of who is `blind`."""
+        state = {"fault": self.fault, "model": self.progress(), "settings": self.settings}
+        return {**state, "blind": self.blind}
 
     def progress(self) -> dict[str, int] | None:
         """How many frames the model has been asked about; None without a model."""
@@ -133,6 +143,7 @@ class Session:
             "label": bundle.label,
             "classes": list(classes),
             "obstacle": list(bundle.model.obstacle),
+            "learnt": _learnt(bundle),
             **(self.progress() or {}),
         }
 
@@ -147,6 +158,32 @@ class Session:
         if not self.board.is_seen(who, camera, frame):
             self.store.mark_seen(self.mission.name, camera, frame, who, utc_now())
             self.board.mark_seen(who, camera, frame)
+
+    def set_setting(self, name: str, value: str, who: str) -> None:
+        """Set what holds for everybody in this mission, and tell all pages.
+
+        Raises
+        ------
+        ToktError
+            If the store cannot be written.
+        """
+        self.store.set_setting(self.mission.name, name, value, who, utc_now())
+        self._tell()
+
+    def set_blind(self, who: str, *, blind: bool) -> None:
+        """Let `who` label blind from now on, or see again, and tell all pages.
+
+        Raises
+        ------
+        ToktError
+            If the store cannot be written.
+        """
+        self.store.set_blind(self.mission.name, who, blind=blind, time=utc_now())
+        self._tell()
+
+    def _tell(self) -> None:
+        self.refresh()
+        self.live.publish_status(self.status())
 
     def start(self) -> None:
         """Begin what is computed beside the page."""
@@ -176,19 +213,19 @@ class Session:
         undo, redo = self.store.history_top(who, self.mission.name, self.grid)
         return {"undo": _head(undo), "redo": _head(redo)}
 
-    def names(self, who: str, blind: bool) -> list[str]:
+    def names(self, who: str) -> list[str]:
         """Labels that `who` may give: classes, ``unsure``, and what the store has beside them.
 
         What only others used is theirs: somebody who labels blind does not hear of it.
         """
-        if blind:
+        if who in self.blind:
             return list(self.board.counts(who))
         return self.board.names
 
-    def state_after(self, who: str, blind: bool, frames: set[FrameName]) -> dict[str, Any]:
+    def state_after(self, who: str, frames: set[FrameName]) -> dict[str, Any]:
         """What a page must know after a change: states of these frames, counts, undo."""
         return {
-            "states": self.board.states_of(who, blind, frames),
+            "states": self.board.states_of(who, who in self.blind, frames),
             "counts": self.board.counts(who),
             "undo": self.undo_heads(who),
         }
@@ -198,6 +235,13 @@ def _little_space(file: Path, free: int) -> str:
     if free >= LITTLE_BYTES:
         return ""
     return f"label store {file}: the disk is almost full, {free / 1e6:.0f} MB are left"
+
+
+def _learnt(bundle: Bundle) -> dict[str, int]:
+    """How many patches of each class a model learnt; what a bundle says of it may be anything."""
+    counts = bundle.content.provenance.get("label_counts")
+    items = counts.items() if isinstance(counts, dict) else ()
+    return {name: n for name, n in items if isinstance(n, int)}
 
 
 def _head(head: ActionHead | None) -> dict[str, Any] | None:
@@ -243,8 +287,8 @@ def open_session(
         store.check_writable()
         note_mission(workspace, mission)
         board = Board(mission, grid, classes, store)
-        board.refresh()
         session = Session(mission, classes, store, board, annotator, version)
+        session.refresh()
         session.other_grids = len(set(store.grids(mission.name)) - {str(grid)})
         session.pictures_version = _pictures_version(mission, version)
         session.find_fault()

@@ -267,7 +267,7 @@ def export_labels(
     ] = None,
     grid: Annotated[str | None, Option(metavar=GRID_FORM, help="Export this grid only.")] = None,
     full: Annotated[
-        bool, Option("--full", help="csv: add annotator, time, grid, source, model_version.")
+        bool, Option("--full", help="csv: add annotator, time, grid, source, model_version, blind.")
     ] = False,
     file_format: FormatOption = None,
     mission_dir: MissionDirOption = None,
@@ -393,9 +393,9 @@ def show_stats(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption 
     rows = []
     for entry in stats:
         counts = [entry.counts.get(label, 0) for label in labels]
-        numbers = [entry.frames, entry.patches, *counts, entry.events]
+        numbers = [entry.frames, entry.patches, *counts, entry.blind, entry.events]
         rows.append([entry.mission, entry.annotator, *map(str, numbers)])
-    _print_table(("mission", "annotator"), ("frames", "patches", *labels, "events"), rows)
+    _print_table(("mission", "annotator"), ("frames", "patches", *labels, "blind", "events"), rows)
 
 
 @labels_app.command("agreement")

@@ -61,6 +61,7 @@ def _records(draw, cameras, grids):
         time=utc_text(draw(moments).isoformat()),
         source=source,
         model_version=draw(names if source == "model" else st.none() | names),
+        blind=source != "model" and draw(st.booleans()),
     )
 
 

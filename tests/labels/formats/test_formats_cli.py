@@ -8,7 +8,7 @@ from tokt.labels.store.store import LabelStore
 from .examples import said
 
 RECORDS = [
-    said("sand", 1, 2, model_version="net/3"),
+    said("sand", 1, 2, model_version="net/3", blind=True),
     said("reef", 1, 3, camera="right", annotator="bob"),
     said("reef", 1, 3, camera="right"),
 ]

@@ -80,6 +80,7 @@ def test_what_excel_writes_where_the_comma_is_for_decimals(tmp_path):
         (HEADER.replace("label", "label,grid") + "dive,left,1,0,1,ocean,big\n", 2, "not a grid"),
         (HEADER.replace("label", "label,time") + "dive,left,1,0,1,ocean,noon\n", 2, "time 'noon'"),
         (HEADER.replace("label", "label,source") + "dive,left,1,0,1,ocean,me\n", 2, "source 'me'"),
+        (HEADER.replace("label", "label,blind") + "dive,left,1,0,1,ocean,1\n", 2, "blind '1' is"),
     ],
 )
 def test_mistakes_name_file_and_line(tmp_path, text, line, message):
@@ -126,11 +127,11 @@ cells = st.tuples(
     st.integers(0, 2), st.integers(0, 3),
 )  # fmt: skip
 records = st.builds(
-    lambda cell, label, annotator, moment, source, version: LabelRecord(
-        *cell, label, annotator, utc_text(moment.isoformat()), source, version
+    lambda cell, label, annotator, moment, source, version, blind: LabelRecord(
+        *cell, label, annotator, utc_text(moment.isoformat()), source, version, blind
     ),
     *(cells, st.sampled_from([*TAXONOMY.names, "unsure"]), names, moments),
-    *(st.sampled_from(["human", "human", "settled"]), st.none() | names),
+    *(st.sampled_from(["human", "human", "settled"]), st.none() | names, st.booleans()),
 )
 
 

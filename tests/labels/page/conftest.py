@@ -208,6 +208,12 @@ class Watched:
             self._faults.append(f"console: {message.text} ({where['url']}:{where['lineNumber']})")
 
 
+def knows(who):
+    """A script by which a browser knows who works there, unless a person says otherwise."""
+    identity = json.dumps(json.dumps({"who": who}))
+    return f"if (origin !== 'null') localStorage['tokt.identity'] ??= {identity};"
+
+
 _OFFLINE = r"Failed to load resource|ERR_CONNECTION|ERR_INTERNET|ERR_INCOMPLETE|ERR_EMPTY"
 
 
@@ -229,6 +235,7 @@ def browse_on(browser):
 def browsing(browser):
     """Open the page of a server: ``browse(server, "#/label/left/17", allow=...)``.
 
+    The browser knows that `who` works there; with None it was never told.
     ``context=page.context`` opens another tab of the same browser. Any console error that `allow`
     (a regular expression) does not find, and any request to anybody but the server, fails the
     test (or, for `browse_on`, the module's last one) when it ends; `offline` allows the errors of a
@@ -236,9 +243,11 @@ def browsing(browser):
     """
     contexts = []
 
-    def start(server, place="", *, context=None, allow=None, offline=False, **options):
+    def start(server, place="", *, who="anna", context=None, allow=None, offline=False, **options):
         if context is None:
             context = browser.new_context(**options)
+            if who is not None:
+                context.add_init_script(knows(who))
             context.set_default_timeout(500 * MAX_S)
             watched = Watched(server.url)
             watched.context(context)

@@ -52,7 +52,8 @@ def test_an_action_is_written_with_who_when_and_which_model(store):
     changes = (_change("reef", model_version="lbp/3"), _change("ocean", col=1, frame=2))
     done = store.apply(_action("k", *changes, blind=True))
     assert done == ActionResult("k", 1, 2, 2, (), False, (("left", 1), ("left", 2)), "paint")
-    expected = [_said("reef", model_version="lbp/3"), replace(_said("ocean", col=1), frame=2)]
+    first, second = _said("reef", model_version="lbp/3"), replace(_said("ocean", col=1), frame=2)
+    expected = [replace(first, blind=True), replace(second, blind=True)]
     assert store.current() == expected
     (row,) = store.rows_after(1, "dive", GRID)
     assert row == (2, "left", 2, 0, 1, "ocean", "ann", "human", None, True)
@@ -232,12 +233,19 @@ def test_events_written_while_reading_are_read_too(store, monkeypatch):
     assert [row[0] for row in reading] == [2, 3]
 
 
-def test_an_undo_is_blind_where_its_action_was(store):
-    for n, blind in enumerate((True, False)):
-        store.apply(_action(f"k{n}", _change("reef", col=n), blind=blind))
-    for n in range(2):
-        _undo(store, f"u{n}")
-    assert [row[-1] for row in store.rows_after(0, "dive", GRID)] == [True, False, False, True]
+def test_an_undo_brings_back_whether_the_label_was_given_blind(store):
+    store.apply(_action("k0", _change("reef"), blind=True))
+    store.apply(_action("k1", _change("ocean", base="reef")))
+    for step in (_undo, _undo, _redo):
+        step(store, step.__name__ + str(store.last_event()))
+    assert [row[-1] for row in store.rows_after(0, "dive", GRID)] == [
+        True,
+        False,
+        True,
+        False,
+        True,
+    ]
+    assert store.current() == [_said("reef", blind=True)]
 
 
 def test_seen_frames(store):

@@ -20,7 +20,7 @@ from tokt.features.frames.grid import Grid
 from tokt.labels.record import LabelRecord, utc_now, utc_text
 from tokt.labels.store.health import label_store_finding
 from tokt.labels.store.schema import upgrade
-from tokt.labels.store.store import LabelStore
+from tokt.labels.store.store import LabelStore, Note
 
 TIME = "2016-04-20T10:00:00Z"
 GRID = Grid()
@@ -116,7 +116,9 @@ def test_stats(store):
     store.add([_record("ocean", frame=f, col=c) for f in (1, 2) for c in range(3)])
     store.add([_record("unsure"), _record("reef", annotator="bob")])
     ann, bob = store.stats()
-    assert (ann.frames, ann.patches, ann.events) == (2, 6, 7)
+    assert (ann.frames, ann.patches, ann.blind, ann.events) == (2, 6, 0, 7)
+    store.add([_record("ocean", annotator="bob", blind=True)])
+    assert [entry.blind for entry in store.stats()] == [0, 1]
     assert ann.counts == {"ocean": 5, "unsure": 1}
     assert (bob.annotator, bob.counts, bob.events) == ("bob", {"reef": 1}, 1)
 
@@ -176,13 +178,114 @@ FORMAT_1 = """
     """
 
 
-@pytest.fixture
-def yesterdays(tmp_path):
+FORMAT_2 = """
+CREATE TABLE events (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        mission TEXT NOT NULL,
+        camera TEXT NOT NULL,
+        frame INTEGER NOT NULL,
+        grid TEXT NOT NULL,
+        row INTEGER NOT NULL,
+        col INTEGER NOT NULL,
+        label TEXT,
+        annotator TEXT NOT NULL,
+        time TEXT NOT NULL,
+        source TEXT NOT NULL CHECK (source IN ('human', 'model', 'settled')),
+        model_version TEXT,
+        action INTEGER REFERENCES actions (id)
+    );
+CREATE TABLE actions (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        key TEXT NOT NULL UNIQUE,
+        annotator TEXT NOT NULL,
+        mission TEXT NOT NULL,
+        grid TEXT NOT NULL,
+        kind TEXT NOT NULL,
+        time TEXT NOT NULL,
+        source TEXT NOT NULL CHECK (source IN ('human', 'settled')),
+        blind INTEGER NOT NULL,
+        reverses INTEGER REFERENCES actions (id),
+        first INTEGER NOT NULL REFERENCES actions (id),
+        below INTEGER REFERENCES actions (id),
+        undo_top INTEGER REFERENCES actions (id),
+        redo_top INTEGER REFERENCES actions (id),
+        result TEXT NOT NULL
+    );
+CREATE TABLE seen (
+        mission TEXT NOT NULL,
+        camera TEXT NOT NULL,
+        frame INTEGER NOT NULL,
+        annotator TEXT NOT NULL,
+        time TEXT NOT NULL,
+        PRIMARY KEY (mission, annotator, camera, frame)
+    ) WITHOUT ROWID;
+CREATE INDEX events_by_cell ON events (mission, camera, frame, grid, row, col, annotator, source);
+CREATE INDEX events_settled ON events (mission, camera, frame, grid, row, col)
+    WHERE source = 'settled';
+CREATE INDEX events_by_action ON events (action) WHERE action IS NOT NULL;
+CREATE INDEX actions_by_history ON actions (annotator, mission, grid);
+CREATE TRIGGER events_keep_update BEFORE UPDATE ON events
+        BEGIN SELECT RAISE(ABORT, 'label events are never changed'); END;
+CREATE TRIGGER events_keep_delete BEFORE DELETE ON events
+        BEGIN SELECT RAISE(ABORT, 'label events are never deleted'); END;
+CREATE TRIGGER actions_keep_update BEFORE UPDATE ON actions
+        BEGIN SELECT RAISE(ABORT, 'actions are never changed'); END;
+CREATE TRIGGER actions_keep_delete BEFORE DELETE ON actions
+        BEGIN SELECT RAISE(ABORT, 'actions are never deleted'); END;
+CREATE VIEW said_last AS
+        SELECT mission, camera, frame, grid, row, col, label, annotator, time, source,
+        model_version, MAX(id) AS id FROM events WHERE source = 'human'
+        GROUP BY mission, camera, frame, grid, row, col, annotator;
+CREATE VIEW settled_now AS
+        SELECT mission, camera, frame, grid, row, col, label, annotator, time, source,
+        model_version, id FROM events WHERE source = 'settled' AND label IS NOT NULL
+        AND NOT EXISTS (SELECT 1 FROM events AS other WHERE other.mission = events.mission
+            AND other.camera = events.camera AND other.frame = events.frame
+            AND other.grid = events.grid AND other.row = events.row AND other.col = events.col
+            AND other.source <> 'model' AND other.id > events.id);
+PRAGMA application_id = 1953459060;
+PRAGMA user_version = 2;
+INSERT INTO events VALUES (2, 'dive', 'left', 1, '10x10@360', 0, 0, 'ocean', 'ann',
+    '2016-04-20T10:00:00Z', 'human', 'lbp/3', NULL);
+INSERT INTO events VALUES (5, 'dive', 'left', 1, '10x10@360', 0, 1, 'reef', 'ann',
+    '2016-04-20T10:00:00Z', 'human', NULL, 3);
+INSERT INTO events VALUES (6, 'dive', 'left', 1, '10x10@360', 0, 0, 'reef', 'bob',
+    '2016-04-20T10:00:00Z', 'settled', NULL, 4);
+INSERT INTO actions VALUES (3, 'k', 'ann', 'dive', '10x10@360', 'paint', '2016-04-20T10:00:00Z',
+    'human', 1, NULL, 3, NULL, 3, NULL, '{"event": 5, "changed": 1, "conflicts": [],
+    "frames": [["left", 1]], "kind": "paint"}');
+INSERT INTO actions VALUES (4, 's', 'bob', 'dive', '10x10@360', 'settle', '2016-04-20T10:00:00Z',
+    'settled', 0, NULL, 4, NULL, 4, NULL, '{"event": 6, "changed": 1, "conflicts": [],
+    "frames": [["left", 1]], "kind": "settle"}');
+INSERT INTO seen VALUES ('dive', 'left', 1, 'ann', '2016-04-20T10:00:00Z');
+"""
+MADE = "SELECT type, name, sql FROM sqlite_master ORDER BY 1, 2"
+
+
+def _file_of(tmp_path, script):
     path = tmp_path / "labels.db"
     with sqlite3.connect(path) as old:
-        old.executescript("PRAGMA journal_mode = WAL;" + FORMAT_1)
+        old.executescript("PRAGMA journal_mode = WAL;" + script)
     old.close()
     return path
+
+
+def _is_as_made_new(path):
+    with sqlite3.connect(path) as now:
+        assert now.execute("PRAGMA user_version").fetchone() == (3,)
+        upgraded = now.execute(MADE).fetchall()
+        for table in ("events", "actions", "notes", "blindness", "settings"):
+            kept = f"{table}_keep_%"
+            count = "SELECT COUNT(*) FROM sqlite_master WHERE type = 'trigger' AND name LIKE ?"
+            assert now.execute(count, (kept,)).fetchone() == (2,)
+    now.close()
+    with LabelStore(path.with_name("new.db")) as store:
+        assert upgraded == store._connection.execute(MADE).fetchall()
+
+
+@pytest.fixture
+def yesterdays(tmp_path):
+    return _file_of(tmp_path, FORMAT_1)
 
 
 def test_a_format_1_file_is_brought_up_to_date_with_all_that_is_in_it(yesterdays):
@@ -194,15 +297,64 @@ def test_a_format_1_file_is_brought_up_to_date_with_all_that_is_in_it(yesterdays
         assert store.last_event() == 8
         assert store.add([_record("sand"), replace(_record("reef"), source="settled")]) == 2
         assert store.last_event() == 10
-    with sqlite3.connect(yesterdays) as now:
-        assert now.execute("PRAGMA user_version").fetchone() == (2,)
-        made = "SELECT type, name, sql FROM sqlite_master WHERE name LIKE ? ORDER BY 1, 2"
-        upgraded = now.execute(made, ("%",)).fetchall()
-        with pytest.raises(sqlite3.IntegrityError, match="never"):
-            now.execute("DELETE FROM events")
-    with LabelStore(yesterdays.with_name("new.db")) as store:
-        new = store._connection.execute(made, ("%",)).fetchall()
-    assert upgraded == new
+    with sqlite3.connect(yesterdays) as now, pytest.raises(sqlite3.IntegrityError, match="never"):
+        now.execute("DELETE FROM events")
+    _is_as_made_new(yesterdays)
+
+
+def test_a_format_2_file_is_brought_up_to_date_with_all_that_is_in_it(tmp_path):
+    path = _file_of(tmp_path, FORMAT_2)
+    with LabelStore(path) as store:
+        assert store.current() == [
+            _record("ocean", model_version="lbp/3"),
+            _record("reef", col=1, blind=True),
+        ]
+        assert store.settled() == [_record("reef", annotator="bob", source="settled")]
+        assert [row[0] for row in store.rows_after(0, "dive", GRID)] == [2, 5, 6]
+        assert store.seen("dive", "ann") == {("left", 1)}
+        assert store.blind_annotators("dive") == set() and store.settings("dive") == {}
+        undone = store.undo("ann", "dive", GRID, "u", TIME, target="k")
+        assert (undone.action, undone.event, undone.changed) == (5, 7, 1)
+        assert store.redo("ann", "dive", GRID, "r", TIME).changed == 1
+        assert store.current()[1] == _record("reef", col=1, blind=True)
+    _is_as_made_new(path)
+
+
+def _tables(store):
+    """What the small tables say: who is blind, settings, notes in force by place and person."""
+    notes = {
+        (note.camera, note.frame, note.grid, note.row, note.col, note.annotator): note.text
+        for _, note in store.notes_after(0, "dive")
+    }
+    return store.blind_annotators("dive"), store.settings("dive"), notes
+
+
+def test_blindness_settings_and_notes_only_grow_and_the_newest_counts(store):
+    on_patch = Note("dive", "left", 1, GRID, 0, 3, "coral?", "ann", TIME)
+    on_frame = replace(on_patch, grid=None, row=None, col=None, text="murky")
+    taken_back = replace(on_patch, text="")
+    for _ in range(2):  # what is said again adds nothing
+        store.add_note(on_patch)
+        store.add_note(on_frame)
+        store.set_blind("dive", "ann", blind=True, time=TIME)
+        store.set_setting("dive", "obstacle_as", "reef", "ann", TIME)
+    store.set_blind("transit", "bob", blind=True, time=TIME)
+    store.set_blind("dive", "bob", blind=False, time=TIME)  # bob never was
+    store.add_note(replace(taken_back, annotator="bob"))  # bob wrote none
+    patch, frame = ("left", 1, GRID, 0, 3, "ann"), ("left", 1, None, None, None, "ann")
+    said = {patch: "coral?", frame: "murky"}
+    assert _tables(store) == ({"ann"}, {"obstacle_as": "reef"}, said)
+    store.add_note(taken_back)
+    store.set_blind("dive", "ann", blind=False, time=TIME)
+    store.set_setting("dive", "obstacle_as", "sand", "bob", TIME)
+    assert _tables(store) == (set(), {"obstacle_as": "sand"}, {**said, patch: ""})
+    with sqlite3.connect(store.path) as other:
+        for table, rows in ("notes", 3), ("blindness", 3), ("settings", 2):
+            assert other.execute(f"SELECT COUNT(*) FROM {table}").fetchone() == (rows,)
+            for change in (f"UPDATE {table} SET time = ''", f"DELETE FROM {table}"):
+                with pytest.raises(sqlite3.IntegrityError, match="never"):
+                    other.execute(change)
+    other.close()
 
 
 def test_an_interrupted_upgrade_leaves_yesterdays_file(yesterdays, monkeypatch):
@@ -249,9 +401,9 @@ def test_doctor_leaves_a_format_1_file_as_it_is(yesterdays):
 
 
 def test_a_newer_format_is_refused_and_left_alone(store):
-    store._connection.execute("PRAGMA user_version = 3")
+    store._connection.execute("PRAGMA user_version = 4")
     store.close()
-    refuses("format 3, newer", LabelStore, store.path)
+    refuses("format 4, newer", LabelStore, store.path)
 
 
 def test_other_files_are_refused_and_left_alone(tmp_path):

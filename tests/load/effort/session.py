@@ -5,7 +5,6 @@ what its frames hold, as a person would look.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
@@ -22,8 +21,7 @@ FREE = None
 _ROUNDS = 10
 """What follows a stroke may be wrong then and must be painted, too: more often it never is."""
 ACCEPT, REST, NEXT = "accept", "rest", "next"
-_SHEET_KEYS = {ACCEPT: "Shift+Enter", REST: "o", NEXT: "PageDown"}
-_FRAME_KEYS = {ACCEPT: "g", REST: "o", NEXT: "d"}
+_KEYS = {ACCEPT: "Shift+Enter", REST: "o", NEXT: "PageDown"}
 
 _SUGGESTED = """async () => {
   const { mission } = await import("/static/core/mission.js");
@@ -58,66 +56,72 @@ _HELD = """async (frames) => {
 }"""
 
 
-@dataclass(frozen=True)
-class Workflow:
-    """How a person works, the same with suggestions and without."""
-
-    name: str
-    words: str
-    sheet: bool  # on the contact sheet; else in each frame's own view
-    drags: bool
-    """One stroke through many patches is one action, on the sheet through all its frames at once
-    where they are alike; else each patch is a click."""
-    unsure: bool  # whether unsure patches, which nothing learns from, must be reproduced too
-    asked: float | None = None  # so many times fewer actions with suggestions
+_AGAINST = """async (frames) => {
+  const { mission } = await import("/static/core/mission.js");
+  const { labelsOf, prefetch } = await import("/static/saving/labels.js");
+  await prefetch("left", frames);
+  return frames.map((frame) => {
+    const { mine, suggestions } = labelsOf("left", frame);
+    return mine.map((own, cell) => mission.model.obstacle[suggestions.classes[cell]] ? own : null);
+  });
+}"""
 
 
 class LabelSession:
     """Gives all frames the labels asked for, from a page without any, and counts what it does.
 
-    The tab is in the view of the first frame; the frames of `target` are all that the mission has.
+    The frames of `target` are all that the mission has. The person works in the overview: one
+    stroke through many patches is one action, through all its frames at once where they are alike.
     """
 
-    def __init__(self, tab: Tab, target: Target, way: Workflow, suggested: bool) -> None:
+    def __init__(self, tab: Tab, target: Target, suggested: bool) -> None:
         taxonomy = Taxonomy.load()
         self.actions = 0
-        self._tab, self._way = tab, way
+        self.against = 0
+        """Patches made clear by no stroke on them, where the model says obstacle."""
+        self._tab, self._suggested = tab, suggested
         self._target = {frame: np.array(labels, object) for frame, labels in target.items()}
-        self._ends = (ACCEPT, REST) if suggested else (REST,)
-        self._class_keys = {known.name: known.key for known in taxonomy.classes} | {UNSURE: "u"}
+        self._class_keys = {known.name: known.key for known in taxonomy.classes}
         self._clear = next(name for name in taxonomy.names if not taxonomy.is_obstacle(name))
         self._chosen = ""
         self._boxes: dict[int, Box] = {}
+        self._stroked: set[tuple[int, int]] = set()
 
-    def run(self) -> int:
-        """Label everything and wait until it is saved; the number of actions."""
+    def run(self) -> None:
+        """Label everything and wait until it is saved."""
         self._tab.until(_SUGGESTED)
-        if self._way.sheet:
-            self._tab.page.click("#views a[href^='#/overview']")
-            self.actions += 1
+        self._tab.page.click("#views a[href^='#/overview']")
+        self.actions += 1
         left = list(self._target)
         while left:
             shown = self._shown(left[0])
             left = left[len(shown) :]
             self._label(shown, bool(left))
         self._tab.until(_SAVED)
-        return self.actions
+        if self._suggested:
+            self.against = self._made_clear()
+
+    def _made_clear(self) -> int:
+        frames = list(self._target)
+        held = self._tab.page.evaluate(_AGAINST, frames)
+        return sum(
+            own == self._clear and (frame, cell) not in self._stroked
+            for frame, labels in zip(frames, held, strict=True)
+            for cell, own in enumerate(labels)
+        )
 
     def _shown(self, first: int) -> list[int]:
         """The frames on show once they are there, as `first` is the first of them."""
-        if self._way.sheet:
-            self._boxes = dict(self._tab.until(_SHEET, first))
-        else:
-            self._tab.until_drawn(first)
-            self._boxes = {first: self._tab.frame_box()}
+        self._boxes = dict(self._tab.until(_SHEET, first))
         self._tab.until(_LOADED, list(self._boxes))
         return list(self._boxes)
 
     def _label(self, shown: list[int], more: bool) -> None:
         """Correct what one key would not make right, press that key, and go on."""
-        # Accepting comes first: it is as good where both leave the same to be done.
-        end = min(self._ends, key=lambda key: self._order(shown, key)[0])
+        end = ACCEPT if self._suggested else REST
         for _ in range(_ROUNDS):
+            if self._suggested:
+                self._correct(shown)
             _, order = self._order(shown, end)
             if not order:
                 break
@@ -128,9 +132,36 @@ class LabelSession:
         wanted, own, _ = self._seen(shown)
         key = end if ((wanted != FREE) & (own == FREE)).any() else NEXT
         if key != NEXT or more:
-            self._press((_SHEET_KEYS if self._way.sheet else _FRAME_KEYS)[key])
-        if key == REST and more and not self._way.sheet:
-            self._press(_FRAME_KEYS[NEXT])
+            self._press(_KEYS[key])
+
+    def _correct(self, shown: list[int]) -> None:
+        """Correct obstacles frame after frame: what is said of one is suggested in the next."""
+        for frame in shown:
+            for label, path in self._plan(frame):
+                self._stroke(frame, label, path)
+
+    def _plan(self, frame: int) -> list[tuple[str, list[int]]]:
+        """The fewest strokes that correct a frame but for clear patches.
+
+        A stroke may cross patches that are painted over by a class that comes later: those that
+        are wrong, or also those that are right and become wrong by it.
+        """
+        target, wrong = self._target[frame], self._wrong([frame], ACCEPT)[0]
+        plans = []
+        for crossed in (wrong, target):
+            names = sorted({*crossed} - {FREE, self._clear}) if (wrong != FREE).any() else []
+            for order in permutations(names):
+                left, plan = wrong.copy(), []
+                for at, label in enumerate(order):
+                    may = np.isin(target, (label, FREE)) | np.isin(crossed, order[at + 1 :])
+                    cells = np.flatnonzero(left == label).tolist()
+                    for path in drags(cells, np.flatnonzero(may).tolist()):
+                        left[path] = target[path]
+                        plan.append((label, path))
+                    left[left == label] = FREE
+                keys = len({*order} - {UNSURE, self._chosen})
+                plans.append((len(plan) + keys, len(plans), plan))
+        return min(plans)[2]
 
     def _seen(self, frames: list[int]) -> NDArray[np.object_]:
         """Label wanted, own label and suggestion of each patch, as the page has them now.
@@ -156,14 +187,15 @@ class LabelSession:
                 for at, label in enumerate(order)
                 for frame, of_one in zip(frames, wrong, strict=True)
             )
-            return strokes + len(order) - (order[:1] == (self._chosen,))
+            chosen = [label for label in order if label != UNSURE]  # the right button paints unsure
+            return strokes + len(chosen) - (chosen[:1] == [self._chosen])
 
         every = permutations(sorted({*wrong.flat} - {FREE}))
         return min((actions(order), order) for order in every)
 
     def _paint(self, shown: list[int], end: str, label: str, later: Sequence[str]) -> None:
         """Paint a class in all frames where it is missing, or in all at once where they agree."""
-        if self._way.drags and len(shown) > 1:
+        if len(shown) > 1:
             wrong = self._wrong(shown, end)
             for path in self._paths(shown, wrong, label, later):
                 if (wrong[:, path] != FREE).any(axis=1).sum() > 1:
@@ -181,8 +213,6 @@ class LabelSession:
         later: in each of the frames.
         """
         need = (wrong == label).any(axis=0)
-        if not self._way.drags:
-            return [[cell] for cell in np.flatnonzero(need).tolist()]
         may = np.isin([self._target[frame] for frame in frames], (label, FREE))
         may = (may | np.isin(wrong, later)).all(axis=0)
         return drags(np.flatnonzero(need & may).tolist(), np.flatnonzero(may).tolist())
@@ -193,21 +223,24 @@ class LabelSession:
 
     def _stroke(self, frame: int, label: str, path: Sequence[int], in_all: bool = False) -> None:
         """A click on a patch, or a drag over several; before it, the class is chosen."""
-        if label != self._chosen:
+        if label not in (self._chosen, UNSURE):
             self._press(self._class_keys[label])
             self._chosen = label
         mouse, keyboard = self._tab.page.mouse, self._tab.page.keyboard
+        button = "right" if label == UNSURE else "left"
         if in_all:
             keyboard.down("Control")
         points = [middle_of(self._boxes[frame], cell) for cell in path]
         mouse.move(*points[0])
-        mouse.down()
+        mouse.down(button=button)
         for point in points[1:]:
             mouse.move(*point)
-        mouse.up()
+        mouse.up(button=button)
         if in_all:
             keyboard.up("Control")
         self.actions += 1
+        painted = self._boxes if in_all else [frame]
+        self._stroked |= {(one, cell) for one in painted for cell in path}
 
 
 def drags(need: Collection[int], may: Collection[int]) -> list[list[int]]:

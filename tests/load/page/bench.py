@@ -26,13 +26,12 @@ from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 
 from .chart import label_chart_png
 from .mission import copy_frames, label_all, link_frames
-from .tab import HEIGHT, WIDTH, Tab, chromium
+from .tab import ANNOTATOR, HEIGHT, WIDTH, Tab, chromium
 from .times import FIRST_FRAME, Repeats, acknowledging, first_page, jumps, live_update, stepping
 
 LABEL_FILE = "labels.csv"
 MAX_PICTURES = 300
 """So many different pictures at most, each linked to over and over."""
-_ANNOTATOR = "bench"
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,7 @@ def _measure_times(mission, extent, folder, browser) -> list[Timing]:
     say("-- the page without labels")
     empty = _page_times(long, folder / "empty", extent, browser, once=True)
     full = folder / "full"
-    count = label_all(full / FILE_NAME, long.name, extent.frames, _ANNOTATOR)
+    count = label_all(full / FILE_NAME, long.name, extent.frames, ANNOTATOR)
     say(f"-- the page with {count:,} labels")
     return empty + [
         replace(
@@ -127,7 +126,7 @@ def _measure_times(mission, extent, folder, browser) -> list[Timing]:
 def _page_times(mission, workspace, extent, browser, once) -> list[Timing]:
     """The times on a mission, and `once` those to which labels make no difference."""
     repeats = extent.repeats
-    with label_server(mission, workspace, "--annotator", _ANNOTATOR) as url:
+    with label_server(mission, workspace, "--annotator", ANNOTATOR) as url:
         times = [first_page(browser, url, repeats.loads)]
         tab = Tab(browser, url)
         tab.open(FIRST_FRAME)

@@ -11,6 +11,8 @@ from typing import Any
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
 
+ANNOTATOR = "bench"
+"""Who labels in every tab."""
 FIRST, FRAME, ACK = "tokt:first", "tokt:frame", "tokt:ack"
 """Performance entries that the page makes: a mark, and two measures."""
 WIDTH, HEIGHT = 1280, 720
@@ -70,6 +72,8 @@ class Tab:
         self._context.set_default_timeout(_MAX_MS)
         stored = json.dumps(json.dumps(settings or {}))
         self._context.add_init_script(f"localStorage.setItem('tokt.settings', {stored})")
+        who = json.dumps(json.dumps({"who": ANNOTATOR}))
+        self._context.add_init_script(f"localStorage.setItem('tokt.identity', {who})")
         self._context.add_init_script(_NOTE_KEYS)
         self.page: Any = self._context.new_page()
         self.url = url.rstrip("/")

@@ -1,6 +1,6 @@
 // Requests to the server: JSON there and back, errors as one sentence.
 
-import { blind, who } from "./settings.js";
+import { who } from "./settings.js";
 
 const TIMEOUT_MS = 20000;
 
@@ -26,14 +26,14 @@ export function onFailure(handle = () => undefined) {
 }
 
 /**
- * The address of an API path with its parameters, `who` and `blind`.
+ * The address of an API path with its parameters and `who`.
  * @param {string} path
  * @param {Object} [params] Those that are null or undefined are left out.
  * @returns {string}
  */
 export function address(path, params = {}) {
   const query = new URLSearchParams();
-  const all = { who: who() || null, blind: blind() ? 1 : 0, ...params };
+  const all = { who: who() || null, ...params };
   for (const [name, value] of Object.entries(all)) {
     if (value !== null && value !== undefined) query.set(name, value);
   }
@@ -52,7 +52,7 @@ export async function get(path, params = {}) {
 }
 
 /**
- * POST a body to a path; `who` and `blind` are filled in where the body has none.
+ * POST a body to a path; `who` is filled in where the body has none.
  * @param {string} path
  * @param {Object} body
  * @returns {Promise<*>}
@@ -62,7 +62,7 @@ export async function post(path, body) {
   return request(path, {
     method: "POST",
     headers: { "Content-Type": "application/json" },
-    body: JSON.stringify({ who: who(), blind: blind(), ...body }),
+    body: JSON.stringify({ who: who(), ...body }),
   });
 }
 

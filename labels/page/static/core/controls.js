@@ -2,9 +2,10 @@
 // their keys, choices, pages, sizes.
 
 import { inkOn } from "../frame/cell_drawing.js";
-import { obstacleClass } from "../frame/suggest.js";
-import { backAfterMouse, button, el } from "./dom.js";
-import { classes, colourOf, setSetting, signOf } from "./mission.js";
+import { asksObstacleClass, obstacleClass, obstacleClasses } from "../frame/suggest.js";
+import { onFailure, post } from "./api.js";
+import { backAfterMouse, button, el, say } from "./dom.js";
+import { classes, colourOf, mission, signOf, takeNews } from "./mission.js";
 
 /** Patch of colour with the class's key in it, so that colour is never the only sign. */
 export function swatch(name) {
@@ -86,10 +87,42 @@ export function optionsOf(values, chosen) {
  * @returns {HTMLSelectElement}
  */
 export function obstacleChoice() {
-  const obstacles = classes().filter((known) => known.obstacle);
-  const change = ({ target }) => setSetting("obstacleAs", target.value);
-  const names = obstacles.map(({ name }) => name);
-  return backAfterMouse(choice(names, obstacleClass(), { on: { change } }));
+  const change = ({ target }) => setObstacleClass(target.value);
+  return backAfterMouse(choice(obstacleClasses(), obstacleClass(), { on: { change } }));
+}
+
+async function setObstacleClass(value) {
+  const explain = ({ message }) => say(`Not kept: ${message}`, { bad: true });
+  const body = { name: "obstacle_as", value };
+  takeNews((await post("/api/settings", body).catch(onFailure(explain))) ?? {});
+}
+
+/**
+ * Ask which class the model's obstacles are, where it learnt several and nobody said it yet.
+ * @returns {boolean} Whether it had to be asked.
+ */
+export function askObstacleClass() {
+  const dialog = document.getElementById("question");
+  if (!asksObstacleClass()) return false;
+  if (dialog.open) return true;
+  const { learnt, label } = mission.model;
+  const choose = (name) => {
+    dialog.close();
+    setObstacleClass(name);
+  };
+  const answers = obstacleClasses().map((name) => {
+    const count = learnt[name] ? `${learnt[name].toLocaleString("en")} patches learnt` : "not learnt";
+    const made = button("", () => choose(name), { class: "class-button" });
+    made.append(classTag(name), el("span", { class: "count", text: count }));
+    return made;
+  });
+  dialog.replaceChildren(
+    el("h2", { text: "What are the obstacles of this dive?" }),
+    el("p", { text: `${label} tells obstacles from open water, not which ones they are.` }),
+    el("div", { class: "answers" }, ...answers),
+  );
+  dialog.showModal();
+  return true;
 }
 
 function group(name, ...children) {

@@ -3,6 +3,7 @@
 import { onFailure } from "./api.js";
 import { announce, button, el, say } from "./dom.js";
 import { blind, mission, onChange, setPerson, who } from "./mission.js";
+import { lastPerson } from "./settings.js";
 import { listenAnew } from "./live.js";
 import { onState, pending, state, stateReason, tryNow } from "../saving/saver.js";
 
@@ -21,7 +22,7 @@ let lastRead = "saved";
 /** Fill the header and keep it up to date. */
 export function startHeader() {
   byId("try-now").addEventListener("click", tryNow);
-  byId("person").addEventListener("click", openPersonDialog);
+  byId("person").addEventListener("click", () => personDialog(become));
   onState(showState);
   onChange(showMission);
   showMission();
@@ -35,8 +36,8 @@ function byId(id) {
 function showMission() {
   byId("mission-name").textContent = mission.mission;
   byId("mission-name").title = `${mission.grid.rows}×${mission.grid.cols} patches a frame`;
-  byId("person").textContent = who();
-  byId("person").setAttribute("aria-label", `Annotator ${who()}: change`);
+  byId("person").textContent = `Labelling as ${who()}`;
+  byId("person").title = "somebody else works here, or blind";
   byId("blind-badge").hidden = !blind();
   document.title = `${mission.mission} · tokt`;
 }
@@ -59,47 +60,60 @@ function readOut() {
   announce(`${WORDS[lastRead](pending())}. ${stateReason()}`);
 }
 
-function openPersonDialog() {
+/** Ask who works here until somebody said so. */
+export async function askPerson() {
+  while (!who()) await personDialog(setPerson);
+}
+
+/**
+ * Let a person say who works here; without an answer nothing changes.
+ * @param {(change: {who: string, blind: ?boolean}) => Promise<void>} take
+ * @returns {Promise<void>} When it is closed, and taken.
+ */
+function personDialog(take) {
   const dialog = byId("person-dialog");
+  const last = lastPerson();
+  const hid = who() ? blind() : Boolean(last.blind);
   const name = el("input", {
-    id: "person-name", value: who(), list: "person-names", maxlength: 60, required: true,
+    id: "person-name", value: last.who ?? mission.annotator, maxlength: 60, required: true,
   });
-  const hides = el("input", { id: "person-blind", type: "checkbox", checked: blind() });
-  const choose = async (event) => {
+  const hides = el("input", { id: "person-blind", type: "checkbox", checked: hid });
+  let chosen = null;
+  const choose = (event) => {
     event.preventDefault();
-    const chosen = name.value.trim();
-    if (!chosen) return;
-    dialog.close();
-    await become(chosen, hides.checked);
+    // Somebody else who is blind stays so, unless that was meant.
+    const isBlind = hides.checked || hid ? hides.checked : undefined;
+    if (name.value.trim()) chosen = { who: name.value, blind: isBlind };
+    if (chosen) dialog.close();
   };
+  const known = mission.annotators.map((one) => button(one, () => (name.value = one)));
   dialog.replaceChildren(
     el("form", { on: { submit: choose } },
-      el("h2", { text: "Who works here" }),
-      el("label", { text: "Annotator ", for: "person-name" }),
+      el("h2", { text: who() ? "Who works here" : "Who are you?" }),
+      el("p", { text: "Labels are kept under this name." }),
+      el("label", { text: "Name ", for: "person-name" }),
       name,
-      el("datalist", { id: "person-names" },
-        ...mission.annotators.map((value) => el("option", { value })),
-      ),
+      el("div", { class: "row", role: "group", "aria-label": "known names" }, ...known),
       el("label", { class: "check" }, hides, " Blind: hide what others and the model said"),
       el("div", { class: "row" },
-        el("button", { class: "main", text: "Work as this", type: "submit" }),
-        button("Cancel", () => dialog.close()),
+        el("button", { class: "main", text: "Label as this", type: "submit" }),
+        who() ? button("Cancel", () => dialog.close()) : null,
       ),
     ),
   );
   dialog.showModal();
   name.select();
+  return new Promise((resolve) => {
+    dialog.addEventListener("close", () => resolve(chosen && take(chosen)), { once: true });
+  });
 }
 
-async function become(name, isBlind) {
-  const change = async () => {
-    if (isBlind !== blind() || name !== who()) await setPerson({ who: name, blind: isBlind });
-    announce(`Working as ${who()}${blind() ? ", blind" : ""}`);
-  };
-  const explain = ({ message }) => say(`Not loaded anew: ${message}`, { bad: true });
+async function become(change) {
+  const explain = ({ message }) => say(`Not done, or not loaded anew: ${message}`, { bad: true });
   const showAnew = () => {
     showMission();
     listenAnew();
   };
-  await change().catch(onFailure(explain)).finally(showAnew);
+  await setPerson(change).catch(onFailure(explain)).finally(showAnew);
+  announce(`Labelling as ${who()}${blind() ? ", blind" : ""}`);
 }

@@ -2,7 +2,9 @@
 
 import { address, onFailure } from "./api.js";
 import { labelsAreStale } from "../saving/labels.js";
-import { loadMission, mission, onReload, strangerWords, takeNews } from "./mission.js";
+import {
+  beginAnew, blind, loadMission, mission, onReload, strangerWords, takeNews,
+} from "./mission.js";
 import { allOwn, noteStranger, setConnected, takeEventHeads, whenIdle } from "../saving/saver.js";
 
 const RETRY_MS = [200, 400, 800, 1500];
@@ -44,7 +46,7 @@ function open() {
   source = new EventSource(address("/api/events", { since: mission.event }));
   source.addEventListener("open", heard);
   source.addEventListener("change", (event) => takeChange(JSON.parse(event.data)));
-  source.addEventListener("status", (event) => takeNews(JSON.parse(event.data)));
+  source.addEventListener("status", (event) => takeStatus(JSON.parse(event.data)));
   source.addEventListener("error", broken);
 }
 
@@ -63,6 +65,12 @@ function broken() {
   setConnected(false);
   timer = setTimeout(open, RETRY_MS[Math.min(tries, RETRY_MS.length - 1)]);
   tries += 1;
+}
+
+function takeStatus(news) {
+  if (news.blind === blind()) return void takeNews(news);
+  // This person began or ended to label blind, in another tab or on another computer.
+  beginAnew(news.blind).catch(onFailure()).finally(listenAnew);
 }
 
 async function takeChange(news) {

@@ -1,8 +1,10 @@
 // Starts the page: the mission first, then the views, the keys and what keeps everything saved.
 
 import "../frame/frame_view.js";
+import { proposeAgain } from "../frame/painting.js";
+import { askObstacleClass } from "./controls.js";
 import { el, say } from "./dom.js";
-import { startHeader } from "./header.js";
+import { askPerson, startHeader } from "./header.js";
 import { addGlobalKeys, listen, toggleHelp } from "./keys.js";
 import { startListening } from "./live.js";
 import { frames, loadMission, mission } from "./mission.js";
@@ -16,6 +18,7 @@ const LOAD_LATER_MS = 3000;
 async function start() {
   try {
     await loadMission();
+    await askPerson();
   } catch (error) {
     if (error.name !== "ApiError") throw error;
     const text = `The mission cannot be shown: ${error.message}. Trying again…`;
@@ -40,6 +43,7 @@ async function start() {
   addLaterView("audit", "", later("sheets/audit"));
   addLaterView("agreement", "Agreement", later("sheets/agreement"));
   startRouting(home());
+  askObstacleClass();
   setTimeout(loadLaterViews, LOAD_LATER_MS);
 }
 
@@ -49,7 +53,9 @@ function home() {
 }
 
 async function stepBack() {
-  tell("Undone", await undo());
+  const head = await undo();
+  proposeAgain(head?.key);
+  tell("Undone", head);
 }
 
 async function stepForward() {

@@ -2,14 +2,16 @@
 // In all modules `camera` is a camera's name, `frame` a frame's number, `cell` a patch's number in
 // its frame, row by row from 0, and `label` a class's name.
 
-import { get } from "./api.js";
+import { get, post } from "./api.js";
 import { signal } from "./dom.js";
-import { adoptPreset, blind, setIdentity, setSetting, setting, who } from "./settings.js";
+import { setSetting, setting, setWho, who } from "./settings.js";
 
-export { blind, onSetting, setSetting, setting, who } from "./settings.js";
+export { onSetting, setSetting, setting, who } from "./settings.js";
 
 /** The last /api/mission; `states` holds one array of characters a camera. */
-export const mission = { loaded: false, classes: [], cameras: {}, states: {}, counts: {} };
+export const mission = {
+  loaded: false, classes: [], cameras: {}, states: {}, counts: {}, settings: {},
+};
 
 let byName = new Map();
 let frameLists = {};
@@ -26,10 +28,7 @@ const [onChange, changed] = signal();
  */
 export async function loadMission() {
   const asked = person;
-  let answer = await get("/api/mission");
-  // Once the page is open only its person says who works here: a server that was started anew for
-  // somebody else must not make the next labels somebody else's, or end a blind labelling.
-  if (!mission.loaded && adoptPreset(answer.annotator)) answer = await get("/api/mission");
+  const answer = await get("/api/mission");
   // What was asked before another person came, or blind, is not for their eyes.
   if (asked === person && (!mission.loaded || sameMission(answer))) takeMission(answer);
   return answer;
@@ -69,7 +68,8 @@ function takeMission(answer) {
 
 /**
  * Take in what an acknowledgement or an event says of states, counts and faults.
- * @param {{event?: number, states?: Object, counts?: Object, fault?: string, model?: Object}} news
+ * @param {{event?: number, states?: Object, counts?: Object, fault?: string, model?: Object,
+ *   settings?: Object}} news
  */
 export function takeNews(news) {
   if (news.event > mission.event) mission.event = news.event;
@@ -80,7 +80,8 @@ export function takeNews(news) {
   if (news.states || news.counts) changed("states");
   if (news.fault !== undefined) mission.fault = news.fault;
   if (news.model) mission.model = { ...mission.model, ...news.model };
-  if (news.fault !== undefined || news.model) changed("status");
+  if (news.settings) mission.settings = news.settings;
+  if (news.fault !== undefined || news.model || news.settings) changed("status");
 }
 
 function setState(camera, frame, state) {
@@ -96,14 +97,32 @@ const [onReload, personChanged] = signal();
 
 export { onChange, onReload };
 
+/** Whether who works here labels blind; the server says so, and hides what others said. */
+export function blind() {
+  return mission.blind;
+}
+
 /**
- * Work as somebody else, or hide (or show again) what others and the model said. Holds at once,
- * also where loading everything anew fails.
+ * Work as somebody else, or hide (or show again) what others and the model said to this person,
+ * everywhere. Another name holds at once, also where loading everything anew fails.
  * @param {{who?: string, blind?: boolean}} change
  * @throws {ApiError}
  */
-export async function setPerson(change) {
-  setIdentity(change);
+export async function setPerson({ who: name = who(), blind: hides }) {
+  // The server takes no name with signs that cannot be seen.
+  const chosen = name.replace(/\s+/g, " ").replace(/\p{C}/gu, "").trim();
+  if (hides !== undefined) await post("/api/blind", { who: chosen, blind: hides });
+  setWho(chosen);
+  await beginAnew(hides);
+}
+
+/**
+ * Forget what is not for the person who works here now, and load the mission anew.
+ * @param {boolean} [hides] Whether this person labels blind, where that is known.
+ * @throws {ApiError}
+ */
+export async function beginAnew(hides = mission.blind) {
+  mission.blind = hides;
   person += 1;
   forgetOthers();
   personChanged();
@@ -120,7 +139,6 @@ export async function takeNewsOf(request) {
 
 // Until the mission is loaded anew, which may take long: nothing that shows what others said.
 function forgetOthers() {
-  if (!blind()) return;
   mission.model = null;
   mission.annotators = [who()];
   for (const states of Object.values(mission.states)) {

@@ -161,7 +161,7 @@ export function learnShape(camera, image) {
 export function thumbAddress(camera, frame, width) {
   const pixels = Math.ceil((width * Math.min(2, window.devicePixelRatio || 1)) / 40) * 40;
   const params = { width: pixels, enhance: setting("enhance"), v: mission.pictures };
-  return address(`/api/thumb/${camera}/${frame}`, { ...params, who: null, blind: null });
+  return address(`/api/thumb/${camera}/${frame}`, { ...params, who: null });
 }
 
 /**

@@ -80,7 +80,6 @@ const DEFAULTS = {
   suggestions: true,
   confidence: 0.5,
   follow: 2,
-  obstacleAs: "",
   palette: "taxonomy",
   filter: "all",
   selected: "",
@@ -124,37 +123,28 @@ export function changeSetting(name, by, most) {
 }
 
 // A tab keeps its person over reloads; a new tab starts as the last one on this computer did.
-let identity = read(IDENTITY, areas.session) ?? read(IDENTITY) ?? { who: "", blind: false };
+let identity = read(IDENTITY, areas.session) ?? read(IDENTITY) ?? {};
 
-/** The annotator of this tab; "" until the server named its default. */
+/** The annotator of this tab; "" until a person said so. */
 export function who() {
-  return identity.who;
-}
-
-/** Whether this tab hides what others and the model said. */
-export function blind() {
-  return identity.blind;
+  // With a preset it is of an earlier tokt, which asked nobody.
+  return identity.preset ? "" : (identity.who ?? "");
 }
 
 /**
- * Choose who works here and whether blind.
- * @param {{who?: string, blind?: boolean, preset?: string}} change
- *   `preset`: the annotator that the server was started with.
+ * Who worked here last, to propose.
+ * @returns {{who?: string, blind?: boolean}} `blind`: an earlier tokt kept it in the browser.
  */
-export function setIdentity(change) {
-  identity = { ...identity, ...change };
+export function lastPerson() {
+  return identity;
+}
+
+/**
+ * Choose who works here.
+ * @param {string} name
+ */
+export function setWho(name) {
+  identity = { who: name };
   write(IDENTITY, identity, areas.session);
   write(IDENTITY, identity);
-}
-
-/**
- * Take the server's annotator where nobody was chosen here, or for another one of the server's.
- * @param {string} preset
- * @returns {boolean} Whether that changed who works here.
- */
-export function adoptPreset(preset) {
-  if (identity.preset === preset && identity.who) return false;
-  const changed = Boolean(identity.who) && identity.who !== preset;
-  setIdentity({ who: preset, blind: changed ? false : identity.blind, preset });
-  return changed;
 }

@@ -30,7 +30,7 @@ export function drawLabels(plan, labels) {
  * Outline unconfirmed labels: dashed, those from the frame before dotted, the less sure ones thinly
  * so; with the value or a word in each patch.
  * @param {CellPlan} plan
- * @param {(?{label: string, text: string, strong: boolean, kept: boolean})[]} hints
+ * @param {(?{label: string, text: string, strong: boolean, kept: boolean, against: boolean})[]} hints
  */
 export function drawHints(plan, hints) {
   const groups = hints.map((hint) => hint && `${hint.label}/${styleOf(hint)}`);
@@ -45,6 +45,7 @@ export function drawHints(plan, hints) {
     drawSign(plan, cell, hint.label, false);
     if (width >= TEXT_FROM) smallText(plan.ctx, hint.text, x + width - 5, y + 5, "right");
     plan.ctx.globalAlpha = 1;
+    if (hint.against) drawDisagreement(plan, plan.boxOf(cell));
   });
 }
 

@@ -121,6 +121,7 @@ export function describeCell(cell, labels, hint) {
     if (hint.text === "copy") words.push(`copied ${hint.label}`);
     else if (hint.kept) words.push(`${hint.label} kept from the frame before`);
     else words.push(`${hint.model} suggests ${hint.label} ${hint.text}`);
+    if (hint.against) words.push(`the model says ${hint.said}`);
   }
   const said = [labels.mine[cell]];
   for (const [name, theirs] of Object.entries(labels.others)) {

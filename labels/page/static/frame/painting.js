@@ -1,15 +1,18 @@
 // What a person does to the labels of one frame, as actions; and the proposals for it that nobody
 // confirmed: copies of the frame before, which the browser keeps, and suggestions.
 
+import { askObstacleClass } from "../core/controls.js";
 import { say } from "../core/dom.js";
 import { clearClass, mission, who } from "../core/mission.js";
 import { read, remove, write } from "../core/settings.js";
 import { labelsChanged, labelsOf } from "../saving/labels.js";
 import { act, changesOf } from "../saving/saver.js";
-import { suggestedLabels } from "./suggest.js";
+import { kindOf, suggestedLabels } from "./suggest.js";
 
 const PREFIX = "tokt.copy/";
 const COPY = { text: "copy", strong: true, kept: true, model: null };
+// key of an accepting action -> the copies that it took, for its undo
+const taken = new Map();
 
 /**
  * Put a label on patches.
@@ -25,14 +28,39 @@ export function paint(camera, frame, cells, label, kind = "paint") {
   return key;
 }
 
-/** Label all patches of a frame that have no label of mine with the class that is no obstacle. */
+/**
+ * The patches of a frame without a label of mine, which one key makes clear; but not those on which
+ * an obstacle is proposed: to call them clear takes a stroke of their own.
+ * @param {string} camera
+ * @param {number} frame
+ * @returns {{cells: number[], left: number}} `left`: how many stay as they are.
+ */
+export function restOf(camera, frame) {
+  const hints = hintsOf(camera, frame);
+  const mine = labelsOf(camera, frame)?.mine ?? [];
+  const open = [...mine.keys()].filter((cell) => mine[cell] === null);
+  const cells = open.filter((cell) => !isObstacle(hints[cell]));
+  return { cells, left: open.length - cells.length };
+}
+
+/** Label the rest of a frame with the class that is no obstacle. */
 export function paintRest(camera, frame) {
-  const { mine } = labelsOf(camera, frame);
-  const cells = mine.map((_, cell) => cell).filter((cell) => mine[cell] === null);
-  if (!cells.length) say("Every patch of this frame has a label already.");
+  const { cells, left } = restOf(camera, frame);
+  const words = leftWords(left);
+  if (!cells.length) say(words || "Every patch of this frame has a label already.");
   else if (paint(camera, frame, cells, clearClass(), "rest")) {
-    say(`The rest (${cells.length}) is ${clearClass()}.`);
+    say(`The rest (${cells.length}) is ${clearClass()}. ${words}`);
   }
+}
+
+/** What is said of patches that a key for many left out. */
+export function leftWords(left) {
+  const patches = left === 1 ? "1 patch stays" : `${left} patches stay`;
+  return left ? `${patches} open: an obstacle is suggested there.` : "";
+}
+
+function isObstacle(hint) {
+  return Boolean(hint && (kindOf(hint.label) || kindOf(hint.said)));
 }
 
 /**
@@ -46,12 +74,22 @@ export function paintRest(camera, frame) {
 export function accept(camera, frame, { cells, all = false } = {}) {
   const hints = hintsOf(camera, frame);
   const chosen = cells ?? hints.map((_, cell) => cell).filter((cell) => hints[cell]);
-  const taken = chosen.filter((cell) => hints[cell] && (all || cells || hints[cell].strong));
-  const patches = taken.map((cell) => ({ camera, frame, cell, base: null, ...hints[cell] }));
+  const accepted = chosen.filter((cell) => hints[cell] && (all || cells || hints[cell].strong));
+  const patches = accepted.map((cell) => ({ camera, frame, cell, base: null, ...hints[cell] }));
+  if (patches.some(({ model, label }) => model && kindOf(label)) && askObstacleClass()) return 0;
   const kind = patches.some(({ model }) => model) ? "accept" : "copy";
-  if (!act(kind, changesOf(patches))) return 0;
-  forgetCopies(camera, frame, taken);
-  return taken.length;
+  const key = act(kind, changesOf(patches));
+  if (!key) return 0;
+  taken.set(key, { camera, frame, copies: copiesOf(camera, frame) });
+  forgetCopies(camera, frame, accepted);
+  return accepted.length;
+}
+
+/** Propose the copies again that an action took which is undone now. */
+export function proposeAgain(key) {
+  const { camera, frame, copies } = taken.get(key) ?? { copies: [] };
+  if (!copies.some(Boolean) || !setCopies(camera, frame, copies)) return;
+  labelsChanged(camera, frame);
 }
 
 /**
@@ -82,7 +120,9 @@ export function copyFrom(camera, from, frame) {
     return;
   }
   labelsChanged(camera, frame);
-  say(`${count} labels of frame ${from} copied: Enter accepts, Escape drops them.`);
+  const copied = hintsOf(camera, frame).filter((hint) => hint?.text === COPY.text).length;
+  const words = leftWords(count - copied);
+  say(`${copied} labels of frame ${from} copied: Enter accepts, Escape drops them. ${words}`);
 }
 
 /**
@@ -100,12 +140,13 @@ export function dropAllCopies(camera, frame) {
 
 /**
  * The proposals for the patches of a frame without a label of mine; a copy goes before a
- * suggestion.
+ * suggestion, but a clear class is not copied over what the model calls an obstacle.
  * @param {string} camera
  * @param {number} frame
- * @returns {(?{label: string, text: string, strong: boolean, kept: boolean,
- *   model: ?string})[]} `strong`: taken by "accept the confident ones"; `kept`: from the frame
- *   before, not what the model says; `model`: the version to record.
+ * @returns {(?{label: string, text: string, strong: boolean, kept: boolean, model: ?string,
+ *   said: string, against: boolean})[]} `strong`: taken by "accept the confident ones"; `kept`:
+ *   from the frame before; `model`: the version to record; `said`: what the model says; `against`:
+ *   the proposal is of another kind.
  */
 export function hintsOf(camera, frame) {
   const labels = labelsOf(camera, frame);
@@ -114,13 +155,18 @@ export function hintsOf(camera, frame) {
   const suggestions = suggestedLabels(camera, frame);
   return labels.mine.map((label, cell) => {
     if (label !== null) return null;
-    if (copies[cell]) return { ...COPY, label: copies[cell] };
-    if (!suggestions?.[cell]) return null;
-    const { label: suggested, value, confident, origin } = suggestions[cell];
-    const kept = origin === "kept";
+    const suggestion = suggestions?.[cell];
+    const said = suggestion?.said;
+    if (copies[cell] && !(kindOf(copies[cell]) === false && said && kindOf(said))) {
+      const against = Boolean(said) && kindOf(copies[cell]) !== kindOf(said);
+      return { ...COPY, label: copies[cell], said, against };
+    }
+    if (!suggestion) return null;
+    const { label: suggested, value, confident, against } = suggestion;
+    const kept = suggested !== said;
     const text = kept ? "→" : value.toFixed(2);
     const model = kept ? null : mission.model.label;
-    return { label: suggested, text, strong: confident, kept, model };
+    return { label: suggested, text, strong: confident, kept, model, said, against };
   });
 }
 

@@ -3,22 +3,21 @@
 // Suggestions follow the frame before, because the model alone flickers and cannot say which
 // obstacle it is, or that a person was unsure. For each patch let
 //   said   the model's class in the taxonomy (its own name if the taxonomy has it, else the class
-//          "obstacle is" or the first that is no obstacle), value >= 0 its decision value,
+//          that obstacles are in this mission or the first that is no obstacle), value >= 0 its
+//          decision value,
 //   y      what holds in the camera's frame before: my label there, else the suggestion there by
 //          this same rule; unknown where that frame is more than 5 numbers away, not loaded, or
 //          has neither,
 //   b      the setting "follow"; 0 switches following off.
 // The suggestion is `said` where y is unknown. Where the model cannot contradict y (the same class,
 // or the model knows only obstacle and clear and y is of the kind it says) it is y. Else it is y
-// while value < b (value <= b for y = unsure), and `said` from there on. For safety, where y goes
-// back to no label of mine, only an obstacle is kept against the model: a clear class or unsure
-// gives way to `said` at once where `said` is an obstacle. A chain goes back 32 frames at most and
-// begins at the earliest of them that has a label of mine; where none has, the suggestion is `said`,
-// as it is on the chain's first frame. `origin` is "model" where the suggestion is what the model
-// says, else "kept"; a kept one carries no model version when accepted. It counts as confident
-// where it goes back to a label of mine on this patch (the chain's y was mine, and was kept since),
-// whatever the value; where it goes back to an earlier suggestion only, it does not, unless the
-// threshold is 0: nobody said it yet, and the model now says otherwise.
+// while value < b (value <= b for y = unsure), and `said` from there on. For safety, where `said`
+// is an obstacle, a clear class gives way to it at once, and so does unsure that goes back to no
+// label of mine: only an obstacle may be missed by the model and kept. A chain goes back 32 frames
+// at most and begins at the earliest of them that has a label of mine; where none has, the
+// suggestion is `said`, as it is on the chain's first frame. What is kept carries no model version
+// when accepted, and where it is of another kind than what the model says it is against the model:
+// never confident, and shown as such.
 
 import { classOf, classes, clearClass, frameIndex, frames, mission, setting } from "../core/mission.js";
 import { labelsOf } from "../saving/labels.js";
@@ -26,11 +25,24 @@ import { labelsOf } from "../saving/labels.js";
 const MAX_CHAIN = 32;
 const NEAREST = 5;
 
-/** The class that a binary model's "obstacle" stands for. */
+/** The obstacle classes of the taxonomy: those that the model learnt first, by their number. */
+export function obstacleClasses() {
+  const learnt = mission.model?.learnt ?? {};
+  const obstacles = classes().filter((known) => known.obstacle).map(({ name }) => name);
+  return obstacles.sort((a, b) => (learnt[b] ?? 0) - (learnt[a] ?? 0));
+}
+
+/** The class that a binary model's "obstacle" stands for: as somebody said, else as it learnt. */
 export function obstacleClass() {
-  const chosen = setting("obstacleAs");
-  if (classOf(chosen).obstacle) return chosen;
-  return classes().find((known) => known.obstacle)?.name ?? "";
+  const chosen = mission.settings.obstacle_as;
+  return classOf(chosen).obstacle ? chosen : (obstacleClasses()[0] ?? "");
+}
+
+/** Whether nobody said yet which of several classes that the model learnt "obstacle" stands for. */
+export function asksObstacleClass() {
+  if (!needsObstacleClass() || classOf(mission.settings.obstacle_as).obstacle) return false;
+  const { learnt } = mission.model;
+  return obstacleClasses().filter((name) => learnt[name]).length !== 1;
 }
 
 /** Whether the model only says obstacle or clear, so that a person must say which class. */
@@ -50,9 +62,10 @@ function labelFor(index) {
  * The suggestion for each patch of a frame.
  * @param {string} camera
  * @param {number} frame
- * @returns {?({label: string, value: number, confident: boolean, origin: string})[]} Null where
- *   there are none (no model, blind, not computed yet, or the frame cannot be judged). `value` is
- *   the model's, also where the suggestion was kept from the frame before.
+ * @returns {?({label: string, value: number, confident: boolean, said: string,
+ *   against: boolean})[]} Null where there are none (no model, blind, not computed yet, or the
+ *   frame cannot be judged). `value` and `said` are the model's, also where the suggestion was kept
+ *   from the frame before; `against`: it is of another kind than `said`.
  */
 export function suggestedLabels(camera, frame) {
   const own = setting("suggestions") ? modelSays(camera, frame) : null;
@@ -60,10 +73,10 @@ export function suggestedLabels(camera, frame) {
   const threshold = setting("confidence");
   const before = setting("follow") > 0 ? heldBefore(camera, frame) : null;
   return own.map((says, cell) => {
-    const { label, mine } = followed(says, before?.[cell]);
-    const origin = label === says.label ? "model" : "kept";
-    const confident = origin === "kept" ? mine || threshold === 0 : says.value >= threshold;
-    return { label, value: says.value, confident, origin };
+    const { label } = followed(says, before?.[cell]);
+    const against = kindOf(label) !== kindOf(says.label);
+    const confident = !against && says.value >= threshold;
+    return { label, value: says.value, confident, said: says.label, against };
   });
 }
 
@@ -89,10 +102,15 @@ function followed(says, y) {
   return !y || contradicts(says, y) ? { label: says.label, mine: false } : y;
 }
 
+/** Whether a class is an obstacle; null of one that says neither, such as unsure. */
+export function kindOf(label) {
+  return classOf(label).obstacle;
+}
+
 function contradicts({ label, named, value }, { label: y, mine }) {
-  if (!mine && classOf(label).obstacle && !classOf(y).obstacle) return true;
+  if (kindOf(label) && !kindOf(y) && (y !== "unsure" || !mine)) return true;
   if (y === "unsure") return value > setting("follow");
-  const agrees = label === y || (!named && classOf(y).obstacle === classOf(label).obstacle);
+  const agrees = label === y || (!named && kindOf(y) === kindOf(label));
   return !agrees && value >= setting("follow");
 }
 

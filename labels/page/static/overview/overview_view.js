@@ -1,5 +1,6 @@
 // The overview: a contact sheet of frames, on which many frames are labelled at once.
 
+import { askObstacleClass } from "../core/controls.js";
 import { el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
 import {
@@ -13,7 +14,8 @@ import { ARROWS, cellAt, cellFrom } from "../frame/patch_grid.js";
 import {
   filterWords, onClassFrames, passesBlindList, passing, tryBlindList,
 } from "../frame/steps.js";
-import { framesFollowed } from "../frame/suggest.js";
+import { leftWords, restOf } from "../frame/painting.js";
+import { framesFollowed, kindOf } from "../frame/suggest.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { actOn, patchesAre } from "../saving/saver.js";
 import { OverviewBar } from "./overview_bar.js";
@@ -243,6 +245,7 @@ function accepting(all) {
   const { waiting, open } = tally(({ camera, frame }) => contentOf(camera, frame));
   if (waiting > 0) return sayWaiting(waiting);
   const patches = worked().flatMap((thumb) => suggestedPatches(thumb, all));
+  if (patches.some(({ model, label }) => model && kindOf(label)) && askObstacleClass()) return;
   const count = actOn("accept", patches);
   const left = open - count;
   if (count > 0 && left > 0) {
@@ -266,13 +269,15 @@ function restOfAll() {
   // The model has no say in it; what was not on the screen is nobody's judgement.
   const waiting = worked().filter(({ seen, content }) => !seen || !content).length;
   if (waiting > 0) return sayWaiting(waiting);
-  const patches = worked().flatMap(({ camera, frame }) =>
-    (contentOf(camera, frame)?.mine ?? []).flatMap((own, cell) =>
-      own === null ? [{ camera, frame, cell, label: clearClass(), base: null }] : [],
-    ),
+  const rests = worked().map(({ camera, frame }) => ({ camera, frame, ...restOf(camera, frame) }));
+  const patches = rests.flatMap(({ camera, frame, cells }) =>
+    cells.map((cell) => ({ camera, frame, cell, label: clearClass(), base: null })),
   );
   const count = actOn("rest", patches);
-  goOn(count > 0 ? `${patchesAre(count)} now ${clearClass()}; Ctrl+Z undoes.` : "All labelled.");
+  const left = rests.reduce((sum, rest) => sum + rest.left, 0);
+  const words = count > 0 ? `${patchesAre(count)} now ${clearClass()}; Ctrl+Z undoes.` : "";
+  if (left > 0) return say(`${words} ${leftWords(left)}`.trim());
+  goOn(words || "All labelled.");
 }
 
 function goOn(words) {

@@ -5,6 +5,9 @@ import json
 import pytest
 
 from tests.conftest import taxonomy_toml
+from tests.waiting import until
+from tokt.labels.record import utc_now
+from tokt.labels.store.store import FILE_NAME, LabelStore
 
 pytestmark = pytest.mark.xdist_group("server_blind")  # what they share is made once
 
@@ -25,13 +28,20 @@ def server(page_server, tiny_bundle, tmp_path_factory):
     server.paint("b1", 1, [0, 1], THEIRS, who=OTHERS)
     server.paint("b2", 2, [0], ONLY_THEIRS, who=OTHERS)
     server.paint("b3", 3, [0], THEIRS, who=OTHERS)
-    server.paint("a1", 1, [0, 2], "ocean", blind=True)
+    _see(server, blind=True)
+    server.paint("a1", 1, [0, 2], "ocean")
     server.paint("a3", 3, [0], "ocean", blind=True)
     server.paint("s3", 3, [0], THEIRS, who="carl", source="settled")
     server.interrupt()
     # The class that only the other one used is in no taxonomy any more.
     (folder / "taxonomy.toml").write_text(taxonomy_toml(**known))
     return server.start()
+
+
+def _see(server, *, blind, who="anna"):
+    """Let somebody label blind, or see."""
+    assert server.post("/api/blind", who=who, blind=blind) == {"blind": blind}
+    return server
 
 
 def _texts(value):
@@ -50,11 +60,11 @@ def _check(answer):
 
 
 def test_mission(server):
-    seeing = server.get("/api/mission", who="anna", blind=0)
+    seeing = _see(server, blind=False).get("/api/mission", who="anna")
     assert seeing["states"]["left"][:3] == "xup"  # the third one is settled
     assert OTHERS in seeing["annotators"] and seeing["model"]["label"] == MODEL
     assert ONLY_THEIRS in _texts(seeing["classes"])
-    blind = server.get("/api/mission", who="anna", blind=1)
+    blind = _see(server, blind=True).get("/api/mission", who="anna")
     _check(blind)
     assert blind["states"]["left"][:3] == "pup"
     assert blind["annotators"] == ["anna"] and blind["model"] is None
@@ -64,11 +74,11 @@ def test_mission(server):
 
 def test_labels(server):
     query = {"camera": "left", "frames": "1-3", "who": "anna", "suggest": 1}
-    seeing = server.get("/api/labels", blind=0, **query)["frames"]
+    seeing = _see(server, blind=False).get("/api/labels", **query)["frames"]
     assert [list(frame["others"]) for frame in seeing] == [[OTHERS]] * 3
     assert seeing[2]["settled"][0] == THEIRS
     assert all(len(frame["suggestions"]["classes"]) == 100 for frame in seeing)
-    blind = server.get("/api/labels", blind=1, **query)["frames"]
+    blind = _see(server, blind=True).get("/api/labels", **query)["frames"]
     _check(blind)
     for frame in blind:
         assert frame["others"] == {} and frame["suggestions"] is None
@@ -79,18 +89,20 @@ def test_labels(server):
 
 def test_what_is_only_for_the_seeing_is_refused(server):
     for query in (f"agreement?a=anna&b={OTHERS}", "history?camera=left&frame=1&cell=0"):
-        answer = server.request("GET", f"/api/{query}&who=anna&blind=1")
+        answer = _see(server, blind=True).request("GET", f"/api/{query}&who=anna&blind=0")
         assert answer.status == 403
         _check(answer.json)
-        assert server.request("GET", f"/api/{query}&who=anna&blind=0").status == 200
-    queue = server.get("/api/queue", who="anna", blind=1)
+        seeing = _see(server, blind=False)
+        assert seeing.request("GET", f"/api/{query}&who=anna&blind=1").status == 200
+    queue = _see(server, blind=True).get("/api/queue", who="anna")
     assert queue["frames"] == [] and queue["done"] == queue["total"] == 0 and queue["why_not"]
-    assert server.get("/api/queue", who="anna", blind=0)["total"] == 40
+    assert _see(server, blind=False).get("/api/queue", who="anna")["total"] == 40
 
 
 def test_the_sheet_holds_only_ones_own(server):
+    _see(server, blind=True)
     for label, total in (("ocean", 3), (THEIRS, 0)):
-        sheet = server.get("/api/sheet", **{"class": label}, who="anna", blind=1)
+        sheet = server.get("/api/sheet", **{"class": label}, who="anna")
         assert sheet["total"] == total
         _check(sheet)
 
@@ -98,38 +110,40 @@ def test_the_sheet_holds_only_ones_own(server):
 def test_an_error_names_no_class_that_only_others_used(server):
     change = {"camera": "left", "frame": 9, "label": "kelp", "cells": [0], "base": [None]}
     body = {"key": "e9", "who": "anna", "kind": "paint", "time": "2016-04-20T10:00:00Z"}
-    answer = server.send("/api/actions", {**body, "blind": True, "changes": [change]})
+    answer = _see(server, blind=True).send("/api/actions", {**body, "changes": [change]})
     assert answer.status == 400
     _check(answer.json)
 
 
 def test_which_frames_somebody_labelled_may_be_asked(server):
-    found = server.get("/api/labelled", of=OTHERS, blind=1)
+    found = _see(server, blind=True).get("/api/labelled", of=OTHERS)
     assert found == {"of": OTHERS, "cameras": {"left": [1, 2, 3]}}
 
 
 def test_actions_undo_and_seen(server):
-    base = {"who": "anna", "blind": True, "time": "2016-04-20T10:00:00Z"}
-    done = server.paint("a4", 1, [1], "ocean", blind=True)
+    base = {"who": "anna", "time": "2016-04-20T10:00:00Z"}
+    done = _see(server, blind=True).paint("a4", 1, [1], "ocean")
     assert done["changed"] == 1 and done["states"] == {"left": {"1": "p"}}
     undone = server.post("/api/undo", key="u4", **base)
     redone = server.post("/api/redo", key="r4", **base)
     undone_again = server.post("/api/undo", key="u5", **base)
-    seen = server.post("/api/seen", who="anna", blind=True, camera="left", frame=2)
+    seen = server.post("/api/seen", who="anna", camera="left", frame=2)
     assert seen == {"states": {"left": {"2": "s"}}}
     for answer in (done, undone, redone, undone_again, seen):
         _check(answer)
+    _see(server, blind=False)
     seen = server.post("/api/seen", who="anna", camera="left", frame=1)
     assert seen["states"]["left"] == {"1": "x"}
 
 
 def test_events(server):
-    with server.events(who="anna", blind=1) as blind, server.events(who="anna", blind=0) as seeing:
+    _see(server, blind=True)
+    with server.events(who="anna") as blind, server.events(who="dora") as seeing:
         assert blind.next("status")["model"] is None
         assert seeing.next("status")["model"]["total"] == 40
         server.paint("e1", 5, [0], THEIRS, who=OTHERS)
         server.paint("e2", 5, [1], THEIRS, who="carl", source="settled")
-        server.paint("e3", 6, [0], "ocean", who="anna", blind=True)
+        server.paint("e3", 6, [0], "ocean", who="anna")
         heard = [blind.next("change")]
         frames = [tuple(frame) for frame in heard[0]["frames"]]
         assert frames == [("left", 6)] and heard[0]["by"] == []
@@ -148,24 +162,68 @@ def test_events(server):
 def test_events_since(server):
     before = server.get("/api/mission", who="anna")["event"]
     server.paint("f1", 7, [0], THEIRS, who=OTHERS)
-    server.paint("f2", 8, [0], "ocean", who="anna", blind=True)
-    with server.events(who="anna", blind=1, since=before) as blind:
+    server.paint("f2", 8, [0], "ocean", who="anna")
+    with _see(server, blind=True).events(who="anna", since=before) as blind:
         heard = blind.next("change")
         assert heard["frames"] == [["left", 8]] and heard["by"] == []
         _check(heard)
-    with server.events(who="anna", blind=0, since=before) as seeing:
+    with _see(server, blind=False).events(who="anna", since=before) as seeing:
         heard = seeing.next("change")
         assert heard["frames"] == [["left", 7], ["left", 8]]
         assert heard["by"] == ["anna", OTHERS]
 
 
 def test_undoing_a_settlement_does_not_tell_who_settled_since(server):
+    _see(server, blind=False)
     server.paint("b6", 6, [0, 1], THEIRS, who=OTHERS)
-    server.paint("a6", 6, [0], "ocean", blind=True)
-    server.paint("s6", 6, [0], "ocean", source="settled")
-    server.paint("s6-again", 6, [0], THEIRS, base="ocean", who="carl", source="settled")
+    server.paint("a6", 6, [2], "ocean")
+    server.paint("s6", 6, [2], "ocean", source="settled")
+    server.paint("s6-again", 6, [2], THEIRS, base="ocean", who="carl", source="settled")
     time = "2016-04-20T10:00:00Z"
-    undone = server.post("/api/undo", key="u6", who="anna", blind=True, time=time, target="s6")
+    _see(server, blind=True)
+    undone = server.post("/api/undo", key="u6", who="anna", time=time, target="s6")
     (conflict,) = undone["conflicts"]
-    assert (conflict["cell"], conflict["theirs"]) == (0, "ocean")
+    assert (conflict["cell"], conflict["theirs"]) == (2, "ocean")
     assert THEIRS not in _texts(undone["conflicts"])
+
+
+def test_who_is_blind_is_so_everywhere_and_after_a_restart_whatever_a_page_says(server):
+    _see(server, blind=False, who="anna")
+    with server.events(who="anna") as anna, server.events(who="dora") as dora:
+        assert not anna.next("status")["blind"] and not dora.next("status")["blind"]
+        _see(server, blind=True)
+        told = anna.next("status")
+        assert told["blind"] and told["model"] is None
+        with LabelStore(server.workspace / FILE_NAME) as store:  # another server's page
+            store.set_blind("tiny", "dora", blind=True, time=utc_now())
+        assert until(lambda: dora.next("status")["blind"])
+    server.interrupt()
+    server.start()
+    for who in ("anna", "dora"):
+        found = server.get("/api/mission", who=who, blind=0)
+        assert found["blind"] and found["model"] is None and OTHERS not in found["annotators"]
+    assert not server.get("/api/mission", who="eva")["blind"]
+    settle = {"camera": "left", "frame": 1, "label": THEIRS, "cells": [0], "base": [None]}
+    body = {"key": "s", "who": "anna", "kind": "settle", "time": utc_now(), "source": "settled"}
+    assert server.send("/api/actions", {**body, "changes": [settle]}).status == 409
+    _see(server, blind=False, who="dora")
+
+
+def test_kept_actions_of_yesterday_are_taken_and_a_label_is_blind_as_the_store_or_they_say(server):
+    _see(server, blind=False)
+    server.paint("y1", 9, [0], "ocean", blind=True)
+    server.paint("y2", 9, [1], "ocean", blind=False)
+    _see(server, blind=True)
+    server.paint("y3", 9, [2], "ocean", blind=False)
+    server.post("/api/undo", key="y4", who="anna", time=utc_now(), target="y3", blind=False)
+    server.post("/api/redo", key="y5", who="anna", time=utc_now(), blind=True)
+    with LabelStore(server.workspace / FILE_NAME) as store:
+        said = store.current("tiny", "anna", frame=9)
+    assert [(one.col, one.blind) for one in said] == [(0, True), (1, False), (2, True)]
+
+
+@pytest.mark.parametrize(
+    "body", [{"who": "anna"}, {"who": "anna", "blind": "yes"}, {"who": "", "blind": True}]
+)
+def test_wrong_wishes_are_refused(server, body):
+    assert server.send("/api/blind", body).status == 400

@@ -21,7 +21,8 @@ def server(page_server):
 
 def test_two_people_hear_of_each_other(server):
     with server.events(who="anna") as anna, server.events(who="ben") as ben:
-        assert anna.next("status") == ben.next("status") == {"fault": "", "model": None}
+        status = {"fault": "", "model": None, "settings": {}, "blind": False}
+        assert anna.next("status") == ben.next("status") == status
         done = server.paint("two-1", 1, [3], "ocean", who="anna")
         for stream, letter, n in ((anna, "p", 1), (ben, "u", 0)):
             heard = stream.next("change")
@@ -43,6 +44,24 @@ def test_another_process_writes(server):
     assert (heard["frames"], heard["by"]) == ([["left", 9]], ["import"])
     found = server.get("/api/labels", camera="left", frames=9, who="anna")["frames"][0]
     assert found["others"]["import"][25] == "reef"
+
+
+def test_a_setting_of_the_mission_is_everybodys_also_after_a_restart(server):
+    def refused(**wrong):
+        body = {"who": "anna", "name": "obstacle_as", "value": "reef", **wrong}
+        return server.send("/api/settings", body).status
+
+    with server.events(who="ben") as ben:
+        assert ben.next("status")["settings"] == {}
+        said = server.post("/api/settings", who="anna", name="obstacle_as", value="reef")
+        assert said["settings"] == ben.next("status")["settings"] == {"obstacle_as": "reef"}
+        with LabelStore(server.workspace / FILE_NAME) as store:  # another server's
+            store.set_setting("tiny", "obstacle_as", "sand", "carl", utc_now())
+        assert until(lambda: ben.next("status")["settings"] == {"obstacle_as": "sand"})
+    assert {refused(name="font"), refused(value="ocean"), refused(value="unsure")} == {400}
+    server.interrupt()
+    server.start()
+    assert server.get("/api/mission")["settings"] == {"obstacle_as": "sand"}
 
 
 def test_a_page_that_was_away_hears_what_it_missed(server):

@@ -1,8 +1,11 @@
 """The frame view in a real browser: what is painted is what the store holds."""
 
 import re
+from dataclasses import replace
 
 import pytest
+
+from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 
 pytestmark = pytest.mark.xdist_group("browser_frame")  # what they share is made once
 
@@ -110,7 +113,7 @@ def test_a_frame_is_labelled_by_keyboard_alone(fresh):
     fresh.press("Escape", "ArrowDown", "ArrowDown", "ArrowRight", "3", "Space")  # row 2, column 2
     fresh.press("ArrowRight", "Shift+ArrowRight", "Shift+ArrowDown", "5")
     fresh.press("Escape", "ArrowDown", "ArrowDown", "4", "r")
-    fresh.press("ArrowDown", "u", "Space", "o")
+    fresh.press("ArrowDown", "u", "Space", "m", "o", "m")  # with no suggestion the rest is all
     fresh.saved()
     expected = dict.fromkeys(range(100), "ocean")
     expected |= {11: "sand", 53: "unsure"}
@@ -180,6 +183,35 @@ def test_suggestions_are_labels_only_when_accepted(view, server):
     assert set(view.stored(14)) == {0, 1} | confident
 
 
+def test_which_obstacle_is_asked_once_where_several_were_learnt(
+    open_frame, page_server, tiny_bundle, tmp_path
+):
+    content = read_bundle(tiny_bundle).content
+    learnt = {"ocean": 500, "sand": 30, "reef": 70}
+    several = replace(content, provenance={**content.provenance, "label_counts": learnt})
+    (tmp_path / "several.tokt").write_bytes(bundle_bytes(several))
+    server = page_server("--annotator", "anna", "--model", tmp_path / "several.tokt")
+    view = open_frame(30, server)
+    view.page.wait_for_selector("#question[open]")
+    answers = view.page.locator("#question button")
+    assert [text.split("\n")[0] for text in answers.all_inner_texts()][:1] == ["4"]  # reef's key
+    view.press("Escape", "Shift+Enter")
+    view.page.wait_for_selector("#question[open]")  # nothing was guessed
+    view.saved()
+    assert view.stored(30) == {}
+    answers.first.click()
+    view.page.wait_for_selector("#question:not([open])", state="attached")
+    view.page.wait_for_function(
+        "() => import('/static/core/mission.js').then("
+        "({ mission }) => mission.settings.obstacle_as === 'reef')"
+    )
+    view.press("Shift+Enter")
+    view.saved()
+    assert {"ocean", "reef"} == set(view.stored(30).values())
+    other = open_frame(31, server)  # the mission remembers, not a browser
+    assert other.page.locator("#question[open]").count() == 0
+
+
 def test_suggestions_of_another_model_than_the_page_knows_are_not_shown(fresh):
     """As between the start of a server with another model and the page hearing of it."""
 
@@ -195,6 +227,41 @@ def test_suggestions_of_another_model_than_the_page_knows_are_not_shown(fresh):
     fresh.shows("#toast", "No suggestions to accept here")
     fresh.page.unroute_all(behavior="wait")  # what it fetches ahead is on its way
     assert fresh.stored(17) == {}
+
+
+def obstacles_said(server, frame):
+    """Patches that the model calls an obstacle."""
+    query = {"who": "nobody", "camera": "left", "frames": frame, "suggest": 1}
+    [labels] = server.get("/api/labels", **query)["frames"]
+    is_obstacle = server.get("/api/mission", who="nobody")["model"]["obstacle"]
+    found = labels["suggestions"]["classes"]
+    return [cell for cell, which in enumerate(found) if is_obstacle[which]]
+
+
+def test_no_key_for_many_calls_clear_what_the_model_calls_an_obstacle(view, server):
+    """Carried, copied, or the rest: only a stroke of one's own contradicts the model."""
+    tower = sorted({*obstacles_said(server, 28)} & {*obstacles_said(server, 29)})
+    assert len(tower) > 2
+    view.open(28)
+    view.page.evaluate(
+        "() => import('/static/core/mission.js').then(({ setSetting }) => setSetting('follow', 5))"
+    )
+    view.label("1", *tower)  # wrong, but a person's own
+    view.press("o")  # the rest, but for what else is an obstacle
+    view.saved()
+    assert set(view.stored(28).values()) == {"ocean"}
+    view.press("d")
+    view.wait(29)
+    for keys in (("Shift+Enter",), ("p", "Enter"), ("o",)):
+        view.press(*keys)
+        view.saved()
+        said = {view.stored(29).get(cell) for cell in tower}
+        assert said <= {None, "subsea_installation"}, keys
+        assert "ocean" in view.stored(29).values()
+        view.press("Control+z")
+        view.saved()
+        assert view.stored(29) == {}
+        view.press("Escape")
 
 
 def test_suggestions_follow_the_frame_before(view):
@@ -218,7 +285,14 @@ def test_suggestions_follow_the_frame_before(view):
         view.page.mouse.move(x, y)
         assert expected in view.text("#status")
         if slider == "5":
-            view.press("Enter")
+            assert "the model says ocean" in view.text("#status")
+            view.press("Enter")  # what is carried against the model is never sure
+            view.press("Shift+Enter")
+            view.saved()
+            view.press("Control+z")
+            view.saved()
+            assert not {0, 1} & set(view.stored(26))
+            view.press("Shift+Enter")
             view.saved()
             kept = {one.col: one for one in view.records(26) if one.row == 0}
             assert kept[0].label == "reef" and kept[1].label == "unsure"
@@ -254,6 +328,9 @@ def test_copies_wait_for_acceptance_and_outlive_a_reload(view):
     view.press("p")
     view.shows("#toast", "copied")
     view.press("m", "Enter", "m")  # without the suggestions, so that Enter takes the copies only
+    assert view.stored(21) == dict.fromkeys((33, 43, 53), "subsea_installation")
+    view.press("Control+z", "m", "Enter", "m")  # undone, they are copies again
+    view.saved()
     assert view.stored(21) == dict.fromkeys((33, 43, 53), "subsea_installation")
 
 
@@ -318,13 +395,15 @@ def test_blind_hides_what_others_and_the_model_said(fresh, server):
     fresh.shows("#status", "ben: reef")
     fresh.page.locator("#person").click()
     fresh.page.locator("#person-blind").check()
-    fresh.page.get_by_text("Work as this").click()
+    fresh.page.get_by_text("Label as this").click()
     fresh.page.wait_for_selector("#blind-badge:visible")
     fresh.wait(38)
     fresh.page.mouse.move(*fresh.at(5))
     fresh.page.mouse.move(x, y)
     assert "ben" not in fresh.text("#status") and "suggests" not in fresh.text("#status")
     assert not fresh.page.locator(".model").is_visible()
+    server.post("/api/blind", who="anna", blind=False)
+    fresh.page.wait_for_selector("#blind-badge", state="hidden")
 
 
 def test_looking_closer_changes_nothing(fresh):

@@ -1,0 +1,100 @@
+"""Who labels: asked once, shown always; blind in every browser of a person; notes."""
+
+import json
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def server(page_server):
+    server = page_server("--annotator", "anna")
+    server.paint("ben-1", 1, [5], "reef", who="ben")
+    return server
+
+
+def _dialog(page):
+    return page.locator("#person-dialog")
+
+
+def test_a_browser_that_was_never_told_asks_who_labels_and_only_then(
+    browse, server, frame_page, open_frame
+):
+    page = browse(server, "#/label/left/1", who=None, offline=True)
+    _dialog(page).get_by_text("Who are you?").wait_for()
+    for _ in range(4):
+        page.keyboard.press("Escape")
+    page.keyboard.press("r")
+    assert _dialog(page).is_visible() and not page.locator(".frame-canvas").count()
+    assert not _dialog(page).get_by_text("Cancel").count()
+    _dialog(page).get_by_role("button", name="ben").click()
+    assert page.locator("#person-name").input_value() == "ben"
+    page.reload()
+    assert page.locator("#person-name").input_value() == "anna"
+    page.keyboard.press("Enter")
+    view = frame_page(page, server, 1)
+    assert view.text("#person") == "Labelling as anna" and not _dialog(page).is_visible()
+    assert page.locator("#person").evaluate("e => parseFloat(getComputedStyle(e).fontSize)") >= 14
+    server.kill()
+    mine, server.arguments = server.arguments, ("--annotator", "carl")
+    server.start()
+    page.reload()
+    other = open_frame(2, context=page.context)
+    view.wait(1)
+    for tab in (view, other):
+        assert tab.text("#person") == "Labelling as anna" and not _dialog(tab.page).is_visible()
+    other.label("3", 7)
+    assert other.stored(2) == {7: "sand"}
+    other.page.close()
+    page.close()
+    server.kill()
+    server.arguments = mine
+    server.start()
+
+
+def test_who_was_blind_in_a_browser_of_yesterday_is_asked_and_stays_so(browse, server, frame_page):
+    page = browse(server, "#/label/left/1", who=None)
+    _dialog(page).wait_for()
+    yesterdays = json.dumps({"who": "dora", "blind": True, "preset": "dora"})
+    page.evaluate("kept => localStorage.setItem('tokt.identity', kept)", yesterdays)
+    page.reload()
+    page.locator("#person-blind:checked").wait_for()
+    page.keyboard.press("Enter")
+    view = frame_page(page, server, 1)
+    assert view.text("#person") == "Labelling as dora"
+    assert page.locator("#blind-badge").is_visible()
+    assert server.get("/api/mission", who="dora")["blind"]
+
+
+def test_blind_holds_in_every_browser_of_a_person_at_once(open_frame, server):
+    here, there = open_frame(1, who="eva"), open_frame(1, who="eva")
+    other = open_frame(1, who="fay")
+    for view in (here, there, other):
+        view.point(5)
+        view.shows("#status", "ben: reef")
+    here.page.locator("#person").click()
+    here.page.locator("#person-blind").check()
+    here.page.keyboard.press("Enter")
+    there.page.wait_for_selector("#blind-badge:visible")
+    later = open_frame(1, who="eva")
+    for view in (here, there, later):
+        view.wait(1)
+        view.point(6)
+        view.point(5)
+        assert "ben" not in view.text("#status") and view.page.locator("#blind-badge").is_visible()
+    there.label("3", 9)
+    there.saved()
+    assert [(one.col, one.blind) for one in there.records(1, "eva")] == [(9, True)]
+    assert not other.page.locator("#blind-badge").is_visible()
+    # Somebody else's name in the same tab: nobody becomes blind, or sees, by that.
+    other.page.locator("#person").click()
+    other.page.locator("#person-name").fill("eva")
+    other.page.keyboard.press("Enter")
+    other.page.wait_for_selector("#blind-badge:visible")
+    later.page.locator("#person").click()
+    later.page.locator("#person-blind").uncheck()
+    later.page.keyboard.press("Enter")
+    there.page.wait_for_selector("#blind-badge", state="hidden")
+    there.wait(1)
+    there.point(6)
+    there.point(5)
+    there.shows("#status", "ben: reef")
