@@ -128,18 +128,10 @@ def patches_in_outline(grid: Grid, size: Size, outline: Outline) -> list[tuple[i
 
 
 def found_shape(kind: str, numbers: Sequence[float]) -> tuple[Box, Outline] | None:
-    """What a shape of other tools is here: its box, and its outline where it is no upright box.
+    """A shape of other tools as its box, and its outline where it is no upright box.
 
-    Parameters
-    ----------
-    kind : str
-        ``point``, ``rectangle``, ``polygon``: alternating x and y; ``circle``: x, y, radius.
-    numbers : sequence of float
-
-    Returns
-    -------
-    tuple of Box and Outline, or None
-        None for any other shape, or where the count of numbers is not the shape's.
+    ``point``, ``rectangle`` and ``polygon`` have alternating x and y, ``circle`` x, y and radius.
+    None for any other kind, or where the count of numbers is not the kind's.
     """
     if kind == "circle" and len(numbers) == 3:
         x, y, radius = numbers

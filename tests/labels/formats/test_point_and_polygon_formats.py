@@ -1,16 +1,25 @@
 """CoralNet, BIIGLE and CVAT: what these tools write is read, and ours is what they read."""
 
 import csv
+import io
 import json
+import re
 from dataclasses import replace
+from itertools import product
 from xml.etree import ElementTree
 
+import cv2
+import numpy as np
 import pytest
 
 from tests.calls import refuses
 from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import open_mission
 from tokt.labels.formats.boxes import Box, Size, found_shape, patch_at, patches_in_outline
 from tokt.labels.formats.formats import FORMATS
+from tokt.labels.formats.images import MissionImages
+from tokt.labels.formats.options import ReadOptions, WriteOptions
+from tokt.labels.taxonomy import LabelClass, Taxonomy
 
 from .examples import BIIGLE, CORALNET, CVAT, put, said
 
@@ -208,6 +217,51 @@ def test_shapes_of_cvat(tmp_path, reading):
         "1 track left out: export in the format CVAT for images 1.1",
         "2 points of a model: suggestions, not labels",
     ]
+
+
+GRIDS = (Grid(), Grid(3, 4, 120), Grid(7, 13, 200), Grid(2, 2, None))
+CLASSES = ("ocean", "Ålegress-2", "unsure")
+KNOWN = Taxonomy(
+    (
+        LabelClass("ocean", obstacle=False, color="#0072b2", key="1"),
+        LabelClass("Ålegress-2", obstacle=True, color="#d55e00", key="2"),
+    )
+)
+
+
+def without_ours(name, text):
+    """The file as a tool gives it back that keeps nothing but what the format has."""
+    if name == "ifdo":
+        document = json.loads(text)
+        for item in document["image-set-items"].values():
+            for annotation in item["image-annotations"]:
+                del annotation["tokt"]
+        return json.dumps(document)
+    if name == "cvat":
+        return re.sub("<attribute name=.*?</attribute>", "", text)
+    rows = [row[:-1] for row in csv.reader(io.StringIO(text))]
+    out = io.StringIO()
+    csv.writer(out).writerows(rows)
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("size", [(1024, 1360), (480, 640), (137, 181), (1080, 1920), (300, 201)])
+@pytest.mark.parametrize("name", ["coralnet", "biigle", "cvat", "ifdo"])
+def test_places_alone_bring_every_patch_back(tmp_path, name, size):
+    (tmp_path / "dive").mkdir()
+    cv2.imwrite(str(tmp_path / "dive" / "Åse, 7.png"), np.zeros(size, np.uint8))
+    images = MissionImages(open_mission(tmp_path / "dive"))
+    suffix = {"cvat": "xml", "ifdo": "json"}.get(name, "csv")
+    for grid in GRIDS:
+        cells = product(range(grid.rows), range(grid.cols))
+        some = [said(CLASSES[(row + col) % 3], row, col, frame=7, grid=grid) for row, col in cells]
+        path = tmp_path / f"out.{suffix}"
+        assert FORMATS[name].write(path, some, WriteOptions(KNOWN, images)).labels == len(some)
+        path.write_text(without_ours(name, path.read_text("utf-8")), "utf-8")
+        read = FORMATS[name].read(path, ReadOptions(KNOWN, grid=grid, images=images))
+        assert read.lost == []
+        came = {(record.cell, record.label) for record in read.records}
+        assert came == {(record.cell, record.label) for record in some}
 
 
 BOMB = "".join(f'<!ENTITY a{n} "{f"&a{n - 1};" * 10}">' for n in range(1, 12))
