@@ -1,6 +1,7 @@
 """CVAT's XML, "CVAT for images 1.1": boxes, with ours in the attributes of each box.
 
-CVAT keeps attributes that the task's labels have, and drops others; it finds images by their name.
+CVAT finds images by their name. It keeps attributes that the task's labels have and drops others.
+Whatever is uploaded comes back as ``source="file"``: a model's suggestions would be labels then.
 
 References
 ----------
@@ -16,12 +17,18 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from tokt.features.common.errors import ToktError
-from tokt.labels.record import MODEL, LabelRecord
+from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import Taxonomy
 
 from .box_attributes import size_in, to_attributes
 from .boxes import Box, Outline, Size, found_shape
-from .labels_and_boxes import FoundBox, FrameLabels, boxes_to_labels, labels_to_boxes
+from .labels_and_boxes import (
+    FoundBox,
+    FrameLabels,
+    boxes_to_labels,
+    labels_to_boxes,
+    without_suggestions,
+)
 from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, label_of, lines
 from .text_file import finite, naming, read_utf8, save_text
 
@@ -36,8 +43,9 @@ _CORNER = re.compile(r"[,;]")
 
 def write_cvat(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> ExportResult:
     """Write labels of one mission, both cameras in one file; ToktError as `write_coco`."""
-    frames, lost = labels_to_boxes(records, options, TITLE)
     remarks: Remarks = Counter()
+    chosen = without_suggestions(records, remarks, f"in {TITLE} they")
+    frames, lost = labels_to_boxes(chosen, options, TITLE)
     root = Element("annotations")
     SubElement(root, "version").text = "1.1"
     _add_task(root, frames, options.taxonomy)
@@ -52,8 +60,7 @@ def write_cvat(path: Path, records: Iterable[LabelRecord], options: WriteOptions
         image = SubElement(root, "image", {**said, **size})
         for record, box in frame.labels:
             sides = {side: f"{value:.2f}" for side, value in zip(_SIDES, box, strict=True)}
-            source = _AUTOMATIC if record.source == MODEL else "manual"
-            shape = {"label": label_of(record), "source": source, "occluded": "0"}
+            shape = {"label": label_of(record), "source": "manual", "occluded": "0"}
             element = SubElement(image, "box", {**shape, **sides, "z_order": "0"})
             for name, value in to_attributes(record).items():
                 SubElement(element, "attribute", name=name).text = str(value)

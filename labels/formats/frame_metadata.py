@@ -80,7 +80,7 @@ def read_ifdo(path: Path, images: MissionImages) -> dict[FrameKey, FrameMetadata
     for name, item in document[ITEMS].items():
         key = images.find(name)
         if key is not None:
-            with naming(f"{path}: {name}"):
+            with naming(f"{path}: {name!r:.100}"):
                 found[key] = _metadata({**document[HEADER], **first_entry(item)})
     return found
 
@@ -99,7 +99,7 @@ def load_ifdo(path: Path) -> dict[str, Any]:
         of_kind(document.get(HEADER), dict, HEADER)
         for name, item in of_kind(document.get(ITEMS), dict, ITEMS).items():
             of_kind(name, str, f"{ITEMS}: a name")
-            of_kind(first_entry(item), dict, name[:100])
+            of_kind(first_entry(item), dict, f"{name!r:.100}")
     return document
 
 

@@ -13,12 +13,19 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from tokt.labels.record import MODEL, LabelRecord
+from tokt.labels.record import LabelRecord
 
 from .box_attributes import size_of, to_attributes
 from .boxes import Box, Outline, found_shape
 from .frame_metadata import HEADER, ITEMS, first_entry, ifdo_of, load_ifdo
-from .labels_and_boxes import FoundBox, FrameLabels, boxes_to_labels, labels_to_boxes, short_names
+from .labels_and_boxes import (
+    FoundBox,
+    FrameLabels,
+    boxes_to_labels,
+    labels_to_boxes,
+    short_names,
+    without_suggestions,
+)
 from .options import (
     ExportResult,
     ImportResult,
@@ -35,7 +42,6 @@ TITLE = "iFDO"
 
 _LABELS, _CREATORS = "image-annotation-labels", "image-annotation-creators"
 _ANNOTATIONS = "image-annotations"
-_SUGGESTED = 0.5
 _KINDS = {"single-pixel": "point"}
 
 
@@ -44,9 +50,12 @@ def write_ifdo(path: Path, records: Iterable[LabelRecord], options: WriteOptions
 
     ToktError as `write_coco`, or where the iFDO file that lies with the mission cannot be read.
     """
-    frames, lost = labels_to_boxes(records, options, TITLE)
+    remarks: Remarks = Counter()
+    # BIIGLE, which imports such files, passes over the confidence.
+    chosen = without_suggestions(records, remarks, "for tools without confidence they")
+    frames, lost = labels_to_boxes(chosen, options, TITLE)
     records = [record for frame in frames for record, _ in frame.labels]
-    images, remarks = mission_images(options, TITLE), Counter[tuple[str, str]]()
+    images = mission_images(options, TITLE)
     source = ifdo_of(images.mission.path)
     if source is None:
         name = f"{uuid4()}"
@@ -80,12 +89,7 @@ def _add_names(header: dict[str, Any], field: str, names: dict[str, dict[str, st
 
 
 def _annotation(record: LabelRecord, box: Box, frame: FrameLabels) -> dict[str, Any]:
-    label = {
-        "label": label_of(record),
-        "annotator": record.annotator,
-        "created-at": record.time,
-        "confidence": _SUGGESTED if record.source == MODEL else 1.0,
-    }
+    label = {"label": label_of(record), "annotator": record.annotator, "created-at": record.time}
     return {
         "shape": "rectangle",
         "coordinates": [[round(side, 3) for side in box.corners]],
@@ -100,14 +104,17 @@ def read_ifdo_labels(path: Path, options: ReadOptions) -> ImportResult:
     A label with a confidence below 1 becomes a suggestion of the model that is its annotator.
     ToktError where the file is no iFDO file, or `boxes_to_labels` refuses its shapes.
     """
-    document, remarks = load_ifdo(path), Counter[tuple[str, str]]()
+    document = load_ifdo(path)
+    remarks: Remarks = Counter()
     found: list[FoundBox] = []
     with naming(path):
         labels, creators = (_names(document[HEADER], field) for field in (_LABELS, _CREATORS))
         for name, item in document[ITEMS].items():
-            said = of_kind(first_entry(item).get(_ANNOTATIONS) or [], list, f"{name}: annotations")
+            said = of_kind(
+                first_entry(item).get(_ANNOTATIONS) or [], list, f"{name!r:.100}: annotations"
+            )
             for n, value in enumerate(said, 1):
-                where = f"{name[:100]} annotation {n}"
+                where = f"{name!r:.100} annotation {n}"
                 annotation = of_kind(value, dict, where)
                 shape = _shape(annotation, where, remarks)
                 if shape is None:
