@@ -3,8 +3,8 @@
 import { el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
 import {
-  clearClass, frames, indexFrom, mission, onChange, onReload, onSetting, selectedClass, setSetting,
-  setting,
+  chosenClass, classes, clearClass, frames, indexFrom, mission, onChange, onReload, onSetting,
+  setSetting, setting,
 } from "../core/mission.js";
 import { frameAspect, lookAtShapes, thumbAddress } from "../core/pictures.js";
 import { addView, go } from "../core/router.js";
@@ -15,7 +15,7 @@ import {
 } from "../frame/steps.js";
 import { framesFollowed } from "../frame/suggest.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
-import { actOn, patchesAre } from "../saving/saver.js";
+import { act, actOn, changesOf, patchesAre, withdraw } from "../saving/saver.js";
 import { OverviewBar } from "./overview_bar.js";
 import { Thumb, contentOf } from "./thumb.js";
 import { paintOver } from "./thumb_painting.js";
@@ -73,7 +73,7 @@ function build() {
     role: "listbox", tabindex: "0", "aria-label": "frames", "data-home": true,
   });
   list.addEventListener("click", clicked);
-  list.addEventListener("dblclick", doubleClicked);
+  list.addEventListener("pointerdown", () => (painted = null));
   paintOver(list, { thumbAt, allThumbs, onStroke, onPainted });
   const does = { accept: accepting, rest: restOfAll, turn, resize, otherCamera };
   const bar = new OverviewBar(does);
@@ -354,43 +354,58 @@ function allThumbs(start) {
   return page.thumbs.filter((thumb) => thumb === start || painted(thumb));
 }
 
+// A class that nobody chose is not painted with: the first one means that the way is clear.
 function labelOf(mouseButton) {
-  return mouseButton === 2 ? UNSURE : selectedClass();
+  return mouseButton === 2 ? UNSURE : chosenClass();
 }
 
 function onStroke(cells, mouseButton) {
   if (!page) return;
-  page.stroke = cells && { cells, label: labelOf(mouseButton) };
+  const label = labelOf(mouseButton);
+  page.stroke = cells && label && { cells, label };
   for (const thumb of cells?.keys() ?? []) page.touched.add(thumb);
   drawStrokeSoon();
 }
 
+let painted = null; // the key of what was painted since the button went down
+let clicks = []; // the same of the clicks that follow one another, as those of a double click
+
 function onPainted(cells, mouseButton) {
   if (!page) return;
+  const label = labelOf(mouseButton);
+  if (!label) {
+    const keys = classes().filter(({ key }) => key).map(({ key, name }) => `${key} ${name}`);
+    return say(`Choose a class first, by its key: ${keys.join(", ")}.`);
+  }
   const patches = [];
   for (const [thumb, some] of cells) {
     const mine = contentOf(thumb.camera, thumb.frame)?.mine;
     if (!mine) continue;
     for (const cell of some) {
       const { camera, frame } = thumb;
-      patches.push({ camera, frame, cell, label: labelOf(mouseButton), base: mine[cell] });
+      if (mine[cell] !== label) patches.push({ camera, frame, cell, label, base: mine[cell] });
     }
   }
-  actOn("paint", patches);
+  // A click may be half of a double click, which opens the frame and paints nothing.
+  const hold = [...cells.values()].every((some) => some.size === 1);
+  painted = act("paint", changesOf(patches), { hold });
+  if (painted) {
+    const shown = new Set(patches.map(({ camera, frame }) => `${camera} frame ${frame}`));
+    const where = shown.size === 1 ? [...shown][0] : `${shown.size} frames`;
+    say(`${patchesAre(patches.length)} now ${label}, ${where}; Ctrl+Z undoes.`);
+  }
   drawSoon();
 }
 
 function clicked(event) {
+  clicks = [...(event.detail > 1 ? clicks : []), painted];
   const thumb = page.thumbs.find(({ element }) => element.contains(event.target));
   if (!thumb) return;
   if (event.target === thumb.leave) return exclude(thumb);
   page.focus = page.thumbs.indexOf(thumb);
-  draw();
-}
-
-function doubleClicked(event) {
-  const caption = event.target.closest(".thumb-caption");
-  open(page.thumbs.find(({ element }) => caption && element.contains(caption)));
+  if (event.detail < 2) return draw();
+  if (clicks.filter(Boolean).map(withdraw).length > 0) say("Opened; nothing was painted.");
+  open(thumb);
 }
 
 const row = (keys, does, run) => ({ keys, does, run });
@@ -417,7 +432,7 @@ const view = {
     row(["d", ".", "PageDown"], "next page", () => turn(1)),
     row(["a", ",", "PageUp"], "previous page", () => turn(-1)),
     row(Object.keys(ARROWS), "move from frame to frame", moveFrame),
-    row(["w"], "open this frame as a whole", () => open(focused())),
+    row(["w"], "open this frame as a whole; so does a double click", () => open(focused())),
     row(Object.keys(ARROWS).map((key) => `Ctrl+${key}`), "move over the frame's patches", moveCell),
     row(["Space"], "paint the patch under the cursor", paintCell),
     row(["Drag"], "paint; also over several frames; right button: unsure"),

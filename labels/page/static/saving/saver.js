@@ -19,6 +19,7 @@ const KEEP_STATUS = new Set([401, 403, 408, 421, 429, 507]);
 // A server that fails this often on one action fails because of it: later ones must go on.
 const MAX_FAILURES = 5;
 const KEPT_RANGES = 500;
+const HOLD_MS = 600; // longer than the second click of a double click takes
 
 const idleWaiters = [];
 let running = false;
@@ -67,13 +68,18 @@ export function whenIdle() {
  * @param {string} kind What the person did, for messages.
  * @param {{camera: string, frame: number, label: ?string, model?: string, cells: number[],
  *   base?: (?string)[]}[]} changes Labels of the frames must be loaded where `base` is missing.
- * @param {{source?: string}} [options]
+ * @param {{source?: string, hold?: boolean}} [options] `hold`: not sent for a moment, for
+ *   `withdraw`.
  * @returns {?string} The action's key; null if it would change nothing or could not be kept.
  */
-export function act(kind, changes, { source = "human" } = {}) {
+export function act(kind, changes, { source = "human", hold = false } = {}) {
   const filled = changes.map((change) => withBase(change, source)).filter((c) => c.cells.length);
   if (!filled.length) return null;
   const entry = newEntry({ path: "/api/actions", kind, source, changes: filled });
+  if (hold) {
+    held.add(entry.key);
+    setTimeout(release, HOLD_MS, entry.key);
+  } else held.clear();
   if (!take(entry)) return null;
   const [{ camera, frame }] = filled;
   const changed = filled.reduce((sum, change) => sum + change.cells.length, 0);
@@ -81,6 +87,31 @@ export function act(kind, changes, { source = "human" } = {}) {
   redoable = [];
   known.set(entry.key, { changes: filled, source });
   return entry.key;
+}
+
+const held = new Set(); // keys of actions that may still be withdrawn
+
+function release(key) {
+  if (held.delete(key)) pump();
+}
+
+/**
+ * Take an action back that was meant otherwise: as if it had never been, if it was not sent yet.
+ * @param {string} key
+ */
+export function withdraw(key) {
+  const entry = waiting().find((one) => one.key === key);
+  if (!entry || !held.delete(key)) {
+    if (undoable.at(-1)?.key === key) undo();
+    return;
+  }
+  forget(entry);
+  dequeue(entry);
+  known.delete(key);
+  undoable = undoable.filter((head) => head.key !== key);
+  showFrames(entry);
+  pump();
+  refreshHeads(); // what could be done again still can
 }
 
 /** "23 patches are", "1 patch is" */
@@ -255,6 +286,7 @@ async function oneStep(kind) {
   const { changes, source } = did ?? { changes: [], source: "human" };
   const turned = kind === "undo" ? opposite(changes) : changes;
   const path = `/api/${kind}`;
+  held.clear();
   if (!take(newEntry({ path, kind, source, target: head.key, changes: turned }))) return null;
   if (kind === "undo") redoable.push(undoable.pop());
   else undoable.push(redoable.pop());
@@ -286,7 +318,7 @@ async function pump() {
   if (running) return;
   running = true;
   try {
-    while (waiting().length && (await send(waiting()[0])));
+    while (waiting().length && !held.has(waiting()[0].key) && (await send(waiting()[0])));
   } finally {
     // Also after a fault in what shows the answers: saving goes on.
     running = false;

@@ -319,6 +319,42 @@ def test_strokes_and_rectangles_in_thumbnails_paint_as_one_action_each(open_page
         assert changes() == left
 
 
+def test_a_double_click_on_a_picture_opens_the_frame_and_writes_nothing(
+    open_page, server, changes
+):
+    page = open_page("#/overview/left/31", ".thumb:not(.loading)")
+    before = events(server)
+    picture = page.locator(".thumb canvas").nth(2)
+    spot = {"x": 40, "y": 30}
+    picture.click(position=spot)  # nobody chose a class: the first one means clear
+    toast(page, "Choose a class first, by its key: 1 ocean, 2 other,")
+    page.keyboard.press("3")
+    picture.dblclick(position=spot)
+    page.wait_for_url("**/#/label/left/33")
+    toast(page, "nothing was painted")
+    page.go_back()
+    page.wait_for_selector(".thumb:not(.loading)")
+    saved(page)
+    page.wait_for_timeout(700)  # longer than a click waits for a second one
+    saved(page)
+    assert events(server) == before and changes() == {}
+    picture.click(position=spot)
+    toast(page, "1 patch is now sand, left frame 33; Ctrl+Z undoes.")
+    saved(page)
+    assert list(changes().values()) == ["sand"]
+    undo(page)
+    picture.dblclick(position=spot, delay=800)  # a slow hand: the first click was sent
+    page.wait_for_url("**/#/label/left/33")
+    saved(page)
+    assert changes() == {}
+
+
+def events(server):
+    """How many events the store holds, those that were taken back too."""
+    with LabelStore(server.workspace / "labels.db") as store:
+        return store.last_event()
+
+
 def expected_kappa(server):
     with LabelStore(server.workspace / "labels.db") as store:
         records = store.current("tiny", grid=GRID)
