@@ -80,10 +80,10 @@ class AuditSheet extends DecisionSheet {
    * @param {(doubt: Doubt) => string} labelFor
    */
   decide(labelFor) {
-    if (this.grid.tiles.length === 0) return;
+    const targets = this.targets();
+    if (targets.length === 0) return;
     const single = this.grid.selection.chosen.size === 0;
     const own = (doubt) => labelFor(doubt) !== doubt.label && mineOf(doubt) !== null;
-    const targets = this.grid.targets();
     const relabelled = targets.filter(own);
     const settled = targets.filter((doubt) => !own(doubt));
     const count = relabel(relabelled, labelFor) + settle(settled, labelFor);
@@ -94,7 +94,9 @@ class AuditSheet extends DecisionSheet {
 
   /** Take decisions back: the label holds again, and is doubted again. */
   takeBack() {
-    const targets = this.grid.targets().filter((doubt) => this.decisionOn(doubt) !== null);
+    const all = this.targets();
+    if (all.length === 0) return;
+    const targets = all.filter((doubt) => this.decisionOn(doubt) !== null);
     const settled = targets.filter((doubt) => settledOf(doubt) !== null);
     const relabelled = targets.filter((doubt) => settledOf(doubt) === null);
     const count = settle(settled, () => null) + relabel(relabelled, (doubt) => doubt.label);

@@ -128,9 +128,20 @@ def patch_of(name):
     return frame, row * GRID.cols + col
 
 
+def back_from_its_frame(page):
+    """Open the frame of the patch under the cursor and come back; which patch it is then."""
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/#/label/left/**")
+    page.go_back()
+    page.wait_for_selector(".tile.at-cursor")
+    return patches(page, ".at-cursor")[0]
+
+
 def test_patches_relabelled_on_the_sheet_are_in_the_store_and_undone_together(open_page, changes):
     page = open_page(f"#/sheet/{TOWER}", ".tile")
     tiles = page.locator(".tile")
+    page.keyboard.press("4")
+    toast(page, "Select patches first")
     tiles.nth(1).click()
     tiles.nth(4).click(modifiers=["Shift"])
     tiles.nth(7).click()
@@ -378,6 +389,8 @@ def test_conflicts_are_settled_both_opinions_stay_and_it_can_be_taken_back(
     page = open_page("#/agreement/anna/ben", ".conflicts .tile")
     assert page.locator(".kappa strong").inner_text() == expected_kappa(server)
     assert page.locator(".conflicts .tile").count() == SURE
+    page.keyboard.press("4")
+    toast(page, "Select patches first: click them, or use the arrow keys.")
     page.keyboard.press("e")
     assert set(patches(page)) == set(PLANTED)
     page.get_by_role("button", name="2 patches anna: ocean, ben: sand").click()
@@ -389,6 +402,7 @@ def test_conflicts_are_settled_both_opinions_stay_and_it_can_be_taken_back(
     assert settled(server) == dict.fromkeys([(5, 0), (5, 1)], ("sand", "anna"))
     assert changes("anna") == changes("ben") == {}
     page.keyboard.press("Home")
+    assert back_from_its_frame(page) == (5, 0)
     page.keyboard.press("Delete")
     saved(page)
     assert list(settled(server)) == [(5, 1)]
@@ -418,7 +432,11 @@ def test_audited_labels_are_confirmed_or_relabelled_by_a_person_only(open_page, 
 
     page = open_page("#/audit/tiny", ".tile")
     assert patches(page) == [(9, 0), (10, 99), (30, 3)]
+    for key in ("y", "n", "3", "Delete"):
+        page.keyboard.press(key)
+        toast(page, "Select patches first")
     assert changes() == {} and settled(server) == {}
+    page.keyboard.press("Home")
     page.keyboard.press("y")  # the label is right
     page.keyboard.press("n")  # the suggestion is
     page.keyboard.press("3")  # neither; nobody has labelled this one
@@ -426,6 +444,8 @@ def test_audited_labels_are_confirmed_or_relabelled_by_a_person_only(open_page, 
     saved(page)
     assert changes() == {(10, 99): "reef"}
     assert settled(server) == {(9, 0): ("ocean", "anna"), (30, 3): ("sand", "anna")}
+    page.keyboard.press("ArrowLeft")  # decided by now, and the same when one comes back
+    assert back_from_its_frame(page) == (10, 99)
     page.get_by_role("button", name="decided 3").wait_for()
     page.reload()
     page.wait_for_selector(".tile-scroller[data-empty='Everything is decided.']")
