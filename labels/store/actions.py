@@ -13,6 +13,8 @@ from tokt.labels.record import HUMAN, SETTLED, LabelRecord, check_name
 from .schema import CELL, COLUMNS
 
 UNDO, REDO = "undo", "redo"
+CONFIRM = "confirm"
+"""Kind of an action that is written also where its label holds already: somebody looked."""
 
 _AT = " AND ".join(f"{name} = :{name}" for name in CELL.split(", "))
 _NOW = 2**63 - 1  # no event has this number
@@ -341,9 +343,9 @@ class ActionLog:
             frames[record.camera, record.frame] = None
             row = {**vars(record), "grid": str(record.grid), "action": action}
             holds, _ = self._in_force(row, _NOW)
-            if holds == record.label:
+            if holds == record.label and kind != CONFIRM:
                 continue
-            if holds != expected:
+            if holds not in (expected, record.label):
                 place = record.camera, record.frame, record.row, record.col
                 conflicts.append(Conflict(*place, theirs=holds, yours=record.label))
                 continue

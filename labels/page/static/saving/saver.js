@@ -19,6 +19,8 @@ const KEEP_STATUS = new Set([401, 403, 408, 421, 429, 507]);
 // A server that fails this often on one action fails because of it: later ones must go on.
 const MAX_FAILURES = 5;
 const KEPT_RANGES = 500;
+/** Kind of an action that counts also where its label holds already: somebody looked. */
+export const CONFIRM = "confirm";
 const HOLD_MS = 600; // longer than the second click of a double click takes
 
 const idleWaiters = [];
@@ -69,11 +71,12 @@ export function whenIdle() {
  * @param {{camera: string, frame: number, label: ?string, model?: string, cells: number[],
  *   base?: (?string)[]}[]} changes Labels of the frames must be loaded where `base` is missing.
  * @param {{source?: string, hold?: boolean}} [options] `hold`: not sent for a moment, for
- *   `withdraw`.
+ *   `withdraw`. The kind "confirm" also says what holds already.
  * @returns {?string} The action's key; null if it would change nothing or could not be kept.
  */
 export function act(kind, changes, { source = "human", hold = false } = {}) {
-  const filled = changes.map((change) => withBase(change, source)).filter((c) => c.cells.length);
+  const based = changes.map((change) => withBase(change, source, kind === CONFIRM));
+  const filled = based.filter(({ cells }) => cells.length);
   if (!filled.length) return null;
   const entry = newEntry({ path: "/api/actions", kind, source, changes: filled });
   if (hold) {
@@ -148,18 +151,19 @@ export function changesOf(patches) {
  * @returns {number} How many change.
  */
 export function actOn(kind, patches, options = {}) {
-  const changing = patches.filter(({ label, base, model }) => model || label !== base);
+  const again = kind === CONFIRM;
+  const changing = patches.filter(({ label, base, model }) => again || model || label !== base);
   if (changing.length > 0) act(kind, changesOf(changing), options);
   return changing.length;
 }
 
-function withBase(change, source) {
+function withBase(change, source, again) {
   const { camera, frame, label, model = null, cells } = change;
   const labels = change.base ? null : labelsOf(camera, frame);
   if (!change.base && !labels) throw new Error(`labels of ${camera} ${frame} are not loaded`);
   const field = source === "settled" ? "settled" : "mine";
   const base = change.base ?? cells.map((cell) => labels[field][cell]);
-  const kept = cells.map((_, at) => at).filter((at) => base[at] !== label);
+  const kept = cells.map((_, at) => at).filter((at) => again || base[at] !== label);
   return {
     camera,
     frame,

@@ -244,11 +244,12 @@ export function settledOf({ camera, frame, cell, settled }) {
  * Settle patches: both opinions stay, and what holds stands beside them.
  * @param {object[]} patches
  * @param {(patch: object) => ?string} labelFor Null takes the settlement back.
+ * @param {string} [kind]
  * @returns {number} How many change.
  */
-export function settle(patches, labelFor) {
+export function settle(patches, labelFor, kind = "settle") {
   const wanted = patches.map((one) => ({ ...one, label: labelFor(one), base: settledOf(one) }));
-  return actOn("settle", wanted, { source: "settled" });
+  return actOn(kind, wanted, { source: "settled" });
 }
 
 /**

@@ -330,9 +330,7 @@ def test_strokes_and_rectangles_in_thumbnails_paint_as_one_action_each(open_page
         assert changes() == left
 
 
-def test_a_double_click_on_a_picture_opens_the_frame_and_writes_nothing(
-    open_page, server, changes
-):
+def test_a_double_click_on_a_picture_opens_the_frame_and_writes_nothing(open_page, server, changes):
     page = open_page("#/overview/left/31", ".thumb:not(.loading)")
     before = events(server)
     picture = page.locator(".thumb canvas").nth(2)
@@ -420,22 +418,27 @@ def test_audited_labels_are_confirmed_or_relabelled_by_a_person_only(open_page, 
             (("tiny", "left", 10, 9, 9), -2.0),
             (("other_dive", "left", 9, 0, 1), -1.5),
             (("tiny", "left", 30, 0, 3), -1.0),
+            (("tiny", "left", 31, 0, 3), -0.5),
         ]
     ]
     write_audit(server.workspace, Audit("tiny", "dataset tiny", GRID, "a rule.", tuple(doubts)))
     (server.workspace / "audits" / "broken.json").write_text("{", "utf-8")
     listed = {one["name"]: one for one in server.get("/api/audits")["audits"]}
-    assert listed["tiny"]["patches"] == 3
+    assert listed["tiny"]["patches"] == 4
     assert "broken.json is damaged; audit again" in listed["broken"]["fault"]
     assert server.request("GET", "/api/audit?name=tiny&blind=1").status == 403
     assert server.request("GET", "/api/audit?name=../labels").status == 404
 
+    server.paint("a-31", 31, [3], "reef", kind="accept")  # nobody looked at this patch
+    server.paint("b-9", 9, [0], "ocean", who="ben", source="settled")  # before the audit
+    before = {(9, 0): ("ocean", "ben")}
     page = open_page("#/audit/tiny", ".tile")
-    assert patches(page) == [(9, 0), (10, 99), (30, 3)]
+    assert patches(page) == [(9, 0), (10, 99), (30, 3), (31, 3)]
+    server.post("/api/undo", key="u-31", who="anna", time=TIME, target="a-31")
     for key in ("y", "n", "3", "Delete"):
         page.keyboard.press(key)
         toast(page, "Select patches first")
-    assert changes() == {} and settled(server) == {}
+    assert changes() == {} and settled(server) == before
     page.keyboard.press("Home")
     page.keyboard.press("y")  # the label is right
     page.keyboard.press("n")  # the suggestion is
@@ -445,14 +448,15 @@ def test_audited_labels_are_confirmed_or_relabelled_by_a_person_only(open_page, 
     assert changes() == {(10, 99): "reef"}
     assert settled(server) == {(9, 0): ("ocean", "anna"), (30, 3): ("sand", "anna")}
     page.keyboard.press("ArrowLeft")  # decided by now, and the same when one comes back
-    assert back_from_its_frame(page) == (10, 99)
+    assert back_from_its_frame(page) == (30, 3)
     page.get_by_role("button", name="decided 3").wait_for()
     page.reload()
-    page.wait_for_selector(".tile-scroller[data-empty='Everything is decided.']")
+    page.wait_for_selector(".tile")
+    assert patches(page) == [(31, 3)]
     for _ in range(3):
         undo(page)
     page.get_by_role("button", name="decided 0").wait_for()
-    assert changes() == {} and settled(server) == {}
+    assert changes() == {} and list(settled(server)) == list(before)
 
 
 def test_a_second_labelling_is_blind_and_by_another_person(open_page, server):
