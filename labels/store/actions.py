@@ -35,8 +35,9 @@ _ADD_ACTION = """INSERT INTO actions (id, key, annotator, mission, grid, kind, t
 _NODE = """SELECT actions.id, actions.source, actions.blind, actions.below, actions.first,
     first.key, first.kind FROM actions JOIN actions AS first ON first.id = actions.first
     WHERE actions.id = ?"""
-_HEAD = """SELECT camera, frame, (SELECT COUNT(*) FROM events WHERE action = :id) FROM events
-    WHERE action = :id ORDER BY id LIMIT 1"""
+_HEAD = """SELECT camera, frame, (SELECT COUNT(*) FROM events WHERE action = :id),
+    (SELECT COUNT(*) FROM (SELECT DISTINCT camera, frame FROM events WHERE action = :id))
+    FROM events WHERE action = :id ORDER BY id LIMIT 1"""
 _TOPS = """SELECT undo_top, redo_top FROM actions WHERE annotator = ? AND mission = ? AND grid = ?
     ORDER BY id DESC LIMIT 1"""
 _ANSWER = "SELECT id, annotator, mission, grid, kind, result FROM actions WHERE key = ?"
@@ -197,8 +198,8 @@ class ActionHead:
     camera : str
     frame : int
         The first frame it changed.
-    changed : int
-        Patches it changed when it was last done or undone.
+    changed, frames : int
+        Patches it changed when it was last done or undone, and in how many frames.
     """
 
     key: str
@@ -206,6 +207,7 @@ class ActionHead:
     camera: str
     frame: int
     changed: int
+    frames: int
 
 
 class UndoHistory(NamedTuple):
@@ -390,8 +392,9 @@ class ActionLog:
         node = self._node(number)
         if node is None:
             return None
-        camera, frame, changed = self._connection.execute(_HEAD, {"id": node.id}).fetchone()
-        return ActionHead(node.key, node.kind, camera, frame, changed)
+        return ActionHead(
+            node.key, node.kind, *self._connection.execute(_HEAD, {"id": node.id}).fetchone()
+        )
 
 
 def _texts(history: UndoHistory) -> list[str]:

@@ -7,7 +7,7 @@ import {
   setSetting, setting,
 } from "../core/mission.js";
 import { frameAspect, lookAtShapes, thumbAddress } from "../core/pictures.js";
-import { addView, go } from "../core/router.js";
+import { addView, go, noteAddress } from "../core/router.js";
 import { changeSetting } from "../core/settings.js";
 import { ARROWS, cellAt, cellFrom } from "../frame/patch_grid.js";
 import {
@@ -32,12 +32,17 @@ const MIN_HEIGHT = 40;
 const SQUEEZED = 0.2;
 
 let parts = null; // the elements on show; null while another view is
-let page = null; // {camera, first, thumbs, excluded, focus, cell, stroke, touched}
+let page = null; // {camera, first, asked, thumbs, excluded, focus, cell, stroke, touched}
 let last = null; // {camera, first}: where the person was, to come back to
 
 async function show(root, [camera, first]) {
   const known = camera in mission.cameras ? camera : Object.keys(mission.cameras)[0];
   const wanted = { camera: known, first: Number(first) || frames(known)[0] };
+  if (parts && page?.camera === known) {
+    const at = page.thumbs.findIndex(({ frame }) => frame === wanted.first);
+    if (at >= 0) return focusOn(at);
+    wanted.asked = wanted.first; // an undo names a frame to see, whatever is filtered
+  }
   last = wanted;
   if (page?.camera === known) wanted.excluded = page.excluded;
   if (!parts) {
@@ -86,7 +91,8 @@ function build() {
 
 /** Blind, and asked to label what somebody labelled: only those frames. */
 function keeps(frame) {
-  return passesBlindList(page.camera, frame) && page.passes(page.camera, frame);
+  const { camera, asked, passes } = page;
+  return passesBlindList(camera, frame) && (frame === asked || passes(camera, frame));
 }
 
 function columns() {
@@ -325,7 +331,12 @@ function moveFrame(event) {
   const across = { ArrowLeft: -1, ArrowRight: 1, ArrowUp: -columns(), ArrowDown: columns() };
   const next = page.focus + across[event.key];
   if (next < 0 || next >= page.thumbs.length) return;
-  page.focus = next;
+  focusOn(next);
+}
+
+function focusOn(index) {
+  page.focus = index;
+  noteAddress(view.link());
   draw();
   focused().element.scrollIntoView({ block: "nearest" });
 }
@@ -455,6 +466,7 @@ onChange((what) => {
   else drawSoon();
 });
 onSetting((name) => {
+  if (name === "filter" && page) page.asked = null;
   if (["overviewColumns", "filter", "enhance"].includes(name)) layOutSoon();
   else drawSoon();
 });

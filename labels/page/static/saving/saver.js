@@ -86,7 +86,8 @@ export function act(kind, changes, { source = "human", hold = false } = {}) {
   if (!take(entry)) return null;
   const [{ camera, frame }] = filled;
   const changed = filled.reduce((sum, change) => sum + change.cells.length, 0);
-  undoable.push({ key: entry.key, kind, camera, frame, changed });
+  const { length } = framesOf(entry);
+  undoable.push({ key: entry.key, kind, camera, frame, changed, frames: length });
   redoable = [];
   known.set(entry.key, { changes: filled, source });
   return entry.key;
@@ -216,7 +217,7 @@ function showFrames(entry) {
 
 // ---- Undo: the server's history, ahead of its acknowledgements
 
-// Heads {key, kind, camera, frame, changed}; only the ends that this page knows, newest last.
+// Heads {key, kind, camera, frame, changed, frames}; only the ends that this page knows, newest last.
 let undoable = [];
 let redoable = [];
 const known = new Map(); // key of an action of this page -> {changes, source}
@@ -249,7 +250,7 @@ function opposite(changes) {
 
 /**
  * Take the newest action back.
- * @returns {Promise<?Object>} The head {kind, camera, frame, changed} of what is undone; null if
+ * @returns {Promise<?Object>} The head {kind, camera, frame, changed, frames} of what is undone; null if
  *   there is nothing, or it cannot be done now (that was said).
  */
 export function undo() {

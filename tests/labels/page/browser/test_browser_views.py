@@ -157,6 +157,9 @@ def test_patches_relabelled_on_the_sheet_are_in_the_store_and_undone_together(op
     undo(page)
     assert changes() == {}
     assert tiles.nth(7).locator(".tile-caption").inner_text() == ""
+    page.get_by_role("link", name="Go there").click()
+    page.wait_for_url("**/#/label/left/*")
+    assert int(page.url.rsplit("/", 1)[1]) in {frame for frame, _ in chosen}
 
 
 def test_the_sheet_selects_by_rectangle_and_by_keys_alone(open_page):
@@ -259,6 +262,9 @@ def test_one_key_accepts_all_frames_shown_but_those_left_out_and_goes_on(
     changed = changes()
     painted = (22, 45)
     assert changed[painted] == "reef"
+    page.keyboard.press("/")
+    page.keyboard.press("/")
+    page.wait_for_function("() => document.querySelector('.filter').value === 'u'")
     assert set(changed) == {(frame, cell) for frame in range(22, 29) for cell in range(100)}
     with LabelStore(server.workspace / "labels.db") as store:
         versions = {
@@ -269,6 +275,9 @@ def test_one_key_accepts_all_frames_shown_but_those_left_out_and_goes_on(
     assert versions.pop(painted) is None
     assert set(versions.values()) == {"tiny-lbp/1"}
     undo(page)
+    toast(page, "Undone: accept, 699 patches, left frame 22 and 6 more.")
+    page.wait_for_url("**/#/overview/left/22")
+    page.wait_for_selector(".thumb[aria-selected=true] .thumb-number:text-is('22')")
     assert changes() == {painted: "reef"}
     undo(page)
     assert changes() == {}
@@ -323,7 +332,10 @@ def test_strokes_and_rectangles_in_thumbnails_paint_as_one_action_each(open_page
     stroke = dict.fromkeys([(31, 38), (31, 39), (32, 30), (32, 31)], "sand")
     rectangle = dict.fromkeys([(33, 11), (33, 12), (33, 21), (33, 22)], "sand")
     assert changes() == {**stroke, (33, 0): "unsure", **rectangle}
+    page.keyboard.press("ArrowRight")
     undo(page)
+    page.wait_for_selector(".thumb[aria-selected=true] .thumb-number:text-is('33')")
+    assert page.url.endswith("#/overview/left/31")
     assert changes() == {**stroke, (33, 0): "unsure"}
     for left in (stroke, {}):
         undo(page)
