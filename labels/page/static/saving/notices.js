@@ -5,7 +5,9 @@ import { go } from "../core/router.js";
 import { onChange } from "../core/mission.js";
 import { cellName } from "../frame/patch_grid.js";
 import { closeConflicts, discard, onRefused, unwritten } from "./outbox.js";
-import { act, changesOf, onState, pending, sendAgain, state, stateReason } from "./saver.js";
+import {
+  act, changesOf, onState, patchesAre, pending, sendAgain, state, stateReason,
+} from "./saver.js";
 
 const MAX_SHOWN = 30;
 
@@ -68,8 +70,8 @@ function closeByKey(event) {
 function headline(conflicts, refused, foreign) {
   const parts = [];
   if (trouble()) parts.push("Your work waits in this browser");
-  if (conflicts) parts.push(`${conflicts} not written`);
-  if (refused) parts.push(`${refused} refused`);
+  if (conflicts) parts.push(`${patchesAre(conflicts)} not written`);
+  if (refused) parts.push(`${refused} refused by the server`);
   if (foreign) parts.push(`${foreign} of others wait`);
   return parts.join(" · ");
 }

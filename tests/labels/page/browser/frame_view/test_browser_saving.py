@@ -99,7 +99,7 @@ def test_two_tabs_see_each_other_and_conflicts_are_listed(open_frame):
     # One line of the header, said once; the list opens over the frame, which stays where it is.
     frame = two.page.locator(".frame-canvas")
     place, item = frame.bounding_box(), two.page.get_by_text("Use all 2 of mine")
-    assert not item.is_visible() and two.text("#notices summary") == "2 not written"
+    assert not item.is_visible() and two.text("#notices summary") == "2 patches are not written"
     two.page.locator("#notices summary").focus()
     two.press("Enter")
     item.wait_for()
@@ -107,7 +107,7 @@ def test_two_tabs_see_each_other_and_conflicts_are_listed(open_frame):
     two.press("Escape")
     item.wait_for(state="hidden")
     assert two.page.evaluate("() => document.activeElement.dataset.home") == ""
-    assert said.json_value() == ["2 not written: see the list in the header."]
+    assert said.json_value() == ["2 patches are not written: see the list in the header."]
     two.page.locator("#notices summary").click()
     item.click()
     two.state("saved")
