@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 from weakref import WeakSet
 
 from tokt.features.common.errors import ToktError
@@ -72,6 +72,14 @@ _IS_SEEN = """SELECT 1 FROM seen
 _MARK_SEEN = """INSERT OR IGNORE INTO seen (mission, camera, frame, annotator, time)
     VALUES (?, ?, ?, ?, ?)"""
 
+# A redo says what the first action said.
+_STATEMENTS = f"""SELECT label, events.annotator, events.source, events.time,
+    CASE actions.kind WHEN 'redo' THEN first.kind ELSE actions.kind END
+    FROM events LEFT JOIN actions ON actions.id = events.action
+    LEFT JOIN actions AS first ON first.id = actions.first
+    WHERE {" AND ".join(f"events.{name} = :{name}" for name in CELL.split(", "))}
+    AND events.source <> 'model' ORDER BY events.id"""
+
 EventRow = tuple[int, str, int, int, int, str | None, str, str, str | None, bool]
 """Event number, camera, frame, row, col, label, annotator, source, model version, blind."""
 
@@ -112,6 +120,16 @@ class Note:
     text: str
     annotator: str
     time: str
+
+
+class Statement(NamedTuple):
+    """What somebody said of a patch; `kind` of action, None where it came with a file."""
+
+    label: str | None
+    annotator: str
+    source: str
+    time: str
+    kind: str | None
 
 
 @dataclass(frozen=True)
@@ -509,6 +527,11 @@ class LabelStore:
             f"SELECT {COLUMNS} FROM events WHERE {where} ORDER BY id",
             {**cell._asdict(), "grid": str(cell.grid)},
         )
+
+    def statements(self, cell: Cell) -> list[Statement]:
+        """What people said of one patch and how, in order."""
+        rows = self._rows(_STATEMENTS, {**cell._asdict(), "grid": str(cell.grid)})
+        return [Statement(*row) for row in rows]
 
     def missions(self) -> list[str]:
         """Missions that have events, by name."""

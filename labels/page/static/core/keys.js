@@ -119,8 +119,8 @@ function ownsKey(target, { key, ctrlKey, altKey }) {
   if (target instanceof HTMLTextAreaElement) return key !== "Escape";
   if (target instanceof HTMLSelectElement) return !ctrlKey && !altKey && key !== "Escape";
   if (target.getAttribute("role") === "slider") return /^(Arrow|Page|Home|End)/.test(key);
-  if (target instanceof HTMLButtonElement || target instanceof HTMLAnchorElement) {
-    return key === "Enter" || (key === " " && target instanceof HTMLButtonElement);
+  if (target.matches("button, a, summary")) {
+    return key === "Enter" || (key === " " && !target.matches("a"));
   }
   return false;
 }

@@ -188,10 +188,15 @@ export function signOf(name) {
   return classOf(name).key || name.slice(0, 1);
 }
 
+/** The class that somebody chose in this browser; null where nobody did. */
+export function chosenClass() {
+  const name = setting("selected");
+  return byName.has(name) ? name : null;
+}
+
 /** The class that painting puts on patches. */
 export function selectedClass() {
-  const name = setting("selected");
-  return byName.has(name) ? name : (mission.classes[0]?.name ?? "");
+  return chosenClass() ?? mission.classes[0]?.name ?? "";
 }
 
 /**

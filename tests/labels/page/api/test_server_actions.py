@@ -57,7 +57,8 @@ def test_mission(server):
 
 def test_an_action_and_its_undo(server):
     done = server.paint("act-1", 1, [0, 1, 99], "ocean", who="dora")
-    head = {"key": "act-1", "kind": "paint", "camera": "left", "frame": 1, "changed": 3}
+    head = {"key": "act-1", "kind": "paint", "camera": "left", "frame": 1}
+    head |= {"changed": 3, "frames": 1}
     assert done == {
         **{"key": "act-1", "event": done["event"], "changed": 3, "repeated": False},
         **{"conflicts": [], "states": {"left": {"1": "p"}}, "counts": {**COUNTS, "ocean": 3}},

@@ -128,9 +128,20 @@ def patch_of(name):
     return frame, row * GRID.cols + col
 
 
+def back_from_its_frame(page):
+    """Open the frame of the patch under the cursor and come back; which patch it is then."""
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/#/label/left/**")
+    page.go_back()
+    page.wait_for_selector(".tile.at-cursor")
+    return patches(page, ".at-cursor")[0]
+
+
 def test_patches_relabelled_on_the_sheet_are_in_the_store_and_undone_together(open_page, changes):
     page = open_page(f"#/sheet/{TOWER}", ".tile")
     tiles = page.locator(".tile")
+    page.keyboard.press("4")
+    toast(page, "Select patches first")
     tiles.nth(1).click()
     tiles.nth(4).click(modifiers=["Shift"])
     tiles.nth(7).click()
@@ -146,6 +157,9 @@ def test_patches_relabelled_on_the_sheet_are_in_the_store_and_undone_together(op
     undo(page)
     assert changes() == {}
     assert tiles.nth(7).locator(".tile-caption").inner_text() == ""
+    page.get_by_role("link", name="Go there").click()
+    page.wait_for_url("**/#/label/left/*")
+    assert int(page.url.rsplit("/", 1)[1]) in {frame for frame, _ in chosen}
 
 
 def test_the_sheet_selects_by_rectangle_and_by_keys_alone(open_page):
@@ -248,6 +262,9 @@ def test_one_key_accepts_all_frames_shown_but_those_left_out_and_goes_on(
     changed = changes()
     painted = (22, 45)
     assert changed[painted] == "reef"
+    page.keyboard.press("/")
+    page.keyboard.press("/")
+    page.wait_for_function("() => document.querySelector('.filter').value === 'u'")
     assert set(changed) == {(frame, cell) for frame in range(22, 29) for cell in range(100)}
     with LabelStore(server.workspace / "labels.db") as store:
         versions = {
@@ -258,6 +275,9 @@ def test_one_key_accepts_all_frames_shown_but_those_left_out_and_goes_on(
     assert versions.pop(painted) is None
     assert set(versions.values()) == {"tiny-lbp/1"}
     undo(page)
+    toast(page, "Undone: accept, 699 patches, left frame 22 and 6 more.")
+    page.wait_for_url("**/#/overview/left/22")
+    page.wait_for_selector(".thumb[aria-selected=true] .thumb-number:text-is('22')")
     assert changes() == {painted: "reef"}
     undo(page)
     assert changes() == {}
@@ -312,11 +332,48 @@ def test_strokes_and_rectangles_in_thumbnails_paint_as_one_action_each(open_page
     stroke = dict.fromkeys([(31, 38), (31, 39), (32, 30), (32, 31)], "sand")
     rectangle = dict.fromkeys([(33, 11), (33, 12), (33, 21), (33, 22)], "sand")
     assert changes() == {**stroke, (33, 0): "unsure", **rectangle}
+    page.keyboard.press("ArrowRight")
     undo(page)
+    page.wait_for_selector(".thumb[aria-selected=true] .thumb-number:text-is('33')")
+    assert page.url.endswith("#/overview/left/31")
     assert changes() == {**stroke, (33, 0): "unsure"}
     for left in (stroke, {}):
         undo(page)
         assert changes() == left
+
+
+def test_a_double_click_on_a_picture_opens_the_frame_and_writes_nothing(open_page, server, changes):
+    page = open_page("#/overview/left/31", ".thumb:not(.loading)")
+    before = events(server)
+    picture = page.locator(".thumb canvas").nth(2)
+    spot = {"x": 40, "y": 30}
+    picture.click(position=spot)  # nobody chose a class: the first one means clear
+    toast(page, "Choose a class first, by its key: 1 ocean, 2 other,")
+    page.keyboard.press("3")
+    picture.dblclick(position=spot)
+    page.wait_for_url("**/#/label/left/33")
+    toast(page, "nothing was painted")
+    page.go_back()
+    page.wait_for_selector(".thumb:not(.loading)")
+    saved(page)
+    page.wait_for_timeout(700)  # longer than a click waits for a second one
+    saved(page)
+    assert events(server) == before and changes() == {}
+    picture.click(position=spot)
+    toast(page, "1 patch is now sand, left frame 33; Ctrl+Z undoes.")
+    saved(page)
+    assert list(changes().values()) == ["sand"]
+    undo(page)
+    picture.dblclick(position=spot, delay=800)  # a slow hand: the first click was sent
+    page.wait_for_url("**/#/label/left/33")
+    saved(page)
+    assert changes() == {}
+
+
+def events(server):
+    """How many events the store holds, those that were taken back too."""
+    with LabelStore(server.workspace / "labels.db") as store:
+        return store.last_event()
 
 
 def expected_kappa(server):
@@ -342,6 +399,8 @@ def test_conflicts_are_settled_both_opinions_stay_and_it_can_be_taken_back(
     page = open_page("#/agreement/anna/ben", ".conflicts .tile")
     assert page.locator(".kappa strong").inner_text() == expected_kappa(server)
     assert page.locator(".conflicts .tile").count() == SURE
+    page.keyboard.press("4")
+    toast(page, "Select patches first: click them, or use the arrow keys.")
     page.keyboard.press("e")
     assert set(patches(page)) == set(PLANTED)
     page.get_by_role("button", name="2 patches anna: ocean, ben: sand").click()
@@ -353,6 +412,7 @@ def test_conflicts_are_settled_both_opinions_stay_and_it_can_be_taken_back(
     assert settled(server) == dict.fromkeys([(5, 0), (5, 1)], ("sand", "anna"))
     assert changes("anna") == changes("ben") == {}
     page.keyboard.press("Home")
+    assert back_from_its_frame(page) == (5, 0)
     page.keyboard.press("Delete")
     saved(page)
     assert list(settled(server)) == [(5, 1)]
@@ -370,18 +430,27 @@ def test_audited_labels_are_confirmed_or_relabelled_by_a_person_only(open_page, 
             (("tiny", "left", 10, 9, 9), -2.0),
             (("other_dive", "left", 9, 0, 1), -1.5),
             (("tiny", "left", 30, 0, 3), -1.0),
+            (("tiny", "left", 31, 0, 3), -0.5),
         ]
     ]
     write_audit(server.workspace, Audit("tiny", "dataset tiny", GRID, "a rule.", tuple(doubts)))
     (server.workspace / "audits" / "broken.json").write_text("{", "utf-8")
     listed = {one["name"]: one for one in server.get("/api/audits")["audits"]}
-    assert listed["tiny"]["patches"] == 3
+    assert listed["tiny"]["patches"] == 4
     assert "broken.json is damaged; audit again" in listed["broken"]["fault"]
     assert server.request("GET", "/api/audit?name=../labels").status == 404
 
+    server.paint("a-31", 31, [3], "reef", kind="accept")  # nobody looked at this patch
+    server.paint("b-9", 9, [0], "ocean", who="ben", source="settled")  # before the audit
+    before = {(9, 0): ("ocean", "ben")}
     page = open_page("#/audit/tiny", ".tile")
-    assert patches(page) == [(9, 0), (10, 99), (30, 3)]
-    assert changes() == {} and settled(server) == {}
+    assert patches(page) == [(9, 0), (10, 99), (30, 3), (31, 3)]
+    server.post("/api/undo", key="u-31", who="anna", time=TIME, target="a-31")
+    for key in ("y", "n", "3", "Delete"):
+        page.keyboard.press(key)
+        toast(page, "Select patches first")
+    assert changes() == {} and settled(server) == before
+    page.keyboard.press("Home")
     page.keyboard.press("y")  # the label is right
     page.keyboard.press("n")  # the suggestion is
     page.keyboard.press("3")  # neither; nobody has labelled this one
@@ -389,13 +458,16 @@ def test_audited_labels_are_confirmed_or_relabelled_by_a_person_only(open_page, 
     saved(page)
     assert changes() == {(10, 99): "reef"}
     assert settled(server) == {(9, 0): ("ocean", "anna"), (30, 3): ("sand", "anna")}
+    page.keyboard.press("ArrowLeft")  # decided by now, and the same when one comes back
+    assert back_from_its_frame(page) == (30, 3)
     page.get_by_role("button", name="decided 3").wait_for()
     page.reload()
-    page.wait_for_selector(".tile-scroller[data-empty='Everything is decided.']")
+    page.wait_for_selector(".tile")
+    assert patches(page) == [(31, 3)]
     for _ in range(3):
         undo(page)
     page.get_by_role("button", name="decided 0").wait_for()
-    assert changes() == {} and settled(server) == {}
+    assert changes() == {} and list(settled(server)) == list(before)
 
 
 def test_a_second_labelling_is_blind_and_by_another_person(open_page, server):
