@@ -15,8 +15,9 @@ from typer import Argument, Option
 from tokt.features.common.errors import ToktError, printable
 from tokt.labels.formats import CSV, NAMES
 
+from . import interrupt_ends
 from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
-from .output import answer, print_json, progress, say, stop_on_signal
+from .output import answer, print_json, progress, say
 from .output import print_line as print
 
 if TYPE_CHECKING:
@@ -70,11 +71,14 @@ def label(
         int, Option(help="Port of the page; 0 takes any free port.", min=0, max=65535)
     ] = 8118,
     host: Annotated[
-        str, Option(metavar="ADDR", help="Address to serve on; all but loopback require the token.")
+        str, Option(metavar="ADDR", help="Address to serve on. Default: this computer alone.")
     ] = "127.0.0.1",
     token: Annotated[
-        str | None, Option(metavar="T", help="Token to require. Default with --host: a new one.")
+        str | None, Option(metavar="T", help="Token to require. Default: the workspace's own.")
     ] = None,
+    no_token: Annotated[
+        bool, Option("--no-token", help="Admit every account of this computer; not with --host.")
+    ] = False,
     model: Annotated[
         str | None,
         Option(
@@ -94,34 +98,37 @@ def label(
     ] = "10x10@360",
 ) -> None:
     """Label a mission's patches in the browser, until Ctrl-C."""
-    from tokt import __version__
-    from tokt.features.frames.grid import Grid
-    from tokt.features.frames.mission import open_mission
-    from tokt.labels.page.api.serve import listen, serve
-    from tokt.labels.page.state.session import open_session
+    with interrupt_ends():
+        from tokt import __version__
+        from tokt.features.frames.grid import Grid
+        from tokt.features.frames.mission import open_mission
+        from tokt.labels.page.api.access import kept_token
+        from tokt.labels.page.api.serve import listen, serve
+        from tokt.labels.page.state.session import open_session
 
-    if token is not None and not token.strip():
-        raise ToktError("--token is empty")
-    patches = Grid.parse(grid)
-    frames = open_mission(mission)
-    bundle = None
-    if model is not None:
-        from tokt.models.registry.load import load_model
+        if token is not None and not token.strip():
+            raise ToktError("--token is empty")
+        if token is not None and no_token:
+            raise ToktError("--token and --no-token exclude each other")
+        patches = Grid.parse(grid)
+        frames = open_mission(mission)
+        bundle = None
+        if model is not None:
+            from tokt.models.registry.load import load_model
 
-        bundle = load_model(model, workspace)
-    address = listen(host, port, token)
-    session = open_session(
-        frames, workspace, patches, annotator or _user(), __version__, taxonomy, bundle
-    )
+            bundle = load_model(model, workspace)
+        address = listen(host, port, None if no_token else token or kept_token(workspace))
+        session = open_session(
+            frames, workspace, patches, annotator or _user(), __version__, taxonomy, bundle
+        )
 
-    def ready() -> None:
-        print(f"labelling {frames.name} at {address.url} (Ctrl-C ends)")
-        if not no_browser:
-            _open_browser(address.url)
+        def ready() -> None:
+            print(f"labelling {frames.name} at {address.url} (Ctrl-C ends)")
+            if not no_browser:
+                _open_browser(address.url)
 
-    with stop_on_signal(lambda: None):
         serve(session, address.socket, address.rules, ready)
-    session.close()
+        session.close()
 
 
 def _user() -> str:
