@@ -13,7 +13,7 @@ import typer
 from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError, printable
-from tokt.labels.formats import CSV, NAMES
+from tokt.labels.formats import NAMES
 
 from . import interrupt_ends
 from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
@@ -21,7 +21,6 @@ from .output import answer, print_json, progress, say
 from .output import print_line as print
 
 if TYPE_CHECKING:
-    from tokt.features.frames.grid import Grid
     from tokt.labels.agreement import Agreement, ClassAgreement
     from tokt.labels.formats.audit_csv import Audit
     from tokt.labels.formats.images import MissionImages
@@ -284,6 +283,7 @@ def export_labels(
 ) -> None:
     """Write the labels in force to a file, sorted by patch."""
     from tokt.features.frames.grid import Grid
+    from tokt.labels import export
     from tokt.labels.formats.formats import FORMATS, format_named, format_to_write
     from tokt.labels.formats.options import WriteOptions
     from tokt.labels.taxonomy import load_taxonomy
@@ -291,52 +291,16 @@ def export_labels(
     chosen = format_named(file_format) if file_format else format_to_write(file)
     images = _images(mission_dir, mission)
     name = mission or (images.name if images else None)
-    cells = Grid.parse(grid) if grid else None
-    settled = full or chosen != CSV
-    with _open_store(workspace) as store:
-        records, lost = _in_force(store, name, annotator, cells, camera, settled=settled)
+    wanted = export.Wanted(name, annotator, Grid.parse(grid) if grid else None, camera)
     options = WriteOptions(load_taxonomy(workspace, taxonomy), images, full, progress)
-    written = FORMATS[chosen].write(file, records, options)
-    lost = [*written.lost, *lost]
+    with _open_store(workspace) as store:
+        written = export.export_labels(store, file, chosen, wanted, options)
     if json:
         about = {"file": str(file), "format": chosen, "store": str(store.path)}
-        print_json({**about, "labels": written.labels, "lost": lost})
+        print_json({**about, "labels": written.labels, "lost": written.lost})
         return
     say(f"{file}: {written.labels} labels")
-    _say_lost(FORMATS[chosen].title, lost)
-
-
-def _in_force(
-    store: LabelStore,
-    mission: str | None,
-    annotator: str | None,
-    grid: Grid | None,
-    camera: str | None,
-    *,
-    settled: bool,
-) -> tuple[list[LabelRecord], list[str]]:
-    """Labels in force, and a line each for what else the store has of them."""
-    from tokt.labels.formats.options import count
-
-    choose = store.current_and_settled if settled else store.current
-    records = choose(mission, annotator, grid, camera=camera)
-    if not records:
-        raise ToktError(
-            f"no such labels in {store.path}; it has missions {_names(store.missions())}"
-            f" and annotators {_names(store.annotators())}"
-        )
-    lost = []
-    left = [] if settled else store.settled(mission, grid, annotator=annotator, camera=camera)
-    if left:
-        lost.append(f"{count(len(left), 'settlement')} left out (--full keeps them)")
-    earlier = sum(
-        entry.events - entry.patches
-        for entry in store.stats()
-        if mission in (None, entry.mission) and annotator in (None, entry.annotator)
-    )
-    if earlier:
-        lost.append(f"{count(earlier, 'earlier label')} left out: files hold those in force")
-    return records, lost
+    _say_lost(FORMATS[chosen].title, written.lost)
 
 
 def _images(mission_dir: Path | None, name: str | None) -> MissionImages | None:
@@ -431,10 +395,6 @@ def _open_store(workspace: Path, *, create: bool = False) -> LabelStore:
     return LabelStore(workspace / FILE_NAME, create=create)
 
 
-def _names(names: Iterable[str]) -> str:
-    return ", ".join(names) or "(none)"
-
-
 def _said_by(who: str, workspace: Path, taxonomy: Taxonomy) -> list[LabelRecord]:
     """Labels of a file, where there is one of that name, or of an annotator in the store."""
     if Path(who).is_file():
@@ -443,6 +403,7 @@ def _said_by(who: str, workspace: Path, taxonomy: Taxonomy) -> list[LabelRecord]
 
         read = FORMATS[format_to_read(Path(who))].read
         return read(Path(who), ReadOptions(taxonomy)).records
+    from tokt.labels.export import listed
     from tokt.labels.store.store import FILE_NAME
 
     if not (workspace / FILE_NAME).is_file():
@@ -452,7 +413,7 @@ def _said_by(who: str, workspace: Path, taxonomy: Taxonomy) -> list[LabelRecord]
         if not records:
             raise ToktError(
                 f"{who} is neither a file nor an annotator in {store.path}, which has"
-                f" {_names(store.annotators())}"
+                f" {listed(store.annotators())}"
             )
     return records
 
