@@ -30,6 +30,8 @@ TOKEN_FILE = "page-token"
 
 LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "[::1]"})
 MAX_BODY = 1_000_000  # bytes
+UPLOAD, MAX_UPLOAD = "/api/import", 200_000_000
+"""Where a file is the body, and how long it may be."""
 SECURITY_HEADERS = {
     "content-security-policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
@@ -178,7 +180,8 @@ class Access:
         if scope["path"] != "/" and headers.get("sec-fetch-site", "none") not in _OWN_SITES:
             return error_response(403, "a page of another site may not ask for anything here")
         if scope["method"] not in _SAFE_METHODS:
-            refused = _refuse_write(headers, f"http://{hosts[0].lower()}")
+            own_origin = f"http://{hosts[0].lower()}"
+            refused = _refuse_write(headers, own_origin, scope["path"] == UPLOAD)
             if refused is not None:
                 return refused
         return None if self._rules.token is None else self._ask_token(scope, headers)
@@ -219,18 +222,21 @@ def _refusal(headers: Headers, status: int, words: str, page: str) -> Response:
     return error_response(status, words)
 
 
-def _refuse_write(headers: Headers, own_origin: str) -> Response | None:
+def _refuse_write(headers: Headers, own_origin: str, upload: bool) -> Response | None:
     origin = headers.get("origin")
     if origin is not None and origin.lower() != own_origin:
         return error_response(403, "a page of another origin may not change anything here")
-    if headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
-        return error_response(415, "the body must be application/json")
+    # Neither is a kind that a page of another site may send without asking first.
+    kind = "application/octet-stream" if upload else "application/json"
+    if headers.get("content-type", "").partition(";")[0].strip().lower() != kind:
+        return error_response(415, f"the body must be {kind}")
     length = headers.get("content-length", "")
     # Where both are given the parts of the body count, and nothing limits them.
     if _LENGTH.fullmatch(length) is None or "transfer-encoding" in headers:
         return error_response(411, "the body's length must be told")
-    if int(length) > MAX_BODY:
-        return error_response(413, f"the body is longer than {MAX_BODY} bytes")
+    longest = MAX_UPLOAD if upload else MAX_BODY
+    if int(length) > longest:
+        return error_response(413, f"the body is longer than {longest} bytes")
     return None
 
 
