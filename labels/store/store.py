@@ -284,8 +284,8 @@ class LabelStore:
         """
         return self.add_counted(records).events
 
-    def add_counted(self, records: Iterable[LabelRecord]) -> AddResult:
-        """`add`, telling new labels from changed ones."""
+    def add_counted(self, records: Iterable[LabelRecord], *, dry: bool = False) -> AddResult:
+        """`add`, telling new labels from changed ones; `dry` tells it and adds none."""
         given = 0
         settled: list[dict[str, Any]] = []
 
@@ -300,10 +300,13 @@ class LabelStore:
 
         with self._transaction():
             last = self._one(_LAST_EVENT)
+            self._connection.execute("SAVEPOINT empty")
             self._connection.executemany(_ADD, rows())
             # After the opinions they settle: an opinion that is newer opens the question again.
             self._connection.executemany(_SETTLE, settled)
             counts = self._connection.execute(_COUNT_ADDED, (last,)).fetchall()
+            if dry:
+                self._connection.execute("ROLLBACK TO empty")
         by_kind = {(source, bool(had)): n for source, had, n in counts}
         return AddResult(
             new=by_kind.get((HUMAN, False), 0),

@@ -42,7 +42,8 @@ export function classButtons(choose) {
  * @returns {T}
  */
 export function withKey(control, key) {
-  control.append(" ", el("kbd", { text: key }));
+  control.append(" ", el("kbd", { text: key, "aria-hidden": "true" }));
+  control.setAttribute("aria-keyshortcuts", key);
   return control;
 }
 

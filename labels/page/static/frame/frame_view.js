@@ -126,6 +126,10 @@ function apply(cells, how, kind = "paint") {
   } else if (how === "unsure") paint(camera, frame, cells, "unsure", kind);
   else paint(camera, frame, cells, how === "erase" ? null : selectedClass(), kind);
   showLabels();
+  if (!cursor.visible) return; // painted with the mouse
+  const label = page.canvas.content.labels?.mine[cells[0]] ?? "no label of mine";
+  const more = cells.length > 1 ? ` and ${cells.length - 1} more` : "";
+  announce(`${label}: ${cellName(cells[0])}${more}`);
 }
 
 function goTo(frame) {

@@ -234,7 +234,8 @@ def test_no_json_is_a_fault_of_the_server(server):
         @settings(max_examples=scaled(60))
         @given(st.sampled_from(["/api/actions", "/api/undo", "/api/redo", "/api/seen"]), _bodies)
         def send(path, body):
-            connection.request("POST", path, json.dumps(body), {"Content-Type": "application/json"})
+            headers = {**server.authority, "Content-Type": "application/json"}
+            connection.request("POST", path, json.dumps(body), headers)
             answer = connection.getresponse()
             text = answer.read()
             assert answer.status < 500, (body, text)

@@ -82,6 +82,39 @@ def changes(server):
     return since
 
 
+PLACES = {
+    "#/label/left/1": ".status",
+    "#/overview/left/1": ".thumb",
+    "#/sheet/ocean": ".tile",
+    "#/agreement/anna/ben": "table",
+    "#/audit": "#view > *",
+}
+
+
+def test_no_view_keeps_people_out(open_page, server):
+    """As far as axe-core can tell; what only a person can judge is not in it."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    for place, ready in PLACES.items():
+        page = open_page(place, ready, allow="401")
+        check_access(axe, page, place)
+        if place.startswith("#/label"):
+            for opens in ("#help-button", "#person"):
+                page.click(opens)
+                check_access(axe, page, opens)
+                page.keyboard.press("Escape")
+            page.context.clear_cookies()
+            assert page.goto(server.url.partition("?")[0]).status == 401
+            check_access(axe, page, "token")
+            page.goto(server.url)
+
+
+def check_access(axe, page, place):
+    rules = axe.run(page).response["violations"]
+    found = [(rule["impact"], rule["id"], rule["nodes"][0]["html"]) for rule in rules]
+    assert [one for one in found if one[0] in ("serious", "critical")] == [], place
+    assert "page-has-heading-one" not in [one[1] for one in found], place
+
+
 def in_store(server):
     with LabelStore(server.workspace / "labels.db") as store:
         return {
@@ -482,7 +515,7 @@ def test_a_second_labelling_is_blind_and_by_another_person(open_page, server):
     page.on("response", lambda answer: "/api/" in answer.url and answers.append(answer))
     page.keyboard.press("Enter")
     page.wait_for_url("**/#/label/left/5")
-    page.goto(server.url + "#/overview/left/1")
+    page.goto(page.url.partition("#")[0] + "#/overview/left/1")
     page.wait_for_function(
         "() => [...document.querySelectorAll('.thumb-number')].map((one) => one.textContent)"
         ".join() === '5,6,7,8' && !document.querySelector('.thumb.loading')"
@@ -491,7 +524,7 @@ def test_a_second_labelling_is_blind_and_by_another_person(open_page, server):
     page.keyboard.press("o")
     toast(page, "now ocean")
     saved(page)
-    page.goto(server.url + "#/agreement")
+    page.goto(page.url.partition("#")[0] + "#/agreement")
     page.wait_for_selector("text=4 of 4 are done")
     told = [answer for answer in answers if "/api/labels" in answer.url]
     assert told and all("who=carl" in answer.url for answer in told)
@@ -509,9 +542,9 @@ def test_what_cannot_be_shown_is_said_in_a_sentence(browse, page_server):
     lonely = page_server("--annotator", "anna")
     page = browse(lonely, "#/agreement")
     page.wait_for_selector("text=Only anna has worked on this mission so far")
-    page.goto(lonely.url + "#/sheet/sand")
+    page.goto(page.url.partition("#")[0] + "#/sheet/sand")
     page.wait_for_selector(".tile-scroller[data-empty='You have labelled no patch sand yet.']")
-    page.goto(lonely.url + "#/overview/left/1")
+    page.goto(page.url.partition("#")[0] + "#/overview/left/1")
     page.wait_for_selector("text=No model: start with --model to get suggestions.")
     page.wait_for_function("() => !document.querySelector('.thumb.loading')")
     page.keyboard.press("Enter")

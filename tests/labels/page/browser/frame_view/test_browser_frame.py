@@ -111,7 +111,9 @@ def test_a_frame_is_labelled_by_keyboard_alone(fresh):
     fresh.page.keyboard.type("f8\n")
     fresh.wait(8)
     fresh.press("Escape", "ArrowDown", "ArrowDown", "ArrowRight", "3", "Space")  # row 2, column 2
+    fresh.shows("#announcer", "sand: row 1, column 1")
     fresh.press("ArrowRight", "Shift+ArrowRight", "Shift+ArrowDown", "5")
+    fresh.shows("#announcer", "subsea_installation: row 1, column 2 and 3 more")
     fresh.press("Escape", "ArrowDown", "ArrowDown", "4", "r")
     fresh.press("ArrowDown", "u", "Space", "m", "o", "m")  # with no suggestion the rest is all
     fresh.saved()
