@@ -1,7 +1,6 @@
 // Parts of views' bars: classes as people see them (colour, key and name together), buttons with
 // their keys, choices, pages, sizes.
 
-import { inkOn } from "../frame/cell_drawing.js";
 import { obstacleClass } from "../frame/suggest.js";
 import { backAfterMouse, button, el } from "./dom.js";
 import { classes, colourOf, setSetting, signOf } from "./mission.js";
@@ -10,7 +9,6 @@ import { classes, colourOf, setSetting, signOf } from "./mission.js";
 export function swatch(name) {
   const mark = el("span", { class: "swatch", text: signOf(name), "aria-hidden": "true" });
   mark.style.backgroundColor = colourOf(name);
-  mark.style.color = inkOn(colourOf(name));
   return mark;
 }
 
