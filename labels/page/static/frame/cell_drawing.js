@@ -5,7 +5,7 @@ import { classOf, colourOf, setting, signOf } from "../core/mission.js";
 import { ARROWS, cellAt, rowCol } from "./patch_grid.js";
 
 const DASHES = { solid: [], dashed: [6, 4], dotted: [2, 6] };
-const TEXT_FROM = 34; // CSS pixels of patch width from which text fits
+const TEXT_FROM = 44; // CSS pixels of patch width from which text fits
 const MARK_FROM = 16;
 const HATCH = 10; // CSS pixels between two lines
 const FAINT = 0.5; // opacity of lines around what is clear
