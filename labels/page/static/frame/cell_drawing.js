@@ -136,13 +136,14 @@ export function drawPending({ ctx, boxOf }, cells) {
 }
 
 /**
- * What others said and I did not, as far as it is no open water: an initial and the class's sign in
- * the lower left corner; a mark in the right one where two people are sure of different classes; a
- * tick where it is settled.
+ * What others said other than what is shown: an initial and the class's sign in the lower left
+ * corner; a mark in the right one where two people are sure of different classes; a tick where it
+ * is settled. That only somebody else said clear is not told where nothing is shown.
  * @param {CellPlan} plan
  * @param {{mine: (?string)[], others: Object, settled: (?string)[]}} labels
+ * @param {ShownCell[]} cells As `drawCells` takes them.
  */
-export function drawOthers(plan, { mine, others, settled }) {
+export function drawOthers(plan, { mine, others, settled }, cells) {
   const people = Object.entries(others);
   for (let cell = 0; cell < mine.length; cell += 1) {
     const box = plan.boxOf(cell);
@@ -151,7 +152,8 @@ export function drawOthers(plan, { mine, others, settled }) {
     const all = [mine[cell], ...people.map(([, theirs]) => theirs[cell])];
     if (decided === null && disagree(all)) drawDisagreement(plan, box);
     if (box.width < TEXT_FROM) continue;
-    const told = (label) => label !== mine[cell] && !(mine[cell] === null && isClear(label));
+    const shown = cells[cell];
+    const told = (label) => (shown ? label !== shown.label : !isClear(label));
     const said = people.filter(([, theirs]) => theirs[cell] !== null && told(theirs[cell]));
     const words = said.slice(0, 2).map(([name, theirs]) => name.slice(0, 1) + signOf(theirs[cell]));
     if (said.length > 2) words.push("+");

@@ -239,8 +239,9 @@ export class FrameCanvas {
   drawContent(plan) {
     const { labels, hints, cursor, selection, stroke } = this.content;
     if (setting("outlines")) {
-      drawCells(plan, labels.mine.map((label, cell) => shownCell(label, hints[cell])));
-      drawOthers(plan, labels);
+      const cells = labels.mine.map((label, cell) => shownCell(label, hints[cell]));
+      drawCells(plan, cells);
+      drawOthers(plan, labels, cells);
       drawPending(plan, this.content.pending ?? []);
     }
     if (stroke) drawStroke(plan, stroke.cells, stroke.label);
