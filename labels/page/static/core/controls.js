@@ -1,7 +1,6 @@
 // Parts of views' bars: classes as people see them (colour, key and name together), buttons with
 // their keys, choices, pages, sizes.
 
-import { inkOn } from "../frame/cell_drawing.js";
 import { asksObstacleClass, obstacleClass, obstacleClasses } from "../frame/suggest.js";
 import { onFailure, post } from "./api.js";
 import { backAfterMouse, button, el, say } from "./dom.js";
@@ -11,7 +10,6 @@ import { classes, colourOf, mission, signOf, takeNews } from "./mission.js";
 export function swatch(name) {
   const mark = el("span", { class: "swatch", text: signOf(name), "aria-hidden": "true" });
   mark.style.backgroundColor = colourOf(name);
-  mark.style.color = inkOn(colourOf(name));
   return mark;
 }
 

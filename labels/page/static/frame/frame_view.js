@@ -2,7 +2,6 @@
 
 import { onFailure } from "../core/api.js";
 import { announce, el, focusView, say } from "../core/dom.js";
-import { otherPalette } from "../core/keys.js";
 import {
   blind, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting, setting,
 } from "../core/mission.js";
@@ -424,7 +423,6 @@ const commands = {
     page.canvas.viewport.pan(-cols * PAN_STEP, -rows * PAN_STEP);
     page.canvas.invalidate();
   }),
-  palette: otherPalette,
 };
 
 function zoom(factor) {

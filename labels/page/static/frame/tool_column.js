@@ -103,6 +103,7 @@ function pictureTools(command) {
   ];
   return el("div", { class: "picture-tools" },
     slider("enhance", "Contrast", 0, 100, 5, (value) => `${value}`),
+    slider("tint", "Tint of labels", 0, 60, 5, (value) => `${value}`),
     el("div", { class: "toggles" }, ...toggles),
   );
 }

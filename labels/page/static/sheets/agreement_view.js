@@ -355,7 +355,7 @@ onReload(() => {
   else root.replaceChildren();
 });
 onSetting((name) => {
-  if (!found || !["enhance", "palette"].includes(name)) return;
+  if (!found || name !== "enhance") return;
   parts.sheet.redraw();
   showNumbers();
 });

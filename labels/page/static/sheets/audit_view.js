@@ -294,5 +294,5 @@ onReload(() => {
   if (parts) load(name);
 });
 onSetting((what) => {
-  if (sheet && ["enhance", "palette"].includes(what)) sheet.redraw();
+  if (sheet && what === "enhance") sheet.redraw();
 });

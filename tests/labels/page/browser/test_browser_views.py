@@ -551,3 +551,26 @@ def test_what_cannot_be_shown_is_said_in_a_sentence(browse, page_server):
     toast(page, "Nothing to accept here.")
     page.keyboard.press("?")
     page.wait_for_selector("dialog[open] >> text=leave this frame out")
+
+
+UNREADABLE = """() => [...document.querySelectorAll("body *")].filter((one) => {
+  const words = [...one.childNodes].some((child) => child.nodeType === 3 && child.data.trim());
+  const shown = one.checkVisibility({ visibilityProperty: true }) && !one.closest(".unseen");
+  if (!shown || !(words || one.matches("input, select"))) return false;
+  const { fontSize, overflowX } = getComputedStyle(one);
+  const cut = overflowX !== "visible" && one.scrollWidth > one.clientWidth + 1;
+  return parseFloat(fontSize) < 14 || cut || one.getBoundingClientRect().right > innerWidth + 1;
+}).map((one) => `${one.tagName}.${one.className}: ${one.textContent}`)"""
+
+
+def test_text_is_large_and_whole_in_large_and_small_windows(open_page):
+    for place, ready in (
+        ("#/label/left/25", ".model-said"),
+        ("#/overview/left/1", ".thumb"),
+        ("#/sheet", ".tile"),
+        ("#/agreement", ".conflicts .tile"),
+    ):
+        page = open_page(place, ready)
+        for width, height in ((1280, 720), (1024, 640), (640, 360)):  # the last: 200 % of the first
+            page.set_viewport_size({"width": width, "height": height})
+            assert page.evaluate(UNREADABLE) == [], (place, width)
