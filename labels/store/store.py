@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 from weakref import WeakSet
 
 from tokt.features.common.errors import ToktError
@@ -83,6 +83,8 @@ _STATEMENTS = f"""SELECT label, events.annotator, events.source, events.time,
 EventRow = tuple[int, str, int, int, int, str | None, str, str, str | None, bool]
 """Event number, camera, frame, row, col, label, annotator, source, model version, blind."""
 
+StatementRow = tuple[str | None, str, str, str, str | None]
+"""Label, annotator, source, time, and the kind of action; no kind where a file brought it."""
 
 # What the newest row says already is not written again.
 _ADD_NOTE = """INSERT INTO notes (mission, camera, frame, grid, row, col, text, annotator, time)
@@ -120,16 +122,6 @@ class Note:
     text: str
     annotator: str
     time: str
-
-
-class Statement(NamedTuple):
-    """What somebody said of a patch; `kind` of action, None where it came with a file."""
-
-    label: str | None
-    annotator: str
-    source: str
-    time: str
-    kind: str | None
 
 
 @dataclass(frozen=True)
@@ -531,10 +523,9 @@ class LabelStore:
             {**cell._asdict(), "grid": str(cell.grid)},
         )
 
-    def statements(self, cell: Cell) -> list[Statement]:
+    def statements(self, cell: Cell) -> list[StatementRow]:
         """What people said of one patch and how, in order."""
-        rows = self._rows(_STATEMENTS, {**cell._asdict(), "grid": str(cell.grid)})
-        return [Statement(*row) for row in rows]
+        return self._rows(_STATEMENTS, {**cell._asdict(), "grid": str(cell.grid)})
 
     def missions(self) -> list[str]:
         """Missions that have events, by name."""

@@ -111,7 +111,6 @@ export function withdraw(key) {
   }
   forget(entry);
   dequeue(entry);
-  known.delete(key);
   undoable = undoable.filter((head) => head.key !== key);
   showFrames(entry);
   pump();
@@ -217,7 +216,8 @@ function showFrames(entry) {
 
 // ---- Undo: the server's history, ahead of its acknowledgements
 
-// Heads {key, kind, camera, frame, changed, frames}; only the ends that this page knows, newest last.
+// Heads {key, kind, camera, frame, changed, frames}; only the ends that this page knows, the
+// newest last.
 let undoable = [];
 let redoable = [];
 const known = new Map(); // key of an action of this page -> {changes, source}
@@ -250,8 +250,8 @@ function opposite(changes) {
 
 /**
  * Take the newest action back.
- * @returns {Promise<?Object>} The head {kind, camera, frame, changed, frames} of what is undone; null if
- *   there is nothing, or it cannot be done now (that was said).
+ * @returns {Promise<?Object>} The head {kind, camera, frame, changed, frames} of what is undone;
+ *   null if there is nothing, or it cannot be done now (that was said).
  */
 export function undo() {
   return step("undo");

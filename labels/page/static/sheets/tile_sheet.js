@@ -45,16 +45,11 @@ export class TileSheet {
     return el("div", options, this.chosen, ...children);
   }
 
-  /**
-   * Show these tiles, and load the labels of their frames: they say what was done since.
-   * @param {object[]} tiles
-   * @param {object} look As `TileGrid` takes it.
-   * @param {?number} cursor The tile that the person pointed at before.
-   */
+  /** Show these tiles, and load the labels of their frames: they say what was done since. */
   showTiles(tiles, look, cursor) {
     prefetchOf(tiles);
     this.grid.show(tiles, look);
-    if (cursor !== null) this.grid.select((selection) => selection.place(cursor));
+    this.grid.select((selection) => cursor !== null && selection.place(cursor));
   }
 
   /** Where the cursor stands; null where nobody put it there. */
