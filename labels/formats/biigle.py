@@ -44,14 +44,7 @@ _BETWEEN = " > "
 
 
 def write_biigle(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> ExportResult:
-    """Write labels of one mission, both cameras in one file.
-
-    Raises
-    ------
-    ToktError
-        If the labels are of several missions, the mission's frames are not given, or the file
-        cannot be written.
-    """
+    """Write labels of one mission, both cameras in one file; ToktError as `write_coco`."""
     remarks: Remarks = Counter()
     chosen = without_suggestions(records, remarks, f"in {TITLE} they")
     frames, lost = labels_to_boxes(chosen, options, TITLE)
@@ -82,10 +75,7 @@ def read_biigle(path: Path, options: ReadOptions) -> ImportResult:
 
     A class is mapped by its name or its hierarchy, or by that of a label above it.
 
-    Raises
-    ------
-    ToktError
-        If the file is no such CSV, or `boxes_to_labels` refuses its shapes.
+    ToktError where the file is no such CSV, or `boxes_to_labels` refuses its shapes.
     """
     found: list[FoundBox] = []
     remarks: Remarks = Counter()
@@ -107,7 +97,7 @@ def read_biigle(path: Path, options: ReadOptions) -> ImportResult:
                     row["filename"],
                     shape[0],
                     _class(row, options),
-                    options.annotator or who or options.who(path),
+                    who or options.who(path),
                     carried_text(row.get("tokt")),
                     size_in(image if isinstance(image, dict) else {}, "attributes"),
                     time=utc_time(time) if time else None,

@@ -107,13 +107,7 @@ def patches_in_box(grid: Grid, size: Size, box: Box) -> list[tuple[int, int, flo
 
 
 def patch_at(grid: Grid, size: Size, x: float, y: float) -> tuple[int, int] | None:
-    """Row and column of the patch that holds a point; None where none does.
-
-    Raises
-    ------
-    ToktError
-        As `patch_box`.
-    """
+    """Row and column of the patch that holds a point, None where none does; as `patch_box`."""
     height, width = _patch_size(grid, size)
     if not (0 <= x < size.width and 0 <= y < size.height):
         return None
@@ -122,13 +116,7 @@ def patch_at(grid: Grid, size: Size, x: float, y: float) -> tuple[int, int] | No
 
 
 def patches_in_outline(grid: Grid, size: Size, outline: Outline) -> list[tuple[int, int, float]]:
-    """As `patches_in_box`, of a polygon, counted in pixels of the resized frame.
-
-    Raises
-    ------
-    ToktError
-        As `patch_box`.
-    """
+    """As `patches_in_box`, of a polygon, counted in pixels of the resized frame."""
     _patch_size(grid, size)
     height, width = grid.resized(*size)
     mask = np.zeros((height, width), np.uint8)
@@ -140,18 +128,10 @@ def patches_in_outline(grid: Grid, size: Size, outline: Outline) -> list[tuple[i
 
 
 def found_shape(kind: str, numbers: Sequence[float]) -> tuple[Box, Outline] | None:
-    """What a shape of other tools is here: its box, and its outline where it is no upright box.
+    """A shape of other tools as its box, and its outline where it is no upright box.
 
-    Parameters
-    ----------
-    kind : str
-        ``point``, ``rectangle``, ``polygon``: alternating x and y; ``circle``: x, y, radius.
-    numbers : sequence of float
-
-    Returns
-    -------
-    tuple of Box and Outline, or None
-        None for any other shape, or where the count of numbers is not the shape's.
+    ``point``, ``rectangle`` and ``polygon`` have alternating x and y, ``circle`` x, y and radius.
+    None for any other kind, or where the count of numbers is not the kind's.
     """
     if kind == "circle" and len(numbers) == 3:
         x, y, radius = numbers

@@ -42,11 +42,7 @@ def write_coralnet(
 ) -> ExportResult:
     """Write labels of one mission, both cameras in one file.
 
-    Raises
-    ------
-    ToktError
-        If the labels are of several missions, two annotators labelled one patch, the mission's
-        frames are not given, or the file cannot be written.
+    ToktError as `write_coco`, or where two people labelled one patch.
     """
     remarks: Remarks = Counter()
     people = without_suggestions(records, remarks, f"in {TITLE} they")
@@ -73,10 +69,7 @@ def read_coralnet(path: Path, options: ReadOptions) -> ImportResult:
 
     What CoralNet's robot said becomes a suggestion, also where CoralNet accepted it by itself.
 
-    Raises
-    ------
-    ToktError
-        If the file is no such CSV, or `boxes_to_labels` refuses its points.
+    ToktError where the file is no such CSV, or `boxes_to_labels` refuses its points.
     """
     points: list[FoundBox] = []
     remarks: Remarks = Counter()
@@ -98,7 +91,7 @@ def read_coralnet(path: Path, options: ReadOptions) -> ImportResult:
                     row["name"],
                     Box(x, y, x, y),
                     row[column],
-                    options.annotator or (options.who(path) if who.lower() in _NOBODY else who),
+                    options.who(path) if who.lower() in _NOBODY else who,
                     attributes,
                     size_of(attributes),
                     time=utc_time(time) if time else None,

@@ -1,6 +1,7 @@
 """CVAT's XML, "CVAT for images 1.1": boxes, with ours in the attributes of each box.
 
-CVAT keeps attributes that the task's labels have, and drops others; it finds images by their name.
+CVAT finds images by their name. It keeps attributes that the task's labels have and drops others.
+Whatever is uploaded comes back as ``source="file"``: a model's suggestions would be labels then.
 
 References
 ----------
@@ -16,12 +17,18 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from tokt.features.common.errors import ToktError
-from tokt.labels.record import MODEL, LabelRecord
+from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import Taxonomy
 
 from .box_attributes import size_in, to_attributes
 from .boxes import Box, Outline, Size, found_shape
-from .labels_and_boxes import FoundBox, FrameLabels, boxes_to_labels, labels_to_boxes
+from .labels_and_boxes import (
+    FoundBox,
+    FrameLabels,
+    boxes_to_labels,
+    labels_to_boxes,
+    without_suggestions,
+)
 from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, label_of, lines
 from .text_file import finite, naming, read_utf8, save_text
 
@@ -35,33 +42,26 @@ _CORNER = re.compile(r"[,;]")
 
 
 def write_cvat(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> ExportResult:
-    """Write labels of one mission, both cameras in one file.
-
-    Raises
-    ------
-    ToktError
-        If the labels are of several missions, the mission's frames are not given, or the file
-        cannot be written.
-    """
-    frames, lost = labels_to_boxes(records, options, TITLE)
+    """Write labels of one mission, both cameras in one file; ToktError as `write_coco`."""
     remarks: Remarks = Counter()
+    chosen = without_suggestions(records, remarks, f"in {TITLE} they")
+    frames, lost = labels_to_boxes(chosen, options, TITLE)
     root = Element("annotations")
     SubElement(root, "version").text = "1.1"
     _add_task(root, frames, options.taxonomy)
     written = 0
     for frame in frames:
         if _NOT_XML.search(frame.name):
-            remarks["label", "left out: XML cannot hold the name of their frame"] += len(
-                frame.labels
-            )
+            what = "left out: XML cannot hold the name of their frame"
+            remarks["label", what] += len(frame.labels)
             continue
+        said = {"id": str(len(root) - 2), "name": frame.name}
         size = {"width": str(frame.size.width), "height": str(frame.size.height)}
-        image = SubElement(root, "image", id=str(len(root) - 2), name=frame.name, **size)
+        image = SubElement(root, "image", {**said, **size})
         for record, box in frame.labels:
             sides = {side: f"{value:.2f}" for side, value in zip(_SIDES, box, strict=True)}
-            source = _AUTOMATIC if record.source == MODEL else "manual"
-            shape = {"label": label_of(record), "source": source, "occluded": "0", **sides}
-            element = SubElement(image, "box", **shape, z_order="0")
+            shape = {"label": label_of(record), "source": "manual", "occluded": "0"}
+            element = SubElement(image, "box", {**shape, **sides, "z_order": "0"})
             for name, value in to_attributes(record).items():
                 SubElement(element, "attribute", name=name).text = str(value)
             written += 1
@@ -101,15 +101,13 @@ class _NoDoctype(ElementTree.TreeBuilder):
         raise ToktError("it has a DOCTYPE, which CVAT does not write")
 
 
-def _read_xml(path: Path) -> Element:
-    parser = ElementTree.XMLParser(target=_NoDoctype())
+def _root(text: str) -> Element:
     try:
-        parser.feed(read_utf8(path))
-        root = parser.close()
+        root = ElementTree.fromstring(text, ElementTree.XMLParser(target=_NoDoctype()))
     except ElementTree.ParseError as error:
-        raise ToktError(f"{path}: not XML: {error}") from None
-    if not isinstance(root, Element) or root.tag != "annotations":
-        raise ToktError(f"{path}: not of {TITLE}, whose XML begins with <annotations>")
+        raise ToktError(f"not XML: {error}") from None
+    if root.tag != "annotations":
+        raise ToktError(f"not of {TITLE}, whose XML begins with <annotations>")
     return root
 
 
@@ -118,18 +116,15 @@ def read_cvat(path: Path, options: ReadOptions) -> ImportResult:
 
     Boxes, polygons and points count. Those that CVAT found by itself become suggestions.
 
-    Raises
-    ------
-    ToktError
-        If the file is no such XML, or `boxes_to_labels` refuses its shapes.
+    ToktError where the file is no such XML, or `boxes_to_labels` refuses its shapes.
     """
+    text, who = read_utf8(path), options.who(path)
+    remarks: Remarks = Counter()
+    found: list[FoundBox] = []
     with naming(path):
-        root, who = _read_xml(path), options.who(path)
-        remarks: Remarks = Counter()
-        remarks["track", "left out: export in the format CVAT for images 1.1"] += len(
-            root.findall("track")
-        )
-        found: list[FoundBox] = []
+        root = _root(text)
+        tracks = root.findall("track")
+        remarks["track", "left out: export in the format CVAT for images 1.1"] += len(tracks)
         for n, image in enumerate(root.findall("image"), 1):
             size = size_in(image, f"image {n}")
             for m, element in enumerate(image, 1):
@@ -166,10 +161,9 @@ def _shapes(element: Element, where: str, remarks: Remarks) -> Iterator[tuple[Bo
     if tag in ("polygon", "points"):
         texts = _CORNER.split(element.get("points", ""))
         numbers = [finite(text, f"{where}: points") for text in texts]
-    step = 2 if tag == "points" else max(1, len(numbers))
-    kind = {"points": "point"}.get(tag, tag)
-    shapes = [found_shape(kind, numbers[n : n + step]) for n in range(0, len(numbers), step)]
-    for shape in shapes or [None]:
+    step = 2 if tag == "points" else len(numbers) or 1
+    for n in range(0, len(numbers) or 1, step):
+        shape = found_shape(tag.removesuffix("s"), numbers[n : n + step])
         if shape is None:
             what = "turned box" if tag == "box" else ascii(tag)[1:-1][:20]
             remarks["shape", f"left out: {what}, not a box, polygon or point"] += 1

@@ -145,7 +145,7 @@ def _kind_of_csv(text: str) -> str:
     if first.startswith(("#", '"#')):
         return VIAME
     try:
-        row = next(csv_rows(first), [])
+        row: list[str] = next(csv_rows(first), [])
     except csv.Error:
         return CSV
     names = {name.strip().lower() for name in row}

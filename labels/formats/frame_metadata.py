@@ -1,4 +1,4 @@
-"""What an iFDO file says of a mission's frames: when, where, how deep, which way.
+"""Metadata of a mission's frames, out of an iFDO file: time, place, depth, height, heading.
 
 It lies in the mission's folder as ``ifdo.json``, ``.yaml`` or ``.yml``, or beside the mission as
 ``NAME_ifdo.json``. What the header says holds for all frames that do not say otherwise.
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import Mission
 
 from .images import FrameKey, MissionImages
 from .text_file import finite, naming, of_kind, read_json, read_utf8, utc_time
@@ -53,9 +54,17 @@ class FrameMetadata:
 
 def ifdo_of(mission: Path) -> Path | None:
     """The iFDO file that lies in or beside a mission, None where none does."""
-    names = [mission / f"ifdo{ending}" for ending in _ENDINGS]
-    names += [mission.with_name(f"{mission.stem}_ifdo{ending}") for ending in _ENDINGS]
-    return next((path for path in names if path.is_file()), None)
+    folder = mission.resolve()
+    name = folder.name if folder.is_dir() else folder.stem
+    paths = [folder / f"ifdo{ending}" for ending in _ENDINGS]
+    paths += [folder.with_name(f"{name}_ifdo{ending}") for ending in _ENDINGS]
+    return next((path for path in paths if path.is_file()), None)
+
+
+def mission_metadata(mission: Mission) -> dict[FrameKey, FrameMetadata]:
+    """What the file that lies with a mission says, as `read_ifdo`; nothing where none does."""
+    path = ifdo_of(mission.path)
+    return read_ifdo(path, MissionImages(mission)) if path else {}
 
 
 def read_ifdo(path: Path, images: MissionImages) -> dict[FrameKey, FrameMetadata]:
@@ -71,7 +80,7 @@ def read_ifdo(path: Path, images: MissionImages) -> dict[FrameKey, FrameMetadata
     for name, item in document[ITEMS].items():
         key = images.find(name)
         if key is not None:
-            with naming(f"{path}: {name}"):
+            with naming(f"{path}: {name!r:.100}"):
                 found[key] = _metadata({**document[HEADER], **first_entry(item)})
     return found
 
@@ -90,7 +99,7 @@ def load_ifdo(path: Path) -> dict[str, Any]:
         of_kind(document.get(HEADER), dict, HEADER)
         for name, item in of_kind(document.get(ITEMS), dict, ITEMS).items():
             of_kind(name, str, f"{ITEMS}: a name")
-            of_kind(first_entry(item), dict, name[:100])
+            of_kind(first_entry(item), dict, f"{name!r:.100}")
     return document
 
 

@@ -13,12 +13,19 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from tokt.labels.record import MODEL, LabelRecord
+from tokt.labels.record import LabelRecord
 
 from .box_attributes import size_of, to_attributes
 from .boxes import Box, Outline, found_shape
 from .frame_metadata import HEADER, ITEMS, first_entry, ifdo_of, load_ifdo
-from .labels_and_boxes import FoundBox, FrameLabels, boxes_to_labels, labels_to_boxes, short_names
+from .labels_and_boxes import (
+    FoundBox,
+    FrameLabels,
+    boxes_to_labels,
+    labels_to_boxes,
+    short_names,
+    without_suggestions,
+)
 from .options import (
     ExportResult,
     ImportResult,
@@ -35,22 +42,20 @@ TITLE = "iFDO"
 
 _LABELS, _CREATORS = "image-annotation-labels", "image-annotation-creators"
 _ANNOTATIONS = "image-annotations"
-_SUGGESTED = 0.5
 _KINDS = {"single-pixel": "point"}
 
 
 def write_ifdo(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> ExportResult:
     """Write labels of one mission, both cameras in one file, as JSON.
 
-    Raises
-    ------
-    ToktError
-        If the labels are of several missions, the mission's frames are not given, the iFDO file
-        that lies with it cannot be read, or the file cannot be written.
+    ToktError as `write_coco`, or where the iFDO file that lies with the mission cannot be read.
     """
-    frames, lost = labels_to_boxes(records, options, TITLE)
+    remarks: Remarks = Counter()
+    # BIIGLE, which imports such files, passes over the confidence.
+    chosen = without_suggestions(records, remarks, "for tools without confidence they")
+    frames, lost = labels_to_boxes(chosen, options, TITLE)
     records = [record for frame in frames for record, _ in frame.labels]
-    images, remarks = mission_images(options, TITLE), Counter[tuple[str, str]]()
+    images = mission_images(options, TITLE)
     source = ifdo_of(images.mission.path)
     if source is None:
         name = f"{uuid4()}"
@@ -84,12 +89,7 @@ def _add_names(header: dict[str, Any], field: str, names: dict[str, dict[str, st
 
 
 def _annotation(record: LabelRecord, box: Box, frame: FrameLabels) -> dict[str, Any]:
-    label = {
-        "label": label_of(record),
-        "annotator": record.annotator,
-        "created-at": record.time,
-        "confidence": _SUGGESTED if record.source == MODEL else 1.0,
-    }
+    label = {"label": label_of(record), "annotator": record.annotator, "created-at": record.time}
     return {
         "shape": "rectangle",
         "coordinates": [[round(side, 3) for side in box.corners]],
@@ -102,35 +102,34 @@ def read_ifdo_labels(path: Path, options: ReadOptions) -> ImportResult:
     """Read a file, or refuse it with its first mistake.
 
     A label with a confidence below 1 becomes a suggestion of the model that is its annotator.
-
-    Raises
-    ------
-    ToktError
-        If the file is no iFDO file, or `boxes_to_labels` refuses its shapes.
+    ToktError where the file is no iFDO file, or `boxes_to_labels` refuses its shapes.
     """
-    document, remarks = load_ifdo(path), Counter[tuple[str, str]]()
+    document = load_ifdo(path)
+    remarks: Remarks = Counter()
     found: list[FoundBox] = []
     with naming(path):
         labels, creators = (_names(document[HEADER], field) for field in (_LABELS, _CREATORS))
         for name, item in document[ITEMS].items():
-            said = of_kind(first_entry(item).get(_ANNOTATIONS) or [], list, f"{name}: annotations")
+            said = of_kind(
+                first_entry(item).get(_ANNOTATIONS) or [], list, f"{name!r:.100}: annotations"
+            )
             for n, value in enumerate(said, 1):
-                where = f"{name[:100]} annotation {n}"
+                where = f"{name!r:.100} annotation {n}"
                 annotation = of_kind(value, dict, where)
                 shape = _shape(annotation, where, remarks)
-                entries = of_kind(annotation.get("labels") or [], list, f"{where}: labels")
-                for label in entries if shape else ():
-                    label = of_kind(label, dict, f"{where}: labels")
+                if shape is None:
+                    continue
+                attributes = annotation.get("tokt")
+                for entry in of_kind(annotation.get("labels") or [], list, f"{where}: labels"):
+                    label = of_kind(entry, dict, f"{where}: labels")
                     what = of_kind(label.get("label", label.get("id")), str, f"{where}: label")
                     who = of_kind(label.get("annotator") or "", str, f"{where}: annotator")
                     time = of_kind(label.get("created-at") or "", str, f"{where}: created-at")
                     sure = finite(label.get("confidence", 1), f"{where}: confidence") >= 1
                     who = creators.get(who, who) or options.who(path)
-                    attributes = annotation.get("tokt")
                     found.append(
                         FoundBox(
-                            *(where, name, shape[0], labels.get(what, what)),
-                            options.annotator or who,
+                            *(where, name, shape[0], labels.get(what, what), who),
                             attributes,
                             size_of(attributes),
                             time=utc_time(time) if time else None,
@@ -143,15 +142,12 @@ def read_ifdo_labels(path: Path, options: ReadOptions) -> ImportResult:
 
 def _names(header: dict[str, Any], field: str) -> dict[str, str]:
     """Names by id."""
-    listed = [
-        of_kind(entry, dict, field) for entry in of_kind(header.get(field) or [], list, field)
-    ]
-    return {
-        of_kind(entry.get("id"), str, f"{field}: id"): of_kind(
-            entry.get("name", entry.get("id")), str, f"{field}: name"
-        )
-        for entry in listed
-    }
+    found = {}
+    for value in of_kind(header.get(field) or [], list, field):
+        entry = of_kind(value, dict, field)
+        key = of_kind(entry.get("id"), str, f"{field}: id")
+        found[key] = of_kind(entry.get("name", key), str, f"{field}: name")
+    return found
 
 
 def _shape(annotation: dict[str, Any], where: str, remarks: Remarks) -> tuple[Box, Outline] | None:

@@ -61,7 +61,7 @@ def read_label_csv(
     reader = csv_rows(read_utf8(path))
     rows = _RowReader(taxonomy, annotator or path.stem, grid, classes or {})
     try:
-        header = next(reader, [])
+        header: list[str] = next(reader, [])
         _check_header(header)
         for values in reader:
             if values:

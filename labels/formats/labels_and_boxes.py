@@ -85,20 +85,16 @@ def without_suggestions(
     """The labels without the suggestions of models, which `what` would take for labels."""
     chosen = list(records)
     kept = [record for record in chosen if record.source != MODEL]
-    remarks["suggestion", f"of models left out: {what} would count as labels"] += len(chosen) - len(
-        kept
-    )
+    remark = f"of models left out: {what} would count as labels"
+    remarks["suggestion", remark] += len(chosen) - len(kept)
     return kept
 
 
 def short_names(frames: Iterable[FrameLabels]) -> dict[FrameKey, str]:
     """File names without the camera's folder, where that tells the frames apart."""
-    names = {frame.key: frame.name for frame in frames}
-    short = Counter(name.rpartition("/")[2] for name in names.values())
-    return {
-        key: name if short[name.rpartition("/")[2]] > 1 else name.rpartition("/")[2]
-        for key, name in names.items()
-    }
+    names = {frame.key: (frame.name.rpartition("/")[2], frame.name) for frame in frames}
+    times = Counter(short for short, _ in names.values())
+    return {key: name if times[short] > 1 else short for key, (short, name) in names.items()}
 
 
 def frames_of(

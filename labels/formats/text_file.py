@@ -41,7 +41,8 @@ def read_utf8(path: Path) -> str:
     except OSError as error:
         raise ToktError(f"label file {path}: {error.strerror or error}") from None
     except UnicodeDecodeError:
-        raise ToktError(f"{path} is not a label file: it is not UTF-8 text") from None
+        what = "it is not UTF-8 text; in Excel, save it as CSV UTF-8"
+        raise ToktError(f"{path} is not a label file: {what}") from None
 
 
 def csv_rows(text: str) -> Any:

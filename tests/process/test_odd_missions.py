@@ -106,6 +106,7 @@ HOLDS_NOTHING = {
 """Where what takes minutes of a mission, `reproduce` and `bench`, must refuse at once."""
 LABELS = ("labels", "ocean", "unsure", "none", "others")
 """Label files: sound, of one class, of none, without a row, of frames that are not there."""
+POINTS = {"coralnet": "c.csv", "biigle": "b.csv", "cvat": "c.xml", "ifdo": "i.json"}
 RUN = "run --source MISSION --udp 127.0.0.1:9 --format v2 --policy"
 SPLIT = "--folds 2 --embargo 1 --jobs 1"
 COMMANDS = (
@@ -119,6 +120,10 @@ COMMANDS = (
     "labels export viame.csv --format viame --mission-dir MISSION",
     "labels export coco.json --format coco --mission-dir MISSION",
     "labels export studio.json --format labelstudio --mission-dir MISSION",
+    *(
+        f"labels export {file} --format {name} --mission-dir MISSION"
+        for name, file in POINTS.items()
+    ),
     "labels export cut --format patches --mission-dir MISSION",
     *(f"labels import {name}.csv" for name in LABELS),
     "labels stats",
@@ -127,6 +132,7 @@ COMMANDS = (
     "labels import viame.csv --mission-dir MISSION --workspace again",
     "labels import coco.json --mission-dir MISSION --workspace again",
     "labels import studio.json --mission-dir MISSION --workspace again",
+    *(f"labels import {file} --mission-dir MISSION --workspace again" for file in POINTS.values()),
     "labels import cut --mission-dir MISSION --workspace again",
     *(f"dataset build {name} --mission MISSION --labels {name}.csv --block 1" for name in LABELS),
     "dataset build drawn --mission MISSION",

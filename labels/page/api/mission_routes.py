@@ -1,11 +1,14 @@
 """The mission: its classes, the state of every frame, and which frame to label next."""
 
+from dataclasses import asdict
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
 from starlette.responses import Response
 
+from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import format_frames
+from tokt.labels.formats.images import FrameKey
 from tokt.labels.page.state.board import FrameName
 from tokt.labels.page.state.session import Session
 from tokt.labels.page.suggestions.queue import next_frames
@@ -104,6 +107,17 @@ def post_seen(session: SessionOf, body: SeenBody) -> Response:
     return json_response(
         {"states": session.board.states_of(body.who, body.who in session.blind, frames)}
     )
+
+
+@router.get("/frame_info")
+def get_frame_info(session: SessionOf, camera: Camera, frame: Frame) -> Response:
+    """What the mission's iFDO file says of a frame; nothing where it says nothing."""
+    check_frame(session, camera, frame)
+    try:
+        found = session.metadata.get(FrameKey(camera, frame))
+    except ToktError as error:
+        raise refuse(400, str(error)) from None
+    return json_response(asdict(found) if found else {})
 
 
 @router.get("/queue")

@@ -4,12 +4,15 @@ import hashlib
 import shutil
 import threading
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import Mission
+from tokt.labels.formats.frame_metadata import FrameMetadata, mission_metadata
+from tokt.labels.formats.images import FrameKey
 from tokt.labels.page.suggestions.suggester import Suggester
 from tokt.labels.page.suggestions.suggestion_table import mission_stamp
 from tokt.labels.record import LabelRecord, utc_now
@@ -78,6 +81,11 @@ class Session:
         self.pictures = PatchPictures(self.mission, self.grid)
         self.sheet = ReviewSheet(self.mission, self.board)
         self.audits = Audits(self.store, self.board)
+
+    @cached_property
+    def metadata(self) -> dict[FrameKey, FrameMetadata]:
+        """What is known of frames: when, where, how deep; raises ToktError."""
+        return mission_metadata(self.mission)
 
     @property
     def grid(self) -> Grid:

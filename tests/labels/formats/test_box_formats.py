@@ -36,7 +36,7 @@ JSON = {"coco": foreign_coco, "labelstudio": foreign_label_studio, "ifdo": forei
 TEXT = {"viame": DIVE, "coralnet": CORALNET, "biigle": BIIGLE, "cvat": CVAT}
 FILES = {**dict.fromkeys(JSON, "boxes.json"), **dict.fromkeys(TEXT, "boxes.csv")}
 FILES["cvat"] = "boxes.xml"
-NO_SUGGESTIONS = ("coralnet", "biigle")
+NO_SUGGESTIONS = ("coralnet", "biigle", "cvat", "ifdo")
 all_formats = pytest.mark.parametrize("name", FILES)
 
 

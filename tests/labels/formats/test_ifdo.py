@@ -1,6 +1,7 @@
 import json
 from dataclasses import replace
 from importlib.util import find_spec
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -55,41 +56,45 @@ image-set-items:
         assert read_ifdo(put(tmp_path, usual, "ifdo.yml"), images)[LEFT] == expected
 
 
-def test_where_it_lies(tmp_path):
+def test_where_it_lies(tmp_path, monkeypatch):
     (tmp_path / "dive").mkdir()
     assert ifdo_of(tmp_path / "dive") is None
     put(tmp_path, {}, "ifdo.json")  # of another dive, for all that is known
     assert ifdo_of(tmp_path / "dive") is None
     beside = put(tmp_path, {}, "dive_ifdo.yaml")
     assert ifdo_of(tmp_path / "dive") == ifdo_of(tmp_path / "dive.mp4") == beside
+    (tmp_path / "dive.2").mkdir()
+    assert ifdo_of(tmp_path / "dive.2") is None
     inside = put(tmp_path / "dive", {}, "ifdo.yml")
-    assert ifdo_of(tmp_path / "dive") == inside
+    monkeypatch.chdir(tmp_path / "dive")
+    assert ifdo_of(tmp_path / "dive") == ifdo_of(Path()) == inside
 
 
 def test_labels_go_beside_what_was_known(tmp_path, dive_with_ifdo):
     some = [said("reef", 1, 2), said("sand", 0, 0, camera="right", frame=20, annotator="Bo B.")]
     some.append(said("ocean", 9, 9, source="model", annotator="net", model_version="net/3"))
     path = tmp_path / "out.json"
-    assert FORMATS["ifdo"].write(path, some, dive_with_ifdo).lost == []
+    assert FORMATS["ifdo"].write(path, some, dive_with_ifdo).lost == [
+        "1 suggestion of models left out: for tools without confidence they would count as labels"
+    ]
     document, before = json.loads(path.read_text()), foreign_ifdo()
     labels = document[HEADER].pop("image-annotation-labels")
     creators = document[HEADER].pop("image-annotation-creators")
-    assert [label["id"] for label in labels] == ["8a45", "ocean", "reef", "sand"]
-    assert [creator["name"] for creator in creators] == ["Eva Ås", "Bo B.", "ann", "net"]
+    assert [label["id"] for label in labels] == ["8a45", "reef", "sand"]
+    assert [creator["name"] for creator in creators] == ["Eva Ås", "Bo B.", "ann"]
     assert document[HEADER].items() <= before[HEADER].items()
     assert list(document[ITEMS]) == list(before[ITEMS])
     item, was = document[ITEMS]["dive_L_3.png"], before[ITEMS]["dive_L_3.png"]
     annotations = item.pop("image-annotations")
     others = was.pop("image-annotations")
     assert item == was and annotations[: len(others)] == others
-    reef, ocean = annotations[len(others) :]
+    (reef,) = annotations[len(others) :]
     corners = [36.2, 13.599, 54.3, 13.599, 54.3, 27.199, 36.2, 27.199]
     assert reef["shape"] == "rectangle" and reef["coordinates"][0] == pytest.approx(
         corners, abs=0.01
     )
     (label,) = reef["labels"]
-    assert (label["label"], label["annotator"], label["confidence"]) == ("reef", "ann", 1.0)
-    assert [label["confidence"] for label in ocean["labels"]] == [0.5]
+    assert label == {"label": "reef", "annotator": "ann", "created-at": "2016-04-20T10:00:00Z"}
     assert len(document[ITEMS]["dive_R_20.png"][0]["image-annotations"]) == 1
     # Where that file then lies with the mission, labels are there once.
     (tmp_path / "dive" / "ifdo.json").write_bytes(path.read_bytes())
@@ -127,7 +132,7 @@ def test_annotations_of_other_tools(tmp_path, reading):
     [
         (lambda v: v.pop(HEADER), f"{HEADER} is not an object"),
         (lambda v: v.update({ITEMS: []}), f"{ITEMS} is not an object"),
-        (lambda v: v[ITEMS].update({"dive_L_7.png": []}), "dive_L_7.png is not an object"),
+        (lambda v: v[ITEMS].update({"dive_L_7.png": []}), "'dive_L_7.png' is not an object"),
         (lambda v: v[HEADER].update({"image-latitude": "N"}), "image-latitude 'N' is not a number"),
         (lambda v: v[HEADER].update({"image-depth": float("nan")}), "image-depth nan is not"),
         (lambda v: v[HEADER].update({"image-datetime": 7}), "image-datetime is not text"),

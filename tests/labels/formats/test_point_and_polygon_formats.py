@@ -1,16 +1,25 @@
 """CoralNet, BIIGLE and CVAT: what these tools write is read, and ours is what they read."""
 
 import csv
+import io
 import json
+import re
 from dataclasses import replace
+from itertools import product
 from xml.etree import ElementTree
 
+import cv2
+import numpy as np
 import pytest
 
 from tests.calls import refuses
 from tokt.features.frames.grid import Grid
+from tokt.features.frames.mission import open_mission
 from tokt.labels.formats.boxes import Box, Size, found_shape, patch_at, patches_in_outline
 from tokt.labels.formats.formats import FORMATS
+from tokt.labels.formats.images import MissionImages
+from tokt.labels.formats.options import ReadOptions, WriteOptions
+from tokt.labels.taxonomy import LabelClass, Taxonomy
 
 from .examples import BIIGLE, CORALNET, CVAT, put, said
 
@@ -177,7 +186,9 @@ def test_a_report_needs_no_frames_opened_where_it_says_their_size(tmp_path, read
 def test_cvat_sees_boxes_and_the_tasks_labels(tmp_path, writing):
     some = [said("reef", 0, 0), said("sand", 1, 2, camera="right", frame=20)]
     some.append(said("ocean", 5, 5, source="model", annotator="net", model_version="net/3"))
-    assert FORMATS["cvat"].write(tmp_path / "out.xml", some, writing).lost == []
+    assert FORMATS["cvat"].write(tmp_path / "out.xml", some, writing).lost == [
+        "1 suggestion of models left out: in CVAT they would count as labels"
+    ]
     root = ElementTree.fromstring((tmp_path / "out.xml").read_bytes())
     assert root.findtext("version") == "1.1" and root.findtext("meta/task/size") == "2"
     labels = [label.findtext("name") for label in root.findall("meta/task/labels/label")]
@@ -189,7 +200,7 @@ def test_cvat_sees_boxes_and_the_tasks_labels(tmp_path, writing):
     sides = [float(box.get(side)) for side in ("xtl", "ytl", "xbr", "ybr")]
     assert sides == pytest.approx([36.2, 13.6, 54.3, 27.2], abs=0.01)
     sources = {box.get("label"): box.get("source") for box in root.iter("box")}
-    assert sources == {"reef": "manual", "sand": "manual", "ocean": "auto"}
+    assert sources == {"reef": "manual", "sand": "manual"}
 
 
 def test_shapes_of_cvat(tmp_path, reading):
@@ -208,6 +219,51 @@ def test_shapes_of_cvat(tmp_path, reading):
         "1 track left out: export in the format CVAT for images 1.1",
         "2 points of a model: suggestions, not labels",
     ]
+
+
+GRIDS = (Grid(), Grid(3, 4, 120), Grid(7, 13, 200), Grid(2, 2, None))
+CLASSES = ("ocean", "Ålegress-2", "unsure")
+KNOWN = Taxonomy(
+    (
+        LabelClass("ocean", obstacle=False, color="#0072b2", key="1"),
+        LabelClass("Ålegress-2", obstacle=True, color="#d55e00", key="2"),
+    )
+)
+
+
+def without_ours(name, text):
+    """The file as a tool gives it back that keeps nothing but what the format has."""
+    if name == "ifdo":
+        document = json.loads(text)
+        for item in document["image-set-items"].values():
+            for annotation in item["image-annotations"]:
+                del annotation["tokt"]
+        return json.dumps(document)
+    if name == "cvat":
+        return re.sub("<attribute name=.*?</attribute>", "", text)
+    rows = [row[:-1] for row in csv.reader(io.StringIO(text))]
+    out = io.StringIO()
+    csv.writer(out).writerows(rows)
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("size", [(1024, 1360), (480, 640), (137, 181), (1080, 1920), (300, 201)])
+@pytest.mark.parametrize("name", ["coralnet", "biigle", "cvat", "ifdo"])
+def test_places_alone_bring_every_patch_back(tmp_path, name, size):
+    (tmp_path / "dive").mkdir()
+    cv2.imwrite(str(tmp_path / "dive" / "Åse, 7.png"), np.zeros(size, np.uint8))
+    images = MissionImages(open_mission(tmp_path / "dive"))
+    suffix = {"cvat": "xml", "ifdo": "json"}.get(name, "csv")
+    for grid in GRIDS:
+        cells = product(range(grid.rows), range(grid.cols))
+        some = [said(CLASSES[(row + col) % 3], row, col, frame=7, grid=grid) for row, col in cells]
+        path = tmp_path / f"out.{suffix}"
+        assert FORMATS[name].write(path, some, WriteOptions(KNOWN, images)).labels == len(some)
+        path.write_text(without_ours(name, path.read_text("utf-8")), "utf-8")
+        read = FORMATS[name].read(path, ReadOptions(KNOWN, grid=grid, images=images))
+        assert read.lost == []
+        came = {(record.cell, record.label) for record in read.records}
+        assert came == {(record.cell, record.label) for record in some}
 
 
 BOMB = "".join(f'<!ENTITY a{n} "{f"&a{n - 1};" * 10}">' for n in range(1, 12))
