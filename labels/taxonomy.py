@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from importlib import resources
 from pathlib import Path
@@ -23,6 +23,14 @@ UNSURE_KEY = "u"
 
 _NAME = re.compile(r"[^\W\d_][\w-]*")
 _COLOR = re.compile(r"#[0-9a-fA-F]{6}")
+
+
+class UnknownClassError(ToktError):
+    """A label is no class; `names` has all such labels that were found."""
+
+    def __init__(self, message: str, names: Iterable[str]) -> None:
+        super().__init__(message)
+        self.names = sorted(names)
 
 
 @dataclass(frozen=True)
@@ -130,12 +138,13 @@ class Taxonomy:
         raise ToktError(f"unknown class {name!r}; known: {', '.join(self.names)}")
 
     def check_label(self, label: str) -> None:
-        """Raise ToktError unless `label` is a class or ``unsure``."""
+        """Raise UnknownClassError unless `label` is a class or ``unsure``."""
         if label != UNSURE and label not in self.names:
             known = ", ".join((*self.names, UNSURE))
-            raise ToktError(
+            raise UnknownClassError(
                 f"unknown class {label!r}; known: {known}; to add one, append a [[classes]] table"
-                f" to {FILE_NAME} in the workspace, or give --taxonomy FILE"
+                f" to {FILE_NAME} in the workspace, or give --taxonomy FILE",
+                [label],
             )
 
 

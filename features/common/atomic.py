@@ -35,7 +35,7 @@ def fsync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def write_bytes(target: Path, data: bytes, spare: Path | None = None) -> None:
+def write_bytes(target: Path, data: bytes, spare: Path | None = None, mode: int = 0o666) -> None:
     """Write `data` to `target` through a temporary name, synced, then renamed into place.
 
     Parameters
@@ -45,11 +45,14 @@ def write_bytes(target: Path, data: bytes, spare: Path | None = None) -> None:
     spare : Path, optional
         A file of `keep_spare` beside it. Where the disk is full, `data` takes the place that the
         spare has there, and the spare becomes the target.
+    mode : int
+        Who may read and write it, less what the umask takes; on Windows nothing.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = _partial_name(target)
     try:
-        with partial.open("wb") as handle:
+        # Path.open takes no opener, and a file made first would be open to all for a moment.
+        with open(partial, "wb", opener=lambda *how: os.open(*how, mode)) as handle:
             handle.write(data)
             handle.flush()
             os.fsync(handle.fileno())
@@ -69,9 +72,9 @@ def write_bytes(target: Path, data: bytes, spare: Path | None = None) -> None:
     fsync_folder(target.parent)
 
 
-def write_text(target: Path, text: str, spare: Path | None = None) -> None:
+def write_text(target: Path, text: str, spare: Path | None = None, mode: int = 0o666) -> None:
     """`write_bytes` of UTF-8 text."""
-    write_bytes(target, text.encode("utf-8"), spare)
+    write_bytes(target, text.encode("utf-8"), spare, mode)
 
 
 def keep_spare(spare: Path, least: int, size: int) -> None:

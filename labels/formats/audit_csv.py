@@ -3,13 +3,13 @@
 ``audits/NAME.json`` in the workspace::
 
     {"format": 1, "name": "approach", "of": "dataset approach@0a1b...", "grid": {...},
-     "rule": "how the patches were found, in words",
+     "rule": "how the patches were found, in words", "made": "2016-04-20T10:11:12.345Z",
      "patches": [{"mission": "approach", "camera": "left", "frame": 17, "row": 3, "col": 4,
                   "label": "ocean", "suggested": "subsea_installation", "margin": -1.25,
                   "reason": "in words"}]}
 
-An audit proposes; it changes no label. `tokt.training.fitting.label_audit` makes one, the
-labelling page shows it.
+``made`` may be missing, as it is in older files. An audit proposes; it changes no label.
+`tokt.training.fitting.label_audit` makes one, the labelling page shows it.
 """
 
 import csv
@@ -18,6 +18,7 @@ import json
 import math
 import re
 from dataclasses import asdict, dataclass, fields
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +81,8 @@ class Audit:
         How the patches were found and ranked, in words.
     patches : tuple of AuditedPatch
         The worst first.
+    made : str
+        When, as `record.utc_text` writes it; empty where the file does not say.
 
     Raises
     ------
@@ -92,6 +95,7 @@ class Audit:
     grid: Grid
     rule: str
     patches: tuple[AuditedPatch, ...]
+    made: str = ""
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
@@ -131,10 +135,13 @@ def read_audit(file: Path) -> Audit:
         if type(version) is not int or version < 1:
             raise ValueError(version)
         patches = tuple(_patch(item) for item in value["patches"])
-        texts = (value["name"], value["of"], value["rule"])
+        texts = (value["name"], value["of"], value["rule"], value.get("made", ""))
         if not all(isinstance(text, str) for text in texts):
             raise ValueError(texts)
-        return Audit(texts[0], texts[1], Grid.from_json(value["grid"]), texts[2], patches)
+        if texts[3] and datetime.fromisoformat(texts[3]).tzinfo is None:
+            raise ValueError(texts[3])
+        grid = Grid.from_json(value["grid"])
+        return Audit(texts[0], texts[1], grid, texts[2], patches, texts[3])
     except OSError as error:
         raise ToktError(f"audit {file}: {error.strerror or error}") from None
     except (ValueError, TypeError, KeyError, RecursionError):

@@ -39,17 +39,22 @@ _ENDINGS = "{}: label files end in .csv, .json, .xml or .yaml, folders of patche
 
 @dataclass(frozen=True)
 class LabelFormat:
-    """One format: what people call it, and its reader and writer."""
+    """One format: what people call it, its reader and writer, and how its files' names end."""
 
     title: str
     read: Callable[[Path, ReadOptions], ImportResult]
     write: Callable[[Path, Iterable[LabelRecord], WriteOptions], ExportResult]
+    ending: str = ".csv"
 
 
 def _read_csv(path: Path, options: ReadOptions) -> ImportResult:
-    if options.classes:
-        raise ToktError(f"{path}: --map is for the formats of other tools; rename the class in it")
-    records = read_label_csv(path, options.taxonomy, annotator=options.annotator, grid=options.grid)
+    records = read_label_csv(
+        path,
+        options.taxonomy,
+        annotator=options.annotator,
+        grid=options.grid,
+        classes=options.classes,
+    )
     return ImportResult(records, [])
 
 
@@ -68,16 +73,16 @@ def _write_csv(path: Path, records: Iterable[LabelRecord], options: WriteOptions
 FORMATS = {
     CSV: LabelFormat("CSV", _read_csv, _write_csv),
     VIAME: LabelFormat(viame_csv.TITLE, viame_csv.read_viame_csv, viame_csv.write_viame_csv),
-    COCO: LabelFormat(coco.TITLE, coco.read_coco, coco.write_coco),
+    COCO: LabelFormat(coco.TITLE, coco.read_coco, coco.write_coco, ".json"),
     LABEL_STUDIO: LabelFormat(
-        label_studio.TITLE, label_studio.read_label_studio, label_studio.write_label_studio
+        label_studio.TITLE, label_studio.read_label_studio, label_studio.write_label_studio, ".json"
     ),
     CORALNET: LabelFormat(coralnet.TITLE, coralnet.read_coralnet, coralnet.write_coralnet),
     BIIGLE: LabelFormat(biigle.TITLE, biigle.read_biigle, biigle.write_biigle),
     CVAT: LabelFormat(cvat.TITLE, cvat.read_cvat, cvat.write_cvat),
     IFDO: LabelFormat(ifdo.TITLE, ifdo.read_ifdo_labels, ifdo.write_ifdo),
     PATCHES: LabelFormat(
-        patch_folder.TITLE, patch_folder.read_patch_folder, patch_folder.write_patch_folder
+        patch_folder.TITLE, patch_folder.read_patch_folder, patch_folder.write_patch_folder, ""
     ),
 }
 

@@ -3,14 +3,14 @@
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from sys import intern
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.labels.record import HUMAN, MODEL, SETTLED, LabelRecord, utc_now, utc_text
-from tokt.labels.taxonomy import Taxonomy
+from tokt.labels.taxonomy import Taxonomy, UnknownClassError
 
 from .text_file import csv_rows, read_utf8, save_table
 
@@ -23,7 +23,12 @@ _INTEGER = re.compile(r"-?[0-9]{1,18}")
 
 
 def read_label_csv(
-    path: Path, taxonomy: Taxonomy, *, annotator: str | None = None, grid: Grid = DEFAULT_GRID
+    path: Path,
+    taxonomy: Taxonomy,
+    *,
+    annotator: str | None = None,
+    grid: Grid = DEFAULT_GRID,
+    classes: Mapping[str, str] | None = None,
 ) -> list[LabelRecord]:
     """Read a whole label file, or refuse it with its first mistake and that line's number.
 
@@ -39,6 +44,8 @@ def read_label_csv(
         default, which keeps second annotators' files apart.
     grid : Grid
         The grid, where the file has no such column.
+    classes : mapping of str to str
+        The file's name of a class to ours; to nothing for a class to leave out.
 
     Returns
     -------
@@ -52,7 +59,7 @@ def read_label_csv(
         patch that the same annotator labels twice, or one that is settled twice.
     """
     reader = csv_rows(read_utf8(path))
-    rows = _RowReader(taxonomy, annotator or path.stem, grid)
+    rows = _RowReader(taxonomy, annotator or path.stem, grid, classes or {})
     try:
         header: list[str] = next(reader, [])
         _check_header(header)
@@ -60,7 +67,9 @@ def read_label_csv(
             if values:
                 rows.add(header, values, reader.line_num)
     except (ToktError, csv.Error) as error:
+        rows.check_classes(path)
         raise ToktError(f"{path} line {max(1, reader.line_num)}: {error}") from None
+    rows.check_classes(path)
     if not rows.records:
         raise ToktError(f"{path} has no labels in it")
     return rows.records
@@ -103,9 +112,13 @@ def write_label_csv(path: Path, records: Iterable[LabelRecord], *, full: bool = 
 class _RowReader:
     """Turns rows into records, remembering the line of each patch to find it again."""
 
-    def __init__(self, taxonomy: Taxonomy, annotator: str, grid: Grid) -> None:
+    def __init__(
+        self, taxonomy: Taxonomy, annotator: str, grid: Grid, classes: Mapping[str, str]
+    ) -> None:
         self.records: list[LabelRecord] = []
+        self._unknown: dict[str, tuple[int, ToktError]] = {}
         self._taxonomy = taxonomy
+        self._classes = classes
         self._defaults = {
             "annotator": annotator,
             "time": utc_now(),
@@ -121,9 +134,15 @@ class _RowReader:
         if len(values) != len(header):
             raise ToktError(f"{len(values)} fields where the first line names {len(header)}")
         row = {**self._defaults, **dict(zip(header, values, strict=True))}
-        self._taxonomy.check_label(row["label"])
         if row["blind"] not in _BLIND:
             raise ToktError(f"blind {row['blind']!r} is neither yes nor empty")
+        label = self._classes.get(row["label"], row["label"])
+        if not label and row["label"]:
+            return
+        try:
+            self._taxonomy.check_label(label)
+        except UnknownClassError as error:
+            self._unknown.setdefault(row["label"], (line, error))
         record = LabelRecord(
             mission=intern(row["mission"]),
             camera=intern(row["camera"]),
@@ -131,7 +150,7 @@ class _RowReader:
             grid=self._grid(row["grid"]),
             row=_integer(row, "row"),
             col=_integer(row, "col"),
-            label=intern(row["label"]),
+            label=intern(label),
             annotator=intern(row["annotator"]),
             time=utc_text(row["time"]),
             source=row["source"],
@@ -147,6 +166,12 @@ class _RowReader:
             done = "settled" if settled else "labelled"
             raise ToktError(f"{record.cell} is {done} on line {first} already")
         self.records.append(record)
+
+    def check_classes(self, path: Path) -> None:
+        """Raise UnknownClassError if there were such labels so far; names them all."""
+        if self._unknown:
+            line, first = next(iter(self._unknown.values()))
+            raise UnknownClassError(f"{path} line {line}: {first}", self._unknown)
 
     def _grid(self, text: str) -> Grid:
         if text not in self._grids:

@@ -16,7 +16,7 @@ from typing import Any
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.grid import Grid
 from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, utc_now
-from tokt.labels.taxonomy import UNSURE
+from tokt.labels.taxonomy import UNSURE, UnknownClassError
 
 from .box_attributes import changed_by_hand, from_attributes
 from .boxes import Box, Outline, Size, patch_at, patch_box, patches_in_box, patches_in_outline
@@ -231,9 +231,10 @@ def class_names(names: Iterable[str], options: ReadOptions) -> dict[str, str]:
     if unknown:
         which = ", ".join(f"{name!r} ({counts[name]})" for name in sorted(unknown)[:10])
         more = ", ..." if len(unknown) > 10 else ""
-        raise ToktError(
+        raise UnknownClassError(
             f"unknown class {which}{more}; known: {', '.join(known)}; map it by --map THEIRS=OURS"
-            " (--map THEIRS= leaves it out) or add it to the taxonomy"
+            " (--map THEIRS= leaves it out) or add it to the taxonomy",
+            unknown,
         )
     return found
 

@@ -13,6 +13,8 @@ from tokt.labels.record import HUMAN, SETTLED, LabelRecord, check_name
 from .schema import CELL, COLUMNS
 
 UNDO, REDO = "undo", "redo"
+CONFIRM = "confirm"
+"""Kind of an action that is written also where its label holds already: somebody looked."""
 
 _AT = " AND ".join(f"{name} = :{name}" for name in CELL.split(", "))
 _NOW = 2**63 - 1  # no event has this number
@@ -33,8 +35,9 @@ _ADD_ACTION = """INSERT INTO actions (id, key, annotator, mission, grid, kind, t
 _NODE = """SELECT actions.id, actions.source, actions.blind, actions.below, actions.first,
     first.key, first.kind FROM actions JOIN actions AS first ON first.id = actions.first
     WHERE actions.id = ?"""
-_HEAD = """SELECT camera, frame, (SELECT COUNT(*) FROM events WHERE action = :id) FROM events
-    WHERE action = :id ORDER BY id LIMIT 1"""
+_HEAD = """SELECT camera, frame, (SELECT COUNT(*) FROM events WHERE action = :id),
+    (SELECT COUNT(*) FROM (SELECT DISTINCT camera, frame FROM events WHERE action = :id))
+    FROM events WHERE action = :id ORDER BY id LIMIT 1"""
 _TOPS = """SELECT undo_top, redo_top FROM actions WHERE annotator = ? AND mission = ? AND grid = ?
     ORDER BY id DESC LIMIT 1"""
 _ANSWER = "SELECT id, annotator, mission, grid, kind, result FROM actions WHERE key = ?"
@@ -196,8 +199,8 @@ class ActionHead:
     camera : str
     frame : int
         The first frame it changed.
-    changed : int
-        Patches it changed when it was last done or undone.
+    changed, frames : int
+        Patches it changed when it was last done or undone, and in how many frames.
     """
 
     key: str
@@ -205,6 +208,7 @@ class ActionHead:
     camera: str
     frame: int
     changed: int
+    frames: int
 
 
 class UndoHistory(NamedTuple):
@@ -342,9 +346,9 @@ class ActionLog:
             frames[record.camera, record.frame] = None
             row = {**vars(record), "grid": str(record.grid), "action": action}
             holds, *_ = self._in_force(row, _NOW)
-            if holds == record.label:
+            if holds == record.label and kind != CONFIRM:
                 continue
-            if holds != expected:
+            if holds not in (expected, record.label):
                 place = record.camera, record.frame, record.row, record.col
                 conflicts.append(Conflict(*place, theirs=holds, yours=record.label))
                 continue
@@ -390,8 +394,9 @@ class ActionLog:
         node = self._node(number)
         if node is None:
             return None
-        camera, frame, changed = self._connection.execute(_HEAD, {"id": node.id}).fetchone()
-        return ActionHead(node.key, node.kind, camera, frame, changed)
+        return ActionHead(
+            node.key, node.kind, *self._connection.execute(_HEAD, {"id": node.id}).fetchone()
+        )
 
 
 def _texts(history: UndoHistory) -> list[str]:

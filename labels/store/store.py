@@ -72,9 +72,19 @@ _IS_SEEN = """SELECT 1 FROM seen
 _MARK_SEEN = """INSERT OR IGNORE INTO seen (mission, camera, frame, annotator, time)
     VALUES (?, ?, ?, ?, ?)"""
 
+# A redo says what the first action said.
+_STATEMENTS = f"""SELECT label, events.annotator, events.source, events.time,
+    CASE actions.kind WHEN 'redo' THEN first.kind ELSE actions.kind END
+    FROM events LEFT JOIN actions ON actions.id = events.action
+    LEFT JOIN actions AS first ON first.id = actions.first
+    WHERE {" AND ".join(f"events.{name} = :{name}" for name in CELL.split(", "))}
+    AND events.source <> 'model' ORDER BY events.id"""
+
 EventRow = tuple[int, str, int, int, int, str | None, str, str, str | None, bool]
 """Event number, camera, frame, row, col, label, annotator, source, model version, blind."""
 
+StatementRow = tuple[str | None, str, str, str, str | None]
+"""Label, annotator, source, time, and the kind of action; no kind where a file brought it."""
 
 # What the newest row says already is not written again.
 _ADD_NOTE = """INSERT INTO notes (mission, camera, frame, grid, row, col, text, annotator, time)
@@ -266,8 +276,8 @@ class LabelStore:
         """
         return self.add_counted(records).events
 
-    def add_counted(self, records: Iterable[LabelRecord]) -> AddResult:
-        """`add`, telling new labels from changed ones."""
+    def add_counted(self, records: Iterable[LabelRecord], *, dry: bool = False) -> AddResult:
+        """`add`, telling new labels from changed ones; `dry` tells it and adds none."""
         given = 0
         settled: list[dict[str, Any]] = []
 
@@ -282,10 +292,13 @@ class LabelStore:
 
         with self._transaction():
             last = self._one(_LAST_EVENT)
+            self._connection.execute("SAVEPOINT empty")
             self._connection.executemany(_ADD, rows())
             # After the opinions they settle: an opinion that is newer opens the question again.
             self._connection.executemany(_SETTLE, settled)
             counts = self._connection.execute(_COUNT_ADDED, (last,)).fetchall()
+            if dry:
+                self._connection.execute("ROLLBACK TO empty")
         by_kind = {(source, bool(had)): n for source, had, n in counts}
         return AddResult(
             new=by_kind.get((HUMAN, False), 0),
@@ -509,6 +522,10 @@ class LabelStore:
             f"SELECT {COLUMNS} FROM events WHERE {where} ORDER BY id",
             {**cell._asdict(), "grid": str(cell.grid)},
         )
+
+    def statements(self, cell: Cell) -> list[StatementRow]:
+        """What people said of one patch and how, in order."""
+        return self._rows(_STATEMENTS, {**cell._asdict(), "grid": str(cell.grid)})
 
     def missions(self) -> list[str]:
         """Missions that have events, by name."""

@@ -48,7 +48,7 @@ def label_server(mission: Path, workspace: Path, *options: object) -> Iterator[s
     """
     workspace.mkdir(parents=True, exist_ok=True)
     said = workspace / "server-errors.txt"
-    more = ("--no-browser", "--port", 0, "--workspace", workspace, *options)
+    more = ("--no-browser", "--no-token", "--port", 0, "--workspace", workspace, *options)
     with program("label", mission, *more, said=said) as process:
         found = next(filter(None, map(_ADDRESS.search, process.stdout or ())), None)
         if found is None:

@@ -159,7 +159,7 @@ COMMANDS = (
     "shadow s.jsonl",
     "demo --mission MISSION --labels labels.csv",
     "doctor --store store",
-    "label MISSION --no-browser --model sound.tokt --port PORT",
+    "label MISSION --no-browser --no-token --model sound.tokt --port PORT",
 )
 SLOW = ("reproduce MISSION -o thesis --sample 1 --jobs 1", "bench --quick --mission MISSION")
 PAGES = ("", "mission", "labels", "queue", "picture/left/1", "thumb/left/1", "sheet", "patches")

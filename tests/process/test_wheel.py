@@ -128,7 +128,8 @@ print(json.dumps([importlib.util.find_spec(name).origin for name in json.load(sy
 
 @on_posix
 def test_the_page_serves_every_file_and_no_other_is_asked_for(start, product, tiny, tmp_path):
-    server = start("label", tiny.path, "--no-browser", "--port", 0, "--workspace", tmp_path / "w")
+    options = ("--no-browser", "--no-token", "--port", 0, "--workspace", tmp_path / "w")
+    server = start("label", tiny.path, *options)
     found = server.until(lambda: re.search(r"http://\S+", server.said()))
     (index,) = (path for path in product if path.endswith("/static/index.html"))
     folder = index.removesuffix("index.html")

@@ -37,6 +37,7 @@ from threadpoolctl import ThreadpoolController
 from tokt.features.common.arrays import F64, I64
 from tokt.features.common.errors import ToktError
 from tokt.labels.formats.audit_csv import Audit, AuditedPatch
+from tokt.labels.record import utc_now
 from tokt.models.registry.registry import Registry, fitting
 from tokt.training.datasets.dataset import OBSTACLE, DatasetVersion, open_dataset
 from tokt.training.datasets.feature_cache import cached_features
@@ -226,6 +227,7 @@ def audit(
         dataset.grid,
         _rule(audited, len(folds)),
         tuple(_doubted(dataset, order, margins, decided)),
+        utc_now(),
     )
 
 

@@ -2,38 +2,83 @@
 
 A page in another tab can send requests to this computer, and by a name server that answers with
 a loopback address (DNS rebinding) read what comes back. So the Host header must be a name of
-ours, and a request that changes something must come from our own page.
+ours, and a request that changes something must come from our own page. Another account on this
+computer, or another computer, can send anything: so a request must show the token.
 """
 
 import hashlib
 import hmac
 import ipaddress
+import os
 import re
+import secrets
+from contextlib import suppress
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
-from urllib.parse import parse_qs
+from pathlib import Path
+from urllib.parse import parse_qs, unquote
 
 from starlette.datastructures import Headers
-from starlette.responses import RedirectResponse, Response
+from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from tokt.features.common.atomic import write_text
 
 from .messages import error_response
 
+TOKEN_FILE = "page-token"
+
 LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "[::1]"})
 MAX_BODY = 1_000_000  # bytes
+UPLOAD, MAX_UPLOAD = "/api/import", 200_000_000
+"""Where a file is the body, and how long it may be."""
 SECURITY_HEADERS = {
     "content-security-policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
-        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        "connect-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
     ),
     "x-content-type-options": "nosniff",
     "referrer-policy": "no-referrer",
     "cross-origin-resource-policy": "same-origin",
 }
+_FOR_OWNER, _OTHERS = 0o600, 0o077
+_COOKIE_S = 30 * 24 * 3600
 _SAFE_METHODS = ("GET", "HEAD")
 _OWN_SITES = ("same-origin", "none")
 _LENGTH = re.compile(r"[0-9]{1,18}")
 _HOST = re.compile(r"(\[[0-9a-f:.]+\]|[^:\[\]]+)(?::(\d{1,5}))?")
+# Also for who has no token: the page that asks for it looks like the others.
+_STYLE = "/static/core/page.css"
+_PAGE = f"""<!doctype html>
+<html lang="en">
+  <head>
+    <meta charset="utf-8" />
+    <meta name="viewport" content="width=device-width, initial-scale=1" />
+    <title>tokt</title>
+    <link rel="icon" href="data:," />
+    <link rel="stylesheet" href="{_STYLE}" />
+  </head>
+  <body>
+    <main><dialog open aria-labelledby="what">%s</dialog></main>
+  </body>
+</html>
+"""
+_ASK = """
+<form action="/">
+  <h1 id="what">%s</h1>
+  <p>Open the address that <code>tokt label</code> printed. It looks like
+    <code>http://127.0.0.1:8118/?token=…</code></p>
+  <p><label for="token">Or paste that address, or its token, here:</label></p>
+  <div class="row">
+    <input id="token" name="token" type="text" size="40" required autofocus autocomplete="off" />
+    <button class="main" type="submit">Open</button>
+  </div>
+</form>
+"""
+_OTHER_HOST = """
+<h1 id="what">The page is not served under this address</h1>
+<p>Open the address that <code>tokt label</code> printed.</p>
+"""
 
 
 @dataclass(frozen=True)
@@ -87,6 +132,23 @@ def _is_address(host: str) -> bool:
     return True
 
 
+def kept_token(workspace: Path) -> str:
+    """The workspace's token, which outlasts a restart: a page that is open or bookmarked goes on.
+
+    Made where there is none, or where others could read it. Where it cannot be kept for its owner
+    alone, it is of this run only.
+    """
+    file = workspace / TOKEN_FILE
+    with suppress(OSError, UnicodeDecodeError):
+        token = file.read_text("ascii").strip()
+        if token and not (os.name == "posix" and file.stat().st_mode & _OTHERS):
+            return token
+    token = secrets.token_urlsafe(18)
+    with suppress(OSError):
+        write_text(file, token + "\n", mode=_FOR_OWNER)
+    return token
+
+
 class Access:
     """ASGI application around another one that lets through what `AccessRules` allow."""
 
@@ -112,28 +174,28 @@ class Access:
     def _refuse(self, scope: Scope, headers: Headers) -> Response | None:
         hosts = headers.getlist("host")
         if len(hosts) != 1 or not self._rules.is_our_host(hosts[0]):
-            return error_response(403, "this server is not addressed by that host name")
+            words = "this server is not addressed by that host name"
+            return _refusal(headers, 403, words, _OTHER_HOST)
         # The page itself may be opened by a link anywhere; all else only our own page asks for.
         if scope["path"] != "/" and headers.get("sec-fetch-site", "none") not in _OWN_SITES:
             return error_response(403, "a page of another site may not ask for anything here")
         if scope["method"] not in _SAFE_METHODS:
-            refused = _refuse_write(headers, f"http://{hosts[0].lower()}")
+            own_origin = f"http://{hosts[0].lower()}"
+            refused = _refuse_write(headers, own_origin, scope["path"] == UPLOAD)
             if refused is not None:
                 return refused
         return None if self._rules.token is None else self._ask_token(scope, headers)
 
     def _ask_token(self, scope: Scope, headers: Headers) -> Response | None:
-        if scope["path"] == "/" and scope["method"] == "GET":
-            query = parse_qs(scope["query_string"].decode("latin-1"))
-            if any(self._rules.is_token(given) for given in query.get("token", [])):
-                answer = RedirectResponse("/", status_code=303)
-                # Not "strict": a colleague's link, followed from a mail, must find the cookie. What
-                # other sites may ask for is refused by where the request comes from.
-                answer.set_cookie(
-                    self._rules.cookie, self._rules.cookie_value, httponly=True, samesite="lax"
-                )
-                answer.headers["cache-control"] = "no-store"
-                return answer
+        query = parse_qs(scope["query_string"].decode("latin-1")).get("token", [])
+        if scope["path"] == "/" and scope["method"] == "GET" and any(map(self._is_shown, query)):
+            answer = RedirectResponse("/", status_code=303)
+            # Not "strict": a colleague's link, followed from a mail, must find the cookie. What
+            # other sites may ask for is refused by where the request comes from.
+            cookie = (self._rules.cookie, self._rules.cookie_value)
+            answer.set_cookie(*cookie, max_age=_COOKIE_S, httponly=True, samesite="lax")
+            answer.headers["cache-control"] = "no-store"
+            return answer
         kind, _, given = headers.get("authorization", "").partition(" ")
         if kind.lower() == "bearer" and self._rules.is_token(given.strip()):
             return None
@@ -141,23 +203,40 @@ class Access:
             _cookie(headers, self._rules.cookie).encode(), self._rules.cookie_value.encode()
         ):
             return None
-        return error_response(
-            401, "this page needs its token: open the address that tokt label printed"
-        )
+        if scope["path"] == _STYLE:
+            return None
+        words = "this page needs its token: open the address that tokt label printed"
+        asked = "That was not the token" if query else "This page needs its token"
+        return _refusal(headers, 401, words, _ASK % asked)
+
+    def _is_shown(self, given: str) -> bool:
+        """Whether somebody gave the token, or pasted the whole address that holds it."""
+        pasted = unquote(given.strip().rpartition("?token=")[2])
+        return self._rules.is_token(given) or self._rules.is_token(pasted)
 
 
-def _refuse_write(headers: Headers, own_origin: str) -> Response | None:
+def _refusal(headers: Headers, status: int, words: str, page: str) -> Response:
+    """The page for who looks at it in a browser, an error of one line for a program."""
+    if "text/html" in headers.get("accept", ""):
+        return HTMLResponse(_PAGE % page, status, {"cache-control": "no-store"})
+    return error_response(status, words)
+
+
+def _refuse_write(headers: Headers, own_origin: str, upload: bool) -> Response | None:
     origin = headers.get("origin")
     if origin is not None and origin.lower() != own_origin:
         return error_response(403, "a page of another origin may not change anything here")
-    if headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
-        return error_response(415, "the body must be application/json")
+    # Neither is a kind that a page of another site may send without asking first.
+    kind = "application/octet-stream" if upload else "application/json"
+    if headers.get("content-type", "").partition(";")[0].strip().lower() != kind:
+        return error_response(415, f"the body must be {kind}")
     length = headers.get("content-length", "")
     # Where both are given the parts of the body count, and nothing limits them.
     if _LENGTH.fullmatch(length) is None or "transfer-encoding" in headers:
         return error_response(411, "the body's length must be told")
-    if int(length) > MAX_BODY:
-        return error_response(413, f"the body is longer than {MAX_BODY} bytes")
+    longest = MAX_UPLOAD if upload else MAX_BODY
+    if int(length) > longest:
+        return error_response(413, f"the body is longer than {longest} bytes")
     return None
 
 

@@ -29,7 +29,7 @@ from .messages import (
 )
 
 router = APIRouter(prefix="/api")
-_NO_CLASS_COLOR = "#b0b0b0"
+_NO_CLASS_COLOR = "#e6e6e6"
 _SCORE_DECIMALS = 4
 
 

@@ -3,13 +3,16 @@
 import errno
 import ipaddress
 import os
-import secrets
+import signal
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from types import FrameType
 from urllib.parse import quote
 
 import uvicorn
+from uvicorn.server import HANDLED_SIGNALS
 
 from tokt.features.common.errors import ToktError
 from tokt.labels.page.state.session import Session
@@ -40,7 +43,7 @@ class Address:
 
 
 def listen(host: str, port: int, token: str | None) -> Address:
-    """Listen on a port; on any other address than loopback a token is made unless one is given.
+    """Listen on a port, for those who have the token; on loopback it may be None.
 
     Raises
     ------
@@ -49,7 +52,7 @@ def listen(host: str, port: int, token: str | None) -> Address:
     """
     loopback = _is_loopback(host)
     if token is None and not loopback:
-        token = secrets.token_urlsafe(18)
+        raise ToktError(f"--no-token is for this computer alone, and --host {host} is not")
     listener = _listening(host, port)
     port = listener.getsockname()[1]
     names = set(LOOPBACK_NAMES)
@@ -111,6 +114,21 @@ class _PageServer(uvicorn.Server):
         super().__init__(config)
         self._ready = ready
         self._ending = ending
+        self._asked_to_end = 0
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Take Ctrl-C and SIGTERM for good: one that comes while all is put away does no harm."""
+        for number in HANDLED_SIGNALS:
+            signal.signal(number, self.handle_exit)
+        yield
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        # A picture may be read from a disk that hangs: the third one ends it all the same.
+        if self._asked_to_end == 1:
+            signal.signal(sig, signal.SIG_DFL)
+        self._asked_to_end += 1
+        self.should_exit = True
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
@@ -124,7 +142,7 @@ class _PageServer(uvicorn.Server):
 def serve(
     session: Session, listener: socket.socket, rules: AccessRules, ready: Callable[[], None]
 ) -> None:
-    """Serve `session` on a listening socket until SIGINT or SIGTERM.
+    """Serve `session` on a listening socket until SIGINT or SIGTERM, which stay taken.
 
     Parameters
     ----------

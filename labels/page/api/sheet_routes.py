@@ -8,6 +8,7 @@ from starlette.responses import Response
 
 from tokt.features.common.errors import ToktError
 from tokt.labels.agreement import agreement_of_counts
+from tokt.labels.formats.audit_csv import Audit
 from tokt.labels.page.state.audits import Doubt
 from tokt.labels.page.state.session import Session
 
@@ -94,7 +95,9 @@ def get_audit(
     name: Annotated[str, Query(max_length=MAX_NAME)],
     who: Who | None = None,
 ) -> Response:
-    """One audit's worst patches of this mission, with what `who` says and what is settled now."""
+    """One audit's worst patches of this mission, with what `who` says, what is settled now, and
+    what was decided since the audit.
+    """
     refuse_blind(blind)
     try:
         audit = session.audits.audit(name)
@@ -109,12 +112,12 @@ def get_audit(
             "of": audit.of,
             "rule": audit.rule,
             "total": len(doubts),
-            "patches": _doubts(session, who or session.annotator, doubts[:MAX_PATCHES]),
+            "patches": _doubts(session, who or session.annotator, audit, doubts[:MAX_PATCHES]),
         }
     )
 
 
-def _doubts(session: Session, who: str, doubts: list[Doubt]) -> list[dict[str, Any]]:
+def _doubts(session: Session, who: str, audit: Audit, doubts: list[Doubt]) -> list[dict[str, Any]]:
     board = session.board
     frames = {(doubt.patch.camera, doubt.patch.frame) for doubt in doubts}
     mine = {frame: board.labels(who, *frame) for frame in frames}
@@ -130,6 +133,7 @@ def _doubts(session: Session, who: str, doubts: list[Doubt]) -> list[dict[str, A
             "reason": patch.reason,
             "mine": mine[patch.camera, patch.frame][cell],
             "settled": settled[patch.camera, patch.frame][cell],
+            "decided": session.audits.decision(audit, patch),
         }
         for cell, patch in doubts
     ]

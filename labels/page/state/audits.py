@@ -1,13 +1,26 @@
-"""The workspace's label audits, as far as they speak of one mission and grid."""
+"""The workspace's label audits, as far as they speak of one mission and grid.
+
+A doubt is decided when a person confirmed, changed or settled that very patch after the audit was
+made, by an action of `KNOWINGLY`, and that still holds. What counts is the settlement, else the
+newest label of anybody. Not by labelling the rest of a frame, nor by accepting suggestions or
+copies, nor by importing a file: nobody looked at that patch. An undo decides nothing either.
+"""
 
 import threading
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
 from tokt.labels.formats.audit_csv import Audit, AuditedPatch, audit_files, read_audit
+from tokt.labels.record import SETTLED, Cell, utc_text
+from tokt.labels.store.actions import CONFIRM
 from tokt.labels.store.store import LabelStore
 
 from .board import Board
+
+KNOWINGLY = frozenset({"paint", "row", "column", "relabel", "resolve", "settle", CONFIRM})
+"""Kinds of actions by which a person says something of the patches that they chose."""
 
 
 class Doubt(NamedTuple):
@@ -30,6 +43,7 @@ class Audits:
 
     def __init__(self, store: LabelStore, board: Board) -> None:
         self._workspace = store.path.parent
+        self._store = store
         self._board = board
         self._lock = threading.Lock()
         self._read: dict[Path, tuple[tuple[int, int], Audit]] = {}
@@ -55,7 +69,10 @@ class Audits:
         with self._lock:
             known = self._read.get(path)
             if known is None or known[0] != stamp:
-                known = self._read[path] = stamp, read_audit(path)
+                audit = read_audit(path)
+                written = datetime.fromtimestamp(found.st_mtime, UTC).isoformat()
+                audit = replace(audit, made=audit.made or utc_text(written))
+                known = self._read[path] = stamp, audit
             return known[1]
 
     def doubts(self, audit: Audit) -> list[Doubt]:
@@ -71,3 +88,16 @@ class Audits:
             and patch.row < board.grid.rows
             and patch.col < board.grid.cols
         ]
+
+    def decision(self, audit: Audit, patch: AuditedPatch) -> str | None:
+        """What people decided that a patch is since the audit; None while it is open."""
+        cell = Cell(patch.mission, patch.camera, patch.frame, audit.grid, patch.row, patch.col)
+        made = datetime.fromisoformat(audit.made)
+        standing: dict[str | None, str | None] = {}  # by annotator, the newest last; None settled
+        for label, annotator, source, time, kind in self._store.statements(cell):
+            standing.pop(None, None)  # a settlement holds until something newer is said
+            who = None if source == SETTLED else annotator
+            standing.pop(who, None)
+            knew = kind in KNOWINGLY and datetime.fromisoformat(time) > made
+            standing[who] = label if knew else None
+        return next((label for label in reversed(standing.values()) if label), None)

@@ -2,8 +2,8 @@
 
 The lamps' light on the water is taken away as a smooth background and what differs from it is
 amplified, in floating point: averaging over pixels resolves far less than one grey level. What is
-amplified is added to the frame itself, so that all fine detail and colour of the frame stay, with
-no more noise than the frame has.
+amplified is brightness, added to all colours of the frame alike: fine detail and the camera's
+colours stay as they are, with no more noise than the frame has, and no colour that is not there.
 """
 
 from typing import Any
@@ -51,7 +51,7 @@ def enhanced(frame: U8, amount: int = DEFAULT_AMOUNT) -> U8:
     amount : int
         0 (the frame as it is) to 100: faint structure is amplified ``1 + amount / 4`` times,
         less where there is strong structure nearby. Up to 40 the light of the lamps fades away,
-        from there on the water is an even gray. Colours are those that differ from the water's.
+        from there on the water is evenly bright. Colours are the camera's.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def enhanced(frame: U8, amount: int = DEFAULT_AMOUNT) -> U8:
         return frame
     height, width = frame.shape[:2]
     change = cv2.resize(_change(_working(frame), amount), (width, height))
-    return np.asarray(cv2.add(change, frame, dtype=cv2.CV_8U), np.uint8)
+    return np.asarray(cv2.add(_like(frame, change), frame, dtype=cv2.CV_8U), np.uint8)
 
 
 def enhanced_small(frame: U8, amount: int = DEFAULT_AMOUNT) -> U8:
@@ -73,7 +73,7 @@ def enhanced_small(frame: U8, amount: int = DEFAULT_AMOUNT) -> U8:
     _check_amount(amount)
     picture = _working(frame)
     if amount:
-        picture += _change(picture, amount)
+        picture += _like(picture, _change(picture, amount))
     return np.asarray(picture.round().clip(0, 255), np.uint8)
 
 
@@ -102,27 +102,29 @@ def _working(frame: U8) -> F32:
     return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
+def _like(picture: NDArray[Any], change: F32) -> F32:
+    """A change of brightness for each of a picture's colours."""
+    return np.asarray(cv2.cvtColor(change, cv2.COLOR_GRAY2BGR)) if picture.ndim == 3 else change
+
+
 def _change(picture: F32, amount: int) -> F32:
-    """What to add to a working picture, of its shape."""
+    """By how much to brighten the pixels of a working picture, of its height and width."""
     height, width = picture.shape[:2]
     gray = np.asarray(cv2.transform(picture, _GRAY)) if picture.ndim == 3 else picture
     smoothing = max(_MIN_SMOOTHING, _SMOOTHING * width / _WORKING_WIDTH)
     gray = np.asarray(cv2.GaussianBlur(gray, (0, 0), smoothing))
     low_size = (max(1, width // _LOW_STEP), max(1, height // _LOW_STEP))
     low = cv2.resize(gray, low_size, interpolation=cv2.INTER_AREA)
-    low_picture = cv2.resize(picture, low_size, interpolation=cv2.INTER_AREA)
-    background, colours, gains = _background(np.asarray(low), np.asarray(low_picture), gain(amount))
+    background, gains = _background(np.asarray(low), gain(amount))
     difference = gray - np.asarray(cv2.resize(background, (width, height)))
     bright = difference * np.asarray(cv2.resize(gains, (width, height)))
     bright /= 1 + np.abs(bright) / _SOFT_LIMIT
-    bright += _MIDDLE - difference
-    water = np.asarray(cv2.resize(colours, (width, height)))
-    change = bright[..., None] - water if picture.ndim == 3 else bright - water
-    return np.asarray(change * min(1.0, amount / _FULL_BACKGROUND), np.float32)
+    bright += _MIDDLE - gray
+    return np.asarray(bright * min(1.0, amount / _FULL_BACKGROUND), np.float32)
 
 
-def _background(low: F32, low_picture: F32, most: float) -> tuple[F32, F32, F32]:
-    """The water behind a small gray picture, its colour, and how much to amplify, pixel by pixel.
+def _background(low: F32, most: float) -> tuple[F32, F32]:
+    """The water behind a small gray picture, and how much to amplify, pixel by pixel.
 
     A lit tower is left out of the background round by round: else there would be a dark halo
     around it, which looks like something.
@@ -136,12 +138,8 @@ def _background(low: F32, low_picture: F32, most: float) -> tuple[F32, F32, F32]
     background = window(low)
     for _ in range(_ROUNDS):
         weights = 1 / (1 + ((low - background) / _OUTLIER) ** 4) + np.float32(1e-3)
-        total = window(weights)
-        background = window(low * weights) / total
-    if low_picture.ndim == 3:
-        weights, total = weights[..., None], total[..., None]
-    colours = window(low_picture * weights) / total
+        background = window(low * weights) / window(weights)
     seen = np.abs(low - background)
     seen /= 1 + seen / _COMPRESSED
     spread = np.sqrt(window(seen * seen))
-    return background, colours, (_SPREAD / np.maximum(spread, 1e-3)).clip(1, most)
+    return background, (_SPREAD / np.maximum(spread, 1e-3)).clip(1, most)

@@ -14,7 +14,19 @@ from typer import Option
 
 from tokt.features.common.errors import ToktError, os_words
 
-from . import compare, dataset, doctor, labels, models, replay, rig, run, studies, train
+from . import (
+    compare,
+    dataset,
+    doctor,
+    interrupt_ends,
+    labels,
+    models,
+    replay,
+    rig,
+    run,
+    studies,
+    train,
+)
 from .output import live_without_terminal, open_standard_files, say
 
 _TRACEBACKS = 20
@@ -105,17 +117,19 @@ def _app_for(arguments: list[str]) -> typer.Typer:
 
 def main() -> None:
     """Run the command line."""
-    open_standard_files()
-    if sys.argv[1:2] == ["run"]:
-        live_without_terminal()
-    run_app(_app_for(sys.argv[1:]))
+    with interrupt_ends():
+        open_standard_files()
+        if sys.argv[1:2] == ["run"]:
+            live_without_terminal()
+        commands = _app_for(sys.argv[1:])
+    run_app(commands)
 
 
 def run_app(commands: typer.Typer) -> None:
     """Run commands; an error is one line on stderr: exit code 2 for a user's mistake, else 70."""
     try:
         code = commands(standalone_mode=False)
-    except typer.Abort:
+    except (typer.Abort, KeyboardInterrupt):
         sys.exit(130)
     except Exception as error:  # noqa: BLE001 - nobody is left to catch it
         message, code = _mistake(error), 2

@@ -13,14 +13,14 @@ import typer
 from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError, printable
-from tokt.labels.formats import CSV, NAMES
+from tokt.labels.formats import NAMES
 
+from . import interrupt_ends
 from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
-from .output import answer, print_json, progress, say, stop_on_signal
+from .output import answer, print_json, progress, say
 from .output import print_line as print
 
 if TYPE_CHECKING:
-    from tokt.features.frames.grid import Grid
     from tokt.labels.agreement import Agreement, ClassAgreement
     from tokt.labels.formats.audit_csv import Audit
     from tokt.labels.formats.images import MissionImages
@@ -70,11 +70,14 @@ def label(
         int, Option(help="Port of the page; 0 takes any free port.", min=0, max=65535)
     ] = 8118,
     host: Annotated[
-        str, Option(metavar="ADDR", help="Address to serve on; all but loopback require the token.")
+        str, Option(metavar="ADDR", help="Address to serve on. Default: this computer alone.")
     ] = "127.0.0.1",
     token: Annotated[
-        str | None, Option(metavar="T", help="Token to require. Default with --host: a new one.")
+        str | None, Option(metavar="T", help="Token to require. Default: the workspace's own.")
     ] = None,
+    no_token: Annotated[
+        bool, Option("--no-token", help="Admit every account of this computer; not with --host.")
+    ] = False,
     model: Annotated[
         str | None,
         Option(
@@ -94,34 +97,37 @@ def label(
     ] = "10x10@360",
 ) -> None:
     """Label a mission's patches in the browser, until Ctrl-C."""
-    from tokt import __version__
-    from tokt.features.frames.grid import Grid
-    from tokt.features.frames.mission import open_mission
-    from tokt.labels.page.api.serve import listen, serve
-    from tokt.labels.page.state.session import open_session
+    with interrupt_ends():
+        from tokt import __version__
+        from tokt.features.frames.grid import Grid
+        from tokt.features.frames.mission import open_mission
+        from tokt.labels.page.api.access import kept_token
+        from tokt.labels.page.api.serve import listen, serve
+        from tokt.labels.page.state.session import open_session
 
-    if token is not None and not token.strip():
-        raise ToktError("--token is empty")
-    patches = Grid.parse(grid)
-    frames = open_mission(mission)
-    bundle = None
-    if model is not None:
-        from tokt.models.registry.load import load_model
+        if token is not None and not token.strip():
+            raise ToktError("--token is empty")
+        if token is not None and no_token:
+            raise ToktError("--token and --no-token exclude each other")
+        patches = Grid.parse(grid)
+        frames = open_mission(mission)
+        bundle = None
+        if model is not None:
+            from tokt.models.registry.load import load_model
 
-        bundle = load_model(model, workspace)
-    address = listen(host, port, token)
-    session = open_session(
-        frames, workspace, patches, annotator or _user(), __version__, taxonomy, bundle
-    )
+            bundle = load_model(model, workspace)
+        address = listen(host, port, None if no_token else token or kept_token(workspace))
+        session = open_session(
+            frames, workspace, patches, annotator or _user(), __version__, taxonomy, bundle
+        )
 
-    def ready() -> None:
-        print(f"labelling {frames.name} at {address.url} (Ctrl-C ends)")
-        if not no_browser:
-            _open_browser(address.url)
+        def ready() -> None:
+            print(f"labelling {frames.name} at {address.url} (Ctrl-C ends)")
+            if not no_browser:
+                _open_browser(address.url)
 
-    with stop_on_signal(lambda: None):
         serve(session, address.socket, address.rules, ready)
-    session.close()
+        session.close()
 
 
 def _user() -> str:
@@ -277,6 +283,7 @@ def export_labels(
 ) -> None:
     """Write the labels in force to a file, sorted by patch."""
     from tokt.features.frames.grid import Grid
+    from tokt.labels import export
     from tokt.labels.formats.formats import FORMATS, format_named, format_to_write
     from tokt.labels.formats.options import WriteOptions
     from tokt.labels.taxonomy import load_taxonomy
@@ -284,52 +291,16 @@ def export_labels(
     chosen = format_named(file_format) if file_format else format_to_write(file)
     images = _images(mission_dir, mission)
     name = mission or (images.name if images else None)
-    cells = Grid.parse(grid) if grid else None
-    settled = full or chosen != CSV
-    with _open_store(workspace) as store:
-        records, lost = _in_force(store, name, annotator, cells, camera, settled=settled)
+    wanted = export.Wanted(name, annotator, Grid.parse(grid) if grid else None, camera)
     options = WriteOptions(load_taxonomy(workspace, taxonomy), images, full, progress)
-    written = FORMATS[chosen].write(file, records, options)
-    lost = [*written.lost, *lost]
+    with _open_store(workspace) as store:
+        written = export.export_labels(store, file, chosen, wanted, options)
     if json:
         about = {"file": str(file), "format": chosen, "store": str(store.path)}
-        print_json({**about, "labels": written.labels, "lost": lost})
+        print_json({**about, "labels": written.labels, "lost": written.lost})
         return
     say(f"{file}: {written.labels} labels")
-    _say_lost(FORMATS[chosen].title, lost)
-
-
-def _in_force(
-    store: LabelStore,
-    mission: str | None,
-    annotator: str | None,
-    grid: Grid | None,
-    camera: str | None,
-    *,
-    settled: bool,
-) -> tuple[list[LabelRecord], list[str]]:
-    """Labels in force, and a line each for what else the store has of them."""
-    from tokt.labels.formats.options import count
-
-    choose = store.current_and_settled if settled else store.current
-    records = choose(mission, annotator, grid, camera=camera)
-    if not records:
-        raise ToktError(
-            f"no such labels in {store.path}; it has missions {_names(store.missions())}"
-            f" and annotators {_names(store.annotators())}"
-        )
-    lost = []
-    left = [] if settled else store.settled(mission, grid, annotator=annotator, camera=camera)
-    if left:
-        lost.append(f"{count(len(left), 'settlement')} left out (--full keeps them)")
-    earlier = sum(
-        entry.events - entry.patches
-        for entry in store.stats()
-        if mission in (None, entry.mission) and annotator in (None, entry.annotator)
-    )
-    if earlier:
-        lost.append(f"{count(earlier, 'earlier label')} left out: files hold those in force")
-    return records, lost
+    _say_lost(FORMATS[chosen].title, written.lost)
 
 
 def _images(mission_dir: Path | None, name: str | None) -> MissionImages | None:
@@ -424,10 +395,6 @@ def _open_store(workspace: Path, *, create: bool = False) -> LabelStore:
     return LabelStore(workspace / FILE_NAME, create=create)
 
 
-def _names(names: Iterable[str]) -> str:
-    return ", ".join(names) or "(none)"
-
-
 def _said_by(who: str, workspace: Path, taxonomy: Taxonomy) -> list[LabelRecord]:
     """Labels of a file, where there is one of that name, or of an annotator in the store."""
     if Path(who).is_file():
@@ -436,6 +403,7 @@ def _said_by(who: str, workspace: Path, taxonomy: Taxonomy) -> list[LabelRecord]
 
         read = FORMATS[format_to_read(Path(who))].read
         return read(Path(who), ReadOptions(taxonomy)).records
+    from tokt.labels.export import listed
     from tokt.labels.store.store import FILE_NAME
 
     if not (workspace / FILE_NAME).is_file():
@@ -445,7 +413,7 @@ def _said_by(who: str, workspace: Path, taxonomy: Taxonomy) -> list[LabelRecord]
         if not records:
             raise ToktError(
                 f"{who} is neither a file nor an annotator in {store.path}, which has"
-                f" {_names(store.annotators())}"
+                f" {listed(store.annotators())}"
             )
     return records
 

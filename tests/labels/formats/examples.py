@@ -20,6 +20,7 @@ TIME = "2016-04-20T10:00:00Z"
 
 SLOW = settings(
     max_examples=scaled(25),
+    deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 

@@ -1,6 +1,7 @@
 """Audit files: what is written is read, yesterday's too, and nothing half right is taken."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -24,6 +25,7 @@ def test_yesterdays_file_is_read(tmp_path):
     file.write_text(FORMAT_1, "utf-8")
     audit = Audit("dive", "dataset dive@0a1b", Grid(), "mean of two margins", (PATCH,))
     assert read_audit(file) == audit
+    audit = replace(audit, made="2016-04-20T10:11:12.345Z")
     assert read_audit(write_audit(tmp_path / "ws", audit)) == audit
     assert [path.name for path in audit_files(tmp_path / "ws")] == ["dive.json"]
 
@@ -33,11 +35,12 @@ def test_yesterdays_file_is_read(tmp_path):
     [
         *[("margin", "-1.25"), ("row", -1), ("frame", 1.5), ("label", None), ("margin", 1e999)],
         *[("format", 0), ("format", "1"), ("rule", 3), ("name", None)],
+        *[("made", 3), ("made", "yesterday"), ("made", "2016-04-20T10:11:12")],
     ],
 )
 def test_a_damaged_file_is_refused(tmp_path, field, value):
     damaged = json.loads(FORMAT_1)
-    (damaged if field in damaged else damaged["patches"][0])[field] = value
+    (damaged["patches"][0] if field in damaged["patches"][0] else damaged)[field] = value
     file = tmp_path / "dive.json"
     file.write_text(json.dumps(damaged), "utf-8")
     refuses("is damaged; audit again", read_audit, file)

@@ -10,7 +10,7 @@ import sys
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from urllib.parse import urlencode, urlsplit
+from urllib.parse import parse_qs, urlencode, urlsplit
 
 import pytest
 
@@ -57,6 +57,12 @@ class PageServer:
         self.url, self.port = found[0], urlsplit(found[0]).port
         return self
 
+    @property
+    def authority(self):
+        """The header that shows the token of its address; none where that has none."""
+        (token,) = parse_qs(urlsplit(self.url).query).get("token", [None])
+        return {} if token is None else {"Authorization": f"Bearer {token}"}
+
     def kill(self):
         """End it at once, as a crash would."""
         self.process.kill()
@@ -78,9 +84,12 @@ class PageServer:
         return http.client.HTTPConnection("127.0.0.1", self.port, timeout=MAX_S)
 
     def request(self, method, target, body=None, headers=None):
-        """One request, sent as it is given."""
+        """One request, with the token unless an empty ``Authorization`` is given."""
+        headers = {**self.authority, **(headers or {})}
+        if not headers.get("Authorization"):
+            headers.pop("Authorization", None)
         with closing(self.connect()) as connection:
-            connection.request(method, target, body, headers or {})
+            connection.request(method, target, body, headers)
             answer = connection.getresponse()
             return Answer(answer.status, answer.headers, answer.read())
 
@@ -118,7 +127,8 @@ class EventStream:
 
     def __init__(self, server, query):
         self._connection = server.connect()
-        self._connection.request("GET", f"/api/events?{urlencode(query)}")
+        target = f"/api/events?{urlencode(query)}"
+        self._connection.request("GET", target, headers=server.authority)
         self._answer = self._connection.getresponse()
         assert self._answer.status == 200
 

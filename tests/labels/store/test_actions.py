@@ -114,8 +114,10 @@ def test_undo_has_no_limit_and_outlives_the_process(store):
 def test_the_next_undo_and_redo_are_known(store):
     assert store.history_top(*WHERE) == (None, None)
     store.apply(_action("k1", _change("reef", frame=3), kind="rest"))
-    store.apply(_action("k2", _change("reef", col=1), _change("reef", col=2)))
-    first, second = ActionHead("k1", "rest", "left", 3, 1), ActionHead("k2", "paint", "left", 1, 2)
+    reef = [_change("reef", col=1), _change("reef", col=2), _change("reef", frame=4)]
+    store.apply(_action("k2", *reef))
+    first = ActionHead("k1", "rest", "left", 3, 1, 1)
+    second = ActionHead("k2", "paint", "left", 1, 3, 2)
     assert store.history_top(*WHERE) == (second, None)
     _undo(store, "u")
     assert store.history_top(*WHERE) == (first, second)
@@ -123,7 +125,7 @@ def test_the_next_undo_and_redo_are_known(store):
     _undo(store, "u2")
     assert store.history_top(*WHERE) == (first, second)
     store.apply(_action("k3", _change("sand", col=5)))
-    assert store.history_top(*WHERE) == (ActionHead("k3", "paint", "left", 1, 1), None)
+    assert store.history_top(*WHERE) == (ActionHead("k3", "paint", "left", 1, 1, 1), None)
     assert _redo(store, "r2") is None
 
 

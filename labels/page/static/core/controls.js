@@ -1,7 +1,6 @@
 // Parts of views' bars: classes as people see them (colour, key and name together), buttons with
 // their keys, choices, pages, sizes.
 
-import { inkOn } from "../frame/cell_drawing.js";
 import { asksObstacleClass, obstacleClass, obstacleClasses } from "../frame/suggest.js";
 import { onFailure, post } from "./api.js";
 import { backAfterMouse, button, el, say } from "./dom.js";
@@ -11,7 +10,6 @@ import { classes, colourOf, mission, signOf, takeNews } from "./mission.js";
 export function swatch(name) {
   const mark = el("span", { class: "swatch", text: signOf(name), "aria-hidden": "true" });
   mark.style.backgroundColor = colourOf(name);
-  mark.style.color = inkOn(colourOf(name));
   return mark;
 }
 
@@ -42,7 +40,8 @@ export function classButtons(choose) {
  * @returns {T}
  */
 export function withKey(control, key) {
-  control.append(" ", el("kbd", { text: key }));
+  control.append(" ", el("kbd", { text: key, "aria-hidden": "true" }));
+  control.setAttribute("aria-keyshortcuts", key);
   return control;
 }
 

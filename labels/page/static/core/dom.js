@@ -79,11 +79,12 @@ let toastTimer = 0;
 /**
  * Show a sentence for some seconds, and read it out.
  * @param {string} text
- * @param {{bad?: boolean}} [options] `bad`: something was not done.
+ * @param {{bad?: boolean, link?: ?string}} [options] `bad`: something was not done; `link`: the
+ *   address of the place that it is about.
  */
-export function say(text, { bad = false } = {}) {
+export function say(text, { bad = false, link = null } = {}) {
   const toast = document.getElementById("toast");
-  toast.textContent = text;
+  toast.replaceChildren(text, link ? el("a", { text: "Go there", href: link }) : "");
   toast.classList.toggle("bad", bad);
   toast.classList.add("shown");
   clearTimeout(toastTimer);

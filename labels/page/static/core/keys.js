@@ -3,7 +3,7 @@
 // single character therefore also answers to Alt with it.
 
 import { el } from "./dom.js";
-import { classes, selectClass, setSetting, setting } from "./mission.js";
+import { classes, selectClass } from "./mission.js";
 import { changeSetting } from "./settings.js";
 
 const CONTRAST_STEP = 10;
@@ -119,8 +119,8 @@ function ownsKey(target, { key, ctrlKey, altKey }) {
   if (target instanceof HTMLTextAreaElement) return key !== "Escape";
   if (target instanceof HTMLSelectElement) return !ctrlKey && !altKey && key !== "Escape";
   if (target.getAttribute("role") === "slider") return /^(Arrow|Page|Home|End)/.test(key);
-  if (target instanceof HTMLButtonElement || target instanceof HTMLAnchorElement) {
-    return key === "Enter" || (key === " " && target instanceof HTMLButtonElement);
+  if (target.matches("button, a, summary")) {
+    return key === "Enter" || (key === " " && !target.matches("a"));
   }
   return false;
 }
@@ -186,11 +186,6 @@ export function reachable(key) {
   return classes().some((known) => known.key === key) ? `Alt+${key}` : key;
 }
 
-/** The colours of the taxonomy, or those of high contrast. */
-export function otherPalette() {
-  setSetting("palette", setting("palette") === "taxonomy" ? "contrast" : "taxonomy");
-}
-
 const lookKey = (key, does, run) => ({ keys: [key], does, run, group: "Seeing" });
 
 /**
@@ -200,5 +195,4 @@ const lookKey = (key, does, run) => ({ keys: [key], does, run, group: "Seeing" }
 export const lookKeys = [
   lookKey("[", "less contrast", () => changeSetting("enhance", -CONTRAST_STEP, 100)),
   lookKey("]", "more contrast", () => changeSetting("enhance", CONTRAST_STEP, 100)),
-  lookKey("k", "colours: taxonomy, or high contrast", otherPalette),
 ];

@@ -62,12 +62,17 @@ async function stepForward() {
   tell("Done again", await redo());
 }
 
+/** Say what was undone where, and show it: views of frames go there, the others offer to. */
 function tell(what, head) {
   if (!head) return;
-  const { kind, changed, camera, frame } = head;
+  const { kind, changed, camera, frame, frames: count } = head;
   const patches = changed === 1 ? "1 patch" : `${changed} patches`;
-  say(`${what}: ${kind}, ${patches}, ${camera} frame ${frame}.`);
-  if (currentView() === "label") go(`#/label/${camera}/${frame}`, { replace: true });
+  const more = count > 1 ? ` and ${count - 1} more` : "";
+  const view = currentView();
+  const goes = view === "label" || view === "overview";
+  const link = goes ? null : `#/label/${camera}/${frame}`;
+  say(`${what}: ${kind}, ${patches}, ${camera} frame ${frame}${more}.`, { link });
+  if (goes) go(`#/${view}/${camera}/${frame}`, { replace: true });
 }
 
 start();

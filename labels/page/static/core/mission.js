@@ -13,6 +13,8 @@ export const mission = {
   loaded: false, classes: [], cameras: {}, states: {}, counts: {}, settings: {},
 };
 
+const LIGHT = 0.405; // 0.4, and what rounding may take
+
 let byName = new Map();
 let frameLists = {};
 
@@ -61,7 +63,8 @@ function takeMission(answer) {
   const states = {};
   for (const [camera, text] of Object.entries(answer.states)) states[camera] = [...text];
   Object.assign(mission, answer, { states, loaded: true });
-  byName = new Map(answer.classes.map((known) => [known.name, known]));
+  const drawn = (known) => [known.name, { ...known, color: lightened(known.color) }];
+  byName = new Map(answer.classes.map(drawn));
   frameLists = {};
   changed("all");
 }
@@ -157,30 +160,28 @@ export function classes() {
  * @returns {{name: string, obstacle: ?boolean, color: string, key: string, description: string}}
  */
 export function classOf(name) {
-  return byName.get(name) ?? { name, obstacle: null, color: "#b0b0b0", key: "", description: "" };
+  return byName.get(name) ?? { name, obstacle: null, color: "#e6e6e6", key: "", description: "" };
 }
 
-// Light, and apart in brightness as well as in hue, for colour-blind eyes and dark frames.
-const HIGH_CONTRAST = [
-  "#57b8ff",
-  "#ff8a3d",
-  "#fff27a",
-  "#2fd6a0",
-  "#ffb3e2",
-  "#c9b1ff",
-  "#ffffff",
-  "#c3e84d",
-];
-
-/**
- * The colour of a class in the chosen palette.
- * @param {?string} name
- * @returns {string} #rrggbb
- */
+/** The colour in which a class is drawn. */
 export function colourOf(name) {
-  const known = classOf(name);
-  if (setting("palette") === "taxonomy" || known.obstacle === null) return known.color;
-  return HIGH_CONTRAST[mission.classes.indexOf(known) % HIGH_CONTRAST.length];
+  return classOf(name).color;
+}
+
+// With a luminance of 0.4 a colour has 9:1 on its black rim ((0.4 + 0.05) / 0.05), so that one of
+// both has 3:1 on any picture. Darker ones become brighter, then paler.
+function lightened(color) {
+  const luminance = ([r, g, b]) => 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  let rgb = [1, 3, 5].map((at) => {
+    const part = parseInt(color.slice(at, at + 2), 16) / 255;
+    return part <= 0.04045 ? part / 12.92 : ((part + 0.055) / 1.055) ** 2.4;
+  });
+  if (luminance(rgb) >= LIGHT) return color;
+  const scale = Math.min(1 / Math.max(...rgb, 1e-6), LIGHT / luminance(rgb));
+  rgb = rgb.map((part) => part * scale);
+  const white = Math.max(0, (LIGHT - luminance(rgb)) / (1 - luminance(rgb)));
+  const shown = rgb.map((part) => 255 * (1.055 * (part + (1 - part) * white) ** (1 / 2.4) - 0.055));
+  return `rgb(${shown.map((part) => Math.max(0, Math.round(part))).join(" ")})`;
 }
 
 /** The sign that stands for a class besides its colour: its key, else its first letter. */
@@ -188,10 +189,15 @@ export function signOf(name) {
   return classOf(name).key || name.slice(0, 1);
 }
 
+/** The class that somebody chose in this browser; null where nobody did. */
+export function chosenClass() {
+  const name = setting("selected");
+  return byName.has(name) ? name : null;
+}
+
 /** The class that painting puts on patches. */
 export function selectedClass() {
-  const name = setting("selected");
-  return byName.has(name) ? name : (mission.classes[0]?.name ?? "");
+  return chosenClass() ?? mission.classes[0]?.name ?? "";
 }
 
 /**

@@ -75,12 +75,12 @@ const IDENTITY = "tokt.identity";
 
 const DEFAULTS = {
   enhance: 60,
+  tint: 25,
   grid: true,
   outlines: true,
   suggestions: true,
   confidence: 0.5,
   follow: 2,
-  palette: "taxonomy",
   filter: "all",
   selected: "",
 };

@@ -1,57 +1,120 @@
-// Drawing what is known of patches onto a canvas: outlines inside their borders, signs, values.
-// The texture in the middle of a patch stays free.
+// Drawing what is known of patches onto a canvas: tints, outlines inside their borders, signs. The
+// texture in the middle of a patch stays readable; where all is clear nearly nothing is drawn.
 
-import { colourOf, signOf } from "../core/mission.js";
-import { cellAt, rowCol } from "./patch_grid.js";
+import { classOf, colourOf, setting, signOf } from "../core/mission.js";
+import { ARROWS, cellAt, rowCol } from "./patch_grid.js";
 
-const HINT_DASH = { strong: [8, 4], kept: [2, 3], weak: [2, 8] };
-const TEXT_FROM = 34; // CSS pixels of patch width from which text fits
+const DASHES = { solid: [], dashed: [6, 4], dotted: [2, 6] };
+const TEXT_FROM = 44; // CSS pixels of patch width from which text fits
 const MARK_FROM = 16;
+const HATCH = 10; // CSS pixels between two lines
+const FAINT = 0.5; // opacity of lines around what is clear
+const BOLD = "600 14px system-ui, sans-serif";
 
 /**
  * @typedef {Object} CellPlan
  * @property {CanvasRenderingContext2D} ctx Scaled so that one unit is one CSS pixel.
  * @property {(cell: number) => {x: number, y: number, width: number, height: number}} boxOf
+ *
+ * @typedef {?{label: string, line: "solid" | "dashed" | "dotted", mark: string}} ShownCell
  */
 
 /**
- * Outline regions of equal labels: solid, with a dark rim so that they show on any ground.
- * @param {CellPlan} plan
- * @param {(?string)[]} labels
+ * What is drawn of a patch: its label, else what is proposed for it.
+ * @param {?string} label
+ * @param {?{label: string, strong: boolean, kept: boolean, against: boolean}} hint
+ * @returns {ShownCell} `mark`: "?" where the model is not confident, "→" where the frame before
+ *   says so and not the model, "≠" where the model says the opposite.
  */
-export function drawLabels(plan, labels) {
-  for (const [label, path] of outlines(labels, plan.boxOf, 2.5)) {
-    strokeTwice(plan.ctx, path, colourOf(label), label === "unsure" ? [2, 3] : []);
-  }
-  labels.forEach((label, cell) => label !== null && drawSign(plan, cell, label, true));
+export function shownCell(label, hint) {
+  if (label !== null) return { label, line: "solid", mark: "" };
+  if (!hint) return null;
+  const mark = hint.against ? "≠" : (hint.strong ? "" : "?") + (hint.kept ? "→" : "");
+  return { label: hint.label, line: hint.strong ? "dashed" : "dotted", mark };
 }
 
 /**
- * Outline unconfirmed labels: dashed, those from the frame before dotted, the less sure ones thinly
- * so; with the value or a word in each patch.
+ * Draw labels, outlined solid and tinted (unsure ones hatched), and proposals, outlined dashed or,
+ * if not confident, dotted. What is clear has faint lines only.
  * @param {CellPlan} plan
- * @param {(?{label: string, text: string, strong: boolean, kept: boolean, against: boolean})[]} hints
+ * @param {ShownCell[]} cells Row by row.
  */
-export function drawHints(plan, hints) {
-  const groups = hints.map((hint) => hint && `${hint.label}/${styleOf(hint)}`);
-  for (const [group, path] of outlines(groups, plan.boxOf, 3.5)) {
-    const [label, style] = group.split("/");
-    strokeTwice(plan.ctx, path, colourOf(label), HINT_DASH[style], 1.75);
+export function drawCells(plan, cells) {
+  const { ctx } = plan;
+  const boxOf = (cell) => snapped(plan.boxOf(cell));
+  const roomy = boxOf(0).width >= TEXT_FROM;
+  const width = roomy ? 2 : 1;
+  const keys = cells.map((cell) => cell && Object.values(cell).join(" "));
+  cells.forEach((cell, at) => cell?.line === "solid" && fill(ctx, boxOf(at), cell.label));
+  for (const [key, path] of outlines(keys, boxOf, width / 2 + 1)) {
+    const { label, line } = cells[keys.indexOf(key)];
+    ctx.globalAlpha = isClear(label) ? FAINT : 1;
+    strokeTwice(ctx, path, colourOf(label), DASHES[line], width);
   }
-  hints.forEach((hint, cell) => {
-    if (!hint) return;
-    const { x, y, width } = plan.boxOf(cell);
-    plan.ctx.globalAlpha = hint.strong ? 1 : 0.7;
-    drawSign(plan, cell, hint.label, false);
-    if (width >= TEXT_FROM) smallText(plan.ctx, hint.text, x + width - 5, y + 5, "right");
-    plan.ctx.globalAlpha = 1;
-    if (hint.against) drawDisagreement(plan, plan.boxOf(cell));
+  ctx.globalAlpha = 1;
+  const signed = roomy ? keys.keys() : firstOfAreas(keys);
+  for (const at of signed) if (cells[at]) drawSign(ctx, boxOf(at), cells[at]);
+}
+
+function isClear(label) {
+  return classOf(label).obstacle === false;
+}
+
+// On whole pixels lines are not blurred into what lies beside them.
+function snapped({ x, y, width, height }) {
+  const [left, top] = [Math.round(x), Math.round(y)];
+  return {
+    x: left, y: top, width: Math.round(x + width) - left, height: Math.round(y + height) - top,
+  };
+}
+
+function fill(ctx, { x, y, width, height }, label) {
+  if (isClear(label)) return;
+  const unsure = label === "unsure";
+  ctx.globalAlpha = Math.min(1, (setting("tint") / 100) * (unsure ? 2 : 1));
+  ctx.fillStyle = unsure ? hatching(ctx) : colourOf(label);
+  ctx.fillRect(x, y, width, height);
+  ctx.globalAlpha = 1;
+}
+
+let hatch = null;
+
+// Thin lines, light beside dark, so that they show on any ground.
+function hatching(ctx) {
+  if (hatch) return hatch;
+  const tile = document.createElement("canvas");
+  tile.width = tile.height = HATCH;
+  const of = tile.getContext("2d");
+  for (let x = 0; x < HATCH; x += 1) {
+    of.fillStyle = colourOf("unsure");
+    of.fillRect(x, HATCH - 1 - x, 1, 1);
+    of.fillStyle = "#000000";
+    of.fillRect((x + 1) % HATCH, HATCH - 1 - x, 1, 1);
+  }
+  hatch = ctx.createPattern(tile, "repeat");
+  return hatch;
+}
+
+/** The first cell of each connected area of equal keys. */
+function firstOfAreas(keys) {
+  const known = new Set();
+  return [...keys.keys()].filter((start) => {
+    if (keys[start] === null || known.has(start)) return false;
+    const waiting = [start];
+    while (waiting.length > 0) {
+      const cell = waiting.pop();
+      known.add(cell);
+      const alike = neighbours(cell).filter((next) => keys[next] === keys[cell]);
+      waiting.push(...alike.filter((next) => !known.has(next)));
+    }
+    return true;
   });
 }
 
-function styleOf({ strong, kept }) {
-  if (kept) return "kept";
-  return strong ? "strong" : "weak";
+/** The cells above, below, left and right; -1 outside the frame. */
+function neighbours(index) {
+  const [row, col] = rowCol(index);
+  return Object.values(ARROWS).map(([down, right]) => cellAt(row + down, col + right));
 }
 
 /**
@@ -73,26 +136,29 @@ export function drawPending({ ctx, boxOf }, cells) {
 }
 
 /**
- * What others said: an initial and the class's sign in the lower left corner, a mark in the right
- * one where two people are sure of different classes; a settled patch shows a tick.
+ * What others said other than what is shown: an initial and the class's sign in the lower left
+ * corner; a mark in the right one where two people are sure of different classes; a tick where it
+ * is settled. That only somebody else said clear is not told where nothing is shown.
  * @param {CellPlan} plan
  * @param {{mine: (?string)[], others: Object, settled: (?string)[]}} labels
+ * @param {ShownCell[]} cells As `drawCells` takes them.
  */
-export function drawOthers(plan, { mine, others, settled }) {
+export function drawOthers(plan, { mine, others, settled }, cells) {
   const people = Object.entries(others);
   for (let cell = 0; cell < mine.length; cell += 1) {
-    const said = people.filter(([, theirs]) => theirs[cell] !== null);
-    const decided = settled[cell];
-    if (!said.length && decided === null) continue;
     const box = plan.boxOf(cell);
     if (box.width < MARK_FROM) continue;
-    const differ = decided === null && disagree([mine[cell], ...said.map(([, all]) => all[cell])]);
-    if (differ) drawDisagreement(plan, box);
+    const decided = settled[cell];
+    const all = [mine[cell], ...people.map(([, theirs]) => theirs[cell])];
+    if (decided === null && disagree(all)) drawDisagreement(plan, box);
     if (box.width < TEXT_FROM) continue;
-    const words = said.slice(0, 2).map(([name, all]) => name.slice(0, 1) + signOf(all[cell]));
+    const shown = cells[cell];
+    const told = (label) => (shown ? label !== shown.label : !isClear(label));
+    const said = people.filter(([, theirs]) => theirs[cell] !== null && told(theirs[cell]));
+    const words = said.slice(0, 2).map(([name, theirs]) => name.slice(0, 1) + signOf(theirs[cell]));
     if (said.length > 2) words.push("+");
-    if (decided !== null) words.push(`✓${signOf(decided)}`);
-    smallText(plan.ctx, words.join(" "), box.x + 5, box.y + box.height - 15, "left");
+    if (decided !== null && (words.length || told(decided))) words.push(`✓${signOf(decided)}`);
+    smallText(plan.ctx, words.join(" "), box.x + 5, box.y + box.height - 19, "#f2f2f2");
   }
 }
 
@@ -149,31 +215,30 @@ export function drawStroke({ ctx, boxOf }, cells, label) {
  * @param {(?string)[]} keys One a cell: what is equal; null: none.
  * @param {(cell: number) => Object} boxOf
  * @param {number} inset How far inside the patches the lines lie.
- * @param {number} [cut] How much shorter they are at corners.
  * @returns {Map<string, Path2D>} By key.
  */
-export function outlines(keys, boxOf, inset, cut = inset) {
+function outlines(keys, boxOf, inset) {
   const paths = new Map();
   keys.forEach((key, cell) => {
     if (key === null) return;
     if (!paths.has(key)) paths.set(key, new Path2D());
-    addEdges(paths.get(key), boxOf(cell), cell, keys, inset, cut);
+    addEdges(paths.get(key), boxOf(cell), cell, keys, inset);
   });
   return paths;
 }
 
 // Edges towards a patch with another key.
-function addEdges(path, { x, y, width, height }, cell, keys, inset, cut) {
+function addEdges(path, { x, y, width, height }, cell, keys, inset) {
   const [row, col] = rowCol(cell);
   const same = (r, c) => keys[cellAt(r, c)] === keys[cell];
   const up = same(row - 1, col);
   const down = same(row + 1, col);
   const left = same(row, col - 1);
   const right = same(row, col + 1);
-  const x0 = x + (left ? 0 : cut);
-  const x1 = x + width - (right ? 0 : cut);
-  const y0 = y + (up ? 0 : cut);
-  const y1 = y + height - (down ? 0 : cut);
+  const x0 = x + (left ? 0 : inset);
+  const x1 = x + width - (right ? 0 : inset);
+  const y0 = y + (up ? 0 : inset);
+  const y1 = y + height - (down ? 0 : inset);
   const edges = [
     [up, x0, y + inset, x1, y + inset],
     [down, x0, y + height - inset, x1, y + height - inset],
@@ -190,8 +255,8 @@ function addEdges(path, { x, y, width, height }, cell, keys, inset, cut) {
 function strokeTwice(ctx, path, colour, dash, width = 2) {
   ctx.lineCap = "butt";
   ctx.setLineDash([]);
-  ctx.lineWidth = width + 1.5;
-  ctx.strokeStyle = "rgb(0 0 0 / 55%)";
+  ctx.lineWidth = width + 2; // all of the rim and of `colourOf` is needed for 3:1 on any ground
+  ctx.strokeStyle = "#000000";
   ctx.stroke(path);
   ctx.setLineDash(dash);
   ctx.lineWidth = width;
@@ -200,50 +265,29 @@ function strokeTwice(ctx, path, colour, dash, width = 2) {
   ctx.setLineDash([]);
 }
 
-function drawSign({ ctx, boxOf }, cell, label, sure) {
-  const { x, y, width } = boxOf(cell);
-  if (width < MARK_FROM) return;
-  const size = width < TEXT_FROM ? 9 : 13;
-  const left = x + 4;
-  const top = y + 4;
-  const colour = colourOf(label);
-  ctx.fillStyle = sure ? colour : "rgb(0 0 0 / 60%)";
-  ctx.fillRect(left, top, size, size);
-  ctx.fillStyle = sure ? inkOn(colour) : lighter(colour);
-  const font = `600 ${size - 2}px system-ui, sans-serif`;
-  Object.assign(ctx, { font, textAlign: "center", textBaseline: "middle" });
-  ctx.fillText(signOf(label), left + size / 2, top + size / 2 + 0.5);
+// On its colour only where it is a label and there is room: all else covers less of the picture.
+function drawSign(ctx, { x, y, width }, { label, line, mark }) {
+  const text = (isClear(label) ? "" : signOf(label)) + mark;
+  if (width < TEXT_FROM) smallText(ctx, text, x + 2, y, colourOf(label));
+  else if (line !== "solid") smallText(ctx, text, x + 5, y + 4, colourOf(label));
+  else if (text) {
+    Object.assign(ctx, { font: BOLD, textAlign: "left", textBaseline: "top" });
+    ctx.fillStyle = colourOf(label);
+    ctx.fillRect(x + 3, y + 3, ctx.measureText(text).width + 6, 16);
+    ctx.fillStyle = "#000000";
+    ctx.fillText(text, x + 6, y + 4);
+  }
 }
 
-function smallText(ctx, text, x, y, textAlign) {
-  Object.assign(ctx, { font: "10px system-ui, sans-serif", lineWidth: 3, lineJoin: "round" });
-  Object.assign(ctx, { textAlign, textBaseline: "top" });
-  rimmedText(ctx, text, x, y, { rim: "rgb(0 0 0 / 75%)", ink: "#f2f2f2" });
+function smallText(ctx, text, x, y, ink) {
+  Object.assign(ctx, { font: BOLD, lineWidth: 3, lineJoin: "round" });
+  Object.assign(ctx, { textAlign: "left", textBaseline: "top" });
+  rimmedText(ctx, text, x, y, { rim: "#000000", ink });
 }
 
-/** Write a text with a rim, so that it shows on any ground. */
-export function rimmedText(ctx, text, x, y, { rim, ink }) {
+function rimmedText(ctx, text, x, y, { rim, ink }) {
   ctx.strokeStyle = rim;
   ctx.strokeText(text, x, y);
   ctx.fillStyle = ink;
   ctx.fillText(text, x, y);
-}
-
-function channels(colour) {
-  return [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
-}
-
-/** Black or white: what reads better on a colour. */
-export function inkOn(colour) {
-  const [r, g, b] = channels(colour).map((value) => {
-    const part = value / 255;
-    return part <= 0.04045 ? part / 12.92 : ((part + 0.055) / 1.055) ** 2.4;
-  });
-  const luminance = 0.2126 * r + 0.7152 * g + 0.0722 * b;
-  return luminance > 0.179 ? "#000000" : "#ffffff";
-}
-
-function lighter(colour) {
-  const [r, g, b] = channels(colour).map((value) => Math.round(value + (255 - value) * 0.45));
-  return `rgb(${r} ${g} ${b})`;
 }

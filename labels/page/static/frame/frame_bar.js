@@ -33,9 +33,9 @@ export function buildBar(commands, keyFor) {
   const matches = el("span", { class: "matches" });
   const legend = el("div", { class: "legend", "aria-label": "States of frames" });
   const root = el("div", { class: "frame-bar" },
-    command("◀", "previous", { title: "Frame before" }),
+    command("◀", "previous", { "aria-label": "Frame before", title: "Frame before" }),
     number,
-    command("▶", "next", { title: "Next frame" }),
+    command("▶", "next", { "aria-label": "Next frame", title: "Next frame" }),
     place,
     camera,
     command("Next unlabelled", "unlabelled"),
@@ -53,6 +53,7 @@ export function buildBar(commands, keyFor) {
     place.textContent = `${frameIndex(where, frame) + 1} of ${list.length}`;
     camera.hidden = Object.keys(mission.cameras).length < 2;
     root.querySelector(".camera-name").textContent = where;
+    camera.setAttribute("aria-label", `${where} camera: change`);
     showFilters(filter);
     matches.textContent = filterName() === "all" ? "" : `${countPassing(where)} frames match`;
     showLegend(legend, where);

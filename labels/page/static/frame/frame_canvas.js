@@ -2,14 +2,14 @@
 // pan: from frame pixels to the canvas and back.
 
 import {
-  drawCursor, drawHints, drawLabels, drawOthers, drawPending, drawStroke,
+  drawCells, drawCursor, drawOthers, drawPending, drawStroke, shownCell,
 } from "./cell_drawing.js";
 import { soon } from "../core/dom.js";
 import { mission, setting } from "../core/mission.js";
 import { cellAt, patchSize, rowCol } from "./patch_grid.js";
 
 const PIXELS_FROM = 3; // screen pixels a frame pixel from which they are shown as squares
-const HEAD_EVERY = 14; // least CSS pixels between two heads
+const HEAD_EVERY = 18; // least CSS pixels between two heads
 const MAX_ZOOM = 24;
 const MARGIN = { left: 26, top: 20, right: 6, bottom: 6 }; // CSS pixels: row and column heads
 
@@ -239,9 +239,9 @@ export class FrameCanvas {
   drawContent(plan) {
     const { labels, hints, cursor, selection, stroke } = this.content;
     if (setting("outlines")) {
-      drawHints(plan, hints);
-      drawLabels(plan, labels.mine);
-      drawOthers(plan, labels);
+      const cells = labels.mine.map((label, cell) => shownCell(label, hints[cell]));
+      drawCells(plan, cells);
+      drawOthers(plan, labels, cells);
       drawPending(plan, this.content.pending ?? []);
     }
     if (stroke) drawStroke(plan, stroke.cells, stroke.label);
@@ -277,7 +277,7 @@ export class FrameCanvas {
     ctx.fillRect(0, 0, 24, height);
     ctx.fillRect(0, 0, width, 18);
     ctx.fillStyle = "#9fb0bf";
-    const font = "11px system-ui, sans-serif";
+    const font = "14px system-ui, sans-serif";
     Object.assign(ctx, { font, textAlign: "center", textBaseline: "middle" });
     const downs = Math.ceil(HEAD_EVERY / box.height);
     for (let row = 0; row < rows; row += downs) {
@@ -306,7 +306,7 @@ export class FrameCanvas {
 
   drawBadge() {
     const { ctx } = this;
-    const font = "600 13px system-ui, sans-serif";
+    const font = "600 14px system-ui, sans-serif";
     Object.assign(ctx, { font, textAlign: "left", textBaseline: "middle" });
     const { width } = ctx.measureText(this.content.badge);
     ctx.fillStyle = "#ffd166";

@@ -56,7 +56,6 @@ const TABLE = [
     SEE,
     "move the picture (also Space+drag, middle button)",
   ],
-  ["palette", ["k"], SEE, "colours: taxonomy, or high contrast"],
 ];
 
 // For the overlay only.

@@ -2,7 +2,6 @@
 
 import { onFailure } from "../core/api.js";
 import { announce, el, focusView, say } from "../core/dom.js";
-import { otherPalette } from "../core/keys.js";
 import {
   blind, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting, setting,
 } from "../core/mission.js";
@@ -126,6 +125,10 @@ function apply(cells, how, kind = "paint") {
   } else if (how === "unsure") paint(camera, frame, cells, "unsure", kind);
   else paint(camera, frame, cells, how === "erase" ? null : selectedClass(), kind);
   showLabels();
+  if (!cursor.visible) return; // painted with the mouse
+  const label = page.canvas.content.labels?.mine[cells[0]] ?? "no label of mine";
+  const more = cells.length > 1 ? ` and ${cells.length - 1} more` : "";
+  announce(`${label}: ${cellName(cells[0])}${more}`);
 }
 
 function goTo(frame) {
@@ -420,7 +423,6 @@ const commands = {
     page.canvas.viewport.pan(-cols * PAN_STEP, -rows * PAN_STEP);
     page.canvas.invalidate();
   }),
-  palette: otherPalette,
 };
 
 function zoom(factor) {

@@ -14,7 +14,7 @@ export const STATES = {
   x: { words: "disagreement", colour: "#ff5c8a", height: 1 },
 };
 const ORDER = Object.keys(STATES);
-const TICK_ROOM = 14;
+const TICK_ROOM = 16;
 const MARK_ROOM = 6;
 
 /** Draws the strip into a canvas that is a slider for keyboards and screen readers. */
@@ -117,7 +117,7 @@ export class Timeline {
     const list = frames(this.camera);
     const step = niceStep((list.length * 70) / width);
     ctx.fillStyle = "#9fb0bf";
-    const font = "10px system-ui, sans-serif";
+    const font = "14px system-ui, sans-serif";
     Object.assign(ctx, { font, textBaseline: "bottom", textAlign: "left" });
     list.forEach((frame, at) => {
       if (frame % step && at) return;

@@ -67,7 +67,10 @@ function showPainters(root, commands, keyFor, tool) {
 }
 
 function painterButton({ name, key, on, colour, title, count, run, disabled }) {
-  const attributes = { class: "painter", title, "aria-pressed": String(on), disabled };
+  const label = count === undefined ? name : `${name}, ${count} patches`;
+  const attributes = {
+    class: "painter", title, "aria-pressed": String(on), disabled, "aria-label": label,
+  };
   const row = button("", run, attributes);
   const swatch = el("span", { class: "sign", text: colour ? signOf(name) : "" });
   if (colour) swatch.style.borderColor = colour;
@@ -100,6 +103,7 @@ function pictureTools(command) {
   ];
   return el("div", { class: "picture-tools" },
     slider("enhance", "Contrast", 0, 100, 5, (value) => `${value}`),
+    slider("tint", "Tint of labels", 0, 60, 5, (value) => `${value}`),
     el("div", { class: "toggles" }, ...toggles),
   );
 }

@@ -3,7 +3,7 @@
 import { choice, classTag, obstacleChoice, pager, sizeButtons, withKey } from "../core/controls.js";
 import { backAfterMouse, button, el } from "../core/dom.js";
 import { reachable } from "../core/keys.js";
-import { blind, clearClass, mission, selectedClass, setSetting, setting } from "../core/mission.js";
+import { blind, chosenClass, clearClass, mission, setSetting, setting } from "../core/mission.js";
 import { blindFrames, filterChoices, filterName } from "../frame/steps.js";
 import { needsObstacleClass } from "../frame/suggest.js";
 import { suggesting } from "./thumb.js";
@@ -56,7 +56,8 @@ export class OverviewBar {
     this.accept.title = `confident: from a value of ${from} on (keys < and > change that)`;
     label(this.acceptAll, `Accept all ${strong + weak} suggested`, "Shift+Enter");
     label(this.rest, `${open} without label are ${clearClass()}`, reachable("o"));
-    this.brush.replaceChildren("Painting ", classTag(selectedClass()), " · right button: unsure");
+    const brush = chosenClass() ? classTag(chosenClass()) : "nothing: press the key of a class";
+    this.brush.replaceChildren("Painting ", brush, " · right button: unsure");
     this.words.textContent = advice(waiting, from);
   }
 }

@@ -4,11 +4,11 @@ import { askObstacleClass } from "../core/controls.js";
 import { el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
 import {
-  clearClass, frames, indexFrom, mission, onChange, onReload, onSetting, selectedClass, setSetting,
-  setting,
+  chosenClass, classes, clearClass, frames, indexFrom, mission, onChange, onReload, onSetting,
+  setSetting, setting,
 } from "../core/mission.js";
 import { frameAspect, lookAtShapes, thumbAddress } from "../core/pictures.js";
-import { addView, go } from "../core/router.js";
+import { addView, go, noteAddress } from "../core/router.js";
 import { changeSetting } from "../core/settings.js";
 import { ARROWS, cellAt, cellFrom } from "../frame/patch_grid.js";
 import {
@@ -17,7 +17,7 @@ import {
 import { leftWords, restOf } from "../frame/painting.js";
 import { framesFollowed, kindOf } from "../frame/suggest.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
-import { actOn, patchesAre } from "../saving/saver.js";
+import { act, actOn, changesOf, patchesAre, withdraw } from "../saving/saver.js";
 import { OverviewBar } from "./overview_bar.js";
 import { Thumb, contentOf } from "./thumb.js";
 import { paintOver } from "./thumb_painting.js";
@@ -34,12 +34,17 @@ const MIN_HEIGHT = 40;
 const SQUEEZED = 0.2;
 
 let parts = null; // the elements on show; null while another view is
-let page = null; // {camera, first, thumbs, excluded, focus, cell, stroke, touched}
+let page = null; // {camera, first, asked, thumbs, excluded, focus, cell, stroke, touched}
 let last = null; // {camera, first}: where the person was, to come back to
 
 async function show(root, [camera, first]) {
   const known = camera in mission.cameras ? camera : Object.keys(mission.cameras)[0];
   const wanted = { camera: known, first: Number(first) || frames(known)[0] };
+  if (parts && page?.camera === known) {
+    const at = page.thumbs.findIndex(({ frame }) => frame === wanted.first);
+    if (at >= 0) return focusOn(at);
+    wanted.asked = wanted.first; // an undo names a frame to see, whatever is filtered
+  }
   last = wanted;
   if (page?.camera === known) wanted.excluded = page.excluded;
   if (!parts) {
@@ -75,7 +80,7 @@ function build() {
     role: "listbox", tabindex: "0", "aria-label": "frames", "data-home": true,
   });
   list.addEventListener("click", clicked);
-  list.addEventListener("dblclick", doubleClicked);
+  list.addEventListener("pointerdown", () => (painted = null));
   paintOver(list, { thumbAt, allThumbs, onStroke, onPainted });
   const does = { accept: accepting, rest: restOfAll, turn, resize, otherCamera };
   const bar = new OverviewBar(does);
@@ -88,7 +93,8 @@ function build() {
 
 /** Blind, and asked to label what somebody labelled: only those frames. */
 function keeps(frame) {
-  return passesBlindList(page.camera, frame) && page.passes(page.camera, frame);
+  const { camera, asked, passes } = page;
+  return passesBlindList(camera, frame) && (frame === asked || passes(camera, frame));
 }
 
 function columns() {
@@ -330,7 +336,12 @@ function moveFrame(event) {
   const across = { ArrowLeft: -1, ArrowRight: 1, ArrowUp: -columns(), ArrowDown: columns() };
   const next = page.focus + across[event.key];
   if (next < 0 || next >= page.thumbs.length) return;
-  page.focus = next;
+  focusOn(next);
+}
+
+function focusOn(index) {
+  page.focus = index;
+  noteAddress(view.link());
   draw();
   focused().element.scrollIntoView({ block: "nearest" });
 }
@@ -359,43 +370,58 @@ function allThumbs(start) {
   return page.thumbs.filter((thumb) => thumb === start || painted(thumb));
 }
 
+// A class that nobody chose is not painted with: the first one means that the way is clear.
 function labelOf(mouseButton) {
-  return mouseButton === 2 ? UNSURE : selectedClass();
+  return mouseButton === 2 ? UNSURE : chosenClass();
 }
 
 function onStroke(cells, mouseButton) {
   if (!page) return;
-  page.stroke = cells && { cells, label: labelOf(mouseButton) };
+  const label = labelOf(mouseButton);
+  page.stroke = cells && label && { cells, label };
   for (const thumb of cells?.keys() ?? []) page.touched.add(thumb);
   drawStrokeSoon();
 }
 
+let painted = null; // the key of what was painted since the button went down
+let clicks = []; // the same of the clicks that follow one another, as those of a double click
+
 function onPainted(cells, mouseButton) {
   if (!page) return;
+  const label = labelOf(mouseButton);
+  if (!label) {
+    const keys = classes().filter(({ key }) => key).map(({ key, name }) => `${key} ${name}`);
+    return say(`Choose a class first, by its key: ${keys.join(", ")}.`);
+  }
   const patches = [];
   for (const [thumb, some] of cells) {
     const mine = contentOf(thumb.camera, thumb.frame)?.mine;
     if (!mine) continue;
     for (const cell of some) {
       const { camera, frame } = thumb;
-      patches.push({ camera, frame, cell, label: labelOf(mouseButton), base: mine[cell] });
+      if (mine[cell] !== label) patches.push({ camera, frame, cell, label, base: mine[cell] });
     }
   }
-  actOn("paint", patches);
+  // A click may be half of a double click, which opens the frame and paints nothing.
+  const hold = [...cells.values()].every((some) => some.size === 1);
+  painted = act("paint", changesOf(patches), { hold });
+  if (painted) {
+    const shown = new Set(patches.map(({ camera, frame }) => `${camera} frame ${frame}`));
+    const where = shown.size === 1 ? [...shown][0] : `${shown.size} frames`;
+    say(`${patchesAre(patches.length)} now ${label}, ${where}; Ctrl+Z undoes.`);
+  }
   drawSoon();
 }
 
 function clicked(event) {
+  clicks = [...(event.detail > 1 ? clicks : []), painted];
   const thumb = page.thumbs.find(({ element }) => element.contains(event.target));
   if (!thumb) return;
   if (event.target === thumb.leave) return exclude(thumb);
   page.focus = page.thumbs.indexOf(thumb);
-  draw();
-}
-
-function doubleClicked(event) {
-  const caption = event.target.closest(".thumb-caption");
-  open(page.thumbs.find(({ element }) => caption && element.contains(caption)));
+  if (event.detail < 2) return draw();
+  if (clicks.filter(Boolean).map(withdraw).length > 0) say("Opened; nothing was painted.");
+  open(thumb);
 }
 
 const row = (keys, does, run) => ({ keys, does, run });
@@ -422,7 +448,7 @@ const view = {
     row(["d", ".", "PageDown"], "next page", () => turn(1)),
     row(["a", ",", "PageUp"], "previous page", () => turn(-1)),
     row(Object.keys(ARROWS), "move from frame to frame", moveFrame),
-    row(["w"], "open this frame as a whole", () => open(focused())),
+    row(["w"], "open this frame as a whole; so does a double click", () => open(focused())),
     row(Object.keys(ARROWS).map((key) => `Ctrl+${key}`), "move over the frame's patches", moveCell),
     row(["Space"], "paint the patch under the cursor", paintCell),
     row(["Drag"], "paint; also over several frames; right button: unsure"),
@@ -445,6 +471,7 @@ onChange((what) => {
   else drawSoon();
 });
 onSetting((name) => {
+  if (name === "filter" && page) page.asked = null;
   if (["overviewColumns", "filter", "enhance"].includes(name)) layOutSoon();
   else drawSoon();
 });

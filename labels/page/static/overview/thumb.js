@@ -1,21 +1,15 @@
 // One frame of the overview: its picture, its labels and suggestions, and its state in words.
-// Labels are drawn as outlines of areas: solid where somebody said so, dashed where a confident
-// model suggests it, dotted with a question mark where the model is not confident. One sign an
-// area: signs in every patch would hide a picture this small.
+// Labels are drawn as in the view of one frame.
 
 import { el } from "../core/dom.js";
-import { blind, colourOf, mission, setting, signOf, stateOf } from "../core/mission.js";
+import { blind, mission, setting, stateOf } from "../core/mission.js";
 import { learnShape, thumbAddress } from "../core/pictures.js";
 import { hintsOf } from "../frame/painting.js";
-import { outlines, rimmedText } from "../frame/cell_drawing.js";
-import { ARROWS, cellAt, patchSize, rowCol } from "../frame/patch_grid.js";
+import { drawCells, drawCursor, shownCell } from "../frame/cell_drawing.js";
+import { cellAt, patchSize, rowCol } from "../frame/patch_grid.js";
 import { suggestionFault } from "../frame/suggest.js";
 import { STATES } from "../frame/timeline.js";
 import { labelsOf } from "../saving/labels.js";
-
-const DASHES = { solid: [], dashed: [5, 3], dotted: [1.5, 3] };
-const RIM = "rgb(0 0 0 / 60%)";
-const INSET = 1; // CSS pixels that a line lies inside its area, so that neighbours both show
 
 /**
  * What a frame shows and what of it waits for a decision.
@@ -107,9 +101,7 @@ export class Thumb {
 
   // Drawing takes much longer than finding out that nothing is to be drawn.
   #drawOnce(cells, cursor) {
-    const look = [setting("palette"), cursor];
-    for (const cell of cells) look.push(cell ? cell.line + cell.label : "");
-    const drawn = look.join();
+    const drawn = JSON.stringify([setting("tint"), cursor, cells]);
     if (drawn === this.drawn) return;
     this.drawn = drawn;
     drawAreas(this.canvas, this.size, cells, cursor);
@@ -135,17 +127,8 @@ export class Thumb {
 }
 
 function shownCells({ mine, hints }, painted) {
-  return mine.map((own, cell) => {
-    const label = painted?.has(cell) ? painted.get(cell) : own;
-    if (label !== null) return { label, line: "solid" };
-    const hint = hints[cell];
-    return hint ? { label: hint.label, line: hint.strong ? "dashed" : "dotted" } : null;
-  });
+  return mine.map((own, cell) => shownCell(painted?.has(cell) ? painted.get(cell) : own, hints[cell]));
 }
-
-/**
- * @typedef {?{label: string, line: "solid" | "dashed" | "dotted"}} ShownCell
- */
 
 /**
  * Draw the areas.
@@ -161,12 +144,9 @@ function drawAreas(canvas, { width, height }, cells, cursor) {
     const [row, col] = rowCol(index);
     return { x: col * patch.width, y: row * patch.height, ...patch };
   };
-  const keys = cells.map((cell) => cell && `${cell.line} ${cell.label}`);
-  for (const [key, path] of outlines(keys, boxOf, INSET, 0)) {
-    stroke(context, path, cells[keys.indexOf(key)]);
-  }
-  for (const first of firstOfAreas(keys)) write(context, boxOf(first), cells[first]);
-  if (cursor !== null) drawCursor(context, boxOf(cursor));
+  const plan = { ctx: context, boxOf };
+  if (cells.length) drawCells(plan, cells);
+  drawCursor(plan, cursor, []);
 }
 
 function fresh(canvas, width, height) {
@@ -176,53 +156,4 @@ function fresh(canvas, width, height) {
   const context = canvas.getContext("2d");
   context.scale(scale, scale);
   return context;
-}
-
-/** The first cell of each connected area of equal keys. */
-function firstOfAreas(keys) {
-  const known = new Set();
-  return [...keys.keys()].filter((start) => {
-    if (keys[start] === null || known.has(start)) return false;
-    const waiting = [start];
-    while (waiting.length > 0) {
-      const cell = waiting.pop();
-      known.add(cell);
-      const alike = neighbours(cell).filter((next) => keys[next] === keys[cell]);
-      waiting.push(...alike.filter((next) => !known.has(next)));
-    }
-    return true;
-  });
-}
-
-/** The cells above, below, left and right; -1 outside the frame. */
-function neighbours(index) {
-  const [row, col] = rowCol(index);
-  return Object.values(ARROWS).map(([down, right]) => cellAt(row + down, col + right));
-}
-
-function stroke(context, path, { label, line }) {
-  context.setLineDash([]);
-  context.lineWidth = 3;
-  context.strokeStyle = RIM;
-  if (line === "solid") context.stroke(path);
-  context.setLineDash(DASHES[line]);
-  context.lineWidth = 1.6;
-  context.strokeStyle = colourOf(label);
-  context.stroke(path);
-}
-
-function write(context, { x, y }, { label, line }) {
-  const text = signOf(label) + (line === "dotted" ? "?" : "");
-  context.setLineDash([]);
-  const font = "600 10px system-ui, sans-serif";
-  Object.assign(context, { font, textBaseline: "top", lineWidth: 3 });
-  rimmedText(context, text, x + 3, y + 2.5, { rim: "rgb(0 0 0 / 80%)", ink: "#ffffff" });
-}
-
-function drawCursor(context, { x, y, width, height }) {
-  context.setLineDash([]);
-  for (const [lineWidth, strokeStyle] of [[4, "#000000"], [2, "#ffffff"]]) {
-    Object.assign(context, { lineWidth, strokeStyle });
-    context.strokeRect(x, y, width, height);
-  }
 }

@@ -1,16 +1,19 @@
 // The list of what was not written: conflicts to decide, refused actions, others' leftovers.
 
-import { button, el } from "../core/dom.js";
+import { button, el, focusView, say } from "../core/dom.js";
 import { go } from "../core/router.js";
 import { onChange } from "../core/mission.js";
 import { cellName } from "../frame/patch_grid.js";
-import { closeConflict, discard, onRefused, unwritten } from "./outbox.js";
-import { act, onState, pending, sendAgain, state, stateReason } from "./saver.js";
+import { closeConflicts, discard, onRefused, unwritten } from "./outbox.js";
+import {
+  act, changesOf, onState, patchesAre, pending, sendAgain, state, stateReason,
+} from "./saver.js";
 
 const MAX_SHOWN = 30;
 
-/** Show the list whenever there is something in it. */
+/** Show in the header that there is something in the list; it opens over the view. */
 export function startNotices() {
+  document.addEventListener("keydown", closeByKey, { capture: true });
   onRefused(show);
   onState(show);
   onChange((what) => what !== "states" && show());
@@ -24,6 +27,8 @@ function show() {
   const { conflicts, aside, foreign } = unwritten();
   const lists = [conflicts, aside, foreign];
   const items = [
+    ...(trouble() ? [el("li", { text: trouble() })] : []),
+    ...(conflicts.length > 1 ? [allConflictsItem(conflicts)] : []),
     ...conflicts.slice(0, MAX_SHOWN).map(conflictItem),
     ...more(conflicts, "conflicts"),
     ...aside.slice(0, MAX_SHOWN).map(refusedItem),
@@ -35,23 +40,40 @@ function show() {
   if (text === shown) return;
   shown = text;
   const box = document.getElementById("notices");
-  // What is new opens the list; a list that somebody closed stays closed otherwise.
-  const count = lists.reduce((sum, { length }) => sum + length, 0);
-  const open = count > counted || Boolean(box.querySelector("details[open]"));
-  counted = count;
-  const head = items.length
-    ? el("details", { open }, el("summary", { text: words }), el("ul", {}, ...items))
-    : el("p", { text: words });
-  box.replaceChildren(head);
+  const focused = box.contains(document.activeElement);
+  const open = Boolean(words && openList());
+  const title = "show what was not saved (Escape closes the list)";
+  box.replaceChildren(
+    el("details", { open }, el("summary", { text: words, title }), el("ul", {}, ...items)),
+  );
   box.hidden = !words;
+  if (focused && words) box.querySelector("summary").focus();
+  else if (focused) focusView();
+  // Said once, when it comes; the header shows it as long as it lasts.
+  const count = conflicts.length + aside.length;
+  if (count > counted) say(`${words}: see the list in the header.`, { bad: true });
+  counted = count;
+}
+
+function openList() {
+  return document.querySelector("#notices details[open]");
+}
+
+function closeByKey(event) {
+  if (event.key !== "Escape" || !openList() || document.querySelector("dialog[open]")) return;
+  event.preventDefault();
+  event.stopPropagation();
+  openList().open = false;
+  focusView();
 }
 
 function headline(conflicts, refused, foreign) {
   const parts = [];
-  if (conflicts) parts.push(`${conflicts} not written: said otherwise elsewhere`);
+  if (trouble()) parts.push("Your work waits in this browser");
+  if (conflicts) parts.push(`${patchesAre(conflicts)} not written`);
   if (refused) parts.push(`${refused} refused by the server`);
-  if (foreign) parts.push(`${foreign} of another mission or annotator wait`);
-  return [trouble(), parts.join(" · ")].filter(Boolean).join(" · ");
+  if (foreign) parts.push(`${foreign} of others wait`);
+  return parts.join(" · ");
 }
 
 function more(list, what) {
@@ -72,18 +94,31 @@ function said(label) {
   return label === null ? "no label" : `“${label}”`;
 }
 
+// One action, which one undo takes back: settlements are another one than labels.
+function useMine(conflicts) {
+  for (const [source, some] of Map.groupBy(conflicts, (one) => one.source)) {
+    const patches = some.map((one) => ({ ...one, label: one.yours, base: one.theirs }));
+    if (act("resolve", changesOf(patches), { source })) closeConflicts(some);
+  }
+}
+
+function allConflictsItem(conflicts) {
+  const count = conflicts.length;
+  return el("li", {},
+    `${count} patches: something else was said meanwhile. `,
+    button(`Use all ${count} of mine`, () => useMine(conflicts)),
+    button(`Keep all ${count} of theirs`, () => closeConflicts(conflicts)),
+  );
+}
+
 function conflictItem(conflict) {
-  const { camera, frame, cell, theirs, yours, source } = conflict;
+  const { camera, frame, cell, theirs, yours } = conflict;
   const where = `${cellName(cell)} of ${camera} frame ${frame}`;
-  const useMine = () => {
-    act("resolve", [{ camera, frame, label: yours, cells: [cell], base: [theirs] }], { source });
-    closeConflict(conflict);
-  };
   return el("li", { class: "conflict" },
     `${where}: there is now ${said(theirs)} (said elsewhere meanwhile); ` +
       `yours, ${said(yours)}, was not written. `,
-    button("Use mine", useMine),
-    button(theirs === null ? "Leave it" : `Keep “${theirs}”`, () => closeConflict(conflict)),
+    button("Use mine", () => useMine([conflict])),
+    button(theirs === null ? "Leave it" : `Keep “${theirs}”`, () => closeConflicts([conflict])),
     button("Show", () => go(`#/label/${camera}/${frame}/${cell}`)),
   );
 }

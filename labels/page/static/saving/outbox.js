@@ -277,11 +277,11 @@ function isSame(noted, { camera, frame, cell }, { who, mission, source }) {
 }
 
 /**
- * Forget a conflict that was decided.
- * @param {Object} conflict
+ * Forget conflicts that were decided.
+ * @param {Object[]} decided
  */
-export function closeConflict(conflict) {
-  drop(conflict);
+export function closeConflicts(decided) {
+  decided.forEach(drop);
   refusedChanged();
 }
 

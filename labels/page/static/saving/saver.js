@@ -19,6 +19,9 @@ const KEEP_STATUS = new Set([401, 403, 408, 421, 429, 507]);
 // A server that fails this often on one action fails because of it: later ones must go on.
 const MAX_FAILURES = 5;
 const KEPT_RANGES = 500;
+/** Kind of an action that counts also where its label holds already: somebody looked. */
+export const CONFIRM = "confirm";
+const HOLD_MS = 600; // longer than the second click of a double click takes
 
 const idleWaiters = [];
 let running = false;
@@ -67,20 +70,51 @@ export function whenIdle() {
  * @param {string} kind What the person did, for messages.
  * @param {{camera: string, frame: number, label: ?string, model?: string, cells: number[],
  *   base?: (?string)[]}[]} changes Labels of the frames must be loaded where `base` is missing.
- * @param {{source?: string}} [options]
+ * @param {{source?: string, hold?: boolean}} [options] `hold`: not sent for a moment, for
+ *   `withdraw`. The kind "confirm" also says what holds already.
  * @returns {?string} The action's key; null if it would change nothing or could not be kept.
  */
-export function act(kind, changes, { source = "human" } = {}) {
-  const filled = changes.map((change) => withBase(change, source)).filter((c) => c.cells.length);
+export function act(kind, changes, { source = "human", hold = false } = {}) {
+  const based = changes.map((change) => withBase(change, source, kind === CONFIRM));
+  const filled = based.filter(({ cells }) => cells.length);
   if (!filled.length) return null;
   const entry = newEntry({ path: "/api/actions", kind, source, changes: filled });
+  if (hold) {
+    held.add(entry.key);
+    setTimeout(release, HOLD_MS, entry.key);
+  } else held.clear();
   if (!take(entry)) return null;
   const [{ camera, frame }] = filled;
   const changed = filled.reduce((sum, change) => sum + change.cells.length, 0);
-  undoable.push({ key: entry.key, kind, camera, frame, changed });
+  const { length } = framesOf(entry);
+  undoable.push({ key: entry.key, kind, camera, frame, changed, frames: length });
   redoable = [];
   known.set(entry.key, { changes: filled, source });
   return entry.key;
+}
+
+const held = new Set(); // keys of actions that may still be withdrawn
+
+function release(key) {
+  if (held.delete(key)) pump();
+}
+
+/**
+ * Take an action back that was meant otherwise: as if it had never been, if it was not sent yet.
+ * @param {string} key
+ */
+export function withdraw(key) {
+  const entry = waiting().find((one) => one.key === key);
+  if (!entry || !held.delete(key)) {
+    if (undoable.at(-1)?.key === key) undo();
+    return;
+  }
+  forget(entry);
+  dequeue(entry);
+  undoable = undoable.filter((head) => head.key !== key);
+  showFrames(entry);
+  pump();
+  refreshHeads(); // what could be done again still can
 }
 
 /** "23 patches are", "1 patch is" */
@@ -117,18 +151,19 @@ export function changesOf(patches) {
  * @returns {number} How many change.
  */
 export function actOn(kind, patches, options = {}) {
-  const changing = patches.filter(({ label, base, model }) => model || label !== base);
+  const again = kind === CONFIRM;
+  const changing = patches.filter(({ label, base, model }) => again || model || label !== base);
   if (changing.length > 0) act(kind, changesOf(changing), options);
   return changing.length;
 }
 
-function withBase(change, source) {
+function withBase(change, source, again) {
   const { camera, frame, label, model = null, cells } = change;
   const labels = change.base ? null : labelsOf(camera, frame);
   if (!change.base && !labels) throw new Error(`labels of ${camera} ${frame} are not loaded`);
   const field = source === "settled" ? "settled" : "mine";
   const base = change.base ?? cells.map((cell) => labels[field][cell]);
-  const kept = cells.map((_, at) => at).filter((at) => base[at] !== label);
+  const kept = cells.map((_, at) => at).filter((at) => again || base[at] !== label);
   return {
     camera,
     frame,
@@ -181,7 +216,8 @@ function showFrames(entry) {
 
 // ---- Undo: the server's history, ahead of its acknowledgements
 
-// Heads {key, kind, camera, frame, changed}; only the ends that this page knows, newest last.
+// Heads {key, kind, camera, frame, changed, frames}; only the ends that this page knows, the
+// newest last.
 let undoable = [];
 let redoable = [];
 const known = new Map(); // key of an action of this page -> {changes, source}
@@ -214,8 +250,8 @@ function opposite(changes) {
 
 /**
  * Take the newest action back.
- * @returns {Promise<?Object>} The head {kind, camera, frame, changed} of what is undone; null if
- *   there is nothing, or it cannot be done now (that was said).
+ * @returns {Promise<?Object>} The head {kind, camera, frame, changed, frames} of what is undone;
+ *   null if there is nothing, or it cannot be done now (that was said).
  */
 export function undo() {
   return step("undo");
@@ -255,6 +291,7 @@ async function oneStep(kind) {
   const { changes, source } = did ?? { changes: [], source: "human" };
   const turned = kind === "undo" ? opposite(changes) : changes;
   const path = `/api/${kind}`;
+  held.clear();
   if (!take(newEntry({ path, kind, source, target: head.key, changes: turned }))) return null;
   if (kind === "undo") redoable.push(undoable.pop());
   else undoable.push(redoable.pop());
@@ -286,7 +323,7 @@ async function pump() {
   if (running) return;
   running = true;
   try {
-    while (waiting().length && (await send(waiting()[0])));
+    while (waiting().length && !held.has(waiting()[0].key) && (await send(waiting()[0])));
   } finally {
     // Also after a fault in what shows the answers: saving goes on.
     running = false;

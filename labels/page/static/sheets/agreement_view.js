@@ -85,9 +85,10 @@ class ConflictSheet extends DecisionSheet {
    * @param {?string} label Null takes settlements back.
    */
   settle(label) {
-    if (this.grid.tiles.length === 0) return;
+    const targets = this.targets();
+    if (targets.length === 0) return;
     const single = this.grid.selection.chosen.size === 0;
-    const count = settle(this.grid.targets(), () => label);
+    const count = settle(targets, () => label);
     this.goOn(single && label !== null);
     const now = label === null ? "open again" : `settled as ${label}, both opinions are kept`;
     say(count === 0 ? "Nothing to change." : `${patchesAre(count)} ${now}; Ctrl+Z undoes.`);
@@ -354,7 +355,7 @@ onReload(() => {
   else root.replaceChildren();
 });
 onSetting((name) => {
-  if (!found || !["enhance", "palette"].includes(name)) return;
+  if (!found || name !== "enhance") return;
   parts.sheet.redraw();
   showNumbers();
 });

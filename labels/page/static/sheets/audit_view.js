@@ -9,7 +9,7 @@ import { blind, mission, onChange, onReload, onSetting } from "../core/mission.j
 import { lookAtShapes } from "../core/pictures.js";
 import { addView } from "../core/router.js";
 import { labelsOf, onLabels } from "../saving/labels.js";
-import { actOn, patchesAre } from "../saving/saver.js";
+import { CONFIRM, actOn, patchesAre } from "../saving/saver.js";
 import { selectionKeys } from "./tile_grid.js";
 import { DecisionSheet, settle, settledOf, sheetRow } from "./tile_sheet.js";
 
@@ -19,8 +19,8 @@ const NONE =
 
 /**
  * @typedef {{camera: string, frame: number, cell: number, label: string, suggested: string,
- *   margin: number, reason: string, mine: ?string, settled: ?string}} Doubt What `who` says and
- *   what is settled, when the audit was loaded.
+ *   margin: number, reason: string, mine: ?string, settled: ?string, decided: ?string}} Doubt What
+ *   `who` says, what is settled and what was decided since the audit, when it was loaded.
  */
 
 /** One audit's patches. */
@@ -58,7 +58,7 @@ class AuditSheet extends DecisionSheet {
     const known = new Map(patches.map((doubt) => [placeOf(doubt), doubt]));
     for (const doubt of this.patches) {
       const now = known.get(placeOf(doubt));
-      if (now) Object.assign(doubt, { mine: now.mine, settled: now.settled });
+      if (now) Object.assign(doubt, now);
     }
     this.refresh();
   }
@@ -80,33 +80,38 @@ class AuditSheet extends DecisionSheet {
    * @param {(doubt: Doubt) => string} labelFor
    */
   decide(labelFor) {
-    if (this.grid.tiles.length === 0) return;
+    const targets = this.targets();
+    if (targets.length === 0) return;
     const single = this.grid.selection.chosen.size === 0;
-    const own = (doubt) => labelFor(doubt) !== doubt.label && mineOf(doubt) !== null;
-    const targets = this.grid.targets();
+    const own = (doubt) =>
+      ![doubt.label, mineOf(doubt)].includes(labelFor(doubt)) && mineOf(doubt) !== null;
     const relabelled = targets.filter(own);
     const settled = targets.filter((doubt) => !own(doubt));
-    const count = relabel(relabelled, labelFor) + settle(settled, labelFor);
+    const count = relabel(relabelled, labelFor) + settle(settled, labelFor, CONFIRM);
     this.goOn(single);
-    const words = `${patchesAre(count)} decided; Ctrl+Z undoes.`;
-    say(count === 0 ? "Nothing to change." : words);
+    say(`${patchesAre(count)} decided; Ctrl+Z undoes.`);
   }
 
   /** Take decisions back: the label holds again, and is doubted again. */
   takeBack() {
-    const targets = this.grid.targets().filter((doubt) => this.decisionOn(doubt) !== null);
+    const all = this.targets();
+    if (all.length === 0) return;
+    const targets = all.filter((doubt) => this.decisionOn(doubt) !== null);
     const settled = targets.filter((doubt) => settledOf(doubt) !== null);
-    const relabelled = targets.filter((doubt) => settledOf(doubt) === null);
-    const count = settle(settled, () => null) + relabel(relabelled, (doubt) => doubt.label);
+    const relabelled = targets.filter(
+      (doubt) => settledOf(doubt) === null && mineOf(doubt) === this.decisionOn(doubt),
+    );
+    const undone = relabel(relabelled, (doubt) => doubt.label, "take back");
+    const count = settle(settled, () => null) + undone;
     say(count === 0 ? "Nothing to take back." : `${patchesAre(count)} open again.`);
   }
 
   /** What has been decided since the audit, with what has not reached the server yet; else null. */
   decisionOn(doubt) {
-    const settled = settledOf(doubt);
-    if (settled !== null) return settled;
-    const mine = mineOf(doubt);
-    return mine !== null && mine !== doubt.label ? mine : null;
+    const [mine, settled] = [mineOf(doubt), settledOf(doubt)];
+    if (settled !== doubt.settled) return settled;
+    if (mine === doubt.mine) return doubt.decided;
+    return mine !== doubt.label ? mine : null;
   }
 
   opinions({ label, suggested }) {
@@ -145,9 +150,9 @@ function mineOf({ camera, frame, cell, mine }) {
   return known ? known.mine[cell] : mine;
 }
 
-function relabel(doubts, labelFor) {
+function relabel(doubts, labelFor, kind = "relabel") {
   const wanted = doubts.map((one) => ({ ...one, label: labelFor(one), base: mineOf(one) }));
-  return actOn("relabel", wanted);
+  return actOn(kind, wanted);
 }
 
 // ---- The view
@@ -289,5 +294,5 @@ onReload(() => {
   if (parts) load(name);
 });
 onSetting((what) => {
-  if (sheet && ["enhance", "palette"].includes(what)) sheet.redraw();
+  if (sheet && what === "enhance") sheet.redraw();
 });

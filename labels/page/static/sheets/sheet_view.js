@@ -96,7 +96,7 @@ class ReviewSheet extends TileSheet {
       this.page.newOrder = true;
       this.#showState();
     } else if (answer.patches.length === 0 && offset > 0) this.load(0);
-    else this.show({ ...answer, offset, tiles: answer.patches }, 0);
+    else this.show({ ...answer, offset, tiles: answer.patches }, null);
   }
 
   #ask(offset, limit, explain) {
@@ -120,7 +120,7 @@ class ReviewSheet extends TileSheet {
 
   #untouched() {
     const { busy, selection } = this.grid;
-    if (busy || selection.chosen.size > 0 || selection.cursor > 0) return false;
+    if (busy || selection.chosen.size > 0 || selection.pointed) return false;
     return this.page.tiles.every((tile) => this.#labelNow(tile) === this.label);
   }
 
@@ -195,8 +195,8 @@ class ReviewSheet extends TileSheet {
 
   /** Give the selected patches another label; null takes it away. */
   relabel(name) {
-    if (!this.page || this.page.tiles.length === 0) return;
-    const targets = this.grid.targets();
+    const targets = this.targets();
+    if (targets.length === 0) return;
     const count = actOn(
       "relabel",
       targets.map((tile) => ({ ...tile, label: name, base: this.#labelNow(tile) })),
@@ -245,7 +245,7 @@ async function show(root, [name]) {
 }
 
 function leave() {
-  if (sheet?.page) places.set(label, { page: sheet.page, cursor: sheet.grid.selection.cursor });
+  if (sheet?.page) places.set(label, { page: sheet.page, cursor: sheet.cursor() });
   sheet?.close();
   sheet = null;
 }

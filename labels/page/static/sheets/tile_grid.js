@@ -17,12 +17,15 @@ class TileSelection {
     this.count = count;
     this.cursor = 0;
     this.anchor = 0;
+    /** Whether a person put the cursor where it is; else it stands on the first tile. */
+    this.pointed = false;
     this.chosen = new Set();
     this.before = null; // the selection before Shift began to extend it
   }
 
   /** Put the cursor on a tile, without selecting it. */
   place(index) {
+    this.pointed = true;
     this.cursor = Math.max(0, Math.min(this.count - 1, index));
     this.anchor = this.cursor;
     this.before = null;
@@ -46,6 +49,7 @@ class TileSelection {
   /** Move the cursor by this many tiles; with `extend`, select what it passes. */
   move(step, extend) {
     const target = this.cursor + step;
+    this.pointed = true;
     if (target < 0 || target >= this.count) return;
     if (extend) this.extendTo(target);
     else this.place(target);
@@ -72,10 +76,10 @@ class TileSelection {
     this.before = null;
   }
 
-  /** The selected tiles in their order; if there are none, the one under the cursor. */
+  /** The selected tiles in their order; if there are none, the one that a person pointed at. */
   targets() {
     if (this.chosen.size > 0) return [...this.chosen].sort((a, b) => a - b);
-    return this.count > 0 ? [this.cursor] : [];
+    return this.count > 0 && this.pointed ? [this.cursor] : [];
   }
 }
 
@@ -146,7 +150,7 @@ export class TileGrid {
     return this.tiles[this.selection.cursor];
   }
 
-  /** The selected tiles; if there are none, the one under the cursor. */
+  /** The selected tiles; if there are none, the one that a person pointed at. */
   targets() {
     return this.selection.targets().map((index) => this.tiles[index]);
   }

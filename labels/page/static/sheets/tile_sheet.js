@@ -49,12 +49,27 @@ export class TileSheet {
   showTiles(tiles, look, cursor) {
     prefetchOf(tiles);
     this.grid.show(tiles, look);
-    this.grid.select((selection) => selection.place(cursor));
+    this.grid.select((selection) => cursor !== null && selection.place(cursor));
+  }
+
+  /** Where the cursor stands; null where nobody put it there. */
+  cursor() {
+    const { pointed, cursor } = this.grid.selection;
+    return pointed ? cursor : null;
+  }
+
+  /** The patches that a person means; where there are none, say how to choose them. */
+  targets() {
+    const targets = this.grid.targets();
+    if (targets.length === 0) say("Select patches first: click them, or use the arrow keys.");
+    return targets;
   }
 
   /** Say what is selected, and show the patch under the cursor. */
   showSelection() {
-    this.chosen.textContent = this.chosenWords(this.grid.selection.chosen.size);
+    const { chosen, pointed } = this.grid.selection;
+    const some = chosen.size > 0 || pointed;
+    this.chosen.textContent = some ? this.chosenWords(chosen.size) : "Select patches, then:";
     const tile = this.grid.current();
     this.preview.show(tile, tile ? this.about(tile) : []);
   }
@@ -62,7 +77,9 @@ export class TileSheet {
   /** Open the frame of the patch under the cursor. */
   openCurrent() {
     const tile = this.grid.current();
-    if (tile) open(tile);
+    if (!tile) return;
+    this.grid.select((selection) => selection.place(selection.cursor));
+    open(tile);
   }
 
   /** The view is left. */
@@ -94,20 +111,27 @@ export class DecisionSheet extends TileSheet {
     this.patches = [];
     this.which = [OPEN, decided, ALL];
     this.look = { width: TILE_WIDTH, margin };
-    this.view = { which: OPEN, first: 0, cursor: 0, ...place };
+    this.view = { which: OPEN, first: 0, at: null, ...place };
     this.filters = el("span", { class: "pager", role: "group", "aria-label": filters });
   }
 
   /** Where the person is, to come back to. */
   place() {
-    return { ...this.view, cursor: this.grid.selection.cursor };
+    return { ...this.view, ...(this.cursor() !== null && { at: this.grid.current() }) };
   }
 
-  /** Show the patches from where the person is. */
-  show(cursor = this.view.cursor) {
-    const all = this.matching(this.view.which);
-    const first = Math.min(this.view.first, Math.max(0, all.length - 1));
+  /**
+   * Show the patches from where the person is.
+   * @param {?object} at The patch pointed at before: it is shown also if it does not match now.
+   */
+  show(at = this.place().at) {
+    const isAt = (patch) => at && nameOf(patch) === nameOf(at);
+    const matching = new Set(this.matching(this.view.which));
+    const all = this.patches.filter((patch) => matching.has(patch) || isAt(patch));
+    const found = all.findIndex(isAt);
+    const first = Math.max(0, Math.min(found < 0 ? this.view.first : found, all.length - 1));
     this.view.first = first - (first % PAGE);
+    const cursor = found < 0 ? null : found % PAGE;
     this.showTiles(all.slice(this.view.first, this.view.first + PAGE), this.look, cursor);
     this.showFilters();
   }
@@ -126,8 +150,8 @@ export class DecisionSheet extends TileSheet {
 
   /** Show other patches. */
   choose(change) {
-    Object.assign(this.view, { first: 0 }, change);
-    this.show(0);
+    Object.assign(this.view, { first: 0, at: null }, change);
+    this.show(null);
   }
 
   /** Show the open ones, the decided ones, all of them, in turn. */
@@ -215,11 +239,12 @@ export function settledOf({ camera, frame, cell, settled }) {
  * Settle patches: both opinions stay, and what holds stands beside them.
  * @param {object[]} patches
  * @param {(patch: object) => ?string} labelFor Null takes the settlement back.
+ * @param {string} [kind]
  * @returns {number} How many change.
  */
-export function settle(patches, labelFor) {
+export function settle(patches, labelFor, kind = "settle") {
   const wanted = patches.map((one) => ({ ...one, label: labelFor(one), base: settledOf(one) }));
-  return actOn("settle", wanted, { source: "settled" });
+  return actOn(kind, wanted, { source: "settled" });
 }
 
 /**

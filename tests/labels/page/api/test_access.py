@@ -2,18 +2,22 @@
 
 import http.client
 import json
+import os
 import socket
 from contextlib import closing
-from urllib.parse import urlsplit
+from urllib.parse import urlencode, urlsplit
 
 import pytest
 
+from tokt.labels.page.api.access import kept_token
+
 CSP = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
-    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    "connect-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
 )
 SEEN = json.dumps({"who": "anna", "camera": "left", "frame": 1}).encode()
 JSON = {"Content-Type": "application/json"}
+STRANGER = {"Authorization": ""}
 
 
 @pytest.fixture(scope="module")
@@ -193,10 +197,10 @@ def test_token(guarded):
     parts = urlsplit(guarded.url)
     assert parts.query == "token=s%26cret%3B%20%221%22"
     for path in ("/", "/?token=secret", "/?token=", "/static/core/main.js", "/api/mission?token=s"):
-        answer = guarded.request("GET", path)
+        answer = guarded.request("GET", path, headers=STRANGER)
         assert answer.status == 401 and _safe(answer.headers), path
         assert list(answer.json) == ["error"]
-    assert guarded.request("POST", "/api/seen", SEEN, JSON).status == 401
+    assert guarded.request("POST", "/api/seen", SEEN, {**JSON, **STRANGER}).status == 401
     for wrong in ("Bearer", "Bearer ", "Bearer x", 'Basic s&cret; "1"', "Bearer \xff"):
         headers = {"Authorization": wrong}
         assert guarded.request("GET", "/api/mission", headers=headers).status == 401
@@ -210,10 +214,54 @@ def test_token_becomes_a_cookie(guarded):
     cookie, *attributes = answer.headers["Set-Cookie"].split("; ")
     assert {"httponly", "samesite=lax"} <= {attribute.lower() for attribute in attributes}
     assert "cret" not in cookie and str(guarded.port) in cookie
-    assert guarded.request("GET", "/", headers={"Cookie": cookie}).status == 200
-    assert guarded.request("POST", "/api/seen", SEEN, {**JSON, "Cookie": cookie}).status == 200
+    known = {**STRANGER, "Cookie": cookie}
+    assert guarded.request("GET", "/", headers=known).status == 200
+    assert guarded.request("POST", "/api/seen", SEEN, {**JSON, **known}).status == 200
     for wrong in (cookie[:-1], cookie + "0", "a=b", cookie.replace("=", "x="), ";;\x01="):
-        assert guarded.request("GET", "/", headers={"Cookie": wrong}).status == 401, wrong
+        headers = {**STRANGER, "Cookie": wrong}
+        assert guarded.request("GET", "/", headers=headers).status == 401, wrong
+
+
+def test_a_browser_is_told_what_to_do(guarded):
+    html = {**STRANGER, "Accept": "text/html,*/*;q=0.8"}
+    other = {**html, "Host": f"attacker.example:{guarded.port}"}
+    for headers, path, status, words in (
+        (html, "/", 401, b"This page needs its token"),
+        (html, "/api/mission", 401, b"This page needs its token"),
+        (html, "/?token=%3Cb%3E", 401, b"That was not the token"),
+        (other, "/", 403, b"not served under this address"),
+    ):
+        answer = guarded.request("GET", path, headers=headers)
+        assert (answer.status, answer.headers.get_content_type()) == (status, "text/html"), path
+        assert _safe(answer.headers) and answer.headers["Cache-Control"] == "no-store"
+        assert words in answer.body and b"tok" in answer.body and b"<b>" not in answer.body
+        assert b"tiny" not in answer.body and b"s&cret" not in answer.body
+    assert guarded.request("GET", "/static/core/page.css", headers=STRANGER).status == 200
+    for pasted in ('s&cret; "1"', guarded.url, f" {guarded.url} "):
+        query = urlencode({"token": pasted})
+        assert guarded.request("GET", f"/?{query}", headers=html).status == 303, pasted
+
+
+def test_without_a_token(page_server):
+    server = page_server("--no-token")
+    assert urlsplit(server.url).query == "" and not (server.workspace / "page-token").exists()
+    assert server.request("GET", "/api/mission").status == 200
+
+
+@pytest.mark.skipif(os.name != "posix", reason="no modes of files elsewhere")
+def test_the_token_outlasts_a_restart_and_is_its_owners_alone(page_server, tmp_path):
+    server = page_server(workspace=tmp_path / ".tokt")
+    token, first = tmp_path / ".tokt" / "page-token", server.url
+    assert token.stat().st_mode & 0o777 == 0o600
+    assert server.request("GET", "/api/mission", headers=STRANGER).status == 401
+    server.kill()
+    assert server.start().url == first
+    server.kill()
+    for spoil in (lambda: token.chmod(0o644), lambda: token.write_bytes(b"\xff"), token.unlink):
+        spoil()
+        said = token.read_bytes().strip() if token.exists() else b""
+        assert kept_token(token.parent) not in (first.partition("=")[2], said.decode("latin-1"))
+        assert token.stat().st_mode & 0o777 == 0o600
 
 
 def test_an_open_server_answers_to_addresses_and_its_own_name(guarded):

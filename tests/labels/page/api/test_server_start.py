@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from contextlib import ExitStack, closing
 from pathlib import Path
 
@@ -22,7 +23,8 @@ from tokt.labels.store.store import LabelStore
 
 def test_ctrl_c_ends_it_though_pages_listen(page_server):
     server = page_server("--annotator", "anna")
-    assert server.url == f"http://127.0.0.1:{server.port}/"
+    token = (server.workspace / "page-token").read_text().strip()
+    assert server.url == f"http://127.0.0.1:{server.port}/?token={token}"
     _check_nothing_heavy_is_loaded(server.process.pid)
     with ExitStack() as opened:
         streams = [opened.enter_context(server.events(who="anna")) for _ in range(5)]
@@ -35,6 +37,41 @@ def test_ctrl_c_ends_it_though_pages_listen(page_server):
     server.start()  # the port is free again
     server.process.send_signal(signal.SIGTERM)
     assert server.process.wait(MAX_S) == 0
+
+
+LAST = "tokt.labels.page.api.serve"
+STARTING = ("typer", "tokt.cli.app", "numpy", "cv2", "fastapi.applications", "uvicorn.server", LAST)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to a single process")
+@pytest.mark.parametrize("module", STARTING)
+def test_ctrl_c_while_it_starts_prints_nothing(tiny, tmp_path, module):
+    command = [sys.executable, "-X", "importtime", "-c", "from tokt.cli import main; main()"]
+    command += ["label", str(tiny.path), "--no-browser", "--port", "0", "--workspace", tmp_path]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        names = (line.split()[-1] for line in process.stderr)
+        found = next(name for name in names if name in (module, LAST))
+        process.send_signal(signal.SIGINT)
+        rest = process.stderr.read()
+    assert found == module and "Traceback" not in rest and "Interrupt" not in rest, rest
+    assert all(line.startswith("import time:") for line in rest.splitlines()), rest
+    assert process.returncode in (-signal.SIGINT, 0)  # the latter: it served already
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to a single process")
+@pytest.mark.parametrize("wait_s", [0, 0.001, 0.05, 0.2])
+def test_ctrl_c_twice_ends_it_in_order(page_server, tiny_bundle, tmp_path, wait_s):
+    server = page_server("--model", tiny_bundle, workspace=tmp_path)
+    with server.events(who="anna") as stream:
+        stream.next("status")
+        server.paint("c-1", 1, [5], "ocean")
+        for _ in range(2):
+            server.process.send_signal(signal.SIGINT)
+            time.sleep(wait_s)
+        assert server.process.wait(MAX_S) == 0
+    assert server.process.stdout.read() == "" == server.process.stderr.read()
+    with LabelStore(tmp_path / "labels.db") as store:
+        assert [record.label for record in store.current("tiny")] == ["ocean"]
 
 
 def _check_nothing_heavy_is_loaded(process):
@@ -63,6 +100,8 @@ def test_port_that_is_taken(run_tokt, tiny, tmp_path):
         (["--grid", "10"], "not a grid"),
         (["--grid", "100x100@360"], "the least is 3x3"),
         (["--token", ""], "--token is empty"),
+        (["--token", "t", "--no-token"], "--token and --no-token exclude each other"),
+        (["--host", "0.0.0.0", "--no-token"], "--no-token is for this computer alone"),
         (["--model", "missing.tokt"], "missing.tokt"),
         (["--taxonomy", "missing.toml"], "missing.toml"),
     ],

@@ -82,6 +82,39 @@ def changes(server):
     return since
 
 
+PLACES = {
+    "#/label/left/1": ".status",
+    "#/overview/left/1": ".thumb",
+    "#/sheet/ocean": ".tile",
+    "#/agreement/anna/ben": "table",
+    "#/audit": "#view > *",
+}
+
+
+def test_no_view_keeps_people_out(open_page, server):
+    """As far as axe-core can tell; what only a person can judge is not in it."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    for place, ready in PLACES.items():
+        page = open_page(place, ready, allow="401")
+        check_access(axe, page, place)
+        if place.startswith("#/label"):
+            for opens in ("#help-button", "#person"):
+                page.click(opens)
+                check_access(axe, page, opens)
+                page.keyboard.press("Escape")
+            page.context.clear_cookies()
+            assert page.goto(server.url.partition("?")[0]).status == 401
+            check_access(axe, page, "token")
+            page.goto(server.url)
+
+
+def check_access(axe, page, place):
+    rules = axe.run(page).response["violations"]
+    found = [(rule["impact"], rule["id"], rule["nodes"][0]["html"]) for rule in rules]
+    assert [one for one in found if one[0] in ("serious", "critical")] == [], place
+    assert "page-has-heading-one" not in [one[1] for one in found], place
+
+
 def in_store(server):
     with LabelStore(server.workspace / "labels.db") as store:
         return {
@@ -128,9 +161,20 @@ def patch_of(name):
     return frame, row * GRID.cols + col
 
 
+def back_from_its_frame(page):
+    """Open the frame of the patch under the cursor and come back; which patch it is then."""
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/#/label/left/**")
+    page.go_back()
+    page.wait_for_selector(".tile.at-cursor")
+    return patches(page, ".at-cursor")[0]
+
+
 def test_patches_relabelled_on_the_sheet_are_in_the_store_and_undone_together(open_page, changes):
     page = open_page(f"#/sheet/{TOWER}", ".tile")
     tiles = page.locator(".tile")
+    page.keyboard.press("4")
+    toast(page, "Select patches first")
     tiles.nth(1).click()
     tiles.nth(4).click(modifiers=["Shift"])
     tiles.nth(7).click()
@@ -146,6 +190,9 @@ def test_patches_relabelled_on_the_sheet_are_in_the_store_and_undone_together(op
     undo(page)
     assert changes() == {}
     assert tiles.nth(7).locator(".tile-caption").inner_text() == ""
+    page.get_by_role("link", name="Go there").click()
+    page.wait_for_url("**/#/label/left/*")
+    assert int(page.url.rsplit("/", 1)[1]) in {frame for frame, _ in chosen}
 
 
 def test_the_sheet_selects_by_rectangle_and_by_keys_alone(open_page):
@@ -248,6 +295,9 @@ def test_one_key_accepts_all_frames_shown_but_those_left_out_and_goes_on(
     changed = changes()
     painted = (22, 45)
     assert changed[painted] == "reef"
+    page.keyboard.press("/")
+    page.keyboard.press("/")
+    page.wait_for_function("() => document.querySelector('.filter').value === 'u'")
     assert set(changed) == {(frame, cell) for frame in range(22, 29) for cell in range(100)}
     with LabelStore(server.workspace / "labels.db") as store:
         versions = {
@@ -258,6 +308,9 @@ def test_one_key_accepts_all_frames_shown_but_those_left_out_and_goes_on(
     assert versions.pop(painted) is None
     assert set(versions.values()) == {"tiny-lbp/1"}
     undo(page)
+    toast(page, "Undone: accept, 699 patches, left frame 22 and 6 more.")
+    page.wait_for_url("**/#/overview/left/22")
+    page.wait_for_selector(".thumb[aria-selected=true] .thumb-number:text-is('22')")
     assert changes() == {painted: "reef"}
     undo(page)
     assert changes() == {}
@@ -312,11 +365,48 @@ def test_strokes_and_rectangles_in_thumbnails_paint_as_one_action_each(open_page
     stroke = dict.fromkeys([(31, 38), (31, 39), (32, 30), (32, 31)], "sand")
     rectangle = dict.fromkeys([(33, 11), (33, 12), (33, 21), (33, 22)], "sand")
     assert changes() == {**stroke, (33, 0): "unsure", **rectangle}
+    page.keyboard.press("ArrowRight")
     undo(page)
+    page.wait_for_selector(".thumb[aria-selected=true] .thumb-number:text-is('33')")
+    assert page.url.endswith("#/overview/left/31")
     assert changes() == {**stroke, (33, 0): "unsure"}
     for left in (stroke, {}):
         undo(page)
         assert changes() == left
+
+
+def test_a_double_click_on_a_picture_opens_the_frame_and_writes_nothing(open_page, server, changes):
+    page = open_page("#/overview/left/31", ".thumb:not(.loading)")
+    before = events(server)
+    picture = page.locator(".thumb canvas").nth(2)
+    spot = {"x": 40, "y": 30}
+    picture.click(position=spot)  # nobody chose a class: the first one means clear
+    toast(page, "Choose a class first, by its key: 1 ocean, 2 other,")
+    page.keyboard.press("3")
+    picture.dblclick(position=spot)
+    page.wait_for_url("**/#/label/left/33")
+    toast(page, "nothing was painted")
+    page.go_back()
+    page.wait_for_selector(".thumb:not(.loading)")
+    saved(page)
+    page.wait_for_timeout(700)  # longer than a click waits for a second one
+    saved(page)
+    assert events(server) == before and changes() == {}
+    picture.click(position=spot)
+    toast(page, "1 patch is now sand, left frame 33; Ctrl+Z undoes.")
+    saved(page)
+    assert list(changes().values()) == ["sand"]
+    undo(page)
+    picture.dblclick(position=spot, delay=800)  # a slow hand: the first click was sent
+    page.wait_for_url("**/#/label/left/33")
+    saved(page)
+    assert changes() == {}
+
+
+def events(server):
+    """How many events the store holds, those that were taken back too."""
+    with LabelStore(server.workspace / "labels.db") as store:
+        return store.last_event()
 
 
 def expected_kappa(server):
@@ -342,6 +432,8 @@ def test_conflicts_are_settled_both_opinions_stay_and_it_can_be_taken_back(
     page = open_page("#/agreement/anna/ben", ".conflicts .tile")
     assert page.locator(".kappa strong").inner_text() == expected_kappa(server)
     assert page.locator(".conflicts .tile").count() == SURE
+    page.keyboard.press("4")
+    toast(page, "Select patches first: click them, or use the arrow keys.")
     page.keyboard.press("e")
     assert set(patches(page)) == set(PLANTED)
     page.get_by_role("button", name="2 patches anna: ocean, ben: sand").click()
@@ -353,6 +445,7 @@ def test_conflicts_are_settled_both_opinions_stay_and_it_can_be_taken_back(
     assert settled(server) == dict.fromkeys([(5, 0), (5, 1)], ("sand", "anna"))
     assert changes("anna") == changes("ben") == {}
     page.keyboard.press("Home")
+    assert back_from_its_frame(page) == (5, 0)
     page.keyboard.press("Delete")
     saved(page)
     assert list(settled(server)) == [(5, 1)]
@@ -370,18 +463,27 @@ def test_audited_labels_are_confirmed_or_relabelled_by_a_person_only(open_page, 
             (("tiny", "left", 10, 9, 9), -2.0),
             (("other_dive", "left", 9, 0, 1), -1.5),
             (("tiny", "left", 30, 0, 3), -1.0),
+            (("tiny", "left", 31, 0, 3), -0.5),
         ]
     ]
     write_audit(server.workspace, Audit("tiny", "dataset tiny", GRID, "a rule.", tuple(doubts)))
     (server.workspace / "audits" / "broken.json").write_text("{", "utf-8")
     listed = {one["name"]: one for one in server.get("/api/audits")["audits"]}
-    assert listed["tiny"]["patches"] == 3
+    assert listed["tiny"]["patches"] == 4
     assert "broken.json is damaged; audit again" in listed["broken"]["fault"]
     assert server.request("GET", "/api/audit?name=../labels").status == 404
 
+    server.paint("a-31", 31, [3], "reef", kind="accept")  # nobody looked at this patch
+    server.paint("b-9", 9, [0], "ocean", who="ben", source="settled")  # before the audit
+    before = {(9, 0): ("ocean", "ben")}
     page = open_page("#/audit/tiny", ".tile")
-    assert patches(page) == [(9, 0), (10, 99), (30, 3)]
-    assert changes() == {} and settled(server) == {}
+    assert patches(page) == [(9, 0), (10, 99), (30, 3), (31, 3)]
+    server.post("/api/undo", key="u-31", who="anna", time=TIME, target="a-31")
+    for key in ("y", "n", "3", "Delete"):
+        page.keyboard.press(key)
+        toast(page, "Select patches first")
+    assert changes() == {} and settled(server) == before
+    page.keyboard.press("Home")
     page.keyboard.press("y")  # the label is right
     page.keyboard.press("n")  # the suggestion is
     page.keyboard.press("3")  # neither; nobody has labelled this one
@@ -389,13 +491,16 @@ def test_audited_labels_are_confirmed_or_relabelled_by_a_person_only(open_page, 
     saved(page)
     assert changes() == {(10, 99): "reef"}
     assert settled(server) == {(9, 0): ("ocean", "anna"), (30, 3): ("sand", "anna")}
+    page.keyboard.press("ArrowLeft")  # decided by now, and the same when one comes back
+    assert back_from_its_frame(page) == (30, 3)
     page.get_by_role("button", name="decided 3").wait_for()
     page.reload()
-    page.wait_for_selector(".tile-scroller[data-empty='Everything is decided.']")
+    page.wait_for_selector(".tile")
+    assert patches(page) == [(31, 3)]
     for _ in range(3):
         undo(page)
     page.get_by_role("button", name="decided 0").wait_for()
-    assert changes() == {} and settled(server) == {}
+    assert changes() == {} and list(settled(server)) == list(before)
 
 
 def test_a_second_labelling_is_blind_and_by_another_person(open_page, server):
@@ -410,7 +515,7 @@ def test_a_second_labelling_is_blind_and_by_another_person(open_page, server):
     page.on("response", lambda answer: "/api/" in answer.url and answers.append(answer))
     page.keyboard.press("Enter")
     page.wait_for_url("**/#/label/left/5")
-    page.goto(server.url + "#/overview/left/1")
+    page.goto(page.url.partition("#")[0] + "#/overview/left/1")
     page.wait_for_function(
         "() => [...document.querySelectorAll('.thumb-number')].map((one) => one.textContent)"
         ".join() === '5,6,7,8' && !document.querySelector('.thumb.loading')"
@@ -419,7 +524,7 @@ def test_a_second_labelling_is_blind_and_by_another_person(open_page, server):
     page.keyboard.press("o")
     toast(page, "now ocean")
     saved(page)
-    page.goto(server.url + "#/agreement")
+    page.goto(page.url.partition("#")[0] + "#/agreement")
     page.wait_for_selector("text=4 of 4 are done")
     told = [answer for answer in answers if "/api/labels" in answer.url]
     assert told and all("who=carl" in answer.url for answer in told)
@@ -437,12 +542,35 @@ def test_what_cannot_be_shown_is_said_in_a_sentence(browse, page_server):
     lonely = page_server("--annotator", "anna")
     page = browse(lonely, "#/agreement")
     page.wait_for_selector("text=Only anna has worked on this mission so far")
-    page.goto(lonely.url + "#/sheet/sand")
+    page.goto(page.url.partition("#")[0] + "#/sheet/sand")
     page.wait_for_selector(".tile-scroller[data-empty='You have labelled no patch sand yet.']")
-    page.goto(lonely.url + "#/overview/left/1")
+    page.goto(page.url.partition("#")[0] + "#/overview/left/1")
     page.wait_for_selector("text=No model: start with --model to get suggestions.")
     page.wait_for_function("() => !document.querySelector('.thumb.loading')")
     page.keyboard.press("Enter")
     toast(page, "Nothing to accept here.")
     page.keyboard.press("?")
     page.wait_for_selector("dialog[open] >> text=leave this frame out")
+
+
+UNREADABLE = """() => [...document.querySelectorAll("body *")].filter((one) => {
+  const words = [...one.childNodes].some((child) => child.nodeType === 3 && child.data.trim());
+  const shown = one.checkVisibility({ visibilityProperty: true }) && !one.closest(".unseen");
+  if (!shown || !(words || one.matches("input, select"))) return false;
+  const { fontSize, overflowX } = getComputedStyle(one);
+  const cut = overflowX !== "visible" && one.scrollWidth > one.clientWidth + 1;
+  return parseFloat(fontSize) < 14 || cut || one.getBoundingClientRect().right > innerWidth + 1;
+}).map((one) => `${one.tagName}.${one.className}: ${one.textContent}`)"""
+
+
+def test_text_is_large_and_whole_in_large_and_small_windows(open_page):
+    for place, ready in (
+        ("#/label/left/25", ".model-said"),
+        ("#/overview/left/1", ".thumb"),
+        ("#/sheet", ".tile"),
+        ("#/agreement", ".conflicts .tile"),
+    ):
+        page = open_page(place, ready)
+        for width, height in ((1280, 720), (1024, 640), (640, 360)):  # the last: 200 % of the first
+            page.set_viewport_size({"width": width, "height": height})
+            assert page.evaluate(UNREADABLE) == [], (place, width)

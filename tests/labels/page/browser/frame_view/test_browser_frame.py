@@ -1,9 +1,17 @@
 """The frame view in a real browser: what is painted is what the store holds."""
 
+import itertools
+import json
 import re
 from dataclasses import replace
 
+import cv2
+import numpy as np
 import pytest
+from skimage.color import deltaE_ciede2000, rgb2lab
+
+from tests.conftest import draw_tiny_frame
+from tokt.labels.taxonomy import Taxonomy
 
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 
@@ -111,7 +119,9 @@ def test_a_frame_is_labelled_by_keyboard_alone(fresh):
     fresh.page.keyboard.type("f8\n")
     fresh.wait(8)
     fresh.press("Escape", "ArrowDown", "ArrowDown", "ArrowRight", "3", "Space")  # row 2, column 2
+    fresh.shows("#announcer", "sand: row 1, column 1")
     fresh.press("ArrowRight", "Shift+ArrowRight", "Shift+ArrowDown", "5")
+    fresh.shows("#announcer", "subsea_installation: row 1, column 2 and 3 more")
     fresh.press("Escape", "ArrowDown", "ArrowDown", "4", "r")
     fresh.press("ArrowDown", "u", "Space", "m", "o", "m")  # with no suggestion the rest is all
     fresh.saved()
@@ -422,7 +432,7 @@ def test_looking_closer_changes_nothing(fresh):
         assert pressed(name) == "true"
         fresh.page.keyboard.up(key)
         assert pressed(name) == "false"
-    fresh.press("l", "v", "]", "k", "+", "+", "Control+ArrowLeft", "s")
+    fresh.press("l", "v", "]", "+", "+", "Control+ArrowLeft", "s")
     assert "one camera" in fresh.text("#toast")
     assert fresh.page.locator("[data-setting=enhance]").input_value() == "70"
     fresh.press("0")
@@ -435,3 +445,106 @@ def test_looking_closer_changes_nothing(fresh):
     assert fresh.stored(33) == {}
     fresh.page.mouse.move(*fresh.at(66))
     fresh.shows("#status", "row 4, column 4")  # what was dragged there
+
+
+def linear(colours):
+    """Linear light of sRGB colours from 0 to 255, of shape (..., 3), R first."""
+    parts = np.asarray(colours, float) / 255
+    return np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+
+
+def luminance(colours):
+    return linear(colours) @ (0.2126, 0.7152, 0.0722)
+
+
+def contrast(one, other):
+    """WCAG's contrast of two luminances."""
+    return (np.maximum(one, other) + 0.05) / (np.minimum(one, other) + 0.05)
+
+
+DARK_CLASSES = {"night": "#000000", "navy": "#000080"}
+"""A user's classes whose lines nobody would see in the taxonomy's own colours."""
+
+
+@pytest.fixture
+def waters(tmp_path, page_server, open_frame):
+    """A page as `open_frame` opens it; its frames are dark, mid and bright water."""
+    taxonomy = Taxonomy.load().to_json()["classes"]
+    taxonomy += [
+        {**taxonomy[1], "name": name, "color": color, "key": key}
+        for (name, color), key in zip(DARK_CLASSES.items(), "67", strict=True)
+    ]
+    lines = ["format = 1"]
+    for known in taxonomy:
+        lines += ["[[classes]]", *(f"{name} = {json.dumps(of)}" for name, of in known.items())]
+    (tmp_path / "taxonomy.toml").write_text("\n".join(lines))
+    mission = tmp_path / "tiny"
+    mission.mkdir()
+    for frame, water in enumerate(((0, 0, 0), (120, 90, 30), (225, 215, 180)), 1):
+        cv2.imwrite(str(mission / f"a_{frame}.png"), cv2.add(draw_tiny_frame(33), (*water, 0)))
+    options = ["--annotator", "anna", "--taxonomy", tmp_path / "taxonomy.toml"]
+    server = page_server(*options, mission=mission)
+    kept = [{"name": "tokt.settings", "value": json.dumps({"enhance": 0, "grid": False})}]
+    storage = {"cookies": [], "origins": [{"origin": server.url.rstrip("/"), "localStorage": kept}]}
+    return lambda: open_frame(1, server, storage_state=storage)
+
+
+def test_lines_around_labels_show_on_dark_mid_and_bright_water(waters):
+    view = waters()
+    names = [*Taxonomy.load().names[1:], *DARK_CLASSES, "unsure"]
+    cells = {name: 11 + 2 * (at % 4) + 20 * (at // 4) for at, name in enumerate(names)}
+    for frame in (1, 2, 3):
+        for name, cell in cells.items():
+            view.server.paint(f"{frame}-{name}", frame, [cell], name)
+        view.open(frame)
+        view.shows("#status", f"{len(names)} of 100")
+        view.page.wait_for_function(DRAWN)
+        shot = np.frombuffer(view.page.screenshot(), np.uint8)
+        seen = luminance(cv2.imdecode(shot, cv2.IMREAD_COLOR)[..., ::-1])
+        for name, cell in cells.items():
+            (x, y), (right, _) = view.at(cell), view.at(cell + 1)
+            edge = round((x + right) / 2)
+            line, beside = seen[round(y), edge - 6 : edge + 1], seen[round(y), edge - 9]
+            assert contrast(line, beside).max() >= 3, (name, frame)
+            assert contrast(line, seen[round(y), edge + 3]).max() >= 3, (name, frame)
+
+
+DRAWN = """() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))
+  .then(() => true)"""
+
+BORDERS = """signs => signs.map((one) =>
+  getComputedStyle(one).borderTopColor.match(/\\d+/g).map(Number))"""
+
+# Machado, Oliveira and Fernandes (2009): how linear light looks to those without one kind of cone.
+EYES = {
+    "all cones": np.eye(3),
+    "protanopia": [
+        [0.152286, 1.052583, -0.204868],
+        [0.114503, 0.786281, 0.099216],
+        [-0.003882, -0.048116, 1.051998],
+    ],
+    "deuteranopia": [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.011820, 0.042940, 0.968881],
+    ],
+}
+
+
+def test_colours_of_classes_show_on_any_ground_and_stay_apart(waters):
+    """Of a light line with a black rim one shows on any ground: by all grounds there are."""
+    shown = waters().page.locator(".painter .sign").evaluate_all(BORDERS)
+    names = [*Taxonomy.load().names, *DARK_CLASSES, "unsure"]
+    colours = {name: np.array(one) for name, one in zip(names, shown, strict=False)}
+    grounds = np.linspace(0, 1, 10_001)
+    for name, colour in colours.items():
+        best = np.maximum(contrast(luminance(colour), grounds), contrast(0, grounds))
+        assert best.min() >= 3, name
+    for eyes, cones in EYES.items():
+        lab = {}
+        for name in colours.keys() - DARK_CLASSES:
+            light = np.clip(np.array(cones) @ linear(colours[name]), 0, 1)
+            low = light <= 0.0031308
+            lab[name] = rgb2lab(np.where(low, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055))
+        for one, other in itertools.combinations(lab, 2):
+            assert deltaE_ciede2000(lab[one], lab[other]) > 9, (eyes, one, other)

@@ -78,7 +78,7 @@ def test_actions_of_a_closed_tab_are_replayed_in_order_and_once(open_frame, serv
     assert again.stored(4) == {7: "other", 8: "other"}
 
 
-def test_two_tabs_see_each_other_and_a_conflict_is_listed(open_frame):
+def test_two_tabs_see_each_other_and_conflicts_are_listed(open_frame):
     one = open_frame(10)
     two = open_frame(10, context=one.page.context)
     one.label("3", 12)
@@ -86,20 +86,45 @@ def test_two_tabs_see_each_other_and_a_conflict_is_listed(open_frame):
     # What tab two says meanwhile is on its way: here, held back until the other one has spoken.
     held = []
     two.page.route("**/api/actions", lambda route: held.append(route))
-    two.label("1", 12)
+    two.press("1")
+    two.drag(11, 13)
     two.state("saving")
-    one.label("4", 12)
+    one.label("4", 11, 12)
     one.state("saved")
+    said = two.page.evaluate_handle(TOASTS)
     held[0].continue_()
     two.page.unroute("**/api/actions")
     two.shows("#notices", "there is now “reef”")
-    assert two.stored(10) == {12: "reef"}
-    two.page.get_by_text("Use mine").click()
+    assert two.stored(10) == {11: "reef", 12: "reef", 13: "ocean"}
+    # One line of the header, said once; the list opens over the frame, which stays where it is.
+    frame = two.page.locator(".frame-canvas")
+    place, item = frame.bounding_box(), two.page.get_by_text("Use all 2 of mine")
+    assert not item.is_visible() and two.text("#notices summary") == "2 patches are not written"
+    two.page.locator("#notices summary").focus()
+    two.press("Enter")
+    item.wait_for()
+    assert frame.bounding_box() == place
+    two.press("Escape")
+    item.wait_for(state="hidden")
+    assert two.page.evaluate("() => document.activeElement.dataset.home") == ""
+    assert said.json_value() == ["2 patches are not written: see the list in the header."]
+    two.page.locator("#notices summary").click()
+    item.click()
     two.state("saved")
     two.page.wait_for_selector("#notices", state="hidden")
-    assert two.stored(10) == {12: "ocean"}
+    assert two.stored(10) == dict.fromkeys([11, 12, 13], "ocean")
+    two.press("Control+z")
+    two.shows("#toast", "Undone: resolve, 2 patches")
+    assert two.stored(10) == {11: "reef", 12: "reef", 13: "ocean"}
     one.point(12)
-    one.shows("#status", "row 1, column 2: ocean")
+    one.shows("#status", "row 1, column 2: reef")
+
+
+TOASTS = """() => {
+    const said = [], toast = document.querySelector("#toast");
+    new MutationObserver(() => said.push(toast.textContent)).observe(toast, {childList: true});
+    return said;
+}"""
 
 
 def test_somebody_elses_labels_show_and_stay(open_frame, server):
@@ -185,6 +210,7 @@ def test_a_refused_action_is_set_aside_and_later_ones_go_on(open_frame):
     view.page.reload()
     view.wait(15)
     view.shows("#notices", "The server refused")
+    view.page.locator("#notices summary").click()
     view.page.get_by_text("Discard").click()
     view.page.wait_for_selector("#notices", state="hidden")
 
