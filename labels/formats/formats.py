@@ -29,13 +29,15 @@ class LabelFormat:
 def _read_csv(path: Path, options: ReadOptions) -> ImportResult:
     if options.classes:
         raise ToktError(f"{path}: --map is for the formats of other tools; rename the class in it")
-    records = read_label_csv(path, options.taxonomy, annotator=options.annotator, grid=options.grid)
-    return ImportResult(records, [])
+    remarks: Remarks = Counter()
+    given = {"annotator": options.annotator, "grid": options.grid, "remarks": remarks}
+    records = read_label_csv(path, options.taxonomy, **given)
+    return ImportResult(records, lines(remarks))
 
 
 def _write_csv(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> ExportResult:
     chosen = list(records)
-    n = write_label_csv(path, chosen, full=options.full)
+    n = write_label_csv(path, chosen, full=options.full, notes=options.notes)
     remarks: Remarks = Counter()
     if not options.full:
         remarks["label", "without annotator and time (--full keeps them)"] += n

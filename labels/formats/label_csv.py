@@ -13,10 +13,11 @@ from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.labels.record import HUMAN, MODEL, SETTLED, LabelRecord, utc_now, utc_text
 from tokt.labels.taxonomy import Taxonomy
 
+from .options import Notes, Remarks
 from .text_file import read_utf8, save_text
 
 COLUMNS = ("mission", "camera", "frame", "row", "col", "label")
-MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version", "blind")
+MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version", "blind", "note")
 _BLIND = {"": False, "yes": True}
 AUDIT_COLUMNS = ("suggested", "margin", "reason")
 """What a label audit says beside each label; passed over when a file is read."""
@@ -24,7 +25,12 @@ _INTEGER = re.compile(r"-?[0-9]{1,18}")
 
 
 def read_label_csv(
-    path: Path, taxonomy: Taxonomy, *, annotator: str | None = None, grid: Grid = DEFAULT_GRID
+    path: Path,
+    taxonomy: Taxonomy,
+    *,
+    annotator: str | None = None,
+    grid: Grid = DEFAULT_GRID,
+    remarks: Remarks | None = None,
 ) -> list[LabelRecord]:
     """Read a whole label file, or refuse it with its first mistake and that line's number.
 
@@ -40,6 +46,8 @@ def read_label_csv(
         default, which keeps second annotators' files apart.
     grid : Grid
         The grid, where the file has no such column.
+    remarks : Counter, optional
+        Gets what of the file is passed over: notes stay where they were written.
 
     Returns
     -------
@@ -64,10 +72,14 @@ def read_label_csv(
         raise ToktError(f"{path} line {max(1, reader.line_num)}: {error}") from None
     if not rows.records:
         raise ToktError(f"{path} has no labels in it")
+    if remarks is not None:
+        remarks["note", "left out: notes stay in the workspace they were written in"] += rows.notes
     return rows.records
 
 
-def write_label_csv(path: Path, records: Iterable[LabelRecord], *, full: bool = False) -> int:
+def write_label_csv(
+    path: Path, records: Iterable[LabelRecord], *, full: bool = False, notes: Notes | None = None
+) -> int:
     """Write `records` sorted by patch, whole or not at all; return how many.
 
     Parameters
@@ -79,6 +91,8 @@ def write_label_csv(path: Path, records: Iterable[LabelRecord], *, full: bool = 
         `LabelStore.current_and_settled` does.
     full : bool
         Add `MORE_COLUMNS`; with them nothing of a record is lost.
+    notes : mapping of (patch, annotator) to str, optional
+        With `full`, an annotator's note stands beside that annotator's label.
 
     Raises
     ------
@@ -98,10 +112,14 @@ def write_label_csv(path: Path, records: Iterable[LabelRecord], *, full: bool = 
         _check_six_columns_suffice(chosen)
     out = io.StringIO(newline="")
     writer = csv.writer(out, lineterminator="\n")
+    quoting = csv.writer(out, lineterminator="\n", quoting=csv.QUOTE_ALL)
     writer.writerow(columns)
     for record in chosen:
-        said = {**vars(record), "blind": "yes" if record.blind else ""}
-        writer.writerow([said[name] for name in columns])
+        note = (notes or {}).get((record.cell, record.annotator), "")
+        more = {"blind": "yes" if record.blind else "", "note": note * (record.source == HUMAN)}
+        said = {**vars(record), **more}
+        # By itself a writer quotes no "\r", which ends a line all the same.
+        (quoting if "\r" in note else writer).writerow([said[name] for name in columns])
     save_text(path, out.getvalue())
     return len(chosen)
 
@@ -111,6 +129,7 @@ class _RowReader:
 
     def __init__(self, taxonomy: Taxonomy, annotator: str, grid: Grid) -> None:
         self.records: list[LabelRecord] = []
+        self.notes = 0
         self._taxonomy = taxonomy
         self._defaults = {
             "annotator": annotator,
@@ -119,6 +138,7 @@ class _RowReader:
             "source": HUMAN,
             "model_version": "",
             "blind": "",
+            "note": "",
         }
         self._grids = {str(grid): grid}
         self._lines: dict[tuple[object, ...], int] = {}
@@ -127,6 +147,7 @@ class _RowReader:
         if len(values) != len(header):
             raise ToktError(f"{len(values)} fields where the first line names {len(header)}")
         row = {**self._defaults, **dict(zip(header, values, strict=True))}
+        self.notes += bool(row["note"])
         self._taxonomy.check_label(row["label"])
         if row["blind"] not in _BLIND:
             raise ToktError(f"blind {row['blind']!r} is neither yes nor empty")

@@ -113,6 +113,11 @@ class Note:
     annotator: str
     time: str
 
+    @property
+    def place(self) -> tuple[object, ...]:
+        """What it is on; of a patch, its `Cell`."""
+        return self.mission, self.camera, self.frame, self.grid, self.row, self.col
+
 
 @dataclass(frozen=True)
 class AddResult:
@@ -480,6 +485,11 @@ class LabelStore:
             (row[0], Note(*row[1:4], row[4] and Grid.parse(row[4]), *row[5:]))
             for row in self._rows(_NOTES, (mission, number))
         ]
+
+    def notes(self, mission: str) -> dict[tuple[tuple[object, ...], str], str]:
+        """Texts of the notes in force, by place and annotator."""
+        newest = {(note.place, note.annotator): note for _, note in self.notes_after(0, mission)}
+        return {by: note.text for by, note in newest.items() if note.text}
 
     def set_blind(self, mission: str, annotator: str, *, blind: bool, time: str) -> None:
         """Keep that an annotator labels a mission blind from now on, or no longer does."""

@@ -267,7 +267,10 @@ def export_labels(
     ] = None,
     grid: Annotated[str | None, Option(metavar=GRID_FORM, help="Export this grid only.")] = None,
     full: Annotated[
-        bool, Option("--full", help="csv: add annotator, time, grid, source, model_version, blind.")
+        bool,
+        Option(
+            "--full", help="csv: add annotator, time, grid, source, model_version, blind, note."
+        ),
     ] = False,
     file_format: FormatOption = None,
     mission_dir: MissionDirOption = None,
@@ -278,7 +281,7 @@ def export_labels(
     """Write the labels in force to a file, sorted by patch."""
     from tokt.features.frames.grid import Grid
     from tokt.labels.formats.formats import FORMATS, format_named, format_to_write
-    from tokt.labels.formats.options import WriteOptions
+    from tokt.labels.formats.options import WriteOptions, count
     from tokt.labels.taxonomy import load_taxonomy
 
     chosen = format_named(file_format) if file_format else format_to_write(file)
@@ -288,7 +291,13 @@ def export_labels(
     settled = full or chosen != CSV
     with _open_store(workspace) as store:
         records, lost = _in_force(store, name, annotator, cells, camera, settled=settled)
-    options = WriteOptions(load_taxonomy(workspace, taxonomy), images, full, progress)
+        notes = _notes(store, records, annotator, camera)
+    in_file = {(one.cell, one.annotator) for one in records if one.source == "human"}
+    left = len(notes.keys() - in_file) if full and chosen == CSV else len(notes)
+    if left:
+        kept = "csv --full keeps those of an annotator on patches with that annotator's label"
+        lost.append(f"{count(left, 'note')} left out: {kept}")
+    options = WriteOptions(load_taxonomy(workspace, taxonomy), images, full, notes, progress)
     written = FORMATS[chosen].write(file, records, options)
     lost = [*written.lost, *lost]
     if json:
@@ -330,6 +339,19 @@ def _in_force(
     if earlier:
         lost.append(f"{count(earlier, 'earlier label')} left out: files hold those in force")
     return records, lost
+
+
+def _notes(
+    store: LabelStore, records: list[LabelRecord], annotator: str | None, camera: str | None
+) -> dict[tuple[tuple[object, ...], str], str]:
+    """Notes of the missions of these records, as narrowly chosen as they are."""
+    missions = sorted({record.mission for record in records})
+    found = [one for mission in missions for one in store.notes(mission).items()]
+    return {
+        (place, who): text
+        for (place, who), text in found
+        if annotator in (None, who) and camera in (None, place[1])
+    }
 
 
 def _images(mission_dir: Path | None, name: str | None) -> MissionImages | None:

@@ -2,7 +2,7 @@
 // pan: from frame pixels to the canvas and back.
 
 import {
-  drawCursor, drawHints, drawLabels, drawOthers, drawPending, drawStroke,
+  drawCursor, drawHints, drawLabels, drawNotes, drawOthers, drawPending, drawStroke,
 } from "./cell_drawing.js";
 import { soon } from "../core/dom.js";
 import { mission, setting } from "../core/mission.js";
@@ -243,6 +243,7 @@ export class FrameCanvas {
       drawLabels(plan, labels.mine);
       drawOthers(plan, labels);
       drawPending(plan, this.content.pending ?? []);
+      drawNotes(plan, labels.notes);
     }
     if (stroke) drawStroke(plan, stroke.cells, stroke.label);
     drawCursor(plan, cursor ?? null, selection ?? []);
