@@ -30,8 +30,9 @@ def _read_csv(path: Path, options: ReadOptions) -> ImportResult:
     if options.classes:
         raise ToktError(f"{path}: --map is for the formats of other tools; rename the class in it")
     remarks: Remarks = Counter()
-    given = {"annotator": options.annotator, "grid": options.grid, "remarks": remarks}
-    records = read_label_csv(path, options.taxonomy, **given)
+    records = read_label_csv(
+        path, options.taxonomy, annotator=options.annotator, grid=options.grid, remarks=remarks
+    )
     return ImportResult(records, lines(remarks))
 
 

@@ -82,7 +82,10 @@ def label(
         ),
     ] = None,
     annotator: Annotated[
-        str | None, Option(metavar="NAME", help="Name of the annotator. Default: the user's name.")
+        str | None,
+        Option(
+            metavar="NAME", help="Name proposed to who opens the page. Default: the user's name."
+        ),
     ] = None,
     no_browser: Annotated[
         bool, Option("--no-browser", help="Print the address and open no browser.")
