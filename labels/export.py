@@ -1,7 +1,7 @@
 """Labels of the store as a file of any format, for the command line and the page."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tokt.features.common.errors import ToktError
@@ -9,8 +9,8 @@ from tokt.features.frames.grid import Grid
 
 from .formats import CSV
 from .formats.formats import FORMATS
-from .formats.options import ExportResult, WriteOptions, count
-from .record import LabelRecord
+from .formats.options import ExportResult, Notes, WriteOptions, count
+from .record import HUMAN, LabelRecord
 from .store.store import LabelStore
 
 
@@ -36,7 +36,13 @@ def export_labels(
     """
     settled = options.full or chosen != CSV
     records, lost = _in_force(store, wanted, settled=settled)
-    written = FORMATS[chosen].write(file, records, options)
+    notes = _notes(store, records, wanted)
+    in_file = {(one.cell, one.annotator) for one in records if one.source == HUMAN}
+    left = len(notes.keys() - in_file) if options.full and chosen == CSV else len(notes)
+    if left:
+        kept = "csv --full keeps those of an annotator on patches with that annotator's label"
+        lost.append(f"{count(left, 'note')} left out: {kept}")
+    written = FORMATS[chosen].write(file, records, replace(options, notes=notes))
     return ExportResult(written.labels, [*written.lost, *lost])
 
 
@@ -69,3 +75,14 @@ def _in_force(
     if earlier:
         lost.append(f"{count(earlier, 'earlier label')} left out: files hold those in force")
     return records, lost
+
+
+def _notes(store: LabelStore, records: list[LabelRecord], wanted: Wanted) -> Notes:
+    """Notes of the missions of these records, as narrowly chosen as they are."""
+    missions = sorted({record.mission for record in records})
+    found = [one for mission in missions for one in store.notes(mission).items()]
+    return {
+        (place, who): text
+        for (place, who), text in found
+        if wanted.annotator in (None, who) and wanted.camera in (None, place[1])
+    }

@@ -48,19 +48,21 @@ class LabelFormat:
 
 
 def _read_csv(path: Path, options: ReadOptions) -> ImportResult:
+    remarks: Remarks = Counter()
     records = read_label_csv(
         path,
         options.taxonomy,
         annotator=options.annotator,
         grid=options.grid,
         classes=options.classes,
+        remarks=remarks,
     )
-    return ImportResult(records, [])
+    return ImportResult(records, lines(remarks))
 
 
 def _write_csv(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> ExportResult:
     chosen = list(records)
-    n = write_label_csv(path, chosen, full=options.full)
+    n = write_label_csv(path, chosen, full=options.full, notes=options.notes)
     remarks: Remarks = Counter()
     if not options.full:
         remarks["label", "without annotator and time (--full keeps them)"] += n

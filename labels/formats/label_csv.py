@@ -12,10 +12,11 @@ from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.labels.record import HUMAN, MODEL, SETTLED, LabelRecord, utc_now, utc_text
 from tokt.labels.taxonomy import Taxonomy, UnknownClassError
 
+from .options import Notes, Remarks
 from .text_file import csv_rows, read_utf8, save_table
 
 COLUMNS = ("mission", "camera", "frame", "row", "col", "label")
-MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version", "blind")
+MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version", "blind", "note")
 _BLIND = {"": False, "yes": True}
 AUDIT_COLUMNS = ("suggested", "margin", "reason")
 """What a label audit says beside each label; passed over when a file is read."""
@@ -29,6 +30,7 @@ def read_label_csv(
     annotator: str | None = None,
     grid: Grid = DEFAULT_GRID,
     classes: Mapping[str, str] | None = None,
+    remarks: Remarks | None = None,
 ) -> list[LabelRecord]:
     """Read a whole label file, or refuse it with its first mistake and that line's number.
 
@@ -46,6 +48,8 @@ def read_label_csv(
         The grid, where the file has no such column.
     classes : mapping of str to str
         The file's name of a class to ours; to nothing for a class to leave out.
+    remarks : Counter, optional
+        Gets what of the file is passed over: notes stay where they were written.
 
     Returns
     -------
@@ -72,10 +76,14 @@ def read_label_csv(
     rows.check_classes(path)
     if not rows.records:
         raise ToktError(f"{path} has no labels in it")
+    if remarks is not None:
+        remarks["note", "left out: notes stay in the workspace they were written in"] += rows.notes
     return rows.records
 
 
-def write_label_csv(path: Path, records: Iterable[LabelRecord], *, full: bool = False) -> int:
+def write_label_csv(
+    path: Path, records: Iterable[LabelRecord], *, full: bool = False, notes: Notes | None = None
+) -> int:
     """Write `records` sorted by patch, whole or not at all; return how many.
 
     Parameters
@@ -87,6 +95,8 @@ def write_label_csv(path: Path, records: Iterable[LabelRecord], *, full: bool = 
         `LabelStore.current_and_settled` does.
     full : bool
         Add `MORE_COLUMNS`; with them nothing of a record is lost.
+    notes : mapping of (patch, annotator) to str, optional
+        With `full`, an annotator's note stands beside that annotator's label.
 
     Raises
     ------
@@ -104,7 +114,15 @@ def write_label_csv(path: Path, records: Iterable[LabelRecord], *, full: bool = 
     )
     if not full:
         _check_six_columns_suffice(chosen)
-    said = ({**vars(record), "blind": "yes" if record.blind else ""} for record in chosen)
+    said = (
+        {
+            **vars(record),
+            "blind": "yes" if record.blind else "",
+            "note": (notes or {}).get((record.cell, record.annotator), "")
+            * (record.source == HUMAN),
+        }
+        for record in chosen
+    )
     save_table(path, [columns, *([one[name] for name in columns] for one in said)])
     return len(chosen)
 
@@ -117,6 +135,7 @@ class _RowReader:
     ) -> None:
         self.records: list[LabelRecord] = []
         self._unknown: dict[str, tuple[int, ToktError]] = {}
+        self.notes = 0
         self._taxonomy = taxonomy
         self._classes = classes
         self._defaults = {
@@ -126,6 +145,7 @@ class _RowReader:
             "source": HUMAN,
             "model_version": "",
             "blind": "",
+            "note": "",
         }
         self._grids = {str(grid): grid}
         self._lines: dict[tuple[object, ...], int] = {}
@@ -134,6 +154,7 @@ class _RowReader:
         if len(values) != len(header):
             raise ToktError(f"{len(values)} fields where the first line names {len(header)}")
         row = {**self._defaults, **dict(zip(header, values, strict=True))}
+        self.notes += bool(row["note"])
         if row["blind"] not in _BLIND:
             raise ToktError(f"blind {row['blind']!r} is neither yes nor empty")
         label = self._classes.get(row["label"], row["label"])

@@ -15,6 +15,8 @@ from tokt.labels.taxonomy import Taxonomy
 from .images import MissionImages
 
 Progress = Callable[[Iterable[Any], int, str], Iterator[Any]]
+Notes = Mapping[tuple[tuple[object, ...], str], str]
+"""Texts by place and annotator, as `LabelStore.notes` gives them."""
 
 
 def no_progress(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:
@@ -56,11 +58,12 @@ class ReadOptions:
 
 @dataclass(frozen=True)
 class WriteOptions:
-    """How to write a file: the classes in their order, and the frames of the one mission."""
+    """How to write a file: classes in their order, frames of the one mission, notes (full CSV)."""
 
     taxonomy: Taxonomy
     images: MissionImages | None = None
     full: bool = False
+    notes: Notes = field(default_factory=dict)
     progress: Progress = no_progress
 
 

@@ -78,7 +78,11 @@ def read_table(path: Path, columns: Iterable[str]) -> Iterator[tuple[str, dict[s
 def save_table(path: Path, rows: Iterable[Iterable[Any]]) -> None:
     """Write rows as CSV, as `save_text` writes."""
     out = io.StringIO(newline="")
-    csv.writer(out, lineterminator="\n").writerows(rows)
+    writer = csv.writer(out, lineterminator="\n")
+    quoting = csv.writer(out, lineterminator="\n", quoting=csv.QUOTE_ALL)
+    for row in map(list, rows):
+        # By itself a writer quotes no "\r", which ends a line all the same.
+        (quoting if any("\r" in str(value) for value in row) else writer).writerow(row)
     save_text(path, out.getvalue())
 
 

@@ -377,9 +377,9 @@ class ActionLog:
         ).fetchall():
             place = (history.mission, camera, frame, history.grid, row, col)
             said = LabelRecord(*place, label, history.annotator, time, node.source)
-            before = self._in_force({**vars(said), "grid": str(said.grid)}, event)
-            held = dict(zip(("label", "model_version", "blind"), before, strict=True))
-            steps.append(_Step(replace(said, **held), label))
+            held, version, blind = self._in_force({**vars(said), "grid": str(said.grid)}, event)
+            before = replace(said, label=held, model_version=version, blind=blind)
+            steps.append(_Step(before, label))
         return steps
 
     def _tops(self, history: UndoHistory) -> _Tops:

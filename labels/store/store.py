@@ -92,7 +92,7 @@ _ADD_NOTE = """INSERT INTO notes (mission, camera, frame, grid, row, col, text, 
     WHERE :text <> COALESCE((SELECT text FROM notes WHERE mission = :mission AND camera = :camera
         AND frame = :frame AND grid IS :grid AND row IS :row AND col IS :col
         AND annotator = :annotator ORDER BY id DESC LIMIT 1), '')"""
-_NOTES = """SELECT id, mission, camera, frame, grid, row, col, text, annotator, time FROM notes
+_NOTES = """SELECT id, camera, frame, grid, row, col, text, annotator, time FROM notes
     WHERE mission = ? AND id > ? ORDER BY id"""
 _ADD_BLINDNESS = """INSERT INTO blindness (mission, annotator, blind, time)
     SELECT :mission, :annotator, :blind, :time
@@ -122,6 +122,11 @@ class Note:
     text: str
     annotator: str
     time: str
+
+    @property
+    def place(self) -> tuple[object, ...]:
+        """What it is on; of a patch, its `Cell`."""
+        return self.mission, self.camera, self.frame, self.grid, self.row, self.col
 
 
 @dataclass(frozen=True)
@@ -490,9 +495,14 @@ class LabelStore:
     def notes_after(self, number: int, mission: str) -> list[tuple[int, Note]]:
         """Notes with a number higher than `number`, each with its own, in order."""
         return [
-            (row[0], Note(*row[1:4], row[4] and Grid.parse(row[4]), *row[5:]))
-            for row in self._rows(_NOTES, (mission, number))
+            (found, Note(mission, camera, frame, grid and Grid.parse(grid), *said))
+            for found, camera, frame, grid, *said in self._rows(_NOTES, (mission, number))
         ]
+
+    def notes(self, mission: str) -> dict[tuple[tuple[object, ...], str], str]:
+        """Texts of the notes in force, by place and annotator."""
+        newest = {(note.place, note.annotator): note for _, note in self.notes_after(0, mission)}
+        return {by: note.text for by, note in newest.items() if note.text}
 
     def set_blind(self, mission: str, annotator: str, *, blind: bool, time: str) -> None:
         """Keep that an annotator labels a mission blind from now on, or no longer does."""
@@ -557,7 +567,7 @@ class LabelStore:
         ):
             counts.setdefault((mission, annotator), {})[label] = n
         return [
-            AnnotatorStats(mission, who, *numbers, counts.get((mission, who), {}))
+            AnnotatorStats(mission, who, *(*numbers, counts.get((mission, who), {})))
             for mission, who, *numbers in totals
         ]
 
@@ -633,7 +643,7 @@ class LabelStore:
         rows = self._rows(sql, values)
         grids = {text: Grid.parse(text) for text in {row[3] for row in rows}}
         return [
-            LabelRecord(mission, camera, frame, grids[grid], row, col, *said, bool(blind))
+            LabelRecord(mission, camera, frame, grids[grid], row, col, *(*said, bool(blind)))
             for mission, camera, frame, grid, row, col, *said, blind in rows
         ]
 

@@ -13,18 +13,21 @@ from tokt.features.frames.mission import parse_frames
 from tokt.labels.page.state.board import LabelChanges
 from tokt.labels.page.state.live import ALIVE, event_text
 from tokt.labels.page.state.session import Session
-from tokt.labels.record import SETTLED, Cell
+from tokt.labels.record import SETTLED, Cell, utc_now
 from tokt.labels.store.actions import Action, ActionResult, Change, Conflict
+from tokt.labels.store.store import Note
 
 from .messages import (
     ActionBody,
     Blind,
     Camera,
     Frame,
+    NoteBody,
     SessionOf,
     StepBody,
     Version,
     Who,
+    check_cell,
     check_frame,
     check_version,
     json_response,
@@ -82,6 +85,20 @@ def post_redo(session: SessionOf, body: StepBody) -> Response:
     return _step(session, body, session.store.redo)
 
 
+@router.post("/notes")
+def post_note(session: SessionOf, body: NoteBody) -> Response:
+    """Keep a note on a patch or a frame; it is on disk when this answers."""
+    check_frame(session, body.camera, body.frame)
+    grid, row, col = None, None, None
+    if body.cell is not None:
+        check_cell(session, body.cell)
+        grid, (row, col) = session.grid, divmod(body.cell, session.grid.cols)
+    place = (session.mission.name, body.camera, body.frame, grid, row, col)
+    session.store.add_note(Note(*place, body.text, body.who, utc_now()))
+    session.refresh()
+    return json_response({"notes": _notes(session, body.who, body.camera, body.frame)})
+
+
 @router.get("/history")
 def get_history(
     session: SessionOf, blind: Blind, camera: Camera, frame: Frame, cell: int
@@ -89,8 +106,7 @@ def get_history(
     """Everything ever said of one patch."""
     refuse_blind(blind)
     check_frame(session, camera, frame)
-    if not 0 <= cell < session.grid.n_patches:
-        raise refuse(400, f"cell {cell} is outside the grid {session.grid}")
+    check_cell(session, cell)
     row, col = divmod(cell, session.grid.cols)
     patch = Cell(session.mission.name, camera, frame, session.grid, row, col)
     fields = ("label", "annotator", "time", "source", "model_version")
@@ -144,7 +160,15 @@ def _labels(session: Session, who: str, blind: bool, camera: str, frame: int) ->
         "models": board.versions(who, camera, frame),
         "others": {} if blind else board.others(who, camera, frame),
         "settled": ([None] * session.grid.n_patches if blind else board.settled(camera, frame)),
+        "notes": _notes(session, who, camera, frame),
     }
+
+
+def _notes(session: Session, who: str, camera: str, frame: int) -> list[dict[str, Any]]:
+    return [
+        {"cell": cell, "text": note.text, "who": note.annotator, "time": note.time}
+        for cell, note in session.board.notes(who, who in session.blind, camera, frame)
+    ]
 
 
 def _suggestions(session: Session, camera: str, frame: int) -> dict[str, Any] | None:
@@ -183,8 +207,7 @@ def _action(session: Session, body: ActionBody) -> Action:
         if change.label is not None and change.label not in known:
             raise refuse(400, f"unknown class {change.label!r}; known: {', '.join(known)}")
         for cell, base in zip(change.cells, change.base, strict=True):
-            if cell >= session.grid.n_patches:
-                raise refuse(400, f"cell {cell} is outside the grid {session.grid}")
+            check_cell(session, cell)
             row, col = divmod(cell, session.grid.cols)
             changes.append(
                 Change(change.camera, change.frame, row, col, change.label, base, change.model)
@@ -266,6 +289,7 @@ def _news(session: Session, who: str, changed: LabelChanges) -> dict[str, Any]:
         "event": changed.event,
         "since": changed.since,
         "frames": [list(frame) for frame in sorted(changed.frames)],
+        "noted": [list(frame) for frame in sorted(set().union(*changed.noted.values()))],
         "by": [] if who in session.blind else sorted(changed.annotators),
         **session.state_after(who, changed.frames),
     }

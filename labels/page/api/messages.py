@@ -77,6 +77,7 @@ async def _fault(_request: Request, _error: Exception) -> Response:
 
 
 MAX_NAME = 200  # letters
+MAX_NOTE = 2000
 
 
 def _name(value: str) -> str:
@@ -163,6 +164,16 @@ class SeenBody(_Body):
     frame: FrameNumber
 
 
+class NoteBody(_Body):
+    """What a person writes about a patch, or without a cell about the frame; "" takes it back."""
+
+    who: Name
+    camera: Camera
+    frame: FrameNumber
+    cell: Annotated[int, Field(ge=0)] | None = None
+    text: Annotated[str, Field(max_length=MAX_NOTE)]
+
+
 class BlindBody(_Body):
     """A person labels blind from now on, or no longer does."""
 
@@ -203,6 +214,12 @@ def check_frame(session: Session, camera: str, frame: int) -> None:
     """Answer 404 unless the mission has this frame."""
     if not session.board.has(camera, frame):
         raise refuse(404, f"mission {session.mission.name} has no {camera} frame {frame}")
+
+
+def check_cell(session: Session, cell: int) -> None:
+    """Answer 400 unless the grid has this patch."""
+    if not 0 <= cell < session.grid.n_patches:
+        raise refuse(400, f"cell {cell} is outside the grid {session.grid}")
 
 
 def check_version(session: Session, version: str) -> None:

@@ -15,7 +15,7 @@ from tokt.features.common.arrays import I16, I64, U8, Bools
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import Mission
 from tokt.labels.record import SETTLED
-from tokt.labels.store.store import EventRow, LabelStore
+from tokt.labels.store.store import EventRow, LabelStore, Note
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 
 K = TypeVar("K")
@@ -176,15 +176,18 @@ class LabelChanges:
         Frames in which that annotator labelled, and in which that annotator settled something.
     since : int
         Events up to this one are not counted in.
+    noted : dict of str to set of (camera, frame)
+        Frames in which that annotator wrote a note.
     """
 
     event: int
     labelled: dict[str, set[FrameName]] = field(default_factory=dict)
     settled: dict[str, set[FrameName]] = field(default_factory=dict)
     since: int = 0
+    noted: dict[str, set[FrameName]] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
-        return bool(self.labelled or self.settled)
+        return bool(self.labelled or self.settled or self.noted)
 
     @property
     def frames(self) -> set[FrameName]:
@@ -197,11 +200,13 @@ class LabelChanges:
         return {*self.labelled, *self.settled}
 
     def seen_by(self, who: str, blind: bool) -> LabelChanges:
-        """The part that `who` may hear of: when `blind`, only what `who` labelled."""
+        """The part that `who` may hear of: when `blind`, only what `who` labelled and noted."""
         if not blind:
             return self
-        mine = {who: self.labelled[who]} if who in self.labelled else {}
-        return LabelChanges(self.event, mine, since=self.since)
+        mine, noted = (
+            {who: said[who]} if who in said else {} for said in (self.labelled, self.noted)
+        )
+        return LabelChanges(self.event, mine, since=self.since, noted=noted)
 
     def add(self, who: str, source: str, frames: Iterable[FrameName]) -> None:
         """Add frames in which `who` labelled or settled something."""
@@ -215,6 +220,7 @@ class LabelChanges:
             _union(self.labelled, other.labelled),
             _union(self.settled, other.settled),
             min(self.since, other.since),
+            _union(self.noted, other.noted),
         )
 
 
@@ -253,6 +259,8 @@ class Board:
         self._nothing_said = LabelArray(len(every), grid.n_patches)
         self._settled = LabelArray(len(every), grid.n_patches)
         self._seen: dict[str, Bools] = {}
+        self._written: dict[FrameName, dict[tuple[int | None, str], Note]] = {}
+        self._last_note = 0
         self._disagree = np.zeros(len(every), bool)
 
     def refresh(self) -> LabelChanges:
@@ -272,6 +280,9 @@ class Board:
                 self._take([row for row in chunk if (row[1], row[2]) in self._position], changed)
                 self.event = chunk[-1][0]
             self.event = max(self.event, last)
+            for number, note in self._store.notes_after(self._last_note, self.mission_name):
+                self._last_note = number
+                self._take_note(note, changed)
             return replace(changed, event=self.event)
 
     def changed_since(self, event: int) -> LabelChanges:
@@ -319,6 +330,21 @@ class Board:
         """The settlements of a frame, one a cell."""
         with self._lock:
             return self._words(self._settled, self._position[camera, frame])
+
+    def notes(
+        self, who: str, blind: bool, camera: str, frame: int
+    ) -> list[tuple[int | None, Note]]:
+        """Notes on a frame and its patches, each with its cell; when `blind`, only those of `who`.
+
+        A note on the frame itself has no cell.
+        """
+        with self._lock:
+            written = self._written.get((camera, frame), {})
+            return [
+                (cell, note)
+                for (cell, name), note in written.items()
+                if note.text and (name == who or not blind)
+            ]
 
     def versions(self, who: str, camera: str, frame: int) -> dict[int, str]:
         """Model versions whose suggestions this annotator confirmed, by cell."""
@@ -515,6 +541,16 @@ class Board:
                 touched = np.unique(position[mine]).tolist()
                 changed.add(name, sources[start], [self._every[place] for place in touched])
         self._find_disagreements(np.unique(position))
+
+    def _take_note(self, note: Note, changed: LabelChanges) -> None:
+        place = note.camera, note.frame
+        if place not in self._position or note.grid not in (None, self.grid):
+            return
+        cell = None
+        if note.row is not None and note.col is not None:
+            cell = note.row * self.grid.cols + note.col
+        self._written.setdefault(place, {})[cell, note.annotator] = note
+        changed.noted.setdefault(note.annotator, set()).add(place)
 
     def _array(self, who: str) -> LabelArray:
         if who not in self._said:

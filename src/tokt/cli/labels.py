@@ -85,7 +85,10 @@ def label(
         ),
     ] = None,
     annotator: Annotated[
-        str | None, Option(metavar="NAME", help="Name of the annotator. Default: the user's name.")
+        str | None,
+        Option(
+            metavar="NAME", help="Name proposed to who opens the page. Default: the user's name."
+        ),
     ] = None,
     no_browser: Annotated[
         bool, Option("--no-browser", help="Print the address and open no browser.")
@@ -273,7 +276,10 @@ def export_labels(
     ] = None,
     grid: Annotated[str | None, Option(metavar=GRID_FORM, help="Export this grid only.")] = None,
     full: Annotated[
-        bool, Option("--full", help="csv: add annotator, time, grid, source, model_version, blind.")
+        bool,
+        Option(
+            "--full", help="csv: add annotator, time, grid, source, model_version, blind, note."
+        ),
     ] = False,
     file_format: FormatOption = None,
     mission_dir: MissionDirOption = None,
@@ -292,7 +298,7 @@ def export_labels(
     images = _images(mission_dir, mission)
     name = mission or (images.name if images else None)
     wanted = export.Wanted(name, annotator, Grid.parse(grid) if grid else None, camera)
-    options = WriteOptions(load_taxonomy(workspace, taxonomy), images, full, progress)
+    options = WriteOptions(load_taxonomy(workspace, taxonomy), images, full, progress=progress)
     with _open_store(workspace) as store:
         written = export.export_labels(store, file, chosen, wanted, options)
     if json:

@@ -1,9 +1,10 @@
+import csv
 import json
 from dataclasses import replace
 
 import pytest
 
-from tokt.labels.store.store import LabelStore
+from tokt.labels.store.store import LabelStore, Note
 
 from .examples import said
 
@@ -43,6 +44,25 @@ def test_there_and_back(labels, tmp_path, dive, file, name):
     assert said_back["annotators"] == ["ann", "bob"]
     with LabelStore(tmp_path / "copy" / "labels.db") as store:
         assert set(store.current()) == set(RECORDS)
+
+
+def test_notes_are_beside_labels_of_the_full_csv_and_said_where_they_are_lost(labels, tmp_path):
+    with LabelStore(tmp_path / ".tokt" / "labels.db") as store:
+        for row, col, who, text in (
+            *((1, 2, "ann", "coral, or\nrock"), (1, 3, "ann", ""), (4, 4, "ann", "no label here")),
+            *((1, 2, "bob", "no label of bob"), (None, None, "ann", "murky")),
+        ):
+            grid = None if row is None else RECORDS[0].grid
+            store.add_note(Note("dive", "left", 3, grid, row, col, text, who, RECORDS[0].time))
+    assert "CSV: 3 notes left out: csv --full keeps" in labels("export", "a.csv", "--full").err
+    with (tmp_path / "a.csv").open(newline="", encoding="utf-8") as opened:
+        notes = {
+            (row["row"], row["col"], row["camera"]): row["note"] for row in csv.DictReader(opened)
+        }
+    assert notes == {("1", "2", "left"): "coral, or\nrock", ("1", "3", "right"): ""}
+    assert "3 notes left out" in labels("export", "b.csv", "--annotator", "ann").err
+    came = labels("import", "a.csv", store="copy")
+    assert came.err == "CSV: 1 note left out: notes stay in the workspace they were written in\n"
 
 
 def test_the_missions_folder_chooses_the_mission_of_a_csv_too(labels, tmp_path, dive):

@@ -83,4 +83,5 @@ async function takeChange(news) {
   if (!(news.event < mission.event)) takeEventHeads(news);
   takeNews(news);
   if (!allOwn(news.since, news.event)) labelsAreStale(news.frames, news.event);
+  labelsAreStale(news.noted);
 }

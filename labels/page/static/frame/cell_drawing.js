@@ -291,3 +291,24 @@ function rimmedText(ctx, text, x, y, { rim, ink }) {
   ctx.fillStyle = ink;
   ctx.fillText(text, x, y);
 }
+
+/**
+ * Fold the upper right corner of patches that have a note.
+ * @param {CellPlan} plan
+ * @param {{cell: ?number}[]} notes
+ */
+export function drawNotes({ ctx, boxOf }, notes) {
+  for (const { cell } of notes) {
+    if (cell === null) continue;
+    const { x, y, width, height } = boxOf(cell);
+    const size = Math.min(11, width / 3, height / 3);
+    ctx.beginPath();
+    ctx.moveTo(x + width - size, y);
+    ctx.lineTo(x + width, y);
+    ctx.lineTo(x + width, y + size);
+    ctx.closePath();
+    Object.assign(ctx, { fillStyle: "#ffffff", strokeStyle: "#000000", lineWidth: 1.5 });
+    ctx.fill();
+    ctx.stroke();
+  }
+}

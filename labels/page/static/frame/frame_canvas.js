@@ -2,7 +2,7 @@
 // pan: from frame pixels to the canvas and back.
 
 import {
-  drawCells, drawCursor, drawOthers, drawPending, drawStroke, shownCell,
+  drawCells, drawCursor, drawNotes, drawOthers, drawPending, drawStroke, shownCell,
 } from "./cell_drawing.js";
 import { soon } from "../core/dom.js";
 import { mission, setting } from "../core/mission.js";
@@ -243,6 +243,7 @@ export class FrameCanvas {
       drawCells(plan, cells);
       drawOthers(plan, labels, cells);
       drawPending(plan, this.content.pending ?? []);
+      drawNotes(plan, labels.notes);
     }
     if (stroke) drawStroke(plan, stroke.cells, stroke.label);
     drawCursor(plan, cursor ?? null, selection ?? []);

@@ -37,6 +37,7 @@ const TABLE = [
   ["confirm", ["c"], PAINT, "tool: painting accepts single suggestions (also Alt+click)"],
   ["erase", ["e"], PAINT, "tool: painting takes my labels back"],
   ["takeBack", ["Delete", "Backspace"], PAINT, "take back the label at the cursor"],
+  ["note", ["t"], PAINT, "write a note on the patch; without one, on the frame"],
   ["escape", ["Escape"], PAINT, "give up: stroke, rectangle, then copies"],
   ["raw", ["h"], SEE, "raw frame: tap to switch, hold to look"],
   ["blink", ["b"], SEE, "frame before: hold to look, tap to blink"],

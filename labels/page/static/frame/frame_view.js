@@ -14,6 +14,7 @@ import { FrameCanvas } from "./frame_canvas.js";
 import { frameKeys, keyForCommand } from "./frame_keys.js";
 import { FrameShow } from "./frame_show.js";
 import { listenToPointer } from "./gestures.js";
+import { noteWords, writeNote } from "./notes.js";
 import { accept, copyFrom, dropAllCopies, hintsOf, paint, paintRest } from "./painting.js";
 import { ARROWS, PatchCursor, cellName, cellsOfRow, rowCol } from "./patch_grid.js";
 import {
@@ -203,12 +204,20 @@ function showSaving() {
   page.savedState = state();
 }
 
+/** The patch under the pointer, or else under the cursor; null where there is none. */
+function cellAtHand() {
+  if (page.hovered >= 0) return page.hovered;
+  return cursor.visible ? cursor.cell : null;
+}
+
 function showStatus() {
   const { camera, frame, fault } = page.show;
-  const cell = page.hovered >= 0 ? page.hovered : cursor.visible ? cursor.cell : -1;
+  const cell = cellAtHand();
   const labels = page.canvas.content.labels;
   const first = fault || describeFrame(camera, frame, labels);
-  const said = labels && cell >= 0 ? describeCell(cell, labels, page.hints[cell]) : "";
+  const parts = labels && cell !== null ? [describeCell(cell, labels, page.hints[cell])] : [];
+  if (labels) parts.push(...noteWords(labels.notes, cell));
+  const said = parts.join(", ");
   const words = why
     ? [el("span", { class: "why", text: why })]
     : [el("span", { text: said, title: said })];
@@ -403,6 +412,11 @@ const commands = {
   confirm: () => chooseTool("confirm"),
   erase: () => chooseTool("erase"),
   takeBack: () => mayPaint() && apply(cursor.cells, "erase"),
+  note: () => {
+    const { camera, frame } = page.show;
+    const labels = page.canvas.content.labels;
+    if (labels) writeNote(camera, frame, cellAtHand(), labels.notes);
+  },
   escape,
   raw: tapped(() => page.show.pressRaw(), () => page?.show.releaseRaw()),
   blink: tapped(() => page.show.pressBlink(), () => page?.show.releaseBlink()),

@@ -90,6 +90,7 @@ function frameCommands(command) {
     make("Copy previous", "copy", "Labels of the frame before, to be accepted."),
     make("Accept", "accept", "Accept the copies and the confident suggestions."),
     make("Accept, next", "acceptNext", "Accept them and go to the next frame that is not done."),
+    make("Note", "note", "Write a note on the patch at the cursor, or on the frame."),
   );
 }
 

@@ -15,7 +15,8 @@ import { labelsOf } from "../saving/labels.js";
  * What a frame shows and what of it waits for a decision.
  * @param {string} camera
  * @param {number} frame
- * @returns {?{mine: (?string)[], hints: (?Object)[], waits: boolean, fault: string}}
+ * @returns {?{mine: (?string)[], hints: (?Object)[], waits: boolean, fault: string,
+ *   noted: boolean}}
  *   Null while it is not loaded; `hints`: as `hintsOf` gives them; `waits`: the model has not come
  *   to this frame.
  */
@@ -24,7 +25,8 @@ export function contentOf(camera, frame) {
   if (!labels) return null;
   const waits = suggesting() && labels.suggestions === null;
   const fault = suggestionFault(camera, frame);
-  return { mine: labels.mine, hints: hintsOf(camera, frame), waits, fault };
+  const noted = labels.notes.length > 0;
+  return { mine: labels.mine, hints: hintsOf(camera, frame), waits, fault, noted };
 }
 
 /** Whether a model's suggestions are shown. */
@@ -109,7 +111,8 @@ export class Thumb {
 
   #say(content, excluded) {
     const state = STATES[stateOf(this.camera, this.frame)]?.words ?? "";
-    const words = excluded ? "left out" : content ? content.fault || state : "loading";
+    const shown = excluded ? "left out" : content ? content.fault || state : "loading";
+    const words = content?.noted ? `${shown}, note` : shown;
     const proposed = content?.hints.filter(Boolean).length ?? 0;
     const more = proposed ? `, ${proposed} patches suggested` : "";
     const name = `${this.camera} ${this.frame}, ${words}${more}`;

@@ -8,8 +8,8 @@ import { blind, cellCount, mission, onChange, onReload, who } from "../core/miss
 const MAX_A_REQUEST = 60;
 const KEPT = 400;
 
-// frame key -> {event, place, mine, models, others, settled, suggestions}; least recently used
-// first.
+// frame key -> {event, place, mine, models, others, settled, notes, suggestions}; least recently
+// used first.
 const truths = new Map();
 // frame key -> the event up to which it must be read again
 const stale = new Map();
@@ -28,7 +28,7 @@ export const [onLabels, labelsChanged] = signal();
  * @param {string} camera
  * @param {number} frame
  * @returns {?{mine: (?string)[], models: Object, others: Object, settled: (?string)[],
- *   suggestions: ?Object, pending: Set<number>}} Null while they are not loaded; `pending`: cells
+ *   notes: Object[], suggestions: ?Object, pending: Set<number>}} Null while they are not loaded; `pending`: cells
  *   that the server has not acknowledged.
  */
 export function labelsOf(camera, frame) {
@@ -155,6 +155,7 @@ function takeTruth(event, labels) {
     models: labels.models ?? {},
     others: labels.others ?? {},
     settled: labels.settled ?? none,
+    notes: labels.notes ?? [],
     suggestions: labels.suggestions ?? null,
   });
   stale.delete(key);

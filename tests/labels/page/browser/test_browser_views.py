@@ -501,6 +501,13 @@ def test_audited_labels_are_confirmed_or_relabelled_by_a_person_only(open_page, 
         undo(page)
     page.get_by_role("button", name="decided 0").wait_for()
     assert changes() == {} and list(settled(server)) == list(before)
+    page.get_by_role("button", name="open 4").click()
+    page.keyboard.press("Control+a")
+    page.keyboard.press("n")  # of labelled and unlabelled patches: one action all the same
+    toast(page, "4 patches are decided")
+    undo(page)
+    page.get_by_role("button", name="decided 0").wait_for()
+    assert changes() == {} and list(settled(server)) == list(before)
 
 
 def test_a_second_labelling_is_blind_and_by_another_person(open_page, server):
