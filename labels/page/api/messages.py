@@ -199,7 +199,7 @@ SessionOf = Annotated[Session, Depends(_session)]
 Who = Annotated[str, Query(min_length=1, max_length=MAX_NAME)]
 
 
-def _blind(session: SessionOf, who: Who | None = None) -> bool:
+async def _blind(session: SessionOf, who: Who | None = None) -> bool:
     return (who or session.annotator) in session.blind
 
 

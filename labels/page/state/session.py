@@ -160,24 +160,12 @@ class Session:
             self.board.mark_seen(who, camera, frame)
 
     def set_setting(self, name: str, value: str, who: str) -> None:
-        """Set what holds for everybody in this mission, and tell all pages.
-
-        Raises
-        ------
-        ToktError
-            If the store cannot be written.
-        """
+        """Set what holds for everybody in this mission, and tell all pages."""
         self.store.set_setting(self.mission.name, name, value, who, utc_now())
         self._tell()
 
     def set_blind(self, who: str, *, blind: bool) -> None:
-        """Let `who` label blind from now on, or see again, and tell all pages.
-
-        Raises
-        ------
-        ToktError
-            If the store cannot be written.
-        """
+        """Let `who` label blind from now on, or see again, and tell all pages."""
         self.store.set_blind(self.mission.name, who, blind=blind, time=utc_now())
         self._tell()
 

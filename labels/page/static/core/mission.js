@@ -112,8 +112,9 @@ export function blind() {
  * @throws {ApiError}
  */
 export async function setPerson({ who: name = who(), blind: hides }) {
-  // The server takes no name with signs that cannot be seen.
-  const chosen = name.replace(/\s+/g, " ").replace(/\p{C}/gu, "").trim();
+  // The server takes no name with signs that cannot be seen, and to it names that look the same
+  // are one only where they are written the same.
+  const chosen = name.normalize().replace(/\s+/g, " ").replace(/\p{C}/gu, "").trim();
   if (hides !== undefined) await post("/api/blind", { who: chosen, blind: hides });
   setWho(chosen);
   await beginAnew(hides);
