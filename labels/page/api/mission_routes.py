@@ -47,6 +47,7 @@ def get_mission(session: SessionOf, who: Who | None = None, blind: Blind = False
             "annotators": [who] if blind else sorted({*board.annotators, who}),
             "model": None if blind else session.model_state(),
             "fault": session.fault,
+            "setup": session.setup,
             "event": board.event,
             "states": board.states(who, blind),
             "counts": board.counts(who),

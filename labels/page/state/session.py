@@ -1,6 +1,7 @@
 """The session of one running server: opened; the mission, its labels, what follows from them."""
 
 import hashlib
+import json
 import shutil
 import threading
 from dataclasses import dataclass, field
@@ -52,6 +53,8 @@ class Session:
     live : Broadcaster
     fault : str
         Why nothing can be saved at present, or an empty string.
+    taxonomy_file : Path or None
+        Where the classes come from, if not from the workspace.
     """
 
     mission: Mission
@@ -65,6 +68,9 @@ class Session:
     pictures_version: str = ""
     live: Broadcaster = field(default_factory=Broadcaster)
     fault: str = ""
+    taxonomy_file: Path | None = None
+    changing: threading.Lock = field(default_factory=threading.Lock)
+    """Held by who changes the classes or the model."""
     _refreshing: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
@@ -106,7 +112,36 @@ class Session:
 
     def status(self) -> dict[str, Any]:
         """The server's own state, as pages get it."""
-        return {"fault": self.fault, "model": self.progress()}
+        return {"fault": self.fault, "model": self.progress(), "setup": self.setup}
+
+    @property
+    def setup(self) -> str:
+        """Changes with the classes and the model: pages load the mission anew."""
+        model = self.suggester and self.suggester.bundle.sha256
+        text = json.dumps([self.taxonomy.to_json(), model])
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def use_taxonomy(self, taxonomy: Taxonomy) -> None:
+        """Put other classes in force, and tell all pages."""
+        self.board.use_classes(taxonomy.names)
+        self.taxonomy = taxonomy
+        self.live.publish_status(self.status())
+
+    def use_model(self, bundle: Bundle) -> None:
+        """Suggest what another model says, and tell all pages.
+
+        Raises
+        ------
+        ToktError
+            If the model looks at frames through another grid.
+        """
+        workspace = self.store.path.parent
+        fresh = Suggester(bundle, self.mission, self.grid, workspace / CACHE)
+        before, self.suggester = self.suggester, fresh
+        fresh.start()
+        self.live.publish_status(self.status())
+        if before is not None:
+            before.close()
 
     def progress(self) -> dict[str, int] | None:
         """How many frames the model has been asked about; None without a model."""
@@ -240,6 +275,7 @@ def open_session(
         session.other_grids = len(set(store.grids(mission.name)) - {str(grid)})
         session.pictures_version = _pictures_version(mission, version)
         session.find_fault()
+        session.taxonomy_file = taxonomy
         if bundle is not None:
             session.suggester = Suggester(bundle, mission, grid, workspace / CACHE)
     except ToktError:

@@ -2,7 +2,7 @@
 // In all modules `camera` is a camera's name, `frame` a frame's number, `cell` a patch's number in
 // its frame, row by row from 0, and `label` a class's name.
 
-import { get } from "./api.js";
+import { get, onFailure } from "./api.js";
 import { signal } from "./dom.js";
 import { adoptPreset, blind, setIdentity, setSetting, setting, who } from "./settings.js";
 
@@ -72,6 +72,8 @@ function takeMission(answer) {
  * @param {{event?: number, states?: Object, counts?: Object, fault?: string, model?: Object}} news
  */
 export function takeNews(news) {
+  // Classes or the model were changed, here or elsewhere.
+  if (news.setup && news.setup !== mission.setup) loadMission().catch(onFailure());
   if (news.event > mission.event) mission.event = news.event;
   for (const [camera, frames_] of Object.entries(news.states ?? {})) {
     for (const [frame, state] of Object.entries(frames_)) setState(camera, Number(frame), state);

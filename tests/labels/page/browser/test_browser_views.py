@@ -480,3 +480,10 @@ def test_what_cannot_be_shown_is_said_in_a_sentence(browse, page_server):
     toast(page, "Nothing to accept here.")
     page.keyboard.press("?")
     page.wait_for_selector("dialog[open] >> text=leave this frame out")
+    known = lonely.get("/api/classes")
+    kept = [{key: said for key, said in one.items() if key != "labels"} for one in known["classes"]]
+    page.goto(page.url.partition("#")[0] + "#/label/left/1")
+    page.wait_for_selector(".painter:has-text('reef')")
+    kelp = {**kept[3], "name": "kelp", "key": "9"}
+    lonely.post("/api/classes", setup=known["setup"], classes=[*kept, kelp])
+    page.wait_for_selector(".painter:has-text('kelp')")  # without loading the page again
