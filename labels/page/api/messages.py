@@ -105,11 +105,13 @@ assert {LEFT, RIGHT} == {"left", "right"}
 assert {HUMAN, SETTLED} == {"human", "settled"}
 
 
-class _Body(BaseModel):
+class Body(BaseModel):
+    """JSON that a page sent, with no more and no less than is named."""
+
     model_config = ConfigDict(strict=True, extra="forbid")
 
 
-class ChangeBody(_Body):
+class ChangeBody(Body):
     """Patches of one frame that get one label."""
 
     camera: Camera
@@ -126,7 +128,7 @@ class ChangeBody(_Body):
         return self
 
 
-class _Write(_Body):
+class _Write(Body):
     """What an action and an undo have in common.
 
     A page that replays what it kept names the mission and the grid it was made for: the server on
@@ -156,7 +158,7 @@ class StepBody(_Write):
     target: Name | None = None
 
 
-class SeenBody(_Body):
+class SeenBody(Body):
     """A person opened a frame."""
 
     who: Name

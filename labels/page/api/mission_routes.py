@@ -53,6 +53,7 @@ def get_mission(session: SessionOf, blind: Blind, who: Who | None = None) -> Res
             "annotators": [who] if blind else sorted({*board.annotators, who}),
             "model": None if blind else session.model_state(),
             "fault": session.fault,
+            "setup": session.setup,
             "event": board.event,
             "states": board.states(who, blind),
             "counts": board.counts(who),

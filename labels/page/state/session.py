@@ -1,6 +1,7 @@
 """The session of one running server: opened; the mission, its labels, what follows from them."""
 
 import hashlib
+import json
 import shutil
 import threading
 from dataclasses import dataclass, field
@@ -60,6 +61,8 @@ class Session:
     blind : frozenset of str
         Who labels this mission blind: these hear nothing of what others or the model said,
         whatever browser they use. The store knows it, and no page is asked.
+    taxonomy_file : Path or None
+        Where the classes come from, if not from the workspace.
     """
 
     mission: Mission
@@ -75,6 +78,9 @@ class Session:
     fault: str = ""
     settings: dict[str, str] = field(default_factory=dict)
     blind: frozenset[str] = frozenset()
+    taxonomy_file: Path | None = None
+    changing: threading.Lock = field(default_factory=threading.Lock)
+    """Held by who changes the classes or the model."""
     _refreshing: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
@@ -123,8 +129,37 @@ class Session:
 
     def status(self) -> dict[str, Any]:
         """The server's own state; pages get it without the names of who is `blind`."""
-        state = {"fault": self.fault, "model": self.progress(), "settings": self.settings}
-        return {**state, "blind": self.blind}
+        state = {"fault": self.fault, "model": self.progress(), "setup": self.setup}
+        return {**state, "settings": self.settings, "blind": self.blind}
+
+    @property
+    def setup(self) -> str:
+        """Changes with the classes and the model: pages load the mission anew."""
+        model = self.suggester and self.suggester.bundle.sha256
+        text = json.dumps([self.taxonomy.to_json(), model])
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def use_taxonomy(self, taxonomy: Taxonomy) -> None:
+        """Put other classes in force, and tell all pages."""
+        self.board.use_classes(taxonomy.names)
+        self.taxonomy = taxonomy
+        self.live.publish_status(self.status())
+
+    def use_model(self, bundle: Bundle) -> None:
+        """Suggest what another model says, and tell all pages.
+
+        Raises
+        ------
+        ToktError
+            If the model looks at frames through another grid.
+        """
+        workspace = self.store.path.parent
+        fresh = Suggester(bundle, self.mission, self.grid, workspace / CACHE)
+        before, self.suggester = self.suggester, fresh
+        fresh.start()
+        self.live.publish_status(self.status())
+        if before is not None:
+            before.close()
 
     def progress(self) -> dict[str, int] | None:
         """How many frames the model has been asked about; None without a model."""
@@ -280,6 +315,7 @@ def open_session(
         session.other_grids = len(set(store.grids(mission.name)) - {str(grid)})
         session.pictures_version = _pictures_version(mission, version)
         session.find_fault()
+        session.taxonomy_file = taxonomy
         if bundle is not None:
             session.suggester = Suggester(bundle, mission, grid, workspace / CACHE)
     except ToktError:

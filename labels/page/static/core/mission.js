@@ -2,7 +2,7 @@
 // In all modules `camera` is a camera's name, `frame` a frame's number, `cell` a patch's number in
 // its frame, row by row from 0, and `label` a class's name.
 
-import { get, post } from "./api.js";
+import { get, onFailure, post } from "./api.js";
 import { signal } from "./dom.js";
 import { setSetting, setting, setWho, who } from "./settings.js";
 
@@ -75,6 +75,8 @@ function takeMission(answer) {
  *   settings?: Object}} news
  */
 export function takeNews(news) {
+  // Classes or the model were changed, here or elsewhere.
+  if (news.setup && news.setup !== mission.setup) loadMission().catch(onFailure());
   if (news.event > mission.event) mission.event = news.event;
   for (const [camera, frames_] of Object.entries(news.states ?? {})) {
     for (const [frame, state] of Object.entries(frames_)) setState(camera, Number(frame), state);
