@@ -166,7 +166,7 @@ class SeenBody(Body):
     frame: FrameNumber
 
 
-class NoteBody(_Body):
+class NoteBody(Body):
     """What a person writes about a patch, or without a cell about the frame; "" takes it back."""
 
     who: Name
@@ -176,14 +176,14 @@ class NoteBody(_Body):
     text: Annotated[str, Field(max_length=MAX_NOTE)]
 
 
-class BlindBody(_Body):
+class BlindBody(Body):
     """A person labels blind from now on, or no longer does."""
 
     who: Name
     blind: bool
 
 
-class SettingBody(_Body):
+class SettingBody(Body):
     """A setting of the mission, for everybody: ``obstacle_as``, a model's "obstacle" in words."""
 
     who: Name
