@@ -22,6 +22,7 @@ from tokt.models.bundle.bundle import Bundle
 
 from .audits import Audits
 from .board import Board, FrameName
+from .jobs import Jobs
 from .live import Broadcaster
 from .pictures import PatchPictures
 from .review_sheet import ReviewSheet
@@ -70,7 +71,8 @@ class Session:
     fault: str = ""
     taxonomy_file: Path | None = None
     changing: threading.Lock = field(default_factory=threading.Lock)
-    """Held by who changes the classes or the model."""
+    """Held by who changes the classes."""
+    jobs: Jobs = field(default_factory=Jobs)
     _refreshing: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
@@ -112,7 +114,8 @@ class Session:
 
     def status(self) -> dict[str, Any]:
         """The server's own state, as pages get it."""
-        return {"fault": self.fault, "model": self.progress(), "setup": self.setup}
+        job = self.jobs.last and self.jobs.last.to_json()
+        return {"fault": self.fault, "model": self.progress(), "setup": self.setup, "job": job}
 
     @property
     def setup(self) -> str:
@@ -193,6 +196,7 @@ class Session:
 
     def close(self) -> None:
         """End what is computed, and close the store."""
+        self.jobs.close()
         if self.suggester is not None:
             self.suggester.close()
         self.sheet.close()
