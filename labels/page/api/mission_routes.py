@@ -61,6 +61,7 @@ def get_mission(session: SessionOf, blind: Blind, who: Who | None = None) -> Res
             "undo": session.undo_heads(who),
             "other_grids": session.other_grids,
             "settings": session.settings,
+            "job": session.status()["job"],
             "formats": {name: kind.title for name, kind in FORMATS.items()},
         }
     )

@@ -72,7 +72,7 @@ function takeMission(answer) {
 /**
  * Take in what an acknowledgement or an event says of states, counts and faults.
  * @param {{event?: number, states?: Object, counts?: Object, fault?: string, model?: Object,
- *   settings?: Object}} news
+ *   settings?: Object, job?: Object}} news
  */
 export function takeNews(news) {
   // Classes or the model were changed, here or elsewhere.
@@ -86,6 +86,7 @@ export function takeNews(news) {
   if (news.fault !== undefined) mission.fault = news.fault;
   if (news.model) mission.model = { ...mission.model, ...news.model };
   if (news.settings) mission.settings = news.settings;
+  if (news.job !== undefined) mission.job = news.job;
   if (news.fault !== undefined || news.model || news.settings) changed("status");
 }
 
