@@ -8,8 +8,8 @@ from starlette.responses import Response
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import format_frames
-from tokt.labels.formats.images import FrameKey
 from tokt.labels.formats.formats import FORMATS
+from tokt.labels.formats.images import FrameKey
 from tokt.labels.page.state.board import FrameName
 from tokt.labels.page.state.session import Session
 from tokt.labels.page.suggestions.queue import next_frames

@@ -15,7 +15,8 @@ import { DecisionSheet, settle, settledOf, sheetRow } from "./tile_sheet.js";
 
 const LEARN_MS = 1000;
 const NONE =
-  "There is no audit of this mission. “tokt labels audit DATASET” makes one; then press r.";
+  "No audit doubts a label of this mission. “Look for labels that may be wrong”, under Files and " +
+  "models, makes one.";
 
 /**
  * @typedef {{camera: string, frame: number, cell: number, label: string, suggested: string,
