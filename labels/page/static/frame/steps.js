@@ -8,6 +8,7 @@ import {
 } from "../core/mission.js";
 
 const CLASS = "class:";
+const DEPTH = "depth:";
 const NEXT = "next";
 const NEXT_FRAMES = 5;
 const ASK_AGAIN_MS = 300;
@@ -32,8 +33,11 @@ export function filterChoices() {
     .filter(([name]) => name !== "x" || !blind())
     .map(([name, { words }]) => [name, words]);
   const next = mission.model ? [[NEXT, `${NEXT_FRAMES} that the model learns most from`]] : [];
+  const byDepth = mission.depths.map(([from, to]) => [
+    `${DEPTH}${from}:${to}`, `depth ${from} to ${to} m`,
+  ]);
   const byClass = classes().map(({ name }) => [CLASS + name, `with ${name} of mine`]);
-  return [...states, ...next, ...byClass];
+  return [...states, ...next, ...byClass, ...byDepth];
 }
 
 /** The value of the filter in force: one of `filterChoices`. */
@@ -55,7 +59,7 @@ export function filterWords() {
 export function passing() {
   const name = filterName();
   if (name === "all") return () => true;
-  if (name === NEXT || name.startsWith(CLASS)) return (camera, frame) => listed(name, camera, frame);
+  if (!FILTERS[name]) return (camera, frame) => listed(name, camera, frame);
   const { states } = FILTERS[name];
   return (camera, frame) => states.includes(stateOf(camera, frame));
 }
@@ -141,7 +145,7 @@ export async function nextUncertain(camera, frame) {
   return { why: "That was the whole queue; the next press begins it again." };
 }
 
-// ---- Frames with a label of mine of one class, or to label next: asked of the server
+// ---- Frames with a label of mine of one class, of a depth, or to label next: asked of the server
 
 let wanted = ""; // the filter
 let framesListed = null; // camera -> Set of frames; null while it is not known
@@ -172,14 +176,17 @@ function forgetList() {
   framesListed = null;
 }
 
+function askFor(name) {
+  if (name === NEXT) return get("/api/queue", { n: NEXT_FRAMES });
+  const [, above, below] = name.split(":");
+  if (name.startsWith(DEPTH)) return get("/api/frames_at", { above, below });
+  return get("/api/frames_with", { class: name.slice(CLASS.length) });
+}
+
 async function askForList() {
   const mine = (asked += 1);
-  const request =
-    wanted === NEXT
-      ? get("/api/queue", { n: NEXT_FRAMES })
-      : get("/api/frames_with", { class: wanted.slice(CLASS.length) });
   // Where the server is away the page says so; it is asked again when it is back.
-  const answer = await request.catch(onFailure());
+  const answer = await askFor(wanted).catch(onFailure());
   if (!answer || mine !== asked) return;
   const first = framesListed === null;
   framesListed = {};
