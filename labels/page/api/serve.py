@@ -1,5 +1,6 @@
 """Serving the page: the listening socket, its host names and URL, and the server until it ends."""
 
+import atexit
 import errno
 import ipaddress
 import os
@@ -121,6 +122,8 @@ class _PageServer(uvicorn.Server):
         """Take Ctrl-C and SIGTERM for good: one that comes while all is put away does no harm."""
         for number in HANDLED_SIGNALS:
             signal.signal(number, self.handle_exit)
+            # While Python puts itself away it would hand the signal back to the system.
+            atexit.register(signal.signal, number, signal.SIG_IGN)
         yield
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
