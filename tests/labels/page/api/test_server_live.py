@@ -21,7 +21,9 @@ def server(page_server):
 
 def test_two_people_hear_of_each_other(server):
     with server.events(who="anna") as anna, server.events(who="ben") as ben:
-        assert anna.next("status") == ben.next("status") == {"fault": "", "model": None}
+        setup = server.get("/api/mission", who="anna")["setup"]
+        state = {"fault": "", "model": None, "setup": setup, "job": None}
+        assert anna.next("status") == ben.next("status") == state
         done = server.paint("two-1", 1, [3], "ocean", who="anna")
         for stream, letter, n in ((anna, "p", 1), (ben, "u", 0)):
             heard = stream.next("change")
