@@ -179,7 +179,10 @@ def test_the_browser_is_opened(tiny, tmp_path):
         until(opened.exists)
         printed = next(word for word in line.split() if word.endswith("/?token=t%26t"))
         url = urlsplit(opened.read_text().strip())  # which other accounts see, and come too late
-        assert printed.partition("?")[0] == f"{url.scheme}://{url.netloc}/" and "t%26t" not in url.query
+        assert (
+            printed.partition("?")[0] == f"{url.scheme}://{url.netloc}/"
+            and "t%26t" not in url.query
+        )
         for status in (303, 401):
             with closing(http.client.HTTPConnection(url.netloc, timeout=MAX_S)) as connection:
                 connection.request("GET", f"/?{url.query}")
