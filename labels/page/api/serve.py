@@ -4,6 +4,7 @@ import atexit
 import errno
 import ipaddress
 import os
+import secrets
 import signal
 import socket
 from collections.abc import Callable, Iterator
@@ -36,11 +37,15 @@ class Address:
     rules : AccessRules
     url : str
         What a person opens; holds the token if one is needed.
+    opens_once : str
+        What a browser is started with: every account sees the words that a program was started
+        with, so it holds what is good for one time only.
     """
 
     socket: socket.socket
     rules: AccessRules
     url: str
+    opens_once: str
 
 
 def listen(host: str, port: int, token: str | None) -> Address:
@@ -62,8 +67,12 @@ def listen(host: str, port: int, token: str | None) -> Address:
         shown = socket.gethostname().lower()
     names.add(shown.lower())
     rules = AccessRules(port, frozenset(names), not loopback, token)
-    query = "" if token is None else f"?token={quote(token, safe='')}"
-    return Address(listener, rules, f"http://{shown}:{port}/{query}")
+    page = f"http://{shown}:{port}/"
+    if token is None:
+        return Address(listener, rules, page, page)
+    ticket = secrets.token_urlsafe(18)
+    rules.tickets.add(ticket)
+    return Address(listener, rules, *(f"{page}?token={quote(t, safe='')}" for t in (token, ticket)))
 
 
 def _listening(host: str, port: int) -> socket.socket:

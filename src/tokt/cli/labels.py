@@ -127,7 +127,7 @@ def label(
         def ready() -> None:
             print(f"labelling {frames.name} at {address.url} (Ctrl-C ends)")
             if not no_browser:
-                _open_browser(address.url)
+                _open_browser(address.opens_once)
 
         serve(session, address.socket, address.rules, ready)
         session.close()
