@@ -47,7 +47,7 @@ def test_mission(server):
     assert mission["cameras"] == {"left": {"ranges": [[1, 40]], "count": 40}}
     assert len(mission["states"]["left"]) == 40 and mission["model"] is None
     assert [known["name"] for known in mission["classes"]] == list(COUNTS)
-    unsure = {"name": "unsure", "obstacle": None, "color": "#b0b0b0", "key": "u"}
+    unsure = {"name": "unsure", "obstacle": None, "color": "#e6e6e6", "key": "u"}
     described = {**unsure, "description": "Looked at, and could not be decided."}
     assert mission["classes"][-1] == described
     assert mission["undo"] == {"undo": None, "redo": None}
