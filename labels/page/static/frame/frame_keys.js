@@ -66,6 +66,7 @@ const POINTER_HELP = [
   ["Row or column head", "paint the row or column"],
   ["Right click", "unsure, whatever class is chosen"],
   ["Alt+click", "accept a single suggestion or copy"],
+  ["Wheel on the strip", "fewer or more frames there (also +, -, 0 on it); sideways: move it"],
 ];
 
 /**
