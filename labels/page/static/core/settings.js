@@ -82,6 +82,7 @@ const DEFAULTS = {
   confidence: 0.5,
   follow: 2,
   filter: "all",
+  rate: 5,
   selected: "",
 };
 

@@ -37,6 +37,7 @@ export function buildBar(commands, keyFor) {
     number,
     command("▶", "next", { "aria-label": "Next frame", title: "Next frame" }),
     place,
+    el("span", { class: "player" }),
     camera,
     command("Next unlabelled", "unlabelled"),
     command("Next uncertain", "uncertain", {

@@ -34,6 +34,8 @@ export class FrameShow {
     this.showsBefore = false;
     this.turn = 0;
     this.direction = 1;
+    /** How many frames apart those are that are shown one after the other. */
+    this.stride = 1;
     this.started = null;
     this.pressed = 0;
     this.first = true;
@@ -94,7 +96,7 @@ export class FrameShow {
     ]) {
       let at = frame;
       for (let step = 0; step < count; step += 1) {
-        at = stepFrom(this.camera, at, direction);
+        at = stepFrom(this.camera, at, direction * this.stride);
         if (at === null) break;
         list.push(at);
       }

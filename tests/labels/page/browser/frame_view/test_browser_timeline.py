@@ -103,3 +103,68 @@ def test_zoomed_in_each_frame_can_be_hit_by_wheel_and_by_keys(strip):
     strip.view.press("+", "+")
     strip.hover(strip.middle(12, 1, 20))
     strip.view.shows(".peek", "frame 12 ")
+
+
+PLAYS = """on => document.querySelector(".player button").getAttribute("aria-pressed") === on"""
+SEEN = """() => performance.getEntriesByName("tokt:frame").map(({ detail }) => detail.frame)"""
+
+
+def plays(view, on="true"):
+    view.page.wait_for_function(PLAYS, arg=on)
+
+
+def test_playing_goes_on_to_the_end_and_writes_nothing(open_frame, server):
+    view = open_frame(25)
+    event = server.get("/api/mission")["event"]
+    view.page.get_by_label("Frames a second").select_option("25")
+    view.press("k")
+    plays(view)
+    view.shows(".player output", "/s reached")
+    view.wait(40)
+    plays(view, "false")
+    view.shows("#toast", "No further frame")
+    seen = view.page.evaluate(SEEN)
+    assert seen == sorted(seen) and len(seen) > 3
+    assert server.get("/api/mission")["event"] == event
+
+
+@pytest.mark.parametrize("act", ["stroke", "Space", "Enter", "o", "g", "Delete", "d", "k"])
+def test_whatever_labels_or_steps_stops_it_and_labels_nothing(open_frame, server, act):
+    view = open_frame(5)
+    view.press("Escape", "ArrowDown")  # the cursor is there: the next Space would paint
+    event = server.get("/api/mission")["event"]
+    view.page.get_by_label("Frames a second").select_option("10")
+    view.page.locator(".player button").click()
+    plays(view)
+    view.wait(8)
+    if act == "stroke":
+        view.drag(33, 36)
+    else:
+        view.press(act)
+    plays(view, "false")
+    view.saved()
+    assert server.get("/api/mission")["event"] == event
+    view.open(13)
+    view.label("1", 0)
+    assert view.stored(13) == {0: "ocean"}
+    view.press("Control+z")
+    view.saved()
+
+
+def test_frames_that_come_late_are_passed_over_and_the_rate_is_what_is_reached(open_frame):
+    view = open_frame(1)
+
+    def late(route):
+        view.page.wait_for_timeout(120)
+        route.continue_()
+
+    view.page.route("**/api/picture/**", late)
+    view.page.get_by_label("Frames a second").select_option("25")
+    view.press("k")
+    view.page.wait_for_function(
+        "() => parseFloat(document.querySelector('.player output').textContent) < 15"
+    )
+    view.wait(40)
+    plays(view, "false")
+    assert 3 < len(view.page.evaluate(SEEN)) < 30
+    view.page.unroute_all(behavior="wait")
