@@ -68,12 +68,13 @@ export class Player {
       this.timer = setTimeout(() => this.tick(), Math.max(wait, LOOK_MS));
       return;
     }
-    const steps = show.stride + Math.round(-wait / each);
-    this.inTime = steps > show.stride ? 0 : this.inTime + 1;
-    const fewer = this.inTime > IN_TIME && steps > 1;
-    if (fewer) this.inTime = 0;
-    show.stride = steps - Number(fewer);
     const next = stepFrom(show.camera, show.frame, show.stride);
+    // By one at a time: what is fetched ahead is of no use after a change.
+    const late = -wait > each / 2;
+    if (late || (this.inTime > IN_TIME && show.stride > 1)) {
+      show.stride += late ? 1 : -1;
+      this.inTime = 0;
+    } else this.inTime += 1;
     if (next === null) {
       this.stop();
       say("No further frame (of this filter).");
