@@ -83,6 +83,7 @@ const DEFAULTS = {
   follow: 2,
   filter: "all",
   rate: 5,
+  beside: false,
   selected: "",
 };
 

@@ -20,6 +20,7 @@ const TABLE = [
   ["disagreement", ["x"], NEXT, "next frame with a disagreement"],
   ["type", ["f"], NEXT, "type a frame number"],
   ["camera", ["s"], NEXT, "left or right camera"],
+  ["beside", ["w"], SEE, "left and right side by side: the second one is to look at"],
   ["play", ["k"], NEXT, "play, and stop; what labels stops it too and labels nothing"],
   ["paint", ["Space"], PAINT, "paint the cursor's patch or the rectangle"],
   ["move", ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"], PAINT, "move the cursor"],

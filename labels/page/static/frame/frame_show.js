@@ -62,6 +62,13 @@ export class FrameShow {
     return frames(this.camera)[frameIndex(this.camera, this.frame) - 1] ?? null;
   }
 
+  /** The other camera, if its picture of this frame is to be shown beside; or null. */
+  get beside() {
+    const others = setting("beside") ? Object.keys(mission.cameras) : [];
+    const has = (camera) => camera !== this.camera && frameIndex(camera, this.frame) >= 0;
+    return others.find(has) ?? null;
+  }
+
   /** Whether the frame can be painted on: its picture is what is on the screen. */
   get paintable() {
     return (
@@ -158,11 +165,16 @@ export class FrameShow {
   }
 
   prefetch() {
-    const { camera, frame, enhance } = this;
+    const { camera, frame, enhance, beside } = this;
     const kept = [{ camera, frame, enhance }];
+    if (beside) kept.push({ camera: beside, frame, enhance });
     if (this.raw) kept.push({ camera, frame, enhance: setting("enhance") });
     const near = this.neighbours(frame).filter((other) => other !== frame);
-    prefetchPictures(near.map((other) => ({ camera, frame: other, enhance })), kept);
+    const shown = (other) => [camera, beside].filter((name) => frameIndex(name, other) >= 0);
+    const pictures = near.flatMap((other) =>
+      shown(other).map((name) => ({ camera: name, frame: other, enhance })),
+    );
+    prefetchPictures(pictures, kept);
   }
 
   badge() {

@@ -10,6 +10,7 @@ import { addView, noteAddress } from "../core/router.js";
 import { changeSetting } from "../core/settings.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { onState, pending, state } from "../saving/saver.js";
+import { Beside } from "./beside.js";
 import { buildBar, describeCell, describeFrame } from "./frame_bar.js";
 import { FrameCanvas } from "./frame_canvas.js";
 import { frameKeys, keyForCommand } from "./frame_keys.js";
@@ -51,12 +52,13 @@ function build(root) {
     class: "timeline",
     tabindex: 0, role: "slider", "aria-label": "Frame of the mission",
   });
+  const second = el("canvas", { class: "other-canvas", role: "img", hidden: true });
   const tools = buildTools(commands, keyForCommand);
   const bar = buildBar(commands, keyForCommand);
   root.replaceChildren(
     el("div", { class: "frame-view" },
       tools.root,
-      el("div", { class: "stage" }, status, element),
+      el("div", { class: "stage" }, status, el("div", { class: "pair" }, element, second)),
       bar.root,
       strip,
     ),
@@ -64,6 +66,7 @@ function build(root) {
   const canvas = new FrameCanvas(element);
   page = { canvas, element, status, tools, bar, hovered: -1, timers: {} };
   page.show = new FrameShow(canvas, showAll);
+  page.beside = new Beside(page.show, second);
   page.timeline = new Timeline(strip, goTo);
   const toggle = commandButtons(commands, keyForCommand)("Play", "play");
   page.player = new Player(page.show, (camera, frame) => show(camera, frame, true), toggle);
@@ -86,6 +89,7 @@ function isHere(camera, frame) {
 
 function labelsArrived(camera, frame) {
   if (isHere(camera, frame)) showLabels();
+  else if (camera === page.show.beside && frame === page.show.frame) page.beside.update();
   else if (camera === page.show.camera && frame < page.show.frame) showFollowed();
 }
 
@@ -189,6 +193,7 @@ function showLabels() {
   const labels = ready && !fault ? labelsOf(camera, frame) : null;
   page.hints = labels ? hintsOf(camera, frame) : [];
   page.canvas.set({ labels, hints: page.hints });
+  page.beside.update();
   if (!labels && ready && !fault) prefetch(camera, [frame]);
   showCursor();
   showSaving();
@@ -434,6 +439,7 @@ const commands = {
   escape,
   raw: tapped(() => page.show.pressRaw(), () => page?.show.releaseRaw()),
   blink: tapped(() => page.show.pressBlink(), () => page?.show.releaseBlink()),
+  beside: () => toggle("beside"),
   grid: () => toggle("grid"),
   outlines: () => toggle("outlines"),
   suggestions: () => toggle("suggestions"),
@@ -513,6 +519,7 @@ addView("label", {
     for (const stop of page.stops) stop();
     Object.values(page.timers).forEach(clearTimeout);
     page.show.close();
+    page.beside.canvas.close();
     page.timeline.close();
     page = null;
   },

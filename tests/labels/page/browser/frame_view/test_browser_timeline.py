@@ -1,6 +1,7 @@
 """The strip of frames, and playing, in a real browser: what they show; nothing is written."""
 
 import re
+import shutil
 
 import pytest
 
@@ -168,3 +169,47 @@ def test_frames_that_come_late_are_passed_over_and_the_rate_is_what_is_reached(o
     plays(view, "false")
     assert 3 < len(view.page.evaluate(SEEN)) < 30
     view.page.unroute_all(behavior="wait")
+
+
+PART = """selector => {
+  const canvas = document.querySelector(selector);
+  const { clientWidth: x, clientHeight: y } = canvas;
+  const { data } = canvas.getContext("2d").getImageData(x / 2, y / 2, 60, 60);
+  return String(data.reduce((sum, value, at) => (sum * 31 + value * (at + 1)) % 1000003, 7));
+}"""
+
+
+def test_left_and_right_side_by_side_the_second_is_to_look_at(open_frame, page_server, own_tiny):
+    shutil.copytree(own_tiny.path / "Left", own_tiny.path / "Right")
+    (own_tiny.path / "Right" / "tiny_L_5.png").unlink()
+    server = page_server("--annotator", "anna", mission=own_tiny.path)
+    server.paint("right-1", 3, list(range(100)), "reef", camera="right")
+    view = open_frame(3, server)
+
+    def part(canvas):
+        return view.page.evaluate(PART, canvas)
+
+    view.press("w", "v")  # with no labels both pictures are the same here
+    other = view.page.locator(".other-canvas")
+    assert other.get_attribute("aria-label") == "right frame 3, to look at"
+    assert until(lambda: part(".other-canvas") == part(".frame-canvas"))
+    whole = part(".frame-canvas")
+    view.press("+", "+", "+")
+    assert until(lambda: part(".other-canvas") == part(".frame-canvas") != whole)
+    view.press("0", "v")
+    assert until(lambda: part(".other-canvas") != part(".frame-canvas"))  # its reef is drawn
+    view.press("3")
+    other.click()
+    view.shows("#toast", "to look at")
+    view.click(44)
+    view.saved()
+    assert {(one.camera, one.label) for one in view.records(3)} == {
+        ("left", "sand"),
+        ("right", "reef"),
+    }
+    view.press("d")
+    view.wait(4)
+    assert other.get_attribute("aria-label") == "right frame 4, to look at"
+    view.press("d")
+    view.wait(5)
+    assert not other.is_visible()  # there is none
