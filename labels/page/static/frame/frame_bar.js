@@ -2,8 +2,8 @@
 // sentences about a frame and its patches, for the status line and for screen readers.
 
 import { commandButtons, optionsOf } from "../core/controls.js";
-import { backAfterMouse, el, focusView } from "../core/dom.js";
-import { frameIndex, frames, mission, setSetting, stateOf } from "../core/mission.js";
+import { backAfterMouse, el, focusView, setAttribute } from "../core/dom.js";
+import { frameIndex, frames, mission, setSetting, setting, stateOf } from "../core/mission.js";
 import { disagree } from "./cell_drawing.js";
 import { cellName } from "./patch_grid.js";
 import { countPassing, filterChoices, filterName } from "./steps.js";
@@ -27,6 +27,7 @@ export function buildBar(commands, keyFor) {
   });
   const place = el("span", { class: "place" });
   const camera = command("", "camera", { title: "Left or right camera" });
+  const both = command("Both", "beside", { title: "Left and right side by side" });
   camera.prepend(el("span", { class: "camera-name" }));
   const setFilter = () => setSetting("filter", filter.value);
   const filter = backAfterMouse(el("select", { class: "filter", on: { change: setFilter } }));
@@ -37,7 +38,9 @@ export function buildBar(commands, keyFor) {
     number,
     command("▶", "next", { "aria-label": "Next frame", title: "Next frame" }),
     place,
+    el("span", { class: "player" }),
     camera,
+    both,
     command("Next unlabelled", "unlabelled"),
     command("Next uncertain", "uncertain", {
       title: "Where the model is least sure and has seen least",
@@ -51,7 +54,8 @@ export function buildBar(commands, keyFor) {
     const list = frames(where);
     if (document.activeElement !== number) number.value = frame;
     place.textContent = `${frameIndex(where, frame) + 1} of ${list.length}`;
-    camera.hidden = Object.keys(mission.cameras).length < 2;
+    camera.hidden = both.hidden = Object.keys(mission.cameras).length < 2;
+    setAttribute(both, "aria-pressed", String(setting("beside")));
     root.querySelector(".camera-name").textContent = where;
     camera.setAttribute("aria-label", `${where} camera: change`);
     showFilters(filter);

@@ -1,6 +1,7 @@
 // The view in which one frame is labelled: it joins the canvas, tools, bar and timeline.
 
 import { onFailure } from "../core/api.js";
+import { commandButtons } from "../core/controls.js";
 import { announce, el, focusView, say } from "../core/dom.js";
 import {
   blind, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting, setting,
@@ -9,6 +10,7 @@ import { addView, noteAddress } from "../core/router.js";
 import { changeSetting } from "../core/settings.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { onState, pending, state } from "../saving/saver.js";
+import { Beside } from "./beside.js";
 import { buildBar, describeCell, describeFrame } from "./frame_bar.js";
 import { FrameCanvas } from "./frame_canvas.js";
 import { frameKeys, keyForCommand } from "./frame_keys.js";
@@ -17,6 +19,7 @@ import { listenToPointer } from "./gestures.js";
 import { noteWords, writeNote } from "./notes.js";
 import { accept, copyFrom, dropAllCopies, hintsOf, paint, paintRest } from "./painting.js";
 import { ARROWS, PatchCursor, cellName, cellsOfRow, rowCol } from "./patch_grid.js";
+import { Player } from "./play.js";
 import {
   endFrame, filterName, nextBlindFrame, nextIn, nextUncertain, onClassFrames, stepFrom,
 } from "./steps.js";
@@ -49,12 +52,13 @@ function build(root) {
     class: "timeline",
     tabindex: 0, role: "slider", "aria-label": "Frame of the mission",
   });
+  const second = el("canvas", { class: "other-canvas", role: "img", hidden: true });
   const tools = buildTools(commands, keyForCommand);
   const bar = buildBar(commands, keyForCommand);
   root.replaceChildren(
     el("div", { class: "frame-view" },
       tools.root,
-      el("div", { class: "stage" }, status, element),
+      el("div", { class: "stage" }, status, el("div", { class: "pair" }, element, second)),
       bar.root,
       strip,
     ),
@@ -62,7 +66,11 @@ function build(root) {
   const canvas = new FrameCanvas(element);
   page = { canvas, element, status, tools, bar, hovered: -1, timers: {} };
   page.show = new FrameShow(canvas, showAll);
+  page.beside = new Beside(page.show, second);
   page.timeline = new Timeline(strip, goTo);
+  const toggle = commandButtons(commands, keyForCommand)("Play", "play");
+  page.player = new Player(page.show, (camera, frame) => show(camera, frame, true), toggle);
+  bar.root.querySelector(".player").append(page.player.root);
   page.pointer = listenToPointer(canvas, pointerHost);
   // Who comes by Tab works by keyboard: show where the cursor is.
   element.addEventListener("keyup", ({ key }) => key === "Tab" && moveCursor(0, 0, false));
@@ -81,6 +89,7 @@ function isHere(camera, frame) {
 
 function labelsArrived(camera, frame) {
   if (isHere(camera, frame)) showLabels();
+  else if (camera === page.show.beside && frame === page.show.frame) page.beside.update();
   else if (camera === page.show.camera && frame < page.show.frame) showFollowed();
 }
 
@@ -112,6 +121,11 @@ const pointerHost = {
 };
 
 function mayPaint() {
+  // It was meant for a frame that may be gone already.
+  if (page.player.stop()) {
+    say("Stopped at this frame; nothing was labelled.");
+    return false;
+  }
   if (page.show.paintable) return true;
   if (page.show.fault) say("There is no picture to label here; step on.", { bad: true });
   else if (page.show.showsBefore) say("This is the frame before: end the blinking first.");
@@ -138,7 +152,8 @@ function goTo(frame) {
   show(page.show.camera, frame);
 }
 
-function show(camera, frame) {
+function show(camera, frame, playing = false) {
+  if (!playing) page.player.stop();
   // A stroke that is not ended is of the frame on which it began.
   page.pointer.complete();
   cursor.collapse();
@@ -178,6 +193,7 @@ function showLabels() {
   const labels = ready && !fault ? labelsOf(camera, frame) : null;
   page.hints = labels ? hintsOf(camera, frame) : [];
   page.canvas.set({ labels, hints: page.hints });
+  page.beside.update();
   if (!labels && ready && !fault) prefetch(camera, [frame]);
   showCursor();
   showSaving();
@@ -397,6 +413,7 @@ const commands = {
   disagreement: () => jump("x", "with a disagreement"),
   type: () => page.bar.root.querySelector(".frame-number").select(),
   camera: switchCamera,
+  play: () => page.player.stop() || page.player.start(),
   paint: Object.assign(pressSpace, { release: releaseSpace }),
   move: arrows((rows, cols) => moveCursor(rows, cols, false)),
   extend: arrows((rows, cols) => moveCursor(rows, cols, true)),
@@ -406,6 +423,7 @@ const commands = {
   accept: () => acceptHere() || say("No copies and no confident suggestions to accept here."),
   acceptAll: () => acceptHere({ all: true }) || say("No suggestions to accept here."),
   acceptNext: () => {
+    if (page.player.stop()) return;
     if (page.show.paintable) acceptHere();
     jumpToOpen();
   },
@@ -413,6 +431,7 @@ const commands = {
   erase: () => chooseTool("erase"),
   takeBack: () => mayPaint() && apply(cursor.cells, "erase"),
   note: () => {
+    page.player.stop();
     const { camera, frame } = page.show;
     const labels = page.canvas.content.labels;
     if (labels) writeNote(camera, frame, cellAtHand(), labels.notes);
@@ -420,6 +439,7 @@ const commands = {
   escape,
   raw: tapped(() => page.show.pressRaw(), () => page?.show.releaseRaw()),
   blink: tapped(() => page.show.pressBlink(), () => page?.show.releaseBlink()),
+  beside: () => toggle("beside"),
   grid: () => toggle("grid"),
   outlines: () => toggle("outlines"),
   suggestions: () => toggle("suggestions"),
@@ -475,7 +495,8 @@ addView("label", {
   },
   show(root, [camera = "", number = "", cell]) {
     const cameras = Object.keys(mission.cameras);
-    if (!page) build(root);
+    if (page) page.player.stop();
+    else build(root);
     const frame = /^\d+$/.test(number) ? Number(number) : number;
     if (!isHere(camera, frame) || page.show.frame === null) {
       why = "";
@@ -492,11 +513,13 @@ addView("label", {
     focusView();
   },
   hide() {
+    page.player.stop();
     page.pointer.complete();
     last = { camera: page.show.camera, frame: page.show.frame };
     for (const stop of page.stops) stop();
     Object.values(page.timers).forEach(clearTimeout);
     page.show.close();
+    page.beside.canvas.close();
     page.timeline.close();
     page = null;
   },

@@ -31,6 +31,7 @@ def test_two_people_hear_of_each_other(server):
             assert heard["event"] == done["event"]
             assert (heard["frames"], heard["by"]) == ([["left", 1]], ["anna"])
             assert heard["states"] == {"left": {"1": letter}}
+            assert heard["given"] == {"left": {"1": ["ocean"] * n}}
             assert heard["counts"]["ocean"] == n
             assert (heard["undo"]["undo"] is not None) == (n == 1)
 
