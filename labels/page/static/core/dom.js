@@ -40,7 +40,7 @@ export function setAttribute(node, name, value) {
  */
 export function button(text, run, attributes) {
   const click = (event) => {
-    run(event);
+    if (event.currentTarget.ariaDisabled !== "true") run(event);
     if (event.detail > 0) focusView();
   };
   return el("button", { text, type: "button", on: { click }, ...attributes });

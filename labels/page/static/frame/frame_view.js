@@ -1,12 +1,14 @@
 // The view in which one frame is labelled: it joins the canvas, tools, bar and timeline.
 
 import { onFailure } from "../core/api.js";
-import { announce, el, focusView, say } from "../core/dom.js";
+import { allow, commandButtons } from "../core/controls.js";
+import { announce, el, focusView, say, setAttribute } from "../core/dom.js";
 import {
-  blind, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting, setting,
+  blind, clearClass, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting,
+  setting,
 } from "../core/mission.js";
 import { addView, noteAddress } from "../core/router.js";
-import { changeSetting } from "../core/settings.js";
+import { buildDrawer, buildToolbar } from "../core/toolbar.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { onState, pending, state } from "../saving/saver.js";
 import { buildBar, describeCell, describeFrame } from "./frame_bar.js";
@@ -15,14 +17,15 @@ import { frameKeys, keyForCommand } from "./frame_keys.js";
 import { FrameShow } from "./frame_show.js";
 import { listenToPointer } from "./gestures.js";
 import { noteWords, writeNote } from "./notes.js";
-import { accept, copyFrom, dropAllCopies, hintsOf, paint, paintRest } from "./painting.js";
+import {
+  accept, copyFrom, dropAllCopies, hintsOf, paint, paintRest, restOf,
+} from "./painting.js";
 import { ARROWS, PatchCursor, cellName, cellsOfRow, rowCol } from "./patch_grid.js";
 import {
   endFrame, filterName, nextBlindFrame, nextIn, nextUncertain, onClassFrames, stepFrom,
 } from "./steps.js";
 import { suggestionFault } from "./suggest.js";
 import { Timeline } from "./timeline.js";
-import { buildTools, showSettings } from "./tool_column.js";
 
 const ADDRESS_MS = 150; // browsers refuse hundreds of address changes in a row
 const PICTURE_SETTING_MS = 120;
@@ -30,6 +33,25 @@ const READ_OUT_MS = 500; // a frame that was only passed is not read out
 const PAN_STEP = 60;
 const PENDING_MS = 300;
 const AWAY = new Set(["offline", "refused"]);
+const TOOLS = [
+  ["erase", "Take back", "Painting takes your labels back"],
+  ["confirm", "Confirm", "Painting accepts single suggestions; Alt+click does at any time"],
+];
+const actions = () => [
+  ["acceptNext", "Accept and next",
+    "Accept the sure suggestions; go to the next frame that is not done"],
+  ["rest", `Rest is ${clearClass()}`, "Label all patches that have no label, but for obstacles"],
+  ["copy", "Same as previous frame", "Suggest the labels of the frame before, to be accepted"],
+  ["unlabelled", "Next unlabelled", "Go to the next frame without a label of yours"],
+  ["uncertain", "Next unsure", "Go where the model is least sure and has seen least"],
+  ["note", "Note", "Write a note on the patch at the cursor, or on the frame"],
+];
+const TOGGLES = [
+  ["raw", "Raw", "The picture as the camera gave it"],
+  ["blink", "Blink", "Compare with the frame before"],
+  ["grid", "Grid", "Lines between the patches"],
+  ["outlines", "Labels", "Labels and suggestions on the picture"],
+];
 
 /** What is on the page while the view is shown; null otherwise. */
 let page = null;
@@ -49,18 +71,23 @@ function build(root) {
     class: "timeline",
     tabindex: 0, role: "slider", "aria-label": "Frame of the mission",
   });
-  const tools = buildTools(commands, keyForCommand);
-  const bar = buildBar(commands, keyForCommand);
+  const tools = buildToolbar(commands, keyForCommand, TOOLS, actions());
+  const bar = buildBar(commands, keyForCommand, status);
+  const command = commandButtons(commands, keyForCommand);
+  const toggles = TOGGLES.map(([name, text, does]) => command(text, name, does));
+  const drawer = buildDrawer(el("div", { class: "toggles" }, ...toggles), bar.legend);
   root.replaceChildren(
     el("div", { class: "frame-view" },
       tools.root,
-      el("div", { class: "stage" }, status, element),
+      el("div", { class: "stage" }, element),
+      drawer.root,
       bar.root,
       strip,
     ),
   );
   const canvas = new FrameCanvas(element);
-  page = { canvas, element, status, tools, bar, hovered: -1, timers: {} };
+  page = { canvas, element, status, tools, toggles, drawer, bar, hovered: -1, timers: {} };
+  page.root = root;
   page.show = new FrameShow(canvas, showAll);
   page.timeline = new Timeline(strip, goTo);
   page.pointer = listenToPointer(canvas, pointerHost);
@@ -231,18 +258,44 @@ function showStatus() {
 function showTools() {
   const { camera, frame, raw, showsBefore, blinking } = page.show;
   const proposed = page.hints.filter(Boolean);
-  page.tools.show(tool, {
-    proposed: proposed.length,
-    confident: proposed.filter((hint) => hint.strong).length,
-    fault: suggestionFault(camera, frame),
-  });
+  const strong = proposed.filter((hint) => hint.strong).length;
+  page.tools.show(tool === "paint" ? selectedClass() : tool);
+  const counted = `${strong} of ${proposed.length} suggested patches sure`;
+  const nothing = "Nothing is suggested here.";
+  page.drawer.show(suggestionFault(camera, frame) || (proposed.length ? counted : nothing));
   page.bar.show(camera, frame);
-  showSettings(page.tools.root, {
+  const on = {
     raw,
     blink: Boolean(blinking || showsBefore),
     grid: setting("grid"),
     outlines: setting("outlines"),
-  });
+  };
+  for (const made of page.toggles) {
+    setAttribute(made, "aria-pressed", String(on[made.dataset.command]));
+  }
+  const cannot = cannotDo(strong);
+  for (const made of page.root.querySelectorAll("[data-command]")) {
+    if (made.dataset.command in cannot) allow(made, cannot[made.dataset.command]);
+  }
+}
+
+/** Why commands would do nothing here; "" for those that would. */
+function cannotDo(strong) {
+  const { camera, frame, before, fault } = page.show;
+  const labels = page.canvas.content.labels;
+  const none = (states) => nextIn(camera, frame, states) === null;
+  const no = (holds, why) => (holds ? why : "");
+  const lost = no(fault, "There is no picture to label here.");
+  return {
+    acceptNext: lost || no(labels && !strong, "Nothing sure is suggested here."),
+    rest: lost || no(labels && !restOf(camera, frame).cells.length, "No patch is left for it."),
+    copy: lost || no(before === null, "This is the first frame."),
+    blink: no(before === null, "This is the first frame."),
+    previous: no(stepFrom(camera, frame, -1) === null, "No frame before (of this filter)."),
+    next: no(stepFrom(camera, frame, 1) === null, "No further frame (of this filter)."),
+    unlabelled: no(!blind() && none("us"), "There is no other frame without a label of yours."),
+    uncertain: no(!mission.model, "There is no model to ask."),
+  };
 }
 
 function showChanged(what) {
@@ -423,10 +476,6 @@ const commands = {
   grid: () => toggle("grid"),
   outlines: () => toggle("outlines"),
   suggestions: () => toggle("suggestions"),
-  less: () => changeSetting("enhance", -10, 100),
-  more: () => changeSetting("enhance", 10, 100),
-  unsurer: () => changeSetting("confidence", -0.1, 3),
-  surer: () => changeSetting("confidence", 0.1, 3),
   zoomIn: () => zoom(1.25),
   zoomOut: () => zoom(0.8),
   fit: () => {

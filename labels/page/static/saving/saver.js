@@ -265,6 +265,16 @@ export function redo() {
   return step("redo");
 }
 
+/**
+ * What undo and redo would act on.
+ * @returns {[?Object, ?Object]} Heads as `undo` gives them, null where there is nothing; {} where
+ *   only the server knows, which is told of an action now.
+ */
+export function nextSteps() {
+  const rest = waiting().length ? {} : null;
+  return [undoable.at(-1) ?? rest, redoable.at(-1) ?? null];
+}
+
 let steps = Promise.resolve();
 
 // One after the other: what the second of two quick presses acts on depends on the first.
