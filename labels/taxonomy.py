@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -12,8 +13,11 @@ from typing import Any
 
 from tokt.features.common.errors import ToktError
 
-FORMAT = 1
-"""Format of taxonomy files. Raise it when an older `tokt` would misread a newer file."""
+FORMAT = 2
+"""Format of taxonomy files. Raise it when an older `tokt` would misread a newer file.
+
+Parents and names with blanks are of format 2; without them 1 is written, which older ones read.
+"""
 
 FILE_NAME = "taxonomy.toml"
 
@@ -21,7 +25,7 @@ UNSURE = "unsure"
 """A person looked at the patch and could not decide: never trained or scored on, never a class."""
 UNSURE_KEY = "u"
 
-_NAME = re.compile(r"[^\W\d_][\w-]*")
+_NAME = re.compile(r"[^\W\d_][\w-]*(?: [\w-]+)*")
 _COLOR = re.compile(r"#[0-9a-fA-F]{6}")
 
 
@@ -49,6 +53,8 @@ class LabelClass:
         The one character that chooses it on the labelling page.
     description : str
         What a person should look for.
+    parent : str
+        The class, or the name of the group, that it is a kind of; empty for none.
     """
 
     name: str
@@ -56,6 +62,7 @@ class LabelClass:
     color: str
     key: str
     description: str = ""
+    parent: str = ""
 
 
 @dataclass(frozen=True)
@@ -65,7 +72,8 @@ class Taxonomy:
     Raises
     ------
     ToktError
-        If two classes share a name or a key, or no class (or every class) is an obstacle.
+        If two classes share a name or a key, or no class (or every class) is an obstacle; if a
+        class is its own ancestor, or is clear while its parent is an obstacle.
     """
 
     classes: tuple[LabelClass, ...]
@@ -80,6 +88,16 @@ class Taxonomy:
                     raise ToktError(f"two classes {what} {value!r}")
         if len({known.obstacle for known in self.classes}) != 2:
             raise ToktError("there must be a class with obstacle = true and one with false")
+        by_name = {known.name: known for known in self.classes}
+        for known in self.classes:
+            above, met = by_name.get(known.parent), {known.name}
+            if above and above.obstacle and not known.obstacle:
+                raise ToktError(f"class {known.name!r} is clear, its parent {above.name!r} is not")
+            while above:
+                if above.name in met:
+                    raise ToktError(f"class {known.name!r} is among its own parents")
+                met.add(above.name)
+                above = by_name.get(above.parent)
 
     @classmethod
     def load(cls, path: Path | None = None) -> Taxonomy:
@@ -117,7 +135,24 @@ class Taxonomy:
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form, as dataset versions embed it."""
-        return {"format": FORMAT, "classes": [asdict(known) for known in self.classes]}
+        plain = all(not known.parent and " " not in known.name for known in self.classes)
+        tables = [asdict(known) for known in self.classes]
+        for table in tables:
+            if not table["parent"]:
+                del table["parent"]
+        return {"format": 1 if plain else FORMAT, "classes": tables}
+
+    def to_toml(self) -> str:
+        """The text of a taxonomy file."""
+        value = self.to_json()
+        parts = [f"format = {value['format']}\n"]
+        for table in value["classes"]:
+            # TOML's strings are JSON's, which leaves one sign as it is that TOML does not.
+            told = [
+                f"{key} = {json.dumps(said, ensure_ascii=False)}" for key, said in table.items()
+            ]
+            parts.append("\n".join(["[[classes]]", *told, ""]).replace("\x7f", "\\u007f"))
+        return "\n".join(parts)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -166,7 +201,7 @@ def _parse(value: Any) -> Taxonomy:
         raise ToktError("not a table of format and classes")
     version = value.get("format")
     if type(version) is not int or version < 1:
-        raise ToktError(f'the first line must be "format = {FORMAT}"')
+        raise ToktError('the first line must be "format = 1"')
     if version > FORMAT:
         raise ToktError(f"format {version} is newer than this tokt reads ({FORMAT}); update tokt")
     unknown = sorted(set(value) - {"format", "classes"})
@@ -184,7 +219,7 @@ def _parse_class(table: Any, number: int) -> LabelClass:
     where = f"class {table.get('name', number)!r}"
     for field in fields(LabelClass):
         kind, text = (bool, "true or false") if field.name == "obstacle" else (str, "text")
-        if field.name not in table and field.name != "description":
+        if field.name not in table and field.name not in ("description", "parent"):
             raise ToktError(f"{where} has no {field.name}")
         if not isinstance(table.get(field.name, ""), kind):
             raise ToktError(f"{where}: {field.name} must be {text}")
@@ -200,7 +235,9 @@ def _check_class(known: LabelClass, where: str) -> None:
     if known.name == UNSURE:
         raise ToktError(f"{UNSURE!r} cannot be a class: it marks what a person could not decide")
     if not _NAME.fullmatch(known.name):
-        raise ToktError(f"{where}: a name is a letter, then letters, digits, _ or -")
+        raise ToktError(f"{where}: a name is a letter, then letters, digits, single blanks, _ or -")
+    if known.parent and (known.parent == UNSURE or not _NAME.fullmatch(known.parent)):
+        raise ToktError(f"{where}: parent {known.parent!r} is no name of a class or a group")
     if not _COLOR.fullmatch(known.color):
         raise ToktError(f"{where}: color {known.color!r} is not of the form #rrggbb")
     if len(known.key) != 1 or not known.key.isprintable() or known.key == " ":

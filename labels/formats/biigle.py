@@ -74,7 +74,6 @@ def read_biigle(path: Path, options: ReadOptions) -> ImportResult:
     """Read a report, or refuse it with its first mistake and that line's number.
 
     A class is mapped by its name or its hierarchy, or by that of a label above it.
-
     ToktError where the file is no such CSV, or `boxes_to_labels` refuses its shapes.
     """
     found: list[FoundBox] = []
@@ -110,10 +109,8 @@ def read_biigle(path: Path, options: ReadOptions) -> ImportResult:
 
 def _class(row: dict[str, str], options: ReadOptions) -> str:
     """What --map has, the nearest first; else the name where that is a class, else all of it."""
-    name, parts = (
-        row["label_name"],
-        (row.get("label_hierarchy") or row["label_name"]).split(_BETWEEN),
-    )
+    name = row["label_name"]
+    parts = (row.get("label_hierarchy") or name).split(_BETWEEN)
     above = [_BETWEEN.join(parts[:n]) for n in range(len(parts), 0, -1)]
     ours = (*options.taxonomy.names, UNSURE)
     known = (label for label in (above[0], name, *above[1:]) if label in options.classes)

@@ -68,7 +68,6 @@ def read_coralnet(path: Path, options: ReadOptions) -> ImportResult:
     """Read a file, or refuse it with its first mistake and that line's number.
 
     What CoralNet's robot said becomes a suggestion, also where CoralNet accepted it by itself.
-
     ToktError where the file is no such CSV, or `boxes_to_labels` refuses its points.
     """
     points: list[FoundBox] = []

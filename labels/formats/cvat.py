@@ -115,7 +115,6 @@ def read_cvat(path: Path, options: ReadOptions) -> ImportResult:
     """Read a file, or refuse it with its first mistake.
 
     Boxes, polygons and points count. Those that CVAT found by itself become suggestions.
-
     ToktError where the file is no such XML, or `boxes_to_labels` refuses its shapes.
     """
     text, who = read_utf8(path), options.who(path)

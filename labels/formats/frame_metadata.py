@@ -28,28 +28,14 @@ _DEEPEST = 50  # brackets within brackets; iFDO needs ten
 
 @dataclass(frozen=True)
 class FrameMetadata:
-    """What is known of one frame; None what is not.
+    """What is known of one frame; None what is not."""
 
-    Parameters
-    ----------
-    time : str, optional
-        UTC, as label records write it.
-    latitude, longitude : float, optional
-        Degrees.
-    depth_m : float, optional
-        Metres below the surface; negative above it.
-    above_ground_m : float, optional
-        Metres from the camera to the ground.
-    heading_deg : float, optional
-        The camera's yaw in degrees: 0 is north, 90 east.
-    """
-
-    time: str | None
-    latitude: float | None
-    longitude: float | None
-    depth_m: float | None
+    time: str | None  # UTC, as label records write it
+    latitude: float | None  # degrees
+    longitude: float | None  # degrees
+    depth_m: float | None  # below the surface; negative above it
     above_ground_m: float | None
-    heading_deg: float | None
+    heading_deg: float | None  # the camera's yaw: 0 is north, 90 east
 
 
 def ifdo_of(mission: Path) -> Path | None:

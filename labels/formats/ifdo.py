@@ -110,9 +110,8 @@ def read_ifdo_labels(path: Path, options: ReadOptions) -> ImportResult:
     with naming(path):
         labels, creators = (_names(document[HEADER], field) for field in (_LABELS, _CREATORS))
         for name, item in document[ITEMS].items():
-            said = of_kind(
-                first_entry(item).get(_ANNOTATIONS) or [], list, f"{name!r:.100}: annotations"
-            )
+            what = f"{name!r:.100}: {_ANNOTATIONS}"
+            said = of_kind(first_entry(item).get(_ANNOTATIONS) or [], list, what)
             for n, value in enumerate(said, 1):
                 where = f"{name!r:.100} annotation {n}"
                 annotation = of_kind(value, dict, where)

@@ -13,7 +13,6 @@ https://viame.readthedocs.io/en/latest/sections/detection_file_conversions.html
 """
 
 import csv
-import io
 import json
 import re
 from collections import Counter
@@ -28,7 +27,7 @@ from .box_attributes import size_of, to_attributes, whole
 from .boxes import Box
 from .labels_and_boxes import FoundBox, FrameLabels, boxes_to_labels, labels_to_boxes
 from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, label_of
-from .text_file import finite, naming, read_utf8, save_text
+from .text_file import csv_rows, finite, naming, read_utf8, save_table
 
 TITLE = "VIAME CSV"
 
@@ -70,18 +69,12 @@ def write_viame_csv(
             f"labels of cameras {', '.join(cameras)}: {TITLE} holds one; choose it by --camera"
         )
     frames, lost = labels_to_boxes(chosen, options, TITLE)
-    out = io.StringIO(newline="")
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(_HEADER)
-    writer.writerow(["# metadata", 'exported_by: "tokt"'])
-    written = 0
+    rows: list[list[Any]] = []
     for frame in frames:
         position = options.images.position(frame.key) if options.images else 0
-        for row in _rows(frame, position):
-            writer.writerow([written, *row])
-            written += 1
-    save_text(path, out.getvalue())
-    return ExportResult(written, lost)
+        rows += ([n, *row] for n, row in enumerate(_rows(frame, position), len(rows)))
+    save_table(path, [_HEADER, ["# metadata", 'exported_by: "tokt"'], *rows])
+    return ExportResult(len(rows), lost)
 
 
 def _rows(frame: FrameLabels, position: int) -> Iterator[list[Any]]:
@@ -107,7 +100,7 @@ def read_viame_csv(path: Path, options: ReadOptions) -> ImportResult:
     ToktError
         If the file is no VIAME CSV, or `boxes_to_labels` refuses its boxes.
     """
-    reader = csv.reader(io.StringIO(read_utf8(path), newline=""), strict=True)
+    reader = csv_rows(read_utf8(path))
     boxes: list[FoundBox] = []
     remarks: Remarks = Counter()
     try:

@@ -34,7 +34,7 @@ _TABLES = (
         time TEXT NOT NULL,
         source TEXT NOT NULL CHECK (source IN ('human', 'model', 'settled')),
         model_version TEXT,
-        blind INTEGER NOT NULL,
+        blind INTEGER NOT NULL DEFAULT FALSE,
         action INTEGER REFERENCES actions (id)
     )""",
     # Each history (annotator, mission, grid) has two stacks, undo and redo, kept as linked lists

@@ -1,7 +1,9 @@
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tests.calls import refuses
-from tokt.labels.taxonomy import UNSURE, Taxonomy, load_taxonomy
+from tokt.labels.taxonomy import UNSURE, LabelClass, Taxonomy, load_taxonomy
 
 OCEAN = '[[classes]]\nname = "ocean"\nobstacle = false\ncolor = "#0000ff"\nkey = "1"\n'
 WRECK = '[[classes]]\nname = "wreck"\nobstacle = true\ncolor = "#ff0000"\nkey = "2"\n'
@@ -52,7 +54,7 @@ def test_workspace_file_adds_a_class_and_a_given_file_wins(tmp_path):
     [
         ("format = 1", "no .*classes"),
         (OCEAN, "format = 1"),
-        (f"format = 2\n{OCEAN}{WRECK}", "format 2 is newer"),
+        (f"format = 3\n{OCEAN}{WRECK}", "format 3 is newer"),
         (f"format = true\n{OCEAN}{WRECK}", "format = 1"),
         (f"format = 1\ncolour = 2\n{OCEAN}{WRECK}", "unknown field 'colour'"),
         (f"format = 1\nclasses = [3]\n{OCEAN[:0]}", "class 1 is not a table"),
@@ -61,7 +63,7 @@ def test_workspace_file_adds_a_class_and_a_given_file_wins(tmp_path):
         (f"format = 1\n{OCEAN}{WRECK.replace('2', '1')}", "two classes have the key '1'"),
         (f"format = 1\n{OCEAN}{WRECK.replace('#ff0000', 'red')}", "'wreck': color 'red'"),
         (f"format = 1\n{OCEAN}{WRECK.replace('wreck', 'unsure')}", "'unsure' cannot be"),
-        (f"format = 1\n{OCEAN}{WRECK.replace('wreck', 'a wreck')}", "a name is"),
+        (f"format = 1\n{OCEAN}{WRECK.replace('wreck', 'a  wreck')}", "a name is"),
         (f"format = 1\n{OCEAN}{WRECK.replace('wreck', '')}", "a name is"),
         (f"format = 1\n{OCEAN}{WRECK.replace('true', '1')}", "obstacle must be true or false"),
         (f"format = 1\n{OCEAN}{WRECK.replace('obstacle', 'obstacles')}", "has no obstacle"),
@@ -86,3 +88,40 @@ def test_missing_or_binary_file_is_a_user_error(tmp_path):
 def test_toml_that_python_s_reader_gives_up_on(tmp_path, value):
     (tmp_path / "t.toml").write_text(f"format = {value}\n")
     refuses(r"taxonomy .*t\.toml: ", Taxonomy.load, tmp_path / "t.toml")
+
+
+def test_a_file_of_yesterday_is_read_and_written_as_it_was(tmp_path):
+    taxonomy = load_taxonomy(_write(tmp_path, f"format = 1\n{OCEAN}{WRECK}").parent)
+    assert {known.parent for known in taxonomy.classes} == {""}
+    assert taxonomy.to_json()["format"] == 1 and "parent" not in taxonomy.to_json()["classes"][0]
+    assert taxonomy.to_toml().startswith("format = 1\n")
+
+
+def test_a_tree_of_classes(tmp_path):
+    coral = OCEAN.replace("false", "true").replace("1", "3").replace("ocean", "stony coral")
+    tree = f'format = 2\n{OCEAN}{WRECK}{coral}parent = "wreck"\n'
+    taxonomy = load_taxonomy(_write(tmp_path, tree).parent)
+    assert taxonomy.classes[2].parent == "wreck" and taxonomy.to_json()["format"] == 2
+    for wrong, said in (
+        (tree.replace("wreck", "stony coral", 1), "two classes are named"),
+        (tree.replace(WRECK, f'{WRECK}parent = "stony coral"\n'), "among its own parents"),
+        (tree.replace("true", "false").replace("false", "true", 2), "is clear, its parent"),
+        (tree.replace('parent = "wreck"', 'parent = "unsure"'), "is no name of a class or a group"),
+        (tree.replace('parent = "wreck"', 'parent = "stony coral"'), "among its own parents"),
+        (tree.replace("stony coral", "stony  coral"), "single blanks"),
+    ):
+        refuses(said, Taxonomy.load, _write(tmp_path, wrong))
+
+
+texts = st.text(st.characters(exclude_categories=["Cs"]), max_size=20)
+
+
+@given(texts, st.sampled_from(["", "wreck", "benthos", "sea floor"]))
+def test_what_is_written_is_read_back(tmp_path_factory, description, parent):
+    known = Taxonomy.load().classes
+    wreck = LabelClass("wreck", True, "#123abc", '"', description, "")
+    other = LabelClass("old wreck", True, "#123abc", "\\", description, parent)
+    taxonomy = Taxonomy((*known, wreck, other))
+    path = tmp_path_factory.getbasetemp() / "written.toml"
+    path.write_bytes(taxonomy.to_toml().encode())
+    assert Taxonomy.load(path) == taxonomy == Taxonomy.from_json(taxonomy.to_json())

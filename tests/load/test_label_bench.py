@@ -9,7 +9,6 @@ import cv2
 import pytest
 
 from tests.load.effort.effort import LabellingEffort
-from tests.load.effort.session import Workflow
 from tests.load.page.bench import label_report
 from tests.load.page.chart import label_chart_png
 from tests.load.page.mission import label_all, link_frames
@@ -32,7 +31,6 @@ ABOUT = {
     "browser": "Chromium",
     "mission": "dive",
     "frames": 30,
-    "halves": [],
 }
 
 
@@ -64,25 +62,26 @@ def test_a_time_is_held_against_what_is_asked():
     assert Timing("x", "", times).holds is None
 
 
-def an_effort(with_model: int, wrong: list[str]) -> LabellingEffort:
-    way = Workflow("clicks", "a click a patch", True, False, unsure=False, asked=5.0)
-    return LabellingEffort(way, [60, 40], [with_model, 10], wrong)
+def an_effort(with_model: int, **more) -> LabellingEffort:
+    return LabellingEffort(
+        "dive 1-18", 18, **{"unsure": False, "without": 60, **more}, with_model=with_model
+    )
 
 
-def test_the_effort_is_added_up_over_the_halves():
-    assert an_effort(10, []).ratio == 5 and an_effort(10, []).holds
-    assert an_effort(11, []).holds is False
-    assert not an_effort(10, ["frame 1 patch 2: ocean instead of reef"]).to_json()["labels_equal"]
+def test_the_effort_is_held_against_what_is_asked():
+    assert an_effort(30).asked == 30 and an_effort(30).holds
+    assert an_effort(31).holds is False and an_effort(30, against=1).holds is False
+    assert an_effort(90, unsure=True).holds is None
 
 
 def test_tables_and_chart_say_what_is_not_kept(capsys):
     times = [Timing("slow", "from here to there", [200.0, 300.0], 100.0)]
-    efforts = [an_effort(30, ["frame 1 patch 2: ocean instead of reef"])]
+    efforts = [an_effort(31, wrong=["frame 1 patch 2: ocean instead of reef"])]
     found = {"times": [times[0].to_json()], "effort": [efforts[0].to_json()], **ABOUT}
     print_report(label_report(found))
     shown = capsys.readouterr().out
     assert "p95 100" in shown and shown.count(" NO ") == 3
-    assert "2.5x" in shown and "60 + 40" in shown and "ocean instead of reef" in shown
+    assert "60" in shown and "31" in shown and "ocean instead of reef" in shown
     chart = label_chart_png(times, efforts, ABOUT)
     assert chart.startswith(b"\x89PNG") and len(label_chart_png(times, [], ABOUT)) < len(chart)
 

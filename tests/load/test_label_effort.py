@@ -6,16 +6,20 @@ from hypothesis import given
 from hypothesis.extra import numpy as npst
 from scipy import ndimage
 
-from tests.load.effort.effort import WAYS, label_on_page, wrong_labels
-from tests.load.effort.halves import labels_by_frame, most_frequent_obstacle, target_of, two_halves
+from tests.load.effort.effort import effort_of, wrong_labels
 from tests.load.effort.session import FREE, drags
-from tests.load.page.mission import copy_frames
-from tokt.features.common.errors import ToktError
+from tests.load.effort.stretches import (
+    Stretch,
+    labels_by_frame,
+    most_frequent_obstacle,
+    stretches_of,
+    target_of,
+)
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import open_mission
 from tokt.labels.store.store import FILE_NAME, LabelStore
 from tokt.labels.taxonomy import UNSURE, Taxonomy
-from tokt.training.datasets.mission_source import read_labels
+from tokt.training.datasets.mission_source import LabelledMission, read_labels
 
 COLS = DEFAULT_GRID.cols
 MASKS = npst.arrays(bool, (DEFAULT_GRID.rows, COLS))
@@ -34,49 +38,40 @@ def test_drags_paint_what_they_must_and_nothing_they_may_not(need, also):
     assert len(paths) == len(np.unique(areas[need]))
 
 
-@pytest.mark.parametrize(
-    "numbers", [range(1, 247), range(1, 41), [*range(1, 100), *range(132, 247)]]
-)
-def test_halves_are_whole_blocks_with_a_gap(numbers):
-    first, second = two_halves(list(numbers))
-    assert sorted(first.held + second.held) == list(numbers)
-    for half in (first, second):
-        apart = [min(abs(a - b) for b in half.held) for a in half.learnt]
-        assert min(apart) == half.gap + 1
-        assert len({number // half.block for number in half.learnt}) >= 5
-
-
 @pytest.fixture(scope="module")
 def records(tiny):
     """The tiny mission's labels."""
     return read_labels([tiny.labels], Taxonomy.load(), DEFAULT_GRID)
 
 
-def test_a_mission_of_water_only_has_nothing_to_suggest(records):
+@pytest.fixture(scope="module")
+def dive(tiny, records):
+    """The tiny mission with its labels."""
+    return LabelledMission(open_mission(tiny.path), records)
+
+
+def test_the_most_frequent_obstacle_is_what_a_model_means(records):
     assert most_frequent_obstacle(labels_by_frame(records)) == "subsea_installation"
-    water = [record for record in records if record.label == "ocean"]
-    with pytest.raises(ToktError, match="no patch is labelled as an obstacle"):
-        most_frequent_obstacle(labels_by_frame(water))
+
+
+def test_stretches_are_frames_in_a_row(dive, records):
+    assert [one.held for one in stretches_of(dive)] == [[*range(1, 37)], [*range(37, 41)]]
+    gap = [record for record in records if not 9 < record.frame < 36]
+    rows = stretches_of(LabelledMission(dive.mission, gap), most=6)
+    assert [one.held for one in rows] == [[*range(1, 7)], [7, 8, 9], [*range(36, 41)]]
 
 
 HELD = [8, 9, 20]
 
 
-@pytest.mark.parametrize(
-    ("way", "suggested", "most"),
-    [("clicks", False, 27), ("frames", True, 9), ("drags_unsure", False, 10), ("drags", True, 6)],
-)
+@pytest.mark.parametrize(("unsure", "without", "with_model"), [(True, 10, 12), (False, 8, 6)])
 def test_few_actions_in_the_browser_give_the_labels(
-    way, suggested, most, browser, tiny, tiny_bundle, records, tmp_path
+    unsure, without, with_model, browser, dive, tiny_bundle
 ):
-    workflow = next(each for each in WAYS if each.name == way)
-    target = target_of(labels_by_frame(records), HELD, workflow.unsure)
-    copy_frames(open_mission(tiny.path), HELD, tmp_path / "held")
-    model = tiny_bundle if suggested else None
-    places, who = (tmp_path / "held", tmp_path / "ws"), (workflow, model, "subsea_installation")
+    effort = effort_of(Stretch(dive, HELD), tiny_bundle, unsure, browser)
+    assert effort.wrong == [] and effort.against == 0
     # As many as the best of all plans had, when one was looked for beforehand.
-    assert len(HELD) < label_on_page(browser, *places, target, *who) <= most
-    assert wrong_labels(tmp_path / "ws", target) == []
+    assert len(HELD) < effort.without <= without and 1 < effort.with_model <= with_model
 
 
 def test_a_wrong_label_in_the_store_is_told(records, tmp_path):

@@ -105,11 +105,13 @@ assert {LEFT, RIGHT} == {"left", "right"}
 assert {HUMAN, SETTLED} == {"human", "settled"}
 
 
-class _Body(BaseModel):
+class Body(BaseModel):
+    """JSON that a page sent, with no more and no less than is named."""
+
     model_config = ConfigDict(strict=True, extra="forbid")
 
 
-class ChangeBody(_Body):
+class ChangeBody(Body):
     """Patches of one frame that get one label."""
 
     camera: Camera
@@ -126,7 +128,7 @@ class ChangeBody(_Body):
         return self
 
 
-class _Write(_Body):
+class _Write(Body):
     """What an action and an undo have in common.
 
     A page that replays what it kept names the mission and the grid it was made for: the server on
@@ -156,7 +158,7 @@ class StepBody(_Write):
     target: Name | None = None
 
 
-class SeenBody(_Body):
+class SeenBody(Body):
     """A person opened a frame."""
 
     who: Name
@@ -164,7 +166,7 @@ class SeenBody(_Body):
     frame: FrameNumber
 
 
-class NoteBody(_Body):
+class NoteBody(Body):
     """What a person writes about a patch, or without a cell about the frame; "" takes it back."""
 
     who: Name
@@ -174,14 +176,14 @@ class NoteBody(_Body):
     text: Annotated[str, Field(max_length=MAX_NOTE)]
 
 
-class BlindBody(_Body):
+class BlindBody(Body):
     """A person labels blind from now on, or no longer does."""
 
     who: Name
     blind: bool
 
 
-class SettingBody(_Body):
+class SettingBody(Body):
     """A setting of the mission, for everybody: ``obstacle_as``, a model's "obstacle" in words."""
 
     who: Name
@@ -199,7 +201,7 @@ SessionOf = Annotated[Session, Depends(_session)]
 Who = Annotated[str, Query(min_length=1, max_length=MAX_NAME)]
 
 
-def _blind(session: SessionOf, who: Who | None = None) -> bool:
+async def _blind(session: SessionOf, who: Who | None = None) -> bool:
     return (who or session.annotator) in session.blind
 
 

@@ -9,6 +9,7 @@ from starlette.responses import Response
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import format_frames
 from tokt.labels.formats.images import FrameKey
+from tokt.labels.formats.formats import FORMATS
 from tokt.labels.page.state.board import FrameName
 from tokt.labels.page.state.session import Session
 from tokt.labels.page.suggestions.queue import next_frames
@@ -53,12 +54,15 @@ def get_mission(session: SessionOf, blind: Blind, who: Who | None = None) -> Res
             "annotators": [who] if blind else sorted({*board.annotators, who}),
             "model": None if blind else session.model_state(),
             "fault": session.fault,
+            "setup": session.setup,
             "event": board.event,
             "states": board.states(who, blind),
             "counts": board.counts(who),
             "undo": session.undo_heads(who),
             "other_grids": session.other_grids,
             "settings": session.settings,
+            "job": session.status()["job"],
+            "formats": {name: kind.title for name, kind in FORMATS.items()},
         }
     )
 

@@ -253,7 +253,8 @@ class Board:
         self._position = {name: n for n, name in enumerate(every)}
         self._labels = Numbering[str | None]((None, *taxonomy.names, UNSURE))
         self._unsure = self._labels[UNSURE]
-        self._usual = frozenset(self._labels)
+        self._usual: tuple[str, ...] = (*taxonomy.names, UNSURE)
+        self._gone: set[str] = set()
         self._notes = Numbering[str | None]((None,))
         self._said: dict[str, LabelArray] = {}
         self._nothing_said = LabelArray(len(every), grid.n_patches)
@@ -303,7 +304,14 @@ class Board:
     def names(self) -> list[str]:
         """Labels in order: the taxonomy's classes, ``unsure``, then others found in the store."""
         with self._lock:
-            return [name for name in self._labels.words if name is not None]
+            shown = {*self._usual, *self._gone, None}
+            return [*self._usual, *(str(name) for name in self._labels.words if name not in shown)]
+
+    def use_classes(self, names: Iterable[str]) -> None:
+        """Let other classes come first among `names`; one that went has no labels."""
+        with self._lock:
+            before, self._usual = self._usual, (*names, UNSURE)
+            self._gone = {*self._gone, *before} - {*self._usual}
 
     @property
     def annotators(self) -> list[str]:

@@ -1,6 +1,7 @@
 """The session of one running server: opened; the mission, its labels, what follows from them."""
 
 import hashlib
+import json
 import shutil
 import threading
 from dataclasses import dataclass, field
@@ -24,6 +25,7 @@ from tokt.models.bundle.bundle import Bundle
 
 from .audits import Audits
 from .board import Board, FrameName
+from .jobs import Jobs
 from .live import Broadcaster
 from .pictures import PatchPictures
 from .review_sheet import ReviewSheet
@@ -60,6 +62,8 @@ class Session:
     blind : frozenset of str
         Who labels this mission blind: these hear nothing of what others or the model said,
         whatever browser they use. The store knows it, and no page is asked.
+    taxonomy_file : Path or None
+        Where the classes come from, if not from the workspace.
     """
 
     mission: Mission
@@ -75,6 +79,10 @@ class Session:
     fault: str = ""
     settings: dict[str, str] = field(default_factory=dict)
     blind: frozenset[str] = frozenset()
+    taxonomy_file: Path | None = None
+    changing: threading.Lock = field(default_factory=threading.Lock)
+    """Held by who changes the classes."""
+    jobs: Jobs = field(default_factory=Jobs)
     _refreshing: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
@@ -123,8 +131,38 @@ class Session:
 
     def status(self) -> dict[str, Any]:
         """The server's own state; pages get it without the names of who is `blind`."""
-        state = {"fault": self.fault, "model": self.progress(), "settings": self.settings}
-        return {**state, "blind": self.blind}
+        job = self.jobs.last and self.jobs.last.to_json()
+        state = {"fault": self.fault, "model": self.progress(), "setup": self.setup, "job": job}
+        return {**state, "settings": self.settings, "blind": self.blind}
+
+    @property
+    def setup(self) -> str:
+        """Changes with the classes and the model: pages load the mission anew."""
+        model = self.suggester and self.suggester.bundle.sha256
+        text = json.dumps([self.taxonomy.to_json(), model])
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def use_taxonomy(self, taxonomy: Taxonomy) -> None:
+        """Put other classes in force, and tell all pages."""
+        self.board.use_classes(taxonomy.names)
+        self.taxonomy = taxonomy
+        self.live.publish_status(self.status())
+
+    def use_model(self, bundle: Bundle) -> None:
+        """Suggest what another model says, and tell all pages.
+
+        Raises
+        ------
+        ToktError
+            If the model looks at frames through another grid.
+        """
+        workspace = self.store.path.parent
+        fresh = Suggester(bundle, self.mission, self.grid, workspace / CACHE)
+        before, self.suggester = self.suggester, fresh
+        fresh.start()
+        self.live.publish_status(self.status())
+        if before is not None:
+            before.close()
 
     def progress(self) -> dict[str, int] | None:
         """How many frames the model has been asked about; None without a model."""
@@ -160,24 +198,12 @@ class Session:
             self.board.mark_seen(who, camera, frame)
 
     def set_setting(self, name: str, value: str, who: str) -> None:
-        """Set what holds for everybody in this mission, and tell all pages.
-
-        Raises
-        ------
-        ToktError
-            If the store cannot be written.
-        """
+        """Set what holds for everybody in this mission, and tell all pages."""
         self.store.set_setting(self.mission.name, name, value, who, utc_now())
         self._tell()
 
     def set_blind(self, who: str, *, blind: bool) -> None:
-        """Let `who` label blind from now on, or see again, and tell all pages.
-
-        Raises
-        ------
-        ToktError
-            If the store cannot be written.
-        """
+        """Let `who` label blind from now on, or see again, and tell all pages."""
         self.store.set_blind(self.mission.name, who, blind=blind, time=utc_now())
         self._tell()
 
@@ -203,6 +229,7 @@ class Session:
 
     def close(self) -> None:
         """End what is computed, and close the store."""
+        self.jobs.close()
         if self.suggester is not None:
             self.suggester.close()
         self.sheet.close()
@@ -292,6 +319,7 @@ def open_session(
         session.other_grids = len(set(store.grids(mission.name)) - {str(grid)})
         session.pictures_version = _pictures_version(mission, version)
         session.find_fault()
+        session.taxonomy_file = taxonomy
         if bundle is not None:
             session.suggester = Suggester(bundle, mission, grid, workspace / CACHE)
     except ToktError:

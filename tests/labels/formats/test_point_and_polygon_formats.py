@@ -11,11 +11,20 @@ from xml.etree import ElementTree
 import cv2
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
 from tests.calls import refuses
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
-from tokt.labels.formats.boxes import Box, Size, found_shape, patch_at, patches_in_outline
+from tokt.labels.formats.boxes import (
+    Box,
+    Size,
+    found_shape,
+    patch_at,
+    patches_in_box,
+    patches_in_outline,
+)
 from tokt.labels.formats.formats import FORMATS
 from tokt.labels.formats.images import MissionImages
 from tokt.labels.formats.options import ReadOptions, WriteOptions
@@ -55,6 +64,26 @@ def test_polygons_take_the_patches_they_cover_by_half():
     assert patches_in_outline(Grid(), SIZE, line) == []
     far = ((-1e300, -1e300), (1e300, -1e300), (1e300, 1e300), (-1e300, 1e300))
     assert len(patches_in_outline(Grid(), SIZE, far)) == 100
+
+
+@given(
+    st.sampled_from([Grid(), Grid(3, 4, 120)]),
+    st.tuples(st.integers(100, 1500), st.integers(200, 1500)),
+    st.tuples(*[st.floats(-0.5, 1.5)] * 4),
+)
+def test_a_box_given_as_a_polygon_takes_the_same_patches(grid, sides, corners):
+    size = Size(*sides)
+    height, width = grid.resized(*size)
+    assume(height // grid.rows >= 12)
+    x0, x1 = sorted(x * size.width for x in corners[:2])
+    y0, y1 = sorted(y * size.height for y in corners[2:])
+    polygon = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+    as_polygon = {(row, col) for row, col, _ in patches_in_outline(grid, size, polygon)}
+    # Counted in pixels: a patch of 12 pixels may err by one of them, in both directions.
+    grown, shrunk = 1.5 * size.width / width, -1.5 * size.width / width
+    for by, holds in ((grown, as_polygon.__le__), (shrunk, as_polygon.__ge__)):
+        box = Box(x0 - by, y0 - by, x1 + by, y1 + by)
+        assert holds({(row, col) for row, col, _ in patches_in_box(grid, size, box)})
 
 
 def test_shapes():

@@ -115,6 +115,15 @@ def test_a_box_that_was_moved_counts_where_it_is(tmp_path, reading, writing):
     assert read.lost == ["1 box moved since tokt wrote the file: read by its new place"]
 
 
+def test_what_excel_writes_where_the_comma_is_for_decimals(tmp_path, reading):
+    options = replace(reading, classes={"fish": "other"})
+    rows = ["0", "dive_L_3.png", "0", "0", "0", "37", "28", "1", "-1", "fish", "1"]
+    plain = read_viame_csv(put(tmp_path, ",".join(rows) + "\n", "a.csv"), options)
+    text = "\ufeff# 1: Detection or Track-id;2: Video;;;;;;;;;;\r\n" + ";".join(rows) + ";;\r\n"
+    read = read_viame_csv(put(tmp_path, text, "a.csv"), options)
+    assert [r.cell for r in read.records] == [r.cell for r in plain.records]
+
+
 @pytest.mark.parametrize(
     ("source", "by", "comes_back_as"),
     [

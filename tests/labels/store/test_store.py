@@ -320,6 +320,20 @@ def test_a_format_2_file_is_brought_up_to_date_with_all_that_is_in_it(tmp_path):
     _is_as_made_new(path)
 
 
+def test_a_server_of_an_older_tokt_that_runs_on_saves_into_the_newer_file(tmp_path):
+    path = _file_of(tmp_path, FORMAT_2)
+    with sqlite3.connect(path) as older:
+        LabelStore(path).close()
+        older.execute(
+            "INSERT INTO events (mission, camera, frame, grid, row, col, label, annotator, time,"
+            " source, model_version, action) VALUES"
+            f" ('dive', 'left', 1, '{GRID}', 0, 5, 'reef', 'ann', '{TIME}', 'human', NULL, NULL)"
+        )
+    older.close()
+    with LabelStore(path) as store:
+        assert store.current()[-1] == _record("reef", col=5)
+
+
 def _tables(store):
     """What the small tables say: who is blind, settings, notes in force by place and person."""
     notes = {

@@ -110,7 +110,7 @@ def label_on_page(browser, mission, workspace, target: Target, model, obstacle) 
     with label_server(mission, workspace, "--annotator", ANNOTATOR, *options) as url:
         tab = Tab(browser, url)
         tab.open(f"#/label/left/{next(iter(target))}")
-        if model is not None and obstacle is not None:
+        if model is not None:
             tab.page.evaluate(_SET_OBSTACLE, obstacle)
         session = LabelSession(tab, target, model is not None)
         session.run()

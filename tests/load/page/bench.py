@@ -9,20 +9,21 @@ from typing import Any
 
 from rich.table import Table
 
-from tests.load.effort.effort import WAYS, LabellingEffort, measure_effort
-from tests.load.effort.session import Workflow
+from tests.load.effort.effort import LabellingEffort, measure_effort
+from tests.load.effort.stretches import FRAMES
 from tests.load.program import label_server
 from tests.load.report import Found, Timing, machine_words, table, yes_or_no
+from tokt.cli.dataset import labelled_missions
 from tokt.cli.output import progress, say
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
 from tokt.features.frames.grid import DEFAULT_GRID
-from tokt.features.frames.mission import Mission, open_mission
-from tokt.labels.record import LabelRecord
+from tokt.features.frames.mission import open_mission
 from tokt.labels.store.store import FILE_NAME
 from tokt.labels.taxonomy import Taxonomy
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
-from tokt.training.datasets.mission_source import labels_of_mission, read_labels
+from tokt.training.datasets.mission_list import named_missions
+from tokt.training.datasets.mission_source import LabelledMission
 
 from .chart import label_chart_png
 from .mission import copy_frames, label_all, link_frames
@@ -42,13 +43,12 @@ class PageBenchSize:
     rendered: int  # frames of a mission that is rendered for the bench
     width: int  # of these, in pixels
     repeats: Repeats
-    held: int | None  # held-out frames of a half that are labelled; None for all
-    ways: tuple[Workflow, ...]
-    halves: int
+    held: int  # frames of a stretch that is labelled, by a model of all the rest
+    stretches: int | None  # of each dive; None for all
 
 
-FULL = PageBenchSize(10_000, 240, 1360, Repeats(7, 100, 40, 100, 20), None, WAYS, 2)
-QUICK = PageBenchSize(300, 60, 360, Repeats(1, 3, 2, 3, 1), 6, WAYS[:1], 1)
+FULL = PageBenchSize(10_000, 240, 1360, Repeats(7, 100, 40, 100, 20), FRAMES, None)
+QUICK = PageBenchSize(300, 60, 360, Repeats(1, 3, 2, 3, 1), 6, 1)
 
 
 def run_label_bench(
@@ -57,14 +57,14 @@ def run_label_bench(
     """Measure the labelling page: its waiting times, the effort of labelling, or both.
 
     Without a mission one is rendered and thrown away; the labels of a mission are in its folder's
-    ``labels.csv`` unless a file is given. Raises ToktError if these cannot be used, there is no
+    ``labels.csv`` unless a file is given. A list of missions is for the effort: each stretch is
+    labelled with a model of all the others. Raises ToktError if these cannot be used, there is no
     browser to measure with, or the page does not answer.
     """
     if labels is not None and mission is None:
         raise ToktError("--labels goes together with --mission")
     waited: list[Timing] = []
     efforts: list[LabellingEffort] = []
-    halves: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory(prefix="tokt-bench-") as name, chromium() as browser:
         folder = Path(name)
         if mission is None:
@@ -72,12 +72,13 @@ def run_label_bench(
             simulate_mission(
                 folder / "rendered", n_frames=extent.rendered, width=extent.width, progress=progress
             )
-        shown = open_mission(mission or folder / "rendered")
+        shown = mission or folder / "rendered"
         if effort:
-            measured = (extent.held, extent.ways, extent.halves)
-            efforts, halves = measure_effort(shown, _records(shown, labels), *measured, browser)
+            dives = _labelled(shown, labels, folder)
+            efforts = measure_effort(dives, extent.held, extent.stretches, browser)
         if times:
-            waited = _measure_times(shown, extent, folder, browser)
+            first = open_mission(named_missions(shown)[0].path)
+            waited = _measure_times(first, extent, folder, browser)
         browser_name = f"Chromium {browser.version}, headless, {WIDTH}x{HEIGHT}"
     found = {
         "times": [time.to_json() for time in waited],
@@ -87,7 +88,6 @@ def run_label_bench(
         "playwright": version("playwright"),
         "mission": "rendered" if mission is None else mission.resolve().name,
         "frames": extent.frames if times else None,
-        "halves": halves,
     }
     wrong = any(each.wrong for each in efforts)
     fault = "not every label came out as it was asked for" if wrong else ""
@@ -95,13 +95,14 @@ def run_label_bench(
     return Found("label", found, label_report(found), chart, fault)
 
 
-def _records(mission: Mission, labels: Path | None) -> list[LabelRecord]:
-    """The labels to reproduce. Raises ToktError if there are none."""
-    file = labels or mission.path / LABEL_FILE
-    if not file.is_file():
+def _labelled(mission: Path, labels: Path | None, workspace: Path) -> list[LabelledMission]:
+    """The missions with the labels to reproduce. Raises ToktError if there are none."""
+    file = labels or mission / LABEL_FILE
+    listed = labels is None and all(one.labels for one in named_missions(mission))
+    if not listed and not file.is_file():
         raise ToktError(f"no label file {file}: --effort has nothing to reproduce (see --labels)")
-    read = read_labels([file], Taxonomy.load(), DEFAULT_GRID)
-    return labels_of_mission(mission, read, DEFAULT_GRID, only=True)[0]
+    files = None if listed else [file]
+    return labelled_missions([mission], files, workspace, Taxonomy.load(), DEFAULT_GRID)
 
 
 def _measure_times(mission, extent, folder, browser) -> list[Timing]:
@@ -147,14 +148,9 @@ def label_report(found: Mapping[str, Any]) -> list[Table | str]:
     return [
         *([_table_of_times(times)] if times else []),
         *([_table_of_efforts(efforts)] if efforts else []),
-        *(
-            f"effort, half {place}: {half['model']} model of frames {half['trained_on']}, labelled "
-            f"{half['held_out']}; suggestions follow {half['keep']:g} (as the page is set)"
-            for place, half in enumerate(found["halves"], 1)
-        ),
         f"mission: {found['mission']}{frames}; {found['browser']}",
         machine_words(found),
-        *(f"{effort['name']}: {text}" for effort in efforts for text in effort["wrong"]),
+        *(f"{effort['stretch']}: {text}" for effort in efforts for text in effort["wrong"]),
     ]
 
 
@@ -174,16 +170,15 @@ def _table_of_times(times: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def _table_of_efforts(efforts: Sequence[Mapping[str, Any]]) -> Table:
-    headings = ("actions", "without", "with", "ratio", "asked", "kept", "labels equal", "")
+    headings = ("actions", "frames", "without", "with", "asked", "kept", "labels equal", "against")
     rows = [
         (
-            effort["name"],
-            *(" + ".join(map(str, effort[part])) for part in ("without", "with")),
-            f"{effort['ratio']:.1f}x",
-            "" if effort["asked"] is None else f"{effort['asked']:g}x",
+            f"{effort['stretch']}{', unsure too' if effort['unsure'] else ''}",
+            *(str(effort[part]) for part in ("frames", "without", "with_model")),
+            "" if effort["asked"] is None else f"{effort['asked']:.0f}",
             yes_or_no(effort["holds"]),
-            yes_or_no(effort["labels_equal"]),
-            effort["way"],
+            yes_or_no(not effort["wrong"]),
+            str(effort["against"]),
         )
         for effort in efforts
     ]

@@ -58,16 +58,18 @@ def _draw_times(axes: Any, times: Sequence[Timing], rows: Any) -> None:
 
 
 def _draw_efforts(axes: Any, efforts: Sequence[LabellingEffort], rows: Any) -> None:
-    """Two bars a way: actions without suggestions and with."""
-    without = [sum(each.without) for each in efforts]
-    with_model = [sum(each.with_model) for each in efforts]
+    """Two bars a stretch: actions without suggestions and with, and a mark for what is asked."""
+    without = [each.without for each in efforts]
+    with_model = [each.with_model for each in efforts]
+    asked = np.array([each.asked for each in efforts], float)  # nan where nothing is
     colors = [_MISSED if each.holds is False or each.wrong else _KEPT for each in efforts]
     axes.barh(rows - 0.2, without, 0.36, color=_WITHOUT)
     axes.barh(rows + 0.2, with_model, 0.36, color=colors)
-    ends = axes.barh(rows, np.fmax(without, with_model), alpha=0)
-    words = [f"{e.ratio:.1f}x fewer" + (", LABELS DIFFER" if e.wrong else "") for e in efforts]
+    axes.plot(asked, rows + 0.2, "D", color=_ASKED, ms=6)
+    ends = axes.barh(rows, np.fmax(np.fmax(without, with_model), asked), alpha=0)
+    words = [f"{e.with_model}" + (", LABELS DIFFER" if e.wrong else "") for e in efforts]
     axes.bar_label(ends, words, padding=8)
-    axes.set_xlim(0, 1.25 * max(*without, *with_model))
-    axes.set_xlabel("keys, clicks and drags (grey: without suggestions; colour: with)")
-    axes.set_yticks(rows, [each.way.words for each in efforts])
+    axes.set_xlim(0, 1.25 * max(*without, *with_model, np.nanmax(asked, initial=0)))
+    axes.set_xlabel("keys, clicks and drags (grey: without suggestions; diamond: asked)")
+    axes.set_yticks(rows, [e.stretch + (", unsure too" if e.unsure else "") for e in efforts])
     axes.set_title("labelling effort", loc="left", fontsize=10)

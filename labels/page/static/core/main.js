@@ -42,6 +42,7 @@ async function start() {
   addLaterView("sheet", "Review sheet", later("sheets/sheet"));
   addLaterView("audit", "", later("sheets/audit"));
   addLaterView("agreement", "Agreement", later("sheets/agreement"));
+  addLaterView("files", "Files and models", later("files/files"));
   startRouting(home());
   askObstacleClass();
   setTimeout(loadLaterViews, LOAD_LATER_MS);

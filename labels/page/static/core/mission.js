@@ -2,7 +2,7 @@
 // In all modules `camera` is a camera's name, `frame` a frame's number, `cell` a patch's number in
 // its frame, row by row from 0, and `label` a class's name.
 
-import { get, post } from "./api.js";
+import { get, onFailure, post } from "./api.js";
 import { signal } from "./dom.js";
 import { setSetting, setting, setWho, who } from "./settings.js";
 
@@ -72,9 +72,11 @@ function takeMission(answer) {
 /**
  * Take in what an acknowledgement or an event says of states, counts and faults.
  * @param {{event?: number, states?: Object, counts?: Object, fault?: string, model?: Object,
- *   settings?: Object}} news
+ *   settings?: Object, job?: Object}} news
  */
 export function takeNews(news) {
+  // Classes or the model were changed, here or elsewhere.
+  if (news.setup && news.setup !== mission.setup) loadMission().catch(onFailure());
   if (news.event > mission.event) mission.event = news.event;
   for (const [camera, frames_] of Object.entries(news.states ?? {})) {
     for (const [frame, state] of Object.entries(frames_)) setState(camera, Number(frame), state);
@@ -84,6 +86,7 @@ export function takeNews(news) {
   if (news.fault !== undefined) mission.fault = news.fault;
   if (news.model) mission.model = { ...mission.model, ...news.model };
   if (news.settings) mission.settings = news.settings;
+  if (news.job !== undefined) mission.job = news.job;
   if (news.fault !== undefined || news.model || news.settings) changed("status");
 }
 
@@ -112,8 +115,9 @@ export function blind() {
  * @throws {ApiError}
  */
 export async function setPerson({ who: name = who(), blind: hides }) {
-  // The server takes no name with signs that cannot be seen.
-  const chosen = name.replace(/\s+/g, " ").replace(/\p{C}/gu, "").trim();
+  // The server takes no name with signs that cannot be seen, and to it names that look the same
+  // are one only where they are written the same.
+  const chosen = name.normalize().replace(/\s+/g, " ").replace(/\p{C}/gu, "").trim();
   if (hides !== undefined) await post("/api/blind", { who: chosen, blind: hides });
   setWho(chosen);
   await beginAnew(hides);

@@ -75,8 +75,8 @@ class AuditSheet extends DecisionSheet {
 
   /**
    * Decide what the selected patches are, or the one under the cursor and go on to the next.
-   * A label of one's own is changed; a confirmation, and a decision on what somebody else
-   * labelled, stands beside the labels as a settlement.
+   * Labels of one's own are changed; a confirmation, and a decision on what somebody else
+   * labelled, stands beside the labels as a settlement: one action, which one undo takes back.
    * @param {(doubt: Doubt) => string} labelFor
    */
   decide(labelFor) {
@@ -85,9 +85,8 @@ class AuditSheet extends DecisionSheet {
     const single = this.grid.selection.chosen.size === 0;
     const own = (doubt) =>
       ![doubt.label, mineOf(doubt)].includes(labelFor(doubt)) && mineOf(doubt) !== null;
-    const relabelled = targets.filter(own);
-    const settled = targets.filter((doubt) => !own(doubt));
-    const count = relabel(relabelled, labelFor) + settle(settled, labelFor, CONFIRM);
+    const relabels = targets.every(own);
+    const count = relabels ? relabel(targets, labelFor) : settle(targets, labelFor, CONFIRM);
     this.goOn(single);
     say(`${patchesAre(count)} decided; Ctrl+Z undoes.`);
   }

@@ -12,7 +12,6 @@ from skimage.color import deltaE_ciede2000, rgb2lab
 
 from tests.conftest import draw_tiny_frame
 from tokt.labels.taxonomy import Taxonomy
-
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 
 pytestmark = pytest.mark.xdist_group("browser_frame")  # what they share is made once

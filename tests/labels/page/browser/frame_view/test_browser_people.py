@@ -44,6 +44,12 @@ def test_a_browser_that_was_never_told_asks_who_labels_and_only_then(
         assert tab.text("#person") == "Labelling as anna" and not _dialog(tab.page).is_visible()
     other.label("3", 7)
     assert other.stored(2) == {7: "sand"}
+    other.page.locator("#person").click()
+    other.page.locator("#person-name").fill("Jose\u0301")
+    other.page.keyboard.press("Enter")
+    other.shows("#person", "Labelling as Jos\u00e9")
+    page.reload()
+    view.shows("#person", "Labelling as anna")
     other.page.close()
     page.close()
     server.kill()

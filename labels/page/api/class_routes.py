@@ -1,0 +1,84 @@
+"""The workspace's classes: read, and written as a whole.
+
+``GET /api/classes`` answers ``classes`` in order (name, obstacle, color, key, description, parent,
+and ``labels``, how many patches of the workspace have it), ``setup``, and why they are ``fixed``.
+``POST /api/classes`` takes the list without ``labels``, and the ``setup`` it was made from; a class
+with labels stays, and stays an obstacle or clear. All pages then load the mission anew.
+"""
+
+from collections import Counter
+from typing import Any
+
+from fastapi import APIRouter
+from starlette.responses import Response
+
+from tokt.features.common.atomic import write_text
+from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.labels.page.state.session import Session
+from tokt.labels.taxonomy import FILE_NAME, FORMAT, Taxonomy
+
+from .messages import Body, Name, SessionOf, json_response, refuse
+
+router = APIRouter(prefix="/api")
+
+
+class ClassesBody(Body):
+    """All classes in their order, from somebody."""
+
+    who: Name | None = None
+    setup: str
+    classes: list[dict[str, Any]]
+
+
+@router.get("/classes")
+def get_classes(session: SessionOf) -> Response:
+    """The classes in force, and how often each is used."""
+    used = _used(session)
+    classes = [{**vars(known), "labels": used[known.name]} for known in session.taxonomy.classes]
+    return json_response({"classes": classes, "setup": session.setup, "fixed": _fixed(session)})
+
+
+@router.post("/classes")
+def post_classes(session: SessionOf, body: ClassesBody) -> Response:
+    """Put other classes in force, and into the workspace's file."""
+    with session.changing:
+        if _fixed(session):
+            raise refuse(409, _fixed(session))
+        if body.setup != session.setup:
+            raise refuse(409, "the classes were changed meanwhile: look at them again")
+        try:
+            taxonomy = Taxonomy.from_json({"format": FORMAT, "classes": body.classes}, "classes")
+            text = taxonomy.to_toml()
+            text.encode()
+        except (ToktError, UnicodeEncodeError) as error:
+            raise refuse(400, str(error)) from None
+        _check_used(session, taxonomy)
+        file = session.store.path.parent / FILE_NAME
+        with os_errors_as(str(file)):
+            write_text(file, text)
+        session.use_taxonomy(taxonomy)
+    return get_classes(session)
+
+
+def _fixed(session: Session) -> str:
+    given = session.taxonomy_file
+    return f"tokt label was started with --taxonomy {given}: change that file" if given else ""
+
+
+def _used(session: Session) -> Counter[str]:
+    used = Counter(str(record.label) for record in session.store.settled())
+    for entry in session.store.stats():
+        used.update(entry.counts)
+    return used
+
+
+def _check_used(session: Session, taxonomy: Taxonomy) -> None:
+    used = _used(session)
+    kinds = {known.name: known.obstacle for known in taxonomy.classes}
+    for known in session.taxonomy.classes:
+        n = used[known.name]
+        if n and known.name not in kinds:
+            raise refuse(409, f"{n} patches are labelled {known.name}: relabel them first")
+        if n and kinds[known.name] != known.obstacle:
+            was = "an obstacle" if known.obstacle else "clear"
+            raise refuse(409, f"{n} patches are labelled {known.name}, so it stays {was}")

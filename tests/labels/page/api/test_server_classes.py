@@ -1,0 +1,92 @@
+"""The workspace's classes, read and written through the page."""
+
+import tomllib
+
+import pytest
+
+NEW = {"name": "stony coral", "obstacle": True, "color": "#aa0011", "key": "6", "parent": "reef"}
+
+
+@pytest.fixture
+def server(page_server, tmp_path):
+    return page_server("--annotator", "anna", workspace=tmp_path / "w")
+
+
+def change(server, classes, setup=None):
+    body = {"setup": setup or server.get("/api/classes")["setup"], "classes": classes}
+    return server.send("/api/classes", body)
+
+
+def plain(server):
+    found = server.get("/api/classes")["classes"]
+    return [{key: said for key, said in one.items() if key != "labels"} for one in found]
+
+
+def test_classes_are_added_ordered_and_told(server):
+    before = server.get("/api/mission")
+    assert before["setup"] == server.get("/api/classes")["setup"]
+    classes = plain(server)
+    with server.events(who="anna") as stream:
+        assert stream.next("status")["setup"] == before["setup"]
+        answer = change(server, [classes[0], NEW, *reversed(classes[1:])])
+        assert answer.status == 200, answer.body
+        assert stream.next("status")["setup"] == answer.json["setup"] != before["setup"]
+    names = ["ocean", "stony coral", "subsea_installation", "reef", "sand", "other"]
+    mission = server.get("/api/mission")
+    assert [one["name"] for one in mission["classes"]] == [*names, "unsure"]
+    assert mission["classes"][1]["parent"] == "reef" and mission["setup"] == answer.json["setup"]
+    server.paint("c-1", 1, [3], "stony coral")
+    file = tomllib.loads((server.workspace / "taxonomy.toml").read_text("utf-8"))
+    assert file["format"] == 2 and [one["name"] for one in file["classes"]] == names
+    server.kill()
+    server.start()  # and so it is tomorrow
+    assert server.get("/api/mission")["classes"] == mission["classes"]
+    assert change(server, classes, before["setup"]).status == 409  # looked at before the change
+
+
+def test_a_class_with_labels_stays_what_it_is(server):
+    server.paint("c-1", 1, [1, 2], "sand")
+    server.paint("c-2", 1, [3], "reef")
+    server.paint("c-3", 1, [3], "ocean", base="reef")
+    classes = plain(server)
+    without = [one for one in classes if one["name"] != "sand"]
+    clear = [{**one, "obstacle": one["obstacle"] and one["name"] != "sand"} for one in classes]
+    for wrong, said in ((without, "2 patches are labelled sand"), (clear, "stays an obstacle")):
+        answer = change(server, wrong)
+        assert answer.status == 409 and said in answer.json["error"]
+    assert not (server.workspace / "taxonomy.toml").exists()
+    assert change(server, [one for one in classes if one["name"] != "reef"]).status == 200
+    assert "reef" not in [one["name"] for one in server.get("/api/mission", who="anna")["classes"]]
+    gone = {"camera": "left", "frame": 1, "label": "reef", "cells": [9], "base": [None]}
+    action = {"key": "c-4", "who": "anna", "kind": "paint", "time": "2016-04-20T10:00:00Z"}
+    answer = server.send("/api/actions", {**action, "changes": [gone]})
+    assert answer.status == 400 and "unknown class 'reef'" in answer.json["error"]
+    assert change(server, [*plain(server), classes[3]]).status == 200
+    server.paint("c-5", 1, [9], "reef")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"key": "1"}, "two classes have the key '1'"),
+        ({"key": "u"}, "is kept for 'unsure'"),
+        ({"name": "unsure"}, "cannot be a class"),
+        ({"name": "<b>"}, "a name is a letter"),
+        ({"obstacle": False}, "is clear, its parent 'reef' is not"),
+        ({"color": "red"}, "not of the form #rrggbb"),
+        ({"parent": 3}, "parent must be text"),
+        ({"description": "\ud800"}, ""),
+    ],
+)
+def test_what_is_no_taxonomy_is_refused_in_a_sentence(server, wrong, said):
+    answer = change(server, [*plain(server), {**NEW, **wrong}])
+    assert answer.status == 400 and said in answer.json["error"], answer.body
+    assert not (server.workspace / "taxonomy.toml").exists()
+
+
+def test_classes_that_were_given_are_not_changed_here(page_server, server, tmp_path):
+    change(server, plain(server))
+    given = server.workspace / "taxonomy.toml"
+    other = page_server("--taxonomy", given, workspace=tmp_path / "o")
+    assert str(given) in other.get("/api/classes")["fixed"]
+    assert change(other, plain(other)).status == 409
