@@ -95,7 +95,7 @@ export function obstacleChoice() {
 }
 
 async function setObstacleClass(value) {
-  const explain = ({ message }) => say(`Not kept: ${message}`, { bad: true });
+  const explain = ({ message }) => say(`Not kept: ${message}`, { bad: true, stays: true });
   const body = { name: "obstacle_as", value };
   takeNews((await post("/api/settings", body).catch(onFailure(explain))) ?? {});
 }

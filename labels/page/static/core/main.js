@@ -1,12 +1,13 @@
 // Starts the page: the mission first, then the views, the keys and what keeps everything saved.
 
 import "../frame/frame_view.js";
+import { whereStopped } from "../frame/steps.js";
 import { askObstacleClass } from "./controls.js";
 import { el } from "./dom.js";
 import { askPerson, startHeader } from "./header.js";
 import { addGlobalKeys, listen, toggleHelp } from "./keys.js";
 import { startListening } from "./live.js";
-import { frames, loadMission, mission } from "./mission.js";
+import { loadMission } from "./mission.js";
 import { startNotices } from "../saving/notices.js";
 import { addLaterView, loadLaterViews, startRouting } from "./router.js";
 import { startSaving } from "../saving/saver.js";
@@ -43,14 +44,9 @@ async function start() {
   addLaterView("audit", "", later("sheets/audit"));
   addLaterView("agreement", "Agreement", later("sheets/agreement"));
   addLaterView("files", "Files and models", later("files/files"));
-  startRouting(home());
+  startRouting(`#/label/${whereStopped().join("/")}`);
   askObstacleClass();
   setTimeout(loadLaterViews, LOAD_LATER_MS);
-}
-
-function home() {
-  const camera = Object.keys(mission.cameras)[0];
-  return `#/label/${camera}/${frames(camera)[0]}`;
 }
 
 start();

@@ -8,7 +8,7 @@ import { allow, commandButtons, obstacleChoice } from "./controls.js";
 import { backAfterMouse, button, el, say, setAttribute } from "./dom.js";
 import { DRAWER_KEY, reachable, toggleDrawer } from "./keys.js";
 import {
-  blind, classes, colourOf, mission, setSetting, setting, signOf,
+  blind, classes, clearClass, colourOf, mission, setSetting, setting, signOf,
 } from "./mission.js";
 import { currentView, go } from "./router.js";
 
@@ -48,8 +48,8 @@ const OWN_KEYS = { undo: "z", redo: "Z", settings: DRAWER_KEY };
  * @param {(command: string) => string} keyFor
  * @param {[string, string, string][]} tools What painting can do beside classes: command, words,
  *   and what it does.
- * @param {[string, string, string][]} actions Of the view in the same form; the first one is the
- *   main one.
+ * @param {[string, string, string][]} actions Of the view in the same form, "rest" among them; the
+ *   first one is the main one.
  * @returns {{root: HTMLElement, show: (chosen: ?string) => void}} `chosen`: class or tool.
  */
 export function buildToolbar(commands, keyFor, tools, actions) {
@@ -80,6 +80,7 @@ export function buildToolbar(commands, keyFor, tools, actions) {
     allow(undoing, back ? "" : "Nothing to undo.", back?.key ? `Undo: ${words(back)}` : "Undo");
     allow(redoing, again ? "" : "Nothing to do again.", again ? `Do again: ${words(again)}` : "");
     setAttribute(drawer, "aria-expanded", String(setting("drawer")));
+    root.querySelector("[data-command=rest]").textContent = `Rest is ${clearClass()}`;
   };
   return { root, show };
 }

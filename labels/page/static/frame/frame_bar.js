@@ -104,6 +104,24 @@ export function describeFrame(camera, frame, labels) {
 }
 
 /**
+ * When and where a frame was taken, in words.
+ * @param {Object} said Of /api/frame_info; {} where nothing is known.
+ * @returns {string}
+ */
+export function describeInfo(said) {
+  const time = said.time?.replace("T", " ").replace(/(\.\d+)?Z$/, " UTC");
+  const parts = {
+    [time]: said.time,
+    [`depth ${said.depth_m} m`]: said.depth_m,
+    [`altitude ${said.above_ground_m} m`]: said.above_ground_m,
+    [`heading ${said.heading_deg}°`]: said.heading_deg,
+    [`${said.latitude}°, ${said.longitude}°`]: said.latitude,
+  };
+  const known = ([, value]) => value !== null && value !== undefined;
+  return Object.entries(parts).filter(known).map(([words]) => words).join(", ");
+}
+
+/**
  * A patch in words.
  * @param {number} cell
  * @param {Object} labels

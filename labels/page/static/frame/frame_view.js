@@ -1,17 +1,18 @@
 // The view in which one frame is labelled: it joins the canvas, tools, bar and timeline.
 
-import { onFailure } from "../core/api.js";
+import { get, onFailure } from "../core/api.js";
 import { allow, commandButtons } from "../core/controls.js";
-import { announce, el, focusView, say, setAttribute } from "../core/dom.js";
+import { announce, el, endToast, focusView, say, setAttribute } from "../core/dom.js";
+import { showProgress } from "../core/header.js";
 import {
-  blind, clearClass, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting,
+  blind, frameIndex, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting,
   setting,
 } from "../core/mission.js";
 import { addView, noteAddress } from "../core/router.js";
 import { buildDrawer, buildToolbar } from "../core/toolbar.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { onState, pending, state } from "../saving/saver.js";
-import { buildBar, describeCell, describeFrame } from "./frame_bar.js";
+import { buildBar, describeCell, describeFrame, describeInfo } from "./frame_bar.js";
 import { FrameCanvas } from "./frame_canvas.js";
 import { frameKeys, keyForCommand } from "./frame_keys.js";
 import { FrameShow } from "./frame_show.js";
@@ -22,7 +23,7 @@ import {
 } from "./painting.js";
 import { ARROWS, PatchCursor, cellName, cellsOfRow, rowCol } from "./patch_grid.js";
 import {
-  endFrame, filterName, nextBlindFrame, nextIn, nextUncertain, onClassFrames, stepFrom,
+  endFrame, filterName, nextBlindFrame, nextIn, nextUncertain, onClassFrames, stepFrom, whereStopped,
 } from "./steps.js";
 import { suggestionFault } from "./suggest.js";
 import { Timeline } from "./timeline.js";
@@ -37,10 +38,10 @@ const TOOLS = [
   ["erase", "Take back", "Painting takes your labels back"],
   ["confirm", "Confirm", "Painting accepts single suggestions; Alt+click does at any time"],
 ];
-const actions = () => [
+const ACTIONS = [
   ["acceptNext", "Accept and next",
     "Accept the sure suggestions; go to the next frame that is not done"],
-  ["rest", `Rest is ${clearClass()}`, "Label all patches that have no label, but for obstacles"],
+  ["rest", "", "Label all patches that have no label, but for obstacles"],
   ["copy", "Same as previous frame", "Suggest the labels of the frame before, to be accepted"],
   ["unlabelled", "Next unlabelled", "Go to the next frame without a label of yours"],
   ["uncertain", "Next unsure", "Go where the model is least sure and has seen least"],
@@ -71,7 +72,7 @@ function build(root) {
     class: "timeline",
     tabindex: 0, role: "slider", "aria-label": "Frame of the mission",
   });
-  const tools = buildToolbar(commands, keyForCommand, TOOLS, actions());
+  const tools = buildToolbar(commands, keyForCommand, TOOLS, ACTIONS);
   const bar = buildBar(commands, keyForCommand, status);
   const command = commandButtons(commands, keyForCommand);
   const toggles = TOGGLES.map(([name, text, does]) => command(text, name, does));
@@ -168,12 +169,18 @@ function goTo(frame) {
 function show(camera, frame) {
   // A stroke that is not ended is of the frame on which it began.
   page.pointer.complete();
+  endToast();
+  showProgress(camera);
   cursor.collapse();
   page.show.go(camera, frame);
   page.timeline.set(camera, frame);
   noteAddressSoon(`#/label/${camera}/${frame}`);
   clearTimeout(page.timers.announce);
-  page.timers.announce = setTimeout(readOut, READ_OUT_MS);
+  page.info = "";
+  page.timers.announce = setTimeout(() => {
+    readOut();
+    askInfo();
+  }, READ_OUT_MS);
   showLabels();
 }
 
@@ -187,6 +194,17 @@ function noteAddressSoon(hash) {
   };
   if (performance.now() - (page.noted ?? -ADDRESS_MS) >= ADDRESS_MS) note();
   else page.timers.address = setTimeout(note, ADDRESS_MS);
+}
+
+// When and where the frame was taken, where the mission says so.
+async function askInfo() {
+  const { camera, frame } = page.show;
+  if (!mission.described || frameIndex(camera, frame) < 0) return;
+  const request = get("/api/frame_info", { camera, frame });
+  const said = await request.catch(onFailure(({ message }) => ({ fault: message })));
+  if (!page || !isHere(camera, frame)) return;
+  page.info = said.fault ?? describeInfo(said);
+  showStatus();
 }
 
 function readOut() {
@@ -244,6 +262,7 @@ function showStatus() {
   const first = fault || describeFrame(camera, frame, labels);
   const parts = labels && cell !== null ? [describeCell(cell, labels, page.hints[cell])] : [];
   if (labels) parts.push(...noteWords(labels.notes, cell));
+  if (!parts.length && page.info) parts.push(page.info);
   const said = parts.join(", ");
   const words = why
     ? [el("span", { class: "why", text: why })]
@@ -518,9 +537,8 @@ addView("label", {
   keys: frameKeys(commands),
   classKeys: choose,
   link: () => {
-    const [camera] = Object.keys(mission.cameras);
-    const place = page?.show ?? last ?? { camera, frame: frames(camera)[0] };
-    return `#/label/${place.camera}/${place.frame}`;
+    const place = page?.show ?? last;
+    return `#/label/${place ? `${place.camera}/${place.frame}` : whereStopped().join("/")}`;
   },
   show(root, [camera = "", number = "", cell]) {
     const cameras = Object.keys(mission.cameras);
@@ -529,8 +547,8 @@ addView("label", {
     if (!isHere(camera, frame) || page.show.frame === null) {
       why = "";
       const known = cameras.includes(camera);
-      if (!known) say(`This mission has no camera “${camera}”.`, { bad: true });
       show(known ? camera : cameras[0], frame);
+      if (!known) say(`This mission has no camera “${camera}”.`, { bad: true });
     }
     if (cell !== undefined && Number(cell) < mission.grid.rows * mission.grid.cols) {
       cursor.put(Number(cell), true);

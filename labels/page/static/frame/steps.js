@@ -105,6 +105,18 @@ export function nextIn(camera, frame, states, direction = 1) {
   return null;
 }
 
+/**
+ * Where this person goes on: at the frame labelled last, else at the first one that is not done.
+ * @returns {[string, number]} Camera and frame.
+ */
+export function whereStopped() {
+  const last = mission.undo.undo;
+  if (last && frameIndex(last.camera, last.frame) >= 0) return [last.camera, last.frame];
+  const cameras = Object.keys(mission.cameras);
+  const all = cameras.flatMap((one) => frames(one).map((number) => [one, number]));
+  return all.find((place) => "usp".includes(stateOf(...place))) ?? all[0];
+}
+
 /** The first or last frame that passes the filter. */
 export function endFrame(camera, last) {
   const pass = passing();

@@ -5,7 +5,7 @@ import { allow, choice, pager, sizeButtons } from "../core/controls.js";
 import { backAfterMouse, button, el } from "../core/dom.js";
 import { reachable } from "../core/keys.js";
 import {
-  blind, chosenClass, clearClass, mission, selectClass, setSetting, setting,
+  blind, chosenClass, mission, selectClass, setSetting, setting,
 } from "../core/mission.js";
 import { buildDrawer, buildToolbar } from "../core/toolbar.js";
 import { blindFrames, filterChoices, filterName } from "../frame/steps.js";
@@ -31,7 +31,7 @@ export class OverviewBar {
     };
     this.tools = buildToolbar(commands, (name) => reachable(KEYS[name]), [], [
       ["acceptNext", "Accept and next", ""],
-      ["rest", `Rest is ${clearClass()}`, ""],
+      ["rest", "", ""],
       ["acceptAll", "Accept all", ""],
     ]);
     this.drawer = buildDrawer();

@@ -2,6 +2,7 @@
 
 import { askObstacleClass } from "../core/controls.js";
 import { el, say, soon } from "../core/dom.js";
+import { showProgress } from "../core/header.js";
 import { labelKeys } from "../core/keys.js";
 import {
   chosenClass, classes, clearClass, frames, indexFrom, mission, onChange, onReload, onSetting,
@@ -133,6 +134,7 @@ function framesBefore(list, until, count) {
 }
 
 function layOut() {
+  showProgress(page.camera);
   const { camera, first } = page;
   const { count, width, height } = size();
   const list = frames(camera);
