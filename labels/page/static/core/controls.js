@@ -33,6 +33,15 @@ export function classButtons(choose) {
 }
 
 /**
+ * What to say where there is nothing to show, and the button that leads on.
+ * @returns {HTMLElement}
+ */
+export function nothingYet(text, words, href) {
+  const onward = el("a", { class: "button main", text: words, href });
+  return el("p", { class: "empty-state" }, `${text} `, onward);
+}
+
+/**
  * Buttons of commands, whose titles say what they do and by which key.
  * @param {Object<string, Function>} commands By name.
  * @param {(command: string) => string} keyFor

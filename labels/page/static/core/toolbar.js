@@ -4,7 +4,7 @@
 import { proposeAgain } from "../frame/painting.js";
 import { needsObstacleClass, obstacleClass } from "../frame/suggest.js";
 import { nextSteps, redo, undo } from "../saving/saver.js";
-import { allow, commandButtons, obstacleChoice } from "./controls.js";
+import { allow, commandButtons, nothingYet, obstacleChoice } from "./controls.js";
 import { backAfterMouse, button, el, say, setAttribute } from "./dom.js";
 import { DRAWER_KEY, reachable, toggleDrawer } from "./keys.js";
 import {
@@ -152,14 +152,14 @@ function showSlider(input) {
   input.nextElementSibling.textContent = value;
 }
 
-const NO_MODEL = "No model is loaded. A model suggests a class for each patch; you only mend what is \
-wrong. Label some frames, train one (tokt train), and start tokt label with --model.";
+const NO_MODEL = "No model yet. It would suggest a class for each patch, and you would only mend what \
+is wrong. It learns from some twenty labelled frames, with water and obstacles.";
 
 function showModel(root, said) {
   const { model } = mission;
-  const kind = blind() ? "Blind: suggestions are hidden." : (model ?? NO_MODEL);
-  if (typeof kind === "string") {
-    root.replaceChildren(el("p", { class: "model-said", text: kind }));
+  if (blind() || !model) {
+    const hidden = el("p", { text: "Blind: suggestions are hidden." });
+    root.replaceChildren(blind() ? hidden : nothingYet(NO_MODEL, "Train a model", "#/files"));
     return;
   }
   if (!root.querySelector("select")) root.replaceChildren(...modelParts());

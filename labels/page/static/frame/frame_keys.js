@@ -16,7 +16,7 @@ const TABLE = [
   ["last", ["End"], NEXT, "last frame"],
   ["unlabelled", ["n"], NEXT, "next frame without a label of mine"],
   ["unlabelledBack", ["N"], NEXT, "the one before without a label"],
-  ["uncertain", ["q"], NEXT, "next frame the model is unsure about"],
+  ["uncertain", ["q"], NEXT, "next uncertain frame: where the model is least sure"],
   ["disagreement", ["x"], NEXT, "next frame with a disagreement"],
   ["type", ["f"], NEXT, "type a frame number"],
   ["camera", ["s"], NEXT, "left or right camera"],

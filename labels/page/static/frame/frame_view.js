@@ -34,6 +34,7 @@ const READ_OUT_MS = 500; // a frame that was only passed is not read out
 const PAN_STEP = 60;
 const PENDING_MS = 300;
 const AWAY = new Set(["offline", "refused"]);
+const BEGIN = "Choose a class, then click or drag over patches.";
 const TOOLS = [
   ["erase", "Take back", "Painting takes your labels back"],
   ["confirm", "Confirm", "Painting accepts single suggestions; Alt+click does at any time"],
@@ -44,7 +45,7 @@ const ACTIONS = [
   ["rest", "", "Label all patches that have no label, but for obstacles"],
   ["copy", "Same as previous frame", "Suggest the labels of the frame before, to be accepted"],
   ["unlabelled", "Next unlabelled", "Go to the next frame without a label of yours"],
-  ["uncertain", "Next unsure", "Go where the model is least sure and has seen least"],
+  ["uncertain", "Next uncertain", "Go where the model is least sure and has seen least"],
   ["note", "Note", "Write a note on the patch at the cursor, or on the frame"],
 ];
 const TOGGLES = [
@@ -87,7 +88,7 @@ function build(root) {
     ),
   );
   const canvas = new FrameCanvas(element);
-  page = { canvas, element, status, tools, toggles, drawer, bar, hovered: -1, timers: {} };
+  page = { canvas, element, status, tools, toggles, drawer, bar, hints: [], hovered: -1, timers: {} };
   page.root = root;
   page.show = new FrameShow(canvas, showAll);
   page.timeline = new Timeline(strip, goTo);
@@ -150,7 +151,7 @@ function mayPaint() {
 function apply(cells, how, kind = "paint") {
   const { camera, frame } = page.show;
   if (how === "confirm") {
-    if (!accept(camera, frame, { cells })) say("Nothing is proposed there.");
+    if (!accept(camera, frame, { cells })) say("Nothing is suggested there.");
   } else if (how === "unsure") paint(camera, frame, cells, "unsure", kind);
   else paint(camera, frame, cells, how === "erase" ? null : selectedClass(), kind);
   showLabels();
@@ -263,10 +264,13 @@ function showStatus() {
   const parts = labels && cell !== null ? [describeCell(cell, labels, page.hints[cell])] : [];
   if (labels) parts.push(...noteWords(labels.notes, cell));
   if (!parts.length && page.info) parts.push(page.info);
+  else if (!parts.length && !Object.values(mission.counts).some(Boolean)) parts.push(BEGIN);
   const said = parts.join(", ");
+  const hint = page.hints[cell];
+  const value = hint?.model ? ` (decision value ${hint.text})` : "";
   const words = why
     ? [el("span", { class: "why", text: why })]
-    : [el("span", { text: said, title: said })];
+    : [el("span", { text: said, title: said + value })];
   page.status.replaceChildren(el("b", { text: first }), ...words);
   page.element.setAttribute(
     "aria-label",
@@ -358,7 +362,7 @@ function unlabelled(direction) {
 
 async function uncertain() {
   const { camera, frame } = page.show;
-  const explain = ({ message }) => say(`The queue cannot be had: ${message}`, { bad: true });
+  const explain = ({ message }) => say(`The next uncertain frame cannot be told: ${message}`, { bad: true });
   const next = await nextUncertain(camera, frame).catch(onFailure(explain));
   if (!page || !next) return;
   if (next.frame === undefined) {
@@ -475,7 +479,7 @@ const commands = {
   row: () => mayPaint() && apply(cellsOfRow(rowCol(cursor.cell)[0]), tool, "row"),
   rest: () => mayPaint() && paintRest(page.show.camera, page.show.frame),
   copy: copyPrevious,
-  accept: () => acceptHere() || say("No copies and no confident suggestions to accept here."),
+  accept: () => acceptHere() || say("Nothing sure is suggested here."),
   acceptAll: () => acceptHere({ all: true }) || say("No suggestions to accept here."),
   acceptNext: () => {
     if (page.show.paintable) acceptHere();
@@ -543,6 +547,7 @@ addView("label", {
   show(root, [camera = "", number = "", cell]) {
     const cameras = Object.keys(mission.cameras);
     if (!page) build(root);
+    if (!camera) [camera, number] = whereStopped().map(String);
     const frame = /^\d+$/.test(number) ? Number(number) : number;
     if (!isHere(camera, frame) || page.show.frame === null) {
       why = "";

@@ -136,7 +136,7 @@ const shown = new Set();
  * @throws {ApiError}
  */
 export async function nextUncertain(camera, frame) {
-  if (!mission.model) return { why: "There is no model: start tokt label with --model." };
+  if (!mission.model) return { why: "There is no model yet: train one under “Files and models”." };
   const queue = await get("/api/queue", { n: QUEUE_LENGTH, camera, frame });
   if (!queue.ready) {
     const progress = queue.total ? ` (${queue.done} of ${queue.total} frames)` : "";
@@ -150,7 +150,7 @@ export async function nextUncertain(camera, frame) {
     return next;
   }
   shown.clear();
-  return { why: "That was the whole queue; the next press begins it again." };
+  return { why: "These were all uncertain frames; the next press begins again." };
 }
 
 // ---- Frames with a label of mine of one class: asked of the server, for the filter

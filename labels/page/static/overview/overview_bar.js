@@ -95,7 +95,7 @@ function advice(waiting, said) {
     const only = listed ? ` Only the frames that ${setting("blindOf")} labelled.` : "";
     return `Blind: no suggestions, and nothing of what others said.${only}`;
   }
-  if (!mission.model) return "No model: paint, or start with --model to get suggestions.";
+  if (!mission.model) return "No model yet: paint; Settings say more.";
   if (!suggesting()) return "Suggestions are switched off.";
   if (waiting > 0) return `${waiting} frames are still being loaded.`;
   return `${said} Dashed: sure; “?”: unsure.`;

@@ -553,7 +553,7 @@ def test_what_cannot_be_shown_is_said_in_a_sentence(browse, page_server):
     page.goto(page.url.partition("#")[0] + "#/sheet/sand")
     page.wait_for_selector(".tile-scroller[data-empty='You have labelled no patch sand yet.']")
     page.goto(page.url.partition("#")[0] + "#/overview/left/1")
-    page.wait_for_selector("text=No model: paint, or start with --model to get suggestions.")
+    page.wait_for_selector("text=No model yet: paint; Settings say more.")
     page.wait_for_function("() => !document.querySelector('.thumb.loading')")
     page.keyboard.press("Enter")
     toast(page, "Nothing to accept here.")

@@ -37,6 +37,7 @@ def test_the_page_opens_where_this_person_stopped(open_frame, browse, server):
 
 def test_buttons_that_would_do_nothing_say_why(open_frame, page_server):
     view = open_frame(1, page_server("--annotator", "anna"))
+    view.shows("#status", "Choose a class, then click")  # nobody has labelled anything yet
     for name in ("undo", "redo", "previous", "copy", "blink", "acceptNext", "uncertain"):
         assert refuses(view, name), name
     assert refuses(view, "undo") == "Nothing to undo."
@@ -57,6 +58,9 @@ def test_buttons_that_would_do_nothing_say_why(open_frame, page_server):
     view.press("End")
     view.wait(40)
     assert refuses(view, "next") and refuses(view, "previous") is None
+    view.press("S")
+    view.page.get_by_role("link", name="Train a model").click()
+    view.page.wait_for_url("**/#/files")
 
 
 def test_what_is_said_of_a_frame_leaves_with_it(open_frame):
@@ -99,6 +103,10 @@ def test_the_one_main_button_accepts_what_is_sure_and_goes_on(open_frame, server
     assert 0 < len(sure) < 100
     main = view.page.locator(".frame-view button.main")
     assert main.all_inner_texts() == ["Accept and next"]
+    view.point(min(sure))
+    said = view.page.locator("#status span")
+    assert said.inner_text().endswith(", sure")
+    assert "decision value" in said.get_attribute("title")
     main.click()
     view.wait(25)
     assert set(view.stored(24)) == sure and view.stored(25) == {}
