@@ -24,6 +24,7 @@ import { paintOver } from "./thumb_painting.js";
 
 const GAP = 6;
 const CAPTION = 20;
+const CAPTION_WIDTH = 150; // CSS pixels that the longest one takes
 const COLUMNS = { least: 2, most: 10, usual: 7 };
 const MAX_BEFORE = 120; // frames fetched only because suggestions depend on them
 const UNSURE = "unsure";
@@ -98,7 +99,8 @@ function keeps(frame) {
 }
 
 function columns() {
-  return setting("overviewColumns") || COLUMNS.usual - Number(setting("drawer"));
+  const whole = Math.max(COLUMNS.least, Math.floor(parts.list.clientWidth / CAPTION_WIDTH));
+  return setting("overviewColumns") || Math.min(COLUMNS.usual, whole);
 }
 
 /** How many thumbnails fit, and the size of each one's picture in CSS pixels. */
