@@ -1,4 +1,4 @@
-"""What the other commands of `tokt` do with this mission's labels, started from the page.
+"""Jobs through the page: other commands of `tokt`, on this mission's labels.
 
 ``POST /api/job`` with ``{"what": "audit"}`` audits the labels; ``{"what": "model"}`` trains a model
 of them (``"task": "classes"``: one that tells all classes apart), exports it into the workspace's

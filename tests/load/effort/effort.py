@@ -51,9 +51,9 @@ class LabellingEffort:
     """Patches whose stored label is not the one asked for, after the actions were performed."""
 
     @property
-    def asked(self) -> float | None:
+    def asked(self) -> int | None:
         """The most actions with suggestions; None where nothing is asked."""
-        return None if self.unsure else ASKED * self.frames / FRAMES
+        return None if self.unsure or self.frames < FRAMES else ASKED
 
     @property
     def holds(self) -> bool | None:

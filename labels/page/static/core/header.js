@@ -53,7 +53,7 @@ export function showProgress(camera = shown) {
   shown = camera;
   const states = mission.states[shown] ?? Object.values(mission.states)[0];
   const done = states.filter((state) => state === "d").length;
-  byId("progress").textContent = `${done} of ${states.length} frames done`;
+  byId("progress").textContent = `${done} of ${states.length} done`;
 }
 
 function showState() {

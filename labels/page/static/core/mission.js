@@ -10,7 +10,7 @@ export { onSetting, setSetting, setting, who } from "./settings.js";
 
 /** The last /api/mission; `states` holds one array of characters a camera. */
 export const mission = {
-  loaded: false, classes: [], cameras: {}, states: {}, counts: {}, settings: {},
+  loaded: false, classes: [], cameras: {}, states: {}, counts: {}, settings: {}, depths: [],
 };
 
 const LIGHT = 0.405; // 0.4, and what rounding may take

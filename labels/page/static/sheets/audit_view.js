@@ -14,7 +14,8 @@ import { selectionKeys } from "./tile_grid.js";
 import { DecisionSheet, settle, settledOf, sheetRow } from "./tile_sheet.js";
 
 const LEARN_MS = 1000;
-const NONE = "There is no audit of this mission: no model has judged its labels.";
+const NONE = "No audit doubts a label of this mission.";
+const LOOK = "Look for labels that may be wrong";
 
 /**
  * @typedef {{camera: string, frame: number, cell: number, label: string, suggested: string,
@@ -212,8 +213,7 @@ async function loadAudit(wanted, mine) {
   const chosen = audits.find((one) => one.name === wanted) ?? audits[0];
   name = chosen?.name ?? "";
   showTabs(audits);
-  const none = () => nothingYet(NONE, "Look for labels that may be wrong", "#/files");
-  if (!chosen) return parts.words.replaceChildren(none());
+  if (!chosen) return parts.words.replaceChildren(nothingYet(NONE, LOOK, "#/files"));
   event = mission.event;
   const audit = await get("/api/audit", { name });
   if (mine === asked) showAudit(audit);

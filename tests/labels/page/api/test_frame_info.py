@@ -33,4 +33,7 @@ def test_frame_info(page_server, tmp_path):
         "heading_deg": 271.0,
     }
     assert server.get("/api/frame_info", camera="left", frame=7) == {}
+    assert server.get("/api/mission")["depths"] == [[310, 311]]
+    assert server.get("/api/frames_at", above=310, below=311) == {"cameras": {"left": [3]}}
+    assert server.get("/api/frames_at", above=311, below=400) == {"cameras": {"left": []}}
     assert server.request("GET", "/api/frame_info?camera=left&frame=4").status == 404

@@ -50,12 +50,12 @@ def test_a_model_suggests_without_a_restart(page_server, tiny, tiny_bundle, tmp_
         assert server.post("/api/job", what="model")["job"]["state"] == "running"
         answer = server.send("/api/job", {"what": "audit"})
         assert answer.status == 409 and "running already" in answer.json["error"]
-        told = []
-        while not told or told[-1]["job"]["state"] == "running":
+        told = [before]
+        while (told[-1]["job"] or {"state": "running"})["state"] == "running":
             told.append(stream.next("status"))
     done = ended(server)
     assert (done["state"], done["step"], done["error"]) == ("done", 3, ""), done
-    steps = [one["job"]["progress"] for one in told if one["job"]["progress"]]
+    steps = [one["job"]["progress"] for one in told if one["job"] and one["job"]["progress"]]
     assert {"features", "cross-validation"} & {step["what"] for step in steps}
     assert all(0 <= step["done"] <= step["total"] for step in steps)
     assert told[-1]["setup"] != before["setup"]

@@ -30,7 +30,9 @@ def held(server):
 
 
 def upload(page, name, text):
-    page.set_input_files("input[type=file]", {"name": name, "mimeType": "", "buffer": text.encode()})
+    page.set_input_files(
+        "input[type=file]", {"name": name, "mimeType": "", "buffer": text.encode()}
+    )
 
 
 def test_a_file_comes_in_after_its_classes_are_named_and_goes_out_whole(page, server):
@@ -74,4 +76,34 @@ def test_classes_are_added_saved_and_in_use_at_once(page, server):
     page.wait_for_selector(".classes")
     page.locator(".classes tbody tr").last.get_by_label("key of").fill("9")  # taken already
     page.get_by_role("button", name="Save the classes").click()
-    page.wait_for_function("() => /Not saved: .*key/.test(document.querySelector('#toast').textContent)")
+    page.wait_for_function(
+        "() => /Not saved: .*key/.test(document.querySelector('#toast').textContent)"
+    )
+
+
+def test_a_model_of_the_labels_is_trained_and_suggests_and_labels_are_audited(
+    browse, page_server, run_tokt, tiny, tmp_path
+):
+    labels = tmp_path / ".tokt"
+    text, wrong = tiny.labels.read_text(), ",subsea_installation"
+    assert wrong in text
+    text = text[: text.rindex(wrong)] + ",ocean" + text[text.rindex(wrong) + len(wrong) :]
+    (tmp_path / "anna.csv").write_text(text)
+    run_tokt("labels", "import", tmp_path / "anna.csv", "--workspace", labels)
+    server = page_server("--annotator", "anna", workspace=labels)
+    page = browse(server, "#/files")
+    card = page.locator(CARD.format("Model and audit"))
+    card.get_by_text("There is no model yet").wait_for()
+    card.get_by_role("button", name="Train a model").click()
+    card.get_by_role("button", name="Cancel").click()
+    card.get_by_text("The model. Cancelled").wait_for()
+    assert server.get("/api/mission")["model"] is None
+    card.get_by_role("button", name="Train a model").click()
+    card.get_by_text("The model. Done.").wait_for()
+    page.locator("#views a", has_text="Label").first.click()
+    page.wait_for_function("() => /of 100 open|nothing/.test(document.body.innerText)")
+    assert server.get("/api/mission")["model"]["label"] == "tiny/1"
+    page.go_back()
+    card.get_by_role("button", name="Look for labels").click()
+    card.get_by_role("button", name="Look at them").click()
+    page.wait_for_selector(".tab:has-text('Audit tiny')")

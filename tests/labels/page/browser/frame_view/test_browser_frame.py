@@ -383,6 +383,27 @@ def test_filters_lead_the_steps(view, server):
     assert 34 not in server.get("/api/frames_with", **SAND)["cameras"]["left"]
 
 
+def test_the_frames_that_the_model_learns_most_from_stay_until_they_are_done(view, server):
+    [total] = {server.get("/api/queue")["total"]}
+    view.page.wait_for_function(
+        "total => import('/static/core/mission.js')"
+        ".then(({ mission }) => mission.model.done === total)",
+        arg=total,
+    )
+    queue = [one["frame"] for one in server.get("/api/queue", who="anna", n=5)["frames"]]
+    view.open(1)
+    view.page.locator(".filter").select_option("next")
+    shown = []
+    for frame in sorted(frame for frame in queue if frame > 1):
+        view.page.wait_for_timeout(100)
+        view.press("d")
+        view.wait(frame)
+        shown.append(frame)
+        view.press("m", "o", "m")  # what is labelled does not leave the list
+        view.saved()
+    assert len(shown) >= 4
+
+
 def test_an_unreadable_frame_says_so_and_is_passed(open_frame, own_tiny, page_server):
     (own_tiny.path / "Left" / "tiny_L_2.png").write_bytes(b"no picture")
     server = page_server("--annotator", "anna", mission=own_tiny.path)
