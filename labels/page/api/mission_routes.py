@@ -12,6 +12,7 @@ from starlette.responses import Response
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import format_frames
 from tokt.labels.formats.formats import FORMATS
+from tokt.labels.formats.frame_metadata import ifdo_of
 from tokt.labels.formats.images import FrameKey
 from tokt.labels.page.state.board import FrameName
 from tokt.labels.page.state.session import Session
@@ -65,6 +66,7 @@ def get_mission(session: SessionOf, blind: Blind, who: Who | None = None) -> Res
             "counts": board.counts(who),
             "undo": session.undo_heads(who),
             "other_grids": session.other_grids,
+            "described": ifdo_of(session.mission.path) is not None,
             "settings": session.settings,
             "job": session.status()["job"],
             "depths": _depth_bands(session),

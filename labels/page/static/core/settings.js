@@ -79,6 +79,7 @@ const DEFAULTS = {
   grid: true,
   outlines: true,
   suggestions: true,
+  drawer: false,
   confidence: 0.5,
   follow: 2,
   filter: "all",

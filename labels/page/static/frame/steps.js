@@ -109,6 +109,18 @@ export function nextIn(camera, frame, states, direction = 1) {
   return null;
 }
 
+/**
+ * Where this person goes on: at the frame labelled last, else at the first one that is not done.
+ * @returns {[string, number]} Camera and frame.
+ */
+export function whereStopped() {
+  const last = mission.undo.undo;
+  if (last && frameIndex(last.camera, last.frame) >= 0) return [last.camera, last.frame];
+  const cameras = Object.keys(mission.cameras);
+  const all = cameras.flatMap((one) => frames(one).map((number) => [one, number]));
+  return all.find((place) => "usp".includes(stateOf(...place))) ?? all[0];
+}
+
 /** The first or last frame that passes the filter. */
 export function endFrame(camera, last) {
   const pass = passing();
@@ -128,7 +140,7 @@ const shown = new Set();
  * @throws {ApiError}
  */
 export async function nextUncertain(camera, frame) {
-  if (!mission.model) return { why: "There is no model: start tokt label with --model." };
+  if (!mission.model) return { why: "There is no model yet: train one under “Files and models”." };
   const queue = await get("/api/queue", { n: QUEUE_LENGTH, camera, frame });
   if (!queue.ready) {
     const progress = queue.total ? ` (${queue.done} of ${queue.total} frames)` : "";
@@ -142,7 +154,7 @@ export async function nextUncertain(camera, frame) {
     return next;
   }
   shown.clear();
-  return { why: "That was the whole queue; the next press begins it again." };
+  return { why: "These were all uncertain frames; the next press begins again." };
 }
 
 // ---- Frames with a label of mine of one class, of a depth, or to label next: asked of the server

@@ -16,12 +16,14 @@ def test_frame_info(page_server, tmp_path):
         cv2.imwrite(str(mission / "Left" / f"dive_L_{frame}.png"), picture)
     server = page_server(mission=mission)
     assert server.get("/api/frame_info", camera="left", frame=3) == {}
+    assert not server.get("/api/mission")["described"]  # pages need not ask
     server.kill()
     (mission / "ifdo.json").write_text("{")
     server.start()
     answer = server.request("GET", "/api/frame_info?camera=left&frame=3")
     assert answer.status == 400 and b"ifdo.json line 1: not JSON" in answer.body
     (mission / "ifdo.json").write_text(json.dumps(foreign_ifdo()))
+    assert server.get("/api/mission")["described"]
     assert server.get("/api/frame_info", camera="left", frame=3) == {
         "time": "2016-04-20T10:00:00.250000Z",
         "latitude": 63.4,

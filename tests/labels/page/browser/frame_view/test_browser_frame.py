@@ -165,7 +165,7 @@ def test_keys_of_the_taxonomy_win_and_page_keys_stay_reachable(open_frame, page_
 def test_suggestions_are_labels_only_when_accepted(view, server):
     view.open(14)
     view.page.wait_for_function(
-        "() => /of 100 open patches/.test(document.querySelector('.model-said').textContent)"
+        "() => /of 100 suggested patches/.test(document.querySelector('.model-said').textContent)"
     )
     assert view.stored(14) == {}
     view.label("2", 0)
@@ -431,7 +431,8 @@ def test_blind_hides_what_others_and_the_model_said(fresh, server):
     fresh.page.mouse.move(*fresh.at(5))
     fresh.page.mouse.move(x, y)
     assert "ben" not in fresh.text("#status") and "suggests" not in fresh.text("#status")
-    assert not fresh.page.locator(".model").is_visible()
+    fresh.press("S")
+    assert fresh.text(".drawer .model") == "Blind: suggestions are hidden."
     server.post("/api/blind", who="anna", blind=False)
     fresh.page.wait_for_selector("#blind-badge", state="hidden")
 
@@ -440,7 +441,7 @@ def test_looking_closer_changes_nothing(fresh):
     fresh.open(33)
 
     def pressed(name):
-        return fresh.page.locator(f"[data-toggle={name}]").get_attribute("aria-pressed")
+        return fresh.page.locator(f"[data-command={name}]").get_attribute("aria-pressed")
 
     for key, name in (("h", "raw"), ("b", "blink")):
         fresh.press(key)
