@@ -244,7 +244,8 @@ export class Timeline {
     clearTimeout(this.peekTimer);
     this.peekTimer = setTimeout(() => {
       image.height = PEEK * frameAspect(camera);
-      image.src = thumbAddress(camera, frame, PEEK);
+      // A pointer that passes does not have a long video read.
+      image.src = `${thumbAddress(camera, frame, PEEK)}&near=1`;
     }, REST_MS);
   }
 
