@@ -311,13 +311,13 @@ function cannotDo(strong) {
   const lost = no(fault, "There is no picture to label here.");
   return {
     acceptNext: lost || no(labels && !strong, "Nothing sure is suggested here."),
-    rest: lost || no(labels && !restOf(camera, frame).cells.length, "No patch is left for it."),
+    rest: lost || no(labels && !restOf(camera, frame, page.hints).cells.length, "No patch is left for it."),
     copy: lost || no(before === null, "This is the first frame."),
     blink: no(before === null, "This is the first frame."),
     previous: no(stepFrom(camera, frame, -1) === null, "No frame before (of this filter)."),
     next: no(stepFrom(camera, frame, 1) === null, "No further frame (of this filter)."),
     unlabelled: no(!blind() && none("us"), "There is no other frame without a label of yours."),
-    uncertain: no(!mission.model, "There is no model to ask."),
+    uncertain: no(!mission.model, blind() ? "Not while blind." : "There is no model to ask."),
   };
 }
 
