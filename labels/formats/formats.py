@@ -81,8 +81,8 @@ FORMATS = {
     ),
     CORALNET: LabelFormat(coralnet.TITLE, coralnet.read_coralnet, coralnet.write_coralnet),
     BIIGLE: LabelFormat(biigle.TITLE, biigle.read_biigle, biigle.write_biigle),
-    CVAT: LabelFormat(cvat.TITLE, cvat.read_cvat, cvat.write_cvat),
-    IFDO: LabelFormat(ifdo.TITLE, ifdo.read_ifdo_labels, ifdo.write_ifdo),
+    CVAT: LabelFormat(cvat.TITLE, cvat.read_cvat, cvat.write_cvat, ".xml"),
+    IFDO: LabelFormat(ifdo.TITLE, ifdo.read_ifdo_labels, ifdo.write_ifdo, ".json"),
     PATCHES: LabelFormat(
         patch_folder.TITLE, patch_folder.read_patch_folder, patch_folder.write_patch_folder, ""
     ),

@@ -23,7 +23,8 @@ def naming(where: object) -> Iterator[None]:
     try:
         yield
     except ToktError as error:
-        raise ToktError(f"{where}: {error}") from None
+        error.args = ToktError(f"{where}: {error}").args  # whatever kind of error it is
+        raise
 
 
 def read_utf8(path: Path) -> str:

@@ -15,6 +15,7 @@ from tokt.features.frames.mission import open_mission
 from tokt.labels.formats.formats import FORMATS
 from tokt.labels.formats.images import MissionImages
 from tokt.labels.formats.options import ReadOptions, WriteOptions
+from tokt.labels.taxonomy import Taxonomy, UnknownClassError
 
 from .examples import (
     BIIGLE,
@@ -61,6 +62,16 @@ def test_own_files_come_back_whole(tmp_path, reading, writing, name, some, with_
     assert read.lost == []
     sources = [record.source for record in read.records]
     assert sources == sorted(sources, key=lambda source: source == "settled")
+
+
+@all_formats
+def test_unknown_classes_are_told_by_name(tmp_path, reading, writing, name):
+    path = tmp_path / FILES[name]
+    FORMATS[name].write(path, [said("reef"), said("sand", 1, 1)], writing)
+    known = Taxonomy(tuple(entry for entry in TAXONOMY.classes if entry.name != "reef"))
+    with pytest.raises(UnknownClassError, match="unknown class 'reef'") as caught:
+        FORMATS[name].read(path, replace(reading, taxonomy=known))
+    assert caught.value.names == ["reef"] and str(path) in str(caught.value)
 
 
 @all_formats
