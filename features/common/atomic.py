@@ -52,7 +52,7 @@ def write_bytes(target: Path, data: bytes, spare: Path | None = None, mode: int 
     partial = _partial_name(target)
     try:
         # Path.open takes no opener, and a file made first would be open to all for a moment.
-        with open(partial, "wb", opener=lambda *how: os.open(*how, mode)) as handle:
+        with open(partial, "wb", opener=lambda name, flags: os.open(name, flags, mode)) as handle:
             handle.write(data)
             handle.flush()
             os.fsync(handle.fileno())

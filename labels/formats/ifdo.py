@@ -9,10 +9,11 @@ References
 https://marine-imaging.com/fair/schemas/annotation-v2.0.0.json
 """
 
+import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
+from uuid import UUID
 
 from tokt.labels.record import LabelRecord
 
@@ -35,7 +36,9 @@ def save(path: Path, frames: list[FrameLabels], options: WriteOptions, remarks: 
     images = mission_images(options, TITLE)
     source = ifdo_of(images.mission.path)
     if source is None:
-        name = f"{uuid4()}"
+        # The same mission, the same name: exports of the same labels are equal.
+        digest = hashlib.sha256(images.name.encode()).digest()[:16]
+        name = str(UUID(bytes=digest, version=4))
         header = {"image-set-name": images.name, "image-set-uuid": name}
         header |= {"image-set-handle": f"urn:uuid:{name}", "image-set-ifdo-version": "v2.1.0"}
         document: dict[str, Any] = {HEADER: header, ITEMS: {}}

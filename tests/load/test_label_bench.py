@@ -64,24 +64,24 @@ def test_a_time_is_held_against_what_is_asked():
 
 def an_effort(with_model: int, **more) -> LabellingEffort:
     return LabellingEffort(
-        "dive 1-18", 18, **{"unsure": False, "without": 60, **more}, with_model=with_model
+        "dive 1-36", 36, **{"unsure": False, "without": 60, **more}, with_model=with_model
     )
 
 
 def test_the_effort_is_held_against_what_is_asked():
-    assert an_effort(30).asked == 30 and an_effort(30).holds
-    assert an_effort(31).holds is False and an_effort(30, against=1).holds is False
+    assert an_effort(60).asked == 60 and an_effort(60).holds
+    assert an_effort(61).holds is False and an_effort(60, against=1).holds is False
     assert an_effort(90, unsure=True).holds is None
 
 
 def test_tables_and_chart_say_what_is_not_kept(capsys):
     times = [Timing("slow", "from here to there", [200.0, 300.0], 100.0)]
-    efforts = [an_effort(31, wrong=["frame 1 patch 2: ocean instead of reef"])]
+    efforts = [an_effort(61, wrong=["frame 1 patch 2: ocean instead of reef"])]
     found = {"times": [times[0].to_json()], "effort": [efforts[0].to_json()], **ABOUT}
     print_report(label_report(found))
     shown = capsys.readouterr().out
     assert "p95 100" in shown and shown.count(" NO ") == 3
-    assert "60" in shown and "31" in shown and "ocean instead of reef" in shown
+    assert "60" in shown and "61" in shown and "ocean instead of reef" in shown
     chart = label_chart_png(times, efforts, ABOUT)
     assert chart.startswith(b"\x89PNG") and len(label_chart_png(times, [], ABOUT)) < len(chart)
 

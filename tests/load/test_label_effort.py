@@ -50,10 +50,8 @@ def dive(tiny, records):
     return LabelledMission(open_mission(tiny.path), records)
 
 
-def test_a_stretch_of_water_only_has_no_obstacle(records):
+def test_the_most_frequent_obstacle_is_what_a_model_means(records):
     assert most_frequent_obstacle(labels_by_frame(records)) == "subsea_installation"
-    water = [record for record in records if record.label == "ocean"]
-    assert most_frequent_obstacle(labels_by_frame(water)) is None
 
 
 def test_stretches_are_frames_in_a_row(dive, records):

@@ -194,6 +194,7 @@ def write_files(box, frames, mission):
 def page_looked_at(port):
     """Once the labelling page is there, its parts are asked for; then Ctrl-C. What they said."""
     ended, said = Event(), []
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def look():
         while not ended.wait(0.02):
@@ -219,6 +220,8 @@ def page_looked_at(port):
     finally:
         ended.set()
         thread.join()
+        for number, handler in handlers.items():  # the server keeps them for good
+            signal.signal(number, handler)
 
 
 def fault_of(command, ran):

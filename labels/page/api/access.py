@@ -13,7 +13,7 @@ import os
 import re
 import secrets
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from http.cookies import CookieError, SimpleCookie
 from pathlib import Path
 from urllib.parse import parse_qs, unquote
@@ -95,12 +95,15 @@ class AccessRules:
         Whether any IP address is such a name. A rebinding attack needs a name, not an address.
     token : str or None
         What must be shown with every request, or None.
+    tickets : set of str
+        What may be shown in its place once, to open the page.
     """
 
     port: int
     names: frozenset[str] = LOOPBACK_NAMES
     any_address: bool = False
     token: str | None = None
+    tickets: set[str] = field(default_factory=set, compare=False)
 
     def is_our_host(self, header: str) -> bool:
         """Whether a Host header addresses this server."""
@@ -211,6 +214,9 @@ class Access:
 
     def _is_shown(self, given: str) -> bool:
         """Whether somebody gave the token, or pasted the whole address that holds it."""
+        if given in self._rules.tickets:
+            self._rules.tickets.discard(given)
+            return True
         pasted = unquote(given.strip().rpartition("?token=")[2])
         return self._rules.is_token(given) or self._rules.is_token(pasted)
 

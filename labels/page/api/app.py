@@ -16,7 +16,15 @@ from starlette.types import ASGIApp
 from tokt.features.common.errors import ToktError
 from tokt.labels.page.state.session import Session
 
-from . import class_routes, file_routes, label_routes, mission_routes, picture_routes, sheet_routes
+from . import (
+    class_routes,
+    file_routes,
+    job_routes,
+    label_routes,
+    mission_routes,
+    picture_routes,
+    sheet_routes,
+)
 from .access import Access, AccessRules
 from .messages import add_error_handlers
 
@@ -56,7 +64,7 @@ def create_app(session: Session, rules: AccessRules) -> ASGIApp:
     app.state.session = session
     add_error_handlers(app)
     seeing = label_routes, mission_routes, picture_routes, sheet_routes
-    for routes in (*seeing, file_routes, class_routes):
+    for routes in (*seeing, file_routes, class_routes, job_routes):
         app.include_router(routes.router)
     files = _PageFiles(packages=[("tokt.labels.page", "static")])
 

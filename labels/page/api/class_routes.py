@@ -17,14 +17,15 @@ from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.labels.page.state.session import Session
 from tokt.labels.taxonomy import FILE_NAME, FORMAT, Taxonomy
 
-from .messages import Body, SessionOf, json_response, refuse
+from .messages import Body, Name, SessionOf, json_response, refuse
 
 router = APIRouter(prefix="/api")
 
 
 class ClassesBody(Body):
-    """All classes in their order."""
+    """All classes in their order, from somebody."""
 
+    who: Name | None = None
     setup: str
     classes: list[dict[str, Any]]
 

@@ -1,6 +1,9 @@
 """The mission: its classes, the state of every frame, and which frame to label next."""
 
+from contextlib import suppress
 from dataclasses import asdict
+from itertools import count
+from math import floor
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
@@ -8,6 +11,8 @@ from starlette.responses import Response
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import format_frames
+from tokt.labels.formats.formats import FORMATS
+from tokt.labels.formats.frame_metadata import ifdo_of
 from tokt.labels.formats.images import FrameKey
 from tokt.labels.page.state.board import FrameName
 from tokt.labels.page.state.session import Session
@@ -31,6 +36,7 @@ from .messages import (
 router = APIRouter(prefix="/api")
 _NO_CLASS_COLOR = "#e6e6e6"
 _SCORE_DECIMALS = 4
+_MAX_BANDS = 8  # of depth
 
 
 @router.get("/mission")
@@ -56,10 +62,15 @@ def get_mission(session: SessionOf, blind: Blind, who: Who | None = None) -> Res
             "setup": session.setup,
             "event": board.event,
             "states": board.states(who, blind),
+            "given": board.given(who),
             "counts": board.counts(who),
             "undo": session.undo_heads(who),
             "other_grids": session.other_grids,
+            "described": ifdo_of(session.mission.path) is not None,
             "settings": session.settings,
+            "job": session.status()["job"],
+            "depths": _depth_bands(session),
+            "formats": {name: kind.title for name, kind in FORMATS.items()},
         }
     )
 
@@ -95,6 +106,17 @@ def get_frames_with(
 ) -> Response:
     """Frames in which this person gave some patch a label; nobody else's count."""
     found = session.board.frames_with(who or session.annotator, label)
+    return json_response({"cameras": _by_camera(session, found)})
+
+
+@router.get("/frames_at")
+def get_frames_at(session: SessionOf, above: int, below: int) -> Response:
+    """Frames from a depth in metres down to another, by the mission's iFDO file."""
+    found = [
+        (key.camera, key.frame)
+        for key, one in sorted(session.metadata.items())
+        if one.depth_m is not None and above <= one.depth_m < below
+    ]
     return json_response({"cameras": _by_camera(session, found)})
 
 
@@ -143,6 +165,18 @@ def get_queue(
         for entry in next_frames(session.suggester.known(), labelled, n, now)
     ]
     return _queue(frames, "", done, total)
+
+
+def _depth_bands(session: Session) -> list[tuple[int, int]]:
+    """Whole metres from and to, a few bands that hold all frames whose depth is known."""
+    with suppress(ToktError):  # a file that cannot be read, which `get_frame_info` tells
+        known = [one.depth_m for one in session.metadata.values() if one.depth_m is not None]
+        if known:
+            steps = (m * 10**n for n in count() for m in (1, 2, 5))
+            step = next(each for each in steps if max(known) - min(known) <= each * _MAX_BANDS)
+            first, last = floor(min(known) / step), floor(max(known) / step)
+            return [(n * step, (n + 1) * step) for n in range(first, last + 1)]
+    return []
 
 
 def _none(why_not: str) -> Response:

@@ -1,8 +1,10 @@
 """Serving the page: the listening socket, its host names and URL, and the server until it ends."""
 
+import atexit
 import errno
 import ipaddress
 import os
+import secrets
 import signal
 import socket
 from collections.abc import Callable, Iterator
@@ -35,11 +37,15 @@ class Address:
     rules : AccessRules
     url : str
         What a person opens; holds the token if one is needed.
+    opens_once : str
+        What a browser is started with: every account sees the words that a program was started
+        with, so it holds what is good for one time only.
     """
 
     socket: socket.socket
     rules: AccessRules
     url: str
+    opens_once: str
 
 
 def listen(host: str, port: int, token: str | None) -> Address:
@@ -61,8 +67,12 @@ def listen(host: str, port: int, token: str | None) -> Address:
         shown = socket.gethostname().lower()
     names.add(shown.lower())
     rules = AccessRules(port, frozenset(names), not loopback, token)
-    query = "" if token is None else f"?token={quote(token, safe='')}"
-    return Address(listener, rules, f"http://{shown}:{port}/{query}")
+    page = f"http://{shown}:{port}/"
+    if token is None:
+        return Address(listener, rules, page, page)
+    ticket = secrets.token_urlsafe(18)
+    rules.tickets.add(ticket)
+    return Address(listener, rules, *(f"{page}?token={quote(t, safe='')}" for t in (token, ticket)))
 
 
 def _listening(host: str, port: int) -> socket.socket:
@@ -121,6 +131,8 @@ class _PageServer(uvicorn.Server):
         """Take Ctrl-C and SIGTERM for good: one that comes while all is put away does no harm."""
         for number in HANDLED_SIGNALS:
             signal.signal(number, self.handle_exit)
+            # While Python puts itself away it would hand the signal back to the system.
+            atexit.register(signal.signal, number, signal.SIG_IGN)
         yield
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:

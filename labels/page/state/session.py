@@ -25,6 +25,7 @@ from tokt.models.bundle.bundle import Bundle
 
 from .audits import Audits
 from .board import Board, FrameName
+from .jobs import Jobs
 from .live import Broadcaster
 from .pictures import PatchPictures
 from .review_sheet import ReviewSheet
@@ -80,7 +81,8 @@ class Session:
     blind: frozenset[str] = frozenset()
     taxonomy_file: Path | None = None
     changing: threading.Lock = field(default_factory=threading.Lock)
-    """Held by who changes the classes or the model."""
+    """Held by who changes the classes."""
+    jobs: Jobs = field(default_factory=Jobs)
     _refreshing: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
@@ -129,7 +131,8 @@ class Session:
 
     def status(self) -> dict[str, Any]:
         """The server's own state; pages get it without the names of who is `blind`."""
-        state = {"fault": self.fault, "model": self.progress(), "setup": self.setup}
+        job = self.jobs.last and self.jobs.last.to_json()
+        state = {"fault": self.fault, "model": self.progress(), "setup": self.setup, "job": job}
         return {**state, "settings": self.settings, "blind": self.blind}
 
     @property
@@ -226,6 +229,7 @@ class Session:
 
     def close(self) -> None:
         """End what is computed, and close the store."""
+        self.jobs.close()
         if self.suggester is not None:
             self.suggester.close()
         self.sheet.close()
@@ -246,9 +250,10 @@ class Session:
         return self.board.names
 
     def state_after(self, who: str, frames: set[FrameName]) -> dict[str, Any]:
-        """What a page must know after a change: states of these frames, counts, undo."""
+        """What a page must know after a change: these frames' states and classes, counts, undo."""
         return {
             "states": self.board.states_of(who, who in self.blind, frames),
+            "given": self.board.given(who, frames),
             "counts": self.board.counts(who),
             "undo": self.undo_heads(who),
         }

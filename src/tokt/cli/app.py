@@ -14,19 +14,8 @@ from typer import Option
 
 from tokt.features.common.errors import ToktError, os_words
 
-from . import (
-    compare,
-    dataset,
-    doctor,
-    interrupt_ends,
-    labels,
-    models,
-    replay,
-    rig,
-    run,
-    studies,
-    train,
-)
+from . import compare, dataset, doctor, labels, models, replay, rig, run, studies, train
+from .interrupts import interrupt_ends
 from .output import live_without_terminal, open_standard_files, say
 
 _TRACEBACKS = 20

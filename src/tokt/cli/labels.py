@@ -15,7 +15,7 @@ from typer import Argument, Option
 from tokt.features.common.errors import ToktError, printable
 from tokt.labels.formats import NAMES
 
-from . import interrupt_ends
+from .interrupts import interrupt_ends
 from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
 from .output import answer, print_json, progress, say
 from .output import print_line as print
@@ -127,7 +127,7 @@ def label(
         def ready() -> None:
             print(f"labelling {frames.name} at {address.url} (Ctrl-C ends)")
             if not no_browser:
-                _open_browser(address.url)
+                _open_browser(address.opens_once)
 
         serve(session, address.socket, address.rules, ready)
         session.close()

@@ -51,9 +51,9 @@ class LabellingEffort:
     """Patches whose stored label is not the one asked for, after the actions were performed."""
 
     @property
-    def asked(self) -> float | None:
+    def asked(self) -> int | None:
         """The most actions with suggestions; None where nothing is asked."""
-        return None if self.unsure else ASKED * self.frames / FRAMES
+        return None if self.unsure or self.frames < FRAMES else ASKED
 
     @property
     def holds(self) -> bool | None:
@@ -110,7 +110,7 @@ def label_on_page(browser, mission, workspace, target: Target, model, obstacle) 
     with label_server(mission, workspace, "--annotator", ANNOTATOR, *options) as url:
         tab = Tab(browser, url)
         tab.open(f"#/label/left/{next(iter(target))}")
-        if model is not None and obstacle is not None:
+        if model is not None:
             tab.page.evaluate(_SET_OBSTACLE, obstacle)
         session = LabelSession(tab, target, model is not None)
         session.run()

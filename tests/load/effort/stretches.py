@@ -45,12 +45,11 @@ def target_of(labels: Target, numbers: Sequence[int], unsure: bool) -> Target:
     }
 
 
-def most_frequent_obstacle(labels: Target) -> str | None:
-    """The class that a model's "obstacle" stands for; None where no patch is one."""
+def most_frequent_obstacle(labels: Target) -> str:
+    """The class that a model's "obstacle" stands for; any one where no patch is one."""
     taxonomy = Taxonomy.load()
     said = Counter(label for row in labels.values() for label in row)
-    most = max(filter(taxonomy.is_obstacle, taxonomy.names), key=said.__getitem__)
-    return most if said[most] else None
+    return max(filter(taxonomy.is_obstacle, taxonomy.names), key=said.__getitem__)
 
 
 @dataclass(frozen=True)

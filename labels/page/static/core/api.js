@@ -3,6 +3,7 @@
 import { who } from "./settings.js";
 
 const TIMEOUT_MS = 20000;
+const SEND_MS = 600000;
 
 /** A request that failed. `status` 0: the server was not reached. */
 export class ApiError extends Error {
@@ -28,14 +29,14 @@ export function onFailure(handle = () => undefined) {
 /**
  * The address of an API path with its parameters and `who`.
  * @param {string} path
- * @param {Object} [params] Those that are null or undefined are left out.
+ * @param {Object} [params] Those that are null or undefined are left out; a list is repeated.
  * @returns {string}
  */
 export function address(path, params = {}) {
   const query = new URLSearchParams();
   const all = { who: who() || null, ...params };
   for (const [name, value] of Object.entries(all)) {
-    if (value !== null && value !== undefined) query.set(name, value);
+    for (const one of [value].flat()) if (one !== null && one !== undefined) query.append(name, one);
   }
   return `${path}?${query}`;
 }
@@ -67,14 +68,28 @@ export async function post(path, body) {
 }
 
 /**
+ * POST a file to a path.
+ * @param {string} path
+ * @param {Object} params
+ * @param {Blob} file
+ * @returns {Promise<*>}
+ * @throws {ApiError}
+ */
+export async function send(path, params, file) {
+  const headers = { "Content-Type": "application/octet-stream" };
+  return request(address(path, params), { method: "POST", headers, body: file }, SEND_MS);
+}
+
+/**
  * Fetch an address as it is.
  * @param {string} url
  * @param {RequestInit} options
+ * @param {number} [most] How many ms it may take.
  * @returns {Promise<Response>} A successful one.
  * @throws {ApiError}
  */
-export async function fetchOk(url, options = {}) {
-  const timeout = AbortSignal.timeout(TIMEOUT_MS);
+export async function fetchOk(url, options = {}, most = TIMEOUT_MS) {
+  const timeout = AbortSignal.timeout(most);
   const signal = options.signal ? AbortSignal.any([options.signal, timeout]) : timeout;
   let response;
   try {
@@ -87,8 +102,8 @@ export async function fetchOk(url, options = {}) {
   return response;
 }
 
-async function request(url, options) {
-  const response = await fetchOk(url, options);
+async function request(url, options, most) {
+  const response = await fetchOk(url, options, most);
   try {
     return await response.json();
   } catch {

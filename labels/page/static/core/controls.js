@@ -3,7 +3,7 @@
 
 import { asksObstacleClass, obstacleClass, obstacleClasses } from "../frame/suggest.js";
 import { onFailure, post } from "./api.js";
-import { backAfterMouse, button, el, say } from "./dom.js";
+import { backAfterMouse, button, el, say, setAttribute } from "./dom.js";
 import { classes, colourOf, mission, signOf, takeNews } from "./mission.js";
 
 /** Patch of colour with the class's key in it, so that colour is never the only sign. */
@@ -33,27 +33,40 @@ export function classButtons(choose) {
 }
 
 /**
- * A control with its key behind what it says.
- * @template {HTMLElement} T
- * @param {T} control
- * @param {string} key
- * @returns {T}
+ * What to say where there is nothing to show, and the button that leads on.
+ * @returns {HTMLElement}
  */
-export function withKey(control, key) {
-  control.append(" ", el("kbd", { text: key, "aria-hidden": "true" }));
-  control.setAttribute("aria-keyshortcuts", key);
-  return control;
+export function nothingYet(text, words, href) {
+  const onward = el("a", { class: "button main", text: words, href });
+  return el("p", { class: "empty-state" }, `${text} `, onward);
 }
 
 /**
- * Buttons of commands, each with its key.
+ * Buttons of commands, whose titles say what they do and by which key.
  * @param {Object<string, Function>} commands By name.
  * @param {(command: string) => string} keyFor
- * @returns {(text: string, name: string, options?: Object) => HTMLButtonElement} `options`: as
- *   `button` takes them.
+ * @returns {(text: string, name: string, does: string, options?: Object) => HTMLButtonElement}
+ *   `options`: as `button` takes them.
  */
 export function commandButtons(commands, keyFor) {
-  return (text, name, options) => withKey(button(text, commands[name], options), keyFor(name));
+  return (text, name, does, options) => {
+    const keys = { "data-key": keyFor(name), "aria-keyshortcuts": keyFor(name) };
+    const made = button(text, commands[name], { "data-command": name, ...keys, ...options });
+    allow(made, "", does);
+    return made;
+  };
+}
+
+/**
+ * Let a button do what it does, or say why it cannot; it keeps the keyboard in any case.
+ * @param {HTMLButtonElement} made By `commandButtons`.
+ * @param {string} [why] It cannot; "" if it can.
+ * @param {string} [does] What it does, where that changed.
+ */
+export function allow(made, why = "", does = made.dataset.does) {
+  made.dataset.does = does;
+  made.title = why || `${does} (${made.dataset.key})`;
+  setAttribute(made, "aria-disabled", why ? "true" : null);
 }
 
 /**
@@ -91,7 +104,7 @@ export function obstacleChoice() {
 }
 
 async function setObstacleClass(value) {
-  const explain = ({ message }) => say(`Not kept: ${message}`, { bad: true });
+  const explain = ({ message }) => say(`Not kept: ${message}`, { bad: true, stays: true });
   const body = { name: "obstacle_as", value };
   takeNews((await post("/api/settings", body).catch(onFailure(explain))) ?? {});
 }

@@ -40,7 +40,7 @@ export function setAttribute(node, name, value) {
  */
 export function button(text, run, attributes) {
   const click = (event) => {
-    run(event);
+    if (event.currentTarget.ariaDisabled !== "true") run(event);
     if (event.detail > 0) focusView();
   };
   return el("button", { text, type: "button", on: { click }, ...attributes });
@@ -75,20 +75,27 @@ export function announce(text) {
 }
 
 let toastTimer = 0;
+let toastStays = false;
 
 /**
  * Show a sentence for some seconds, and read it out.
  * @param {string} text
- * @param {{bad?: boolean, link?: ?string}} [options] `bad`: something was not done; `link`: the
- *   address of the place that it is about.
+ * @param {{bad?: boolean, link?: ?string, stays?: boolean}} [options] `bad`: something was not done;
+ *   `link`: the address of the place that it is about; `stays`: it is not about what is shown.
  */
-export function say(text, { bad = false, link = null } = {}) {
+export function say(text, { bad = false, link = null, stays = false } = {}) {
+  toastStays = stays;
   const toast = document.getElementById("toast");
   toast.replaceChildren(text, link ? el("a", { text: "Go there", href: link }) : "");
   toast.classList.toggle("bad", bad);
   toast.classList.add("shown");
   clearTimeout(toastTimer);
   toastTimer = setTimeout(() => toast.classList.remove("shown"), bad ? 8000 : 4000);
+}
+
+/** Something else is shown: take the sentence away that was about what was. */
+export function endToast() {
+  if (!toastStays) document.getElementById("toast").classList.remove("shown");
 }
 
 /**

@@ -36,10 +36,24 @@ function byId(id) {
 function showMission() {
   byId("mission-name").textContent = mission.mission;
   byId("mission-name").title = `${mission.grid.rows}×${mission.grid.cols} patches a frame`;
+  showProgress();
   byId("person").textContent = `Labelling as ${who()}`;
   byId("person").title = "somebody else works here, or blind";
   byId("blind-badge").hidden = !blind();
   document.title = `${mission.mission} · tokt`;
+}
+
+let shown = "";
+
+/**
+ * Say how far the labelling of a camera's frames is.
+ * @param {string} [camera] The one that is shown now; without it, the one before.
+ */
+export function showProgress(camera = shown) {
+  shown = camera;
+  const states = mission.states[shown] ?? Object.values(mission.states)[0];
+  const done = states.filter((state) => state === "d").length;
+  byId("progress").textContent = `${done} of ${states.length} done`;
 }
 
 function showState() {
@@ -109,7 +123,8 @@ function personDialog(take) {
 }
 
 async function become(change) {
-  const explain = ({ message }) => say(`Not done, or not loaded anew: ${message}`, { bad: true });
+  const words = "Not done, or not loaded anew:";
+  const explain = ({ message }) => say(`${words} ${message}`, { bad: true, stays: true });
   const showAnew = () => {
     showMission();
     listenAnew();

@@ -4,7 +4,7 @@
 
 import { el } from "./dom.js";
 import { classes, selectClass } from "./mission.js";
-import { changeSetting } from "./settings.js";
+import { changeSetting, setSetting, setting } from "./settings.js";
 
 const CONTRAST_STEP = 10;
 
@@ -195,4 +195,23 @@ const lookKey = (key, does, run) => ({ keys: [key], does, run, group: "Seeing" }
 export const lookKeys = [
   lookKey("[", "less contrast", () => changeSetting("enhance", -CONTRAST_STEP, 100)),
   lookKey("]", "more contrast", () => changeSetting("enhance", CONTRAST_STEP, 100)),
+];
+
+/** Opens and closes the drawer of settings. */
+export const DRAWER_KEY = "S";
+
+/** Open the drawer of settings, or close it. */
+export function toggleDrawer() {
+  setSetting("drawer", !setting("drawer"));
+}
+
+/**
+ * The same and further ones, for views with a toolbar.
+ * @type {KeyEntry[]}
+ */
+export const labelKeys = [
+  ...lookKeys,
+  lookKey("<", "suggestions count as sure from a lower value", () => changeSetting("confidence", -0.1, 3)),
+  lookKey(">", "suggestions count as sure from a higher value", () => changeSetting("confidence", 0.1, 3)),
+  lookKey(DRAWER_KEY, "settings, and back", toggleDrawer),
 ];

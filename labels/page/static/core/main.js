@@ -1,16 +1,17 @@
 // Starts the page: the mission first, then the views, the keys and what keeps everything saved.
 
 import "../frame/frame_view.js";
-import { proposeAgain } from "../frame/painting.js";
+import { whereStopped } from "../frame/steps.js";
 import { askObstacleClass } from "./controls.js";
-import { el, say } from "./dom.js";
+import { el } from "./dom.js";
 import { askPerson, startHeader } from "./header.js";
 import { addGlobalKeys, listen, toggleHelp } from "./keys.js";
 import { startListening } from "./live.js";
-import { frames, loadMission, mission } from "./mission.js";
+import { loadMission } from "./mission.js";
 import { startNotices } from "../saving/notices.js";
-import { addLaterView, currentView, go, loadLaterViews, startRouting } from "./router.js";
-import { redo, startSaving, undo } from "../saving/saver.js";
+import { addLaterView, loadLaterViews, startRouting } from "./router.js";
+import { startSaving } from "../saving/saver.js";
+import { stepBack, stepForward } from "./toolbar.js";
 
 const RETRY_MS = 1000;
 const LOAD_LATER_MS = 3000;
@@ -42,37 +43,10 @@ async function start() {
   addLaterView("sheet", "Review sheet", later("sheets/sheet"));
   addLaterView("audit", "", later("sheets/audit"));
   addLaterView("agreement", "Agreement", later("sheets/agreement"));
-  startRouting(home());
+  addLaterView("files", "Files and models", later("files/files"));
+  startRouting(`#/label/${whereStopped().join("/")}`);
   askObstacleClass();
   setTimeout(loadLaterViews, LOAD_LATER_MS);
-}
-
-function home() {
-  const camera = Object.keys(mission.cameras)[0];
-  return `#/label/${camera}/${frames(camera)[0]}`;
-}
-
-async function stepBack() {
-  const head = await undo();
-  proposeAgain(head?.key);
-  tell("Undone", head);
-}
-
-async function stepForward() {
-  tell("Done again", await redo());
-}
-
-/** Say what was undone where, and show it: views of frames go there, the others offer to. */
-function tell(what, head) {
-  if (!head) return;
-  const { kind, changed, camera, frame, frames: count } = head;
-  const patches = changed === 1 ? "1 patch" : `${changed} patches`;
-  const more = count > 1 ? ` and ${count - 1} more` : "";
-  const view = currentView();
-  const goes = view === "label" || view === "overview";
-  const link = goes ? null : `#/label/${camera}/${frame}`;
-  say(`${what}: ${kind}, ${patches}, ${camera} frame ${frame}${more}.`, { link });
-  if (goes) go(`#/${view}/${camera}/${frame}`, { replace: true });
 }
 
 start();

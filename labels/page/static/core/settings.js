@@ -79,9 +79,12 @@ const DEFAULTS = {
   grid: true,
   outlines: true,
   suggestions: true,
+  drawer: false,
   confidence: 0.5,
   follow: 2,
   filter: "all",
+  rate: 5,
+  beside: false,
   selected: "",
 };
 

@@ -1,9 +1,9 @@
-// The bar under the picture: which frame this is, where to go, filter, and the strip's legend; and
-// sentences about a frame and its patches, for the status line and for screen readers.
+// The bar under the picture: which frame this is, where to go, filter, and the status line; the
+// strip's legend; sentences about a frame and its patches, for the status line and screen readers.
 
 import { commandButtons, optionsOf } from "../core/controls.js";
-import { backAfterMouse, el, focusView } from "../core/dom.js";
-import { frameIndex, frames, mission, setSetting, stateOf } from "../core/mission.js";
+import { backAfterMouse, el, focusView, setAttribute } from "../core/dom.js";
+import { frameIndex, frames, mission, setSetting, setting, stateOf } from "../core/mission.js";
 import { disagree } from "./cell_drawing.js";
 import { cellName } from "./patch_grid.js";
 import { countPassing, filterChoices, filterName } from "./steps.js";
@@ -13,9 +13,11 @@ import { STATES } from "./timeline.js";
  * Build the bar.
  * @param {Object<string, Function>} commands
  * @param {(command: string) => string} keyFor
- * @returns {{root: HTMLElement, show: (camera: string, frame: number) => void}}
+ * @param {HTMLElement} status
+ * @returns {{root: HTMLElement, legend: HTMLElement,
+ *   show: (camera: string, frame: number) => void}}
  */
-export function buildBar(commands, keyFor) {
+export function buildBar(commands, keyFor, status) {
   const command = commandButtons(commands, keyFor);
   const number = el("input", {
     type: "number", "aria-label": "Frame number", class: "frame-number",
@@ -26,39 +28,38 @@ export function buildBar(commands, keyFor) {
     },
   });
   const place = el("span", { class: "place" });
-  const camera = command("", "camera", { title: "Left or right camera" });
-  camera.prepend(el("span", { class: "camera-name" }));
+  const camera = command("", "camera", "Left or right camera");
+  const both = command("Both", "beside", "Left and right side by side");
   const setFilter = () => setSetting("filter", filter.value);
-  const filter = backAfterMouse(el("select", { class: "filter", on: { change: setFilter } }));
+  const options = { class: "filter", "aria-label": "Filter", title: "Which frames are stepped to" };
+  const filter = backAfterMouse(el("select", { ...options, on: { change: setFilter } }));
   const matches = el("span", { class: "matches" });
   const legend = el("div", { class: "legend", "aria-label": "States of frames" });
   const root = el("div", { class: "frame-bar" },
-    command("◀", "previous", { "aria-label": "Frame before", title: "Frame before" }),
+    command("◀", "previous", "Frame before", { "aria-label": "Frame before" }),
     number,
-    command("▶", "next", { "aria-label": "Next frame", title: "Next frame" }),
+    command("▶", "next", "Next frame", { "aria-label": "Next frame" }),
     place,
+    el("span", { class: "player" }),
     camera,
-    command("Next unlabelled", "unlabelled"),
-    command("Next uncertain", "uncertain", {
-      title: "Where the model is least sure and has seen least",
-    }),
-    el("label", { class: "pick" }, el("span", { text: "Filter" }), filter),
+    both,
+    filter,
     matches,
-    el("span", { class: "spring" }),
-    legend,
+    status,
   );
   const show = (where, frame) => {
     const list = frames(where);
     if (document.activeElement !== number) number.value = frame;
     place.textContent = `${frameIndex(where, frame) + 1} of ${list.length}`;
-    camera.hidden = Object.keys(mission.cameras).length < 2;
-    root.querySelector(".camera-name").textContent = where;
+    camera.hidden = both.hidden = Object.keys(mission.cameras).length < 2;
+    setAttribute(both, "aria-pressed", String(setting("beside")));
+    camera.textContent = where;
     camera.setAttribute("aria-label", `${where} camera: change`);
     showFilters(filter);
     matches.textContent = filterName() === "all" ? "" : `${countPassing(where)} frames match`;
     showLegend(legend, where);
   };
-  return { root, show };
+  return { root, legend, show };
 }
 
 // Classes come when somebody uses them first, and go with who works here.
@@ -107,6 +108,24 @@ export function describeFrame(camera, frame, labels) {
 }
 
 /**
+ * When and where a frame was taken, in words.
+ * @param {Object} said Of /api/frame_info; {} where nothing is known.
+ * @returns {string}
+ */
+export function describeInfo(said) {
+  const time = said.time?.replace("T", " ").replace(/(\.\d+)?Z$/, " UTC");
+  const parts = {
+    [time]: said.time,
+    [`depth ${said.depth_m} m`]: said.depth_m,
+    [`altitude ${said.above_ground_m} m`]: said.above_ground_m,
+    [`heading ${said.heading_deg}°`]: said.heading_deg,
+    [`${said.latitude}°, ${said.longitude}°`]: said.latitude,
+  };
+  const known = ([, value]) => value !== null && value !== undefined;
+  return Object.entries(parts).filter(known).map(([words]) => words).join(", ");
+}
+
+/**
  * A patch in words.
  * @param {number} cell
  * @param {Object} labels
@@ -116,12 +135,12 @@ export function describeFrame(camera, frame, labels) {
 export function describeCell(cell, labels, hint) {
   const words = [`${cellName(cell)}: ${labels.mine[cell] ?? "no label of mine"}`];
   const version = labels.models[cell];
-  if (version) words.push(`confirmed from ${version}`);
+  if (version) words.push(`accepted from ${version}`);
   if (labels.pending.has(cell)) words.push("not saved yet");
   if (hint) {
-    if (hint.text === "copy") words.push(`copied ${hint.label}`);
+    if (hint.text === "copy") words.push(`${hint.label} as in the previous frame`);
     else if (hint.kept) words.push(`${hint.label} kept from the frame before`);
-    else words.push(`${hint.model} suggests ${hint.label} ${hint.text}`);
+    else words.push(`model suggests ${hint.label}, ${hint.strong ? "sure" : "unsure"}`);
     if (hint.against) words.push(`the model says ${hint.said}`);
   }
   const said = [labels.mine[cell]];

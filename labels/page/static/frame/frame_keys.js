@@ -1,6 +1,6 @@
 // The table of the frame view's keys: what dispatches them, the overlay and the buttons read it.
 
-import { reachable } from "../core/keys.js";
+import { labelKeys, reachable } from "../core/keys.js";
 
 const NEXT = "Frames";
 const PAINT = "Painting";
@@ -16,10 +16,12 @@ const TABLE = [
   ["last", ["End"], NEXT, "last frame"],
   ["unlabelled", ["n"], NEXT, "next frame without a label of mine"],
   ["unlabelledBack", ["N"], NEXT, "the one before without a label"],
-  ["uncertain", ["q"], NEXT, "next uncertain frame: the model's queue"],
+  ["uncertain", ["q"], NEXT, "next uncertain frame: where the model is least sure"],
   ["disagreement", ["x"], NEXT, "next frame with a disagreement"],
   ["type", ["f"], NEXT, "type a frame number"],
   ["camera", ["s"], NEXT, "left or right camera"],
+  ["beside", ["w"], SEE, "left and right side by side: the second one is to look at"],
+  ["play", ["k"], NEXT, "play, and stop; what labels stops it too and labels nothing"],
   ["paint", ["Space"], PAINT, "paint the cursor's patch or the rectangle"],
   ["move", ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"], PAINT, "move the cursor"],
   [
@@ -30,8 +32,8 @@ const TABLE = [
   ],
   ["row", ["r"], PAINT, "paint the cursor's row"],
   ["rest", ["o"], PAINT, "the rest of this frame is clear (the class that is no obstacle)"],
-  ["copy", ["p"], PAINT, "copy the labels of the frame before, to be accepted"],
-  ["accept", ["Enter"], PAINT, "accept the copies and confident suggestions"],
+  ["copy", ["p"], PAINT, "same as the frame before, to be accepted"],
+  ["accept", ["Enter"], PAINT, "accept the copies and the sure suggestions"],
   ["acceptAll", ["Shift+Enter"], PAINT, "accept all suggestions"],
   ["acceptNext", ["g", "Ctrl+Enter"], PAINT, "accept as Enter does; next frame not done"],
   ["confirm", ["c"], PAINT, "tool: painting accepts single suggestions (also Alt+click)"],
@@ -44,10 +46,6 @@ const TABLE = [
   ["grid", ["l"], SEE, "grid lines"],
   ["outlines", ["v"], SEE, "labels and suggestions"],
   ["suggestions", ["m"], SEE, "suggestions of the model"],
-  ["less", ["["], SEE, "less contrast"],
-  ["more", ["]"], SEE, "more contrast"],
-  ["unsurer", ["<"], SEE, "confident from a lower value"],
-  ["surer", [">"], SEE, "confident from a higher value"],
   ["zoomIn", ["+", "="], SEE, "zoom in (also the wheel)"],
   ["zoomOut", ["-"], SEE, "zoom out"],
   ["fit", ["0"], SEE, "whole frame"],
@@ -66,6 +64,7 @@ const POINTER_HELP = [
   ["Row or column head", "paint the row or column"],
   ["Right click", "unsure, whatever class is chosen"],
   ["Alt+click", "accept a single suggestion or copy"],
+  ["Wheel on the strip", "fewer or more frames there (also +, -, 0 on it); sideways: move it"],
 ];
 
 /**
@@ -82,7 +81,7 @@ export function frameKeys(commands) {
     release: commands[name].release,
   }));
   const pointer = POINTER_HELP.map(([what, does]) => ({ keys: [what], group: "Pointer", does }));
-  return [...rows, ...pointer];
+  return [...rows, ...labelKeys, ...pointer];
 }
 
 /**

@@ -1,28 +1,34 @@
 // The view in which one frame is labelled: it joins the canvas, tools, bar and timeline.
 
-import { onFailure } from "../core/api.js";
-import { announce, el, focusView, say } from "../core/dom.js";
+import { get, onFailure } from "../core/api.js";
+import { allow, commandButtons } from "../core/controls.js";
+import { announce, el, endToast, focusView, say, setAttribute } from "../core/dom.js";
+import { showProgress } from "../core/header.js";
 import {
-  blind, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting, setting,
+  blind, frameIndex, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting,
+  setting,
 } from "../core/mission.js";
 import { addView, noteAddress } from "../core/router.js";
-import { changeSetting } from "../core/settings.js";
+import { buildDrawer, buildToolbar } from "../core/toolbar.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { onState, pending, state } from "../saving/saver.js";
-import { buildBar, describeCell, describeFrame } from "./frame_bar.js";
+import { Beside } from "./beside.js";
+import { buildBar, describeCell, describeFrame, describeInfo } from "./frame_bar.js";
 import { FrameCanvas } from "./frame_canvas.js";
 import { frameKeys, keyForCommand } from "./frame_keys.js";
 import { FrameShow } from "./frame_show.js";
 import { listenToPointer } from "./gestures.js";
 import { noteWords, writeNote } from "./notes.js";
-import { accept, copyFrom, dropAllCopies, hintsOf, paint, paintRest } from "./painting.js";
-import { ARROWS, PatchCursor, cellName, cellsOfRow, rowCol } from "./patch_grid.js";
 import {
-  endFrame, filterName, nextBlindFrame, nextIn, nextUncertain, onClassFrames, stepFrom,
+  accept, copyFrom, dropAllCopies, hintsOf, paint, paintRest, restOf,
+} from "./painting.js";
+import { ARROWS, PatchCursor, cellName, cellsOfRow, rowCol } from "./patch_grid.js";
+import { Player } from "./play.js";
+import {
+  endFrame, filterName, nextBlindFrame, nextIn, nextUncertain, onClassFrames, stepFrom, whereStopped,
 } from "./steps.js";
 import { suggestionFault } from "./suggest.js";
 import { Timeline } from "./timeline.js";
-import { buildTools, showSettings } from "./tool_column.js";
 
 const ADDRESS_MS = 150; // browsers refuse hundreds of address changes in a row
 const PICTURE_SETTING_MS = 120;
@@ -30,6 +36,26 @@ const READ_OUT_MS = 500; // a frame that was only passed is not read out
 const PAN_STEP = 60;
 const PENDING_MS = 300;
 const AWAY = new Set(["offline", "refused"]);
+const BEGIN = "Choose a class, then click or drag over patches.";
+const TOOLS = [
+  ["erase", "Take back", "Painting takes your labels back"],
+  ["confirm", "Confirm", "Painting accepts single suggestions; Alt+click does at any time"],
+];
+const ACTIONS = [
+  ["acceptNext", "Accept and next",
+    "Accept the sure suggestions; go to the next frame that is not done"],
+  ["rest", "", "Label all patches that have no label, but for obstacles"],
+  ["copy", "Same as previous frame", "Suggest the labels of the frame before, to be accepted"],
+  ["unlabelled", "Next unlabelled", "Go to the next frame without a label of yours"],
+  ["uncertain", "Next uncertain", "Go where the model is least sure and has seen least"],
+  ["note", "Note", "Write a note on the patch at the cursor, or on the frame"],
+];
+const TOGGLES = [
+  ["raw", "Raw", "The picture as the camera gave it"],
+  ["blink", "Blink", "Compare with the frame before"],
+  ["grid", "Grid", "Lines between the patches"],
+  ["outlines", "Labels", "Labels and suggestions on the picture"],
+];
 
 /** What is on the page while the view is shown; null otherwise. */
 let page = null;
@@ -49,20 +75,30 @@ function build(root) {
     class: "timeline",
     tabindex: 0, role: "slider", "aria-label": "Frame of the mission",
   });
-  const tools = buildTools(commands, keyForCommand);
-  const bar = buildBar(commands, keyForCommand);
+  const second = el("canvas", { class: "other-canvas", role: "img", hidden: true });
+  const tools = buildToolbar(commands, keyForCommand, TOOLS, ACTIONS);
+  const bar = buildBar(commands, keyForCommand, status);
+  const command = commandButtons(commands, keyForCommand);
+  const toggles = TOGGLES.map(([name, text, does]) => command(text, name, does));
+  const drawer = buildDrawer(el("div", { class: "toggles" }, ...toggles), bar.legend);
   root.replaceChildren(
     el("div", { class: "frame-view" },
       tools.root,
-      el("div", { class: "stage" }, status, element),
+      el("div", { class: "stage" }, el("div", { class: "cameras" }, element, second)),
+      drawer.root,
       bar.root,
       strip,
     ),
   );
   const canvas = new FrameCanvas(element);
-  page = { canvas, element, status, tools, bar, hovered: -1, timers: {} };
+  page = { canvas, element, status, tools, toggles, drawer, bar, hints: [], hovered: -1, timers: {} };
+  page.root = root;
   page.show = new FrameShow(canvas, showAll);
+  page.beside = new Beside(page.show, second);
   page.timeline = new Timeline(strip, goTo);
+  const toggle = command("Play", "play", "One frame after the other");
+  page.player = new Player(page.show, (camera, frame) => show(camera, frame, true), toggle);
+  bar.root.querySelector(".player").append(page.player.root);
   page.pointer = listenToPointer(canvas, pointerHost);
   // Who comes by Tab works by keyboard: show where the cursor is.
   element.addEventListener("keyup", ({ key }) => key === "Tab" && moveCursor(0, 0, false));
@@ -81,6 +117,7 @@ function isHere(camera, frame) {
 
 function labelsArrived(camera, frame) {
   if (isHere(camera, frame)) showLabels();
+  else if (camera === page.show.beside && frame === page.show.frame) page.beside.update();
   else if (camera === page.show.camera && frame < page.show.frame) showFollowed();
 }
 
@@ -112,6 +149,11 @@ const pointerHost = {
 };
 
 function mayPaint() {
+  // It was meant for a frame that may be gone already.
+  if (page.player.stop()) {
+    say("Stopped at this frame; nothing was labelled.");
+    return false;
+  }
   if (page.show.paintable) return true;
   if (page.show.fault) say("There is no picture to label here; step on.", { bad: true });
   else if (page.show.showsBefore) say("This is the frame before: end the blinking first.");
@@ -122,7 +164,7 @@ function mayPaint() {
 function apply(cells, how, kind = "paint") {
   const { camera, frame } = page.show;
   if (how === "confirm") {
-    if (!accept(camera, frame, { cells })) say("Nothing is proposed there.");
+    if (!accept(camera, frame, { cells })) say("Nothing is suggested there.");
   } else if (how === "unsure") paint(camera, frame, cells, "unsure", kind);
   else paint(camera, frame, cells, how === "erase" ? null : selectedClass(), kind);
   showLabels();
@@ -138,15 +180,22 @@ function goTo(frame) {
   show(page.show.camera, frame);
 }
 
-function show(camera, frame) {
+function show(camera, frame, playing = false) {
+  if (!playing) page.player.stop();
   // A stroke that is not ended is of the frame on which it began.
   page.pointer.complete();
+  endToast();
+  showProgress(camera);
   cursor.collapse();
   page.show.go(camera, frame);
   page.timeline.set(camera, frame);
   noteAddressSoon(`#/label/${camera}/${frame}`);
   clearTimeout(page.timers.announce);
-  page.timers.announce = setTimeout(readOut, READ_OUT_MS);
+  page.info = "";
+  page.timers.announce = setTimeout(() => {
+    readOut();
+    askInfo();
+  }, READ_OUT_MS);
   showLabels();
 }
 
@@ -160,6 +209,17 @@ function noteAddressSoon(hash) {
   };
   if (performance.now() - (page.noted ?? -ADDRESS_MS) >= ADDRESS_MS) note();
   else page.timers.address = setTimeout(note, ADDRESS_MS);
+}
+
+// When and where the frame was taken, where the mission says so.
+async function askInfo() {
+  const { camera, frame } = page.show;
+  if (!mission.described || frameIndex(camera, frame) < 0) return;
+  const request = get("/api/frame_info", { camera, frame });
+  const said = await request.catch(onFailure(({ message }) => ({ fault: message })));
+  if (!page || !isHere(camera, frame)) return;
+  page.info = said.fault ?? describeInfo(said);
+  showStatus();
 }
 
 function readOut() {
@@ -178,6 +238,7 @@ function showLabels() {
   const labels = ready && !fault ? labelsOf(camera, frame) : null;
   page.hints = labels ? hintsOf(camera, frame) : [];
   page.canvas.set({ labels, hints: page.hints });
+  page.beside.update();
   if (!labels && ready && !fault) prefetch(camera, [frame]);
   showCursor();
   showSaving();
@@ -217,10 +278,14 @@ function showStatus() {
   const first = fault || describeFrame(camera, frame, labels);
   const parts = labels && cell !== null ? [describeCell(cell, labels, page.hints[cell])] : [];
   if (labels) parts.push(...noteWords(labels.notes, cell));
+  if (!parts.length && page.info) parts.push(page.info);
+  else if (!parts.length && !Object.values(mission.counts).some(Boolean)) parts.push(BEGIN);
   const said = parts.join(", ");
+  const hint = page.hints[cell];
+  const value = hint?.model ? ` (decision value ${hint.text})` : "";
   const words = why
     ? [el("span", { class: "why", text: why })]
-    : [el("span", { text: said, title: said })];
+    : [el("span", { text: said, title: said + value })];
   page.status.replaceChildren(el("b", { text: first }), ...words);
   page.element.setAttribute(
     "aria-label",
@@ -231,18 +296,44 @@ function showStatus() {
 function showTools() {
   const { camera, frame, raw, showsBefore, blinking } = page.show;
   const proposed = page.hints.filter(Boolean);
-  page.tools.show(tool, {
-    proposed: proposed.length,
-    confident: proposed.filter((hint) => hint.strong).length,
-    fault: suggestionFault(camera, frame),
-  });
+  const strong = proposed.filter((hint) => hint.strong).length;
+  page.tools.show(tool === "paint" ? selectedClass() : tool);
+  const counted = `${strong} of ${proposed.length} suggested patches sure`;
+  const nothing = "Nothing is suggested here.";
+  page.drawer.show(suggestionFault(camera, frame) || (proposed.length ? counted : nothing));
   page.bar.show(camera, frame);
-  showSettings(page.tools.root, {
+  const on = {
     raw,
     blink: Boolean(blinking || showsBefore),
     grid: setting("grid"),
     outlines: setting("outlines"),
-  });
+  };
+  for (const made of page.toggles) {
+    setAttribute(made, "aria-pressed", String(on[made.dataset.command]));
+  }
+  const cannot = cannotDo(strong);
+  for (const made of page.root.querySelectorAll("[data-command]")) {
+    if (made.dataset.command in cannot) allow(made, cannot[made.dataset.command]);
+  }
+}
+
+/** Why commands would do nothing here; "" for those that would. */
+function cannotDo(strong) {
+  const { camera, frame, before, fault } = page.show;
+  const labels = page.canvas.content.labels;
+  const none = (states) => nextIn(camera, frame, states) === null;
+  const no = (holds, why) => (holds ? why : "");
+  const lost = no(fault, "There is no picture to label here.");
+  return {
+    acceptNext: lost || no(labels && !strong, "Nothing sure is suggested here."),
+    rest: lost || no(labels && !restOf(camera, frame).cells.length, "No patch is left for it."),
+    copy: lost || no(before === null, "This is the first frame."),
+    blink: no(before === null, "This is the first frame."),
+    previous: no(stepFrom(camera, frame, -1) === null, "No frame before (of this filter)."),
+    next: no(stepFrom(camera, frame, 1) === null, "No further frame (of this filter)."),
+    unlabelled: no(!blind() && none("us"), "There is no other frame without a label of yours."),
+    uncertain: no(!mission.model, "There is no model to ask."),
+  };
 }
 
 function showChanged(what) {
@@ -286,7 +377,7 @@ function unlabelled(direction) {
 
 async function uncertain() {
   const { camera, frame } = page.show;
-  const explain = ({ message }) => say(`The queue cannot be had: ${message}`, { bad: true });
+  const explain = ({ message }) => say(`The next uncertain frame cannot be told: ${message}`, { bad: true });
   const next = await nextUncertain(camera, frame).catch(onFailure(explain));
   if (!page || !next) return;
   if (next.frame === undefined) {
@@ -397,15 +488,17 @@ const commands = {
   disagreement: () => jump("x", "with a disagreement"),
   type: () => page.bar.root.querySelector(".frame-number").select(),
   camera: switchCamera,
+  play: () => page.player.stop() || page.player.start(),
   paint: Object.assign(pressSpace, { release: releaseSpace }),
   move: arrows((rows, cols) => moveCursor(rows, cols, false)),
   extend: arrows((rows, cols) => moveCursor(rows, cols, true)),
   row: () => mayPaint() && apply(cellsOfRow(rowCol(cursor.cell)[0]), tool, "row"),
   rest: () => mayPaint() && paintRest(page.show.camera, page.show.frame),
   copy: copyPrevious,
-  accept: () => acceptHere() || say("No copies and no confident suggestions to accept here."),
+  accept: () => acceptHere() || say("Nothing sure is suggested here."),
   acceptAll: () => acceptHere({ all: true }) || say("No suggestions to accept here."),
   acceptNext: () => {
+    if (page.player.stop()) return;
     if (page.show.paintable) acceptHere();
     jumpToOpen();
   },
@@ -413,6 +506,7 @@ const commands = {
   erase: () => chooseTool("erase"),
   takeBack: () => mayPaint() && apply(cursor.cells, "erase"),
   note: () => {
+    page.player.stop();
     const { camera, frame } = page.show;
     const labels = page.canvas.content.labels;
     if (labels) writeNote(camera, frame, cellAtHand(), labels.notes);
@@ -420,13 +514,10 @@ const commands = {
   escape,
   raw: tapped(() => page.show.pressRaw(), () => page?.show.releaseRaw()),
   blink: tapped(() => page.show.pressBlink(), () => page?.show.releaseBlink()),
+  beside: () => toggle("beside"),
   grid: () => toggle("grid"),
   outlines: () => toggle("outlines"),
   suggestions: () => toggle("suggestions"),
-  less: () => changeSetting("enhance", -10, 100),
-  more: () => changeSetting("enhance", 10, 100),
-  unsurer: () => changeSetting("confidence", -0.1, 3),
-  surer: () => changeSetting("confidence", 0.1, 3),
   zoomIn: () => zoom(1.25),
   zoomOut: () => zoom(0.8),
   fit: () => {
@@ -469,19 +560,20 @@ addView("label", {
   keys: frameKeys(commands),
   classKeys: choose,
   link: () => {
-    const [camera] = Object.keys(mission.cameras);
-    const place = page?.show ?? last ?? { camera, frame: frames(camera)[0] };
-    return `#/label/${place.camera}/${place.frame}`;
+    const place = page?.show ?? last;
+    return `#/label/${place ? `${place.camera}/${place.frame}` : whereStopped().join("/")}`;
   },
   show(root, [camera = "", number = "", cell]) {
     const cameras = Object.keys(mission.cameras);
-    if (!page) build(root);
+    if (page) page.player.stop();
+    else build(root);
+    if (!camera) [camera, number] = whereStopped().map(String);
     const frame = /^\d+$/.test(number) ? Number(number) : number;
     if (!isHere(camera, frame) || page.show.frame === null) {
       why = "";
       const known = cameras.includes(camera);
-      if (!known) say(`This mission has no camera “${camera}”.`, { bad: true });
       show(known ? camera : cameras[0], frame);
+      if (!known) say(`This mission has no camera “${camera}”.`, { bad: true });
     }
     if (cell !== undefined && Number(cell) < mission.grid.rows * mission.grid.cols) {
       cursor.put(Number(cell), true);
@@ -492,11 +584,13 @@ addView("label", {
     focusView();
   },
   hide() {
+    page.player.stop();
     page.pointer.complete();
     last = { camera: page.show.camera, frame: page.show.frame };
     for (const stop of page.stops) stop();
     Object.values(page.timers).forEach(clearTimeout);
     page.show.close();
+    page.beside.canvas.close();
     page.timeline.close();
     page = null;
   },

@@ -8,6 +8,9 @@ import {
 } from "../core/mission.js";
 
 const CLASS = "class:";
+const DEPTH = "depth:";
+const NEXT = "next";
+const NEXT_FRAMES = 5;
 const ASK_AGAIN_MS = 300;
 
 /** What frames a filter lets through; the words are what the page shows. */
@@ -29,8 +32,12 @@ export function filterChoices() {
   const states = Object.entries(FILTERS)
     .filter(([name]) => name !== "x" || !blind())
     .map(([name, { words }]) => [name, words]);
+  const next = mission.model ? [[NEXT, `${NEXT_FRAMES} that the model learns most from`]] : [];
+  const byDepth = mission.depths.map(([from, to]) => [
+    `${DEPTH}${from}:${to}`, `depth ${from} to ${to} m`,
+  ]);
   const byClass = classes().map(({ name }) => [CLASS + name, `with ${name} of mine`]);
-  return [...states, ...byClass];
+  return [...states, ...next, ...byClass, ...byDepth];
 }
 
 /** The value of the filter in force: one of `filterChoices`. */
@@ -52,10 +59,7 @@ export function filterWords() {
 export function passing() {
   const name = filterName();
   if (name === "all") return () => true;
-  if (name.startsWith(CLASS)) {
-    const wanted = name.slice(CLASS.length);
-    return (camera, frame) => hasClass(wanted, camera, frame);
-  }
+  if (!FILTERS[name]) return (camera, frame) => listed(name, camera, frame);
   const { states } = FILTERS[name];
   return (camera, frame) => states.includes(stateOf(camera, frame));
 }
@@ -105,6 +109,18 @@ export function nextIn(camera, frame, states, direction = 1) {
   return null;
 }
 
+/**
+ * Where this person goes on: at the frame labelled last, else at the first one that is not done.
+ * @returns {[string, number]} Camera and frame.
+ */
+export function whereStopped() {
+  const last = mission.undo.undo;
+  if (last && frameIndex(last.camera, last.frame) >= 0) return [last.camera, last.frame];
+  const cameras = Object.keys(mission.cameras);
+  const all = cameras.flatMap((one) => frames(one).map((number) => [one, number]));
+  return all.find((place) => "usp".includes(stateOf(...place))) ?? all[0];
+}
+
 /** The first or last frame that passes the filter. */
 export function endFrame(camera, last) {
   const pass = passing();
@@ -124,7 +140,7 @@ const shown = new Set();
  * @throws {ApiError}
  */
 export async function nextUncertain(camera, frame) {
-  if (!mission.model) return { why: "There is no model: start tokt label with --model." };
+  if (!mission.model) return { why: "There is no model yet: train one under “Files and models”." };
   const queue = await get("/api/queue", { n: QUEUE_LENGTH, camera, frame });
   if (!queue.ready) {
     const progress = queue.total ? ` (${queue.done} of ${queue.total} frames)` : "";
@@ -138,63 +154,81 @@ export async function nextUncertain(camera, frame) {
     return next;
   }
   shown.clear();
-  return { why: "That was the whole queue; the next press begins it again." };
+  return { why: "These were all uncertain frames; the next press begins again." };
 }
 
-// ---- Frames with a label of mine of one class: asked of the server, for the filter
+// ---- Frames with a label of mine of one class, of a depth, or to label next: asked of the server
 
-let wantedClass = "";
-let framesOfClass = null; // camera -> Set of frames; null while it is not known
+let wanted = ""; // the filter
+let framesListed = null; // camera -> Set of frames; null while it is not known
 let asked = 0;
 let timer = 0;
 
 /**
- * Be told that frames of the class asked for last are known: `onClassFrames((first) => ...)` returns
- * what stops it; `first`: they were not known before.
+ * Be told that the frames asked for last are known: `onClassFrames((first) => ...)` returns what
+ * stops it; `first`: they were not known before.
  */
 const [onClassFrames, classFramesKnown] = signal();
 export { onClassFrames };
 
 // False while that is not known.
-function hasClass(name, camera, frame) {
-  if (name !== wantedClass) {
-    forgetClass();
-    wantedClass = name;
-    askForClass();
+function listed(name, camera, frame) {
+  if (name !== wanted) {
+    forgetList();
+    wanted = name;
+    askForList();
   }
-  return framesOfClass?.[camera]?.has(frame) ?? false;
+  return framesListed?.[camera]?.has(frame) ?? false;
 }
 
-function forgetClass() {
+function forgetList() {
   clearTimeout(timer);
   asked += 1;
-  wantedClass = "";
-  framesOfClass = null;
+  wanted = "";
+  framesListed = null;
 }
 
-async function askForClass() {
+function askFor(name) {
+  if (name === NEXT) return get("/api/queue", { n: NEXT_FRAMES });
+  const [, above, below] = name.split(":");
+  if (name.startsWith(DEPTH)) return get("/api/frames_at", { above, below });
+  return get("/api/frames_with", { class: name.slice(CLASS.length) });
+}
+
+async function askForList() {
   const mine = (asked += 1);
   // Where the server is away the page says so; it is asked again when it is back.
-  const answer = await get("/api/frames_with", { class: wantedClass }).catch(onFailure());
+  const answer = await askFor(wanted).catch(onFailure());
   if (!answer || mine !== asked) return;
-  const first = framesOfClass === null;
-  framesOfClass = Object.fromEntries(
-    Object.entries(answer.cameras).map(([camera, list]) => [camera, new Set(list)]),
-  );
+  const first = framesListed === null;
+  framesListed = {};
+  for (const { camera, frame } of answer.frames ?? []) {
+    (framesListed[camera] ??= new Set()).add(frame);
+  }
+  for (const [camera, list] of Object.entries(answer.cameras ?? {})) {
+    framesListed[camera] = new Set(list);
+  }
   classFramesKnown(first);
 }
 
-onReload(forgetClass);
+// What comes next stays until all of it is done: the queue changes with every label.
+function changes() {
+  if (wanted !== NEXT || !framesListed) return true;
+  const each = Object.entries(framesListed);
+  return each.every(([camera, list]) => [...list].every((frame) => stateOf(camera, frame) === "d"));
+}
+
+onReload(forgetList);
 onChange((what) => {
-  if (!wantedClass || (what !== "states" && what !== "all")) return;
+  if (!wanted || (what !== "states" && what !== "all") || !changes()) return;
   clearTimeout(timer);
-  timer = setTimeout(askForClass, ASK_AGAIN_MS);
+  timer = setTimeout(askForList, ASK_AGAIN_MS);
 });
 
 // ---- The frames of a blind second labelling: those that the first annotator labelled, not how
 
 let blindList = null; // [{camera, frame}] in the mission's order
-let listed = new Set(); // "camera/frame"
+let blindListed = new Set(); // "camera/frame"
 let ofWhom = "";
 let asking = null;
 
@@ -212,7 +246,7 @@ export async function loadBlindList() {
   blindList = Object.entries(cameras).flatMap(([camera, list]) =>
     list.filter((frame) => frameIndex(camera, frame) >= 0).map((frame) => ({ camera, frame })),
   );
-  listed = new Set(blindList.map(({ camera, frame }) => `${camera}/${frame}`));
+  blindListed = new Set(blindList.map(({ camera, frame }) => `${camera}/${frame}`));
 }
 
 /**
@@ -230,7 +264,7 @@ export function tryBlindList() {
  * @returns {boolean}
  */
 export function passesBlindList(camera, frame) {
-  return blindFrames().length === 0 || listed.has(`${camera}/${frame}`);
+  return blindFrames().length === 0 || blindListed.has(`${camera}/${frame}`);
 }
 
 /**

@@ -1,14 +1,19 @@
-// The bars of the overview: which frames are shown, and what one key does to all of them.
+// The bar and the tools of the overview: which frames are shown, and what one key does to all of
+// them.
 
-import { choice, classTag, obstacleChoice, pager, sizeButtons, withKey } from "../core/controls.js";
+import { allow, choice, pager, sizeButtons } from "../core/controls.js";
 import { backAfterMouse, button, el } from "../core/dom.js";
 import { reachable } from "../core/keys.js";
-import { blind, chosenClass, clearClass, mission, setSetting, setting } from "../core/mission.js";
+import {
+  blind, chosenClass, mission, selectClass, setSetting, setting,
+} from "../core/mission.js";
+import { buildDrawer, buildToolbar } from "../core/toolbar.js";
 import { blindFrames, filterChoices, filterName } from "../frame/steps.js";
-import { needsObstacleClass } from "../frame/suggest.js";
 import { suggesting } from "./thumb.js";
 
-/** The two bars. */
+const KEYS = { acceptNext: "Enter", acceptAll: "Shift+Enter", rest: "o" };
+
+/** The bar, the toolbar and the drawer. */
 export class OverviewBar {
   /**
    * @param {object} does What the buttons do: `accept(all)`, `rest()`, `turn(step)`,
@@ -17,23 +22,25 @@ export class OverviewBar {
   constructor(does) {
     this.range = el("span", { class: "overview-range" });
     this.words = el("span", { class: "overview-words", role: "status" });
-    this.brush = el("span", { class: "overview-brush" });
-    this.accept = button("", () => does.accept(false), { class: "main" });
-    this.acceptAll = button("", () => does.accept(true));
-    this.rest = button("", does.rest);
     this.filter = filterChoice();
-    this.element = el("div", { class: "overview-bars" },
-      el("div", { class: "bar" },
-        cameraButton(does.otherCamera),
-        this.filter,
-        pager(does.turn, this.range),
-        sizeButtons(does.resize),
-        needsObstacleClass()
-          ? el("label", { class: "person-choice" }, "obstacle is ", obstacleChoice())
-          : null,
-        this.words,
-      ),
-      el("div", { class: "bar" }, this.accept, this.acceptAll, this.rest, this.brush),
+    const commands = {
+      choose: selectClass,
+      acceptNext: () => does.accept(false),
+      acceptAll: () => does.accept(true),
+      rest: does.rest,
+    };
+    this.tools = buildToolbar(commands, (name) => reachable(KEYS[name]), [], [
+      ["acceptNext", "Accept and next", ""],
+      ["rest", "", ""],
+      ["acceptAll", "Accept all", ""],
+    ]);
+    this.drawer = buildDrawer();
+    this.element = el("div", { class: "bar" },
+      cameraButton(does.otherCamera),
+      this.filter,
+      pager(does.turn, this.range),
+      sizeButtons(does.resize),
+      this.words,
     );
   }
 
@@ -51,20 +58,23 @@ export class OverviewBar {
    */
   show(range, { strong, weak, open, waiting }) {
     this.range.textContent = range;
-    const from = setting("confidence").toFixed(1);
-    label(this.accept, `Accept ${strong} confident`, "Enter");
-    this.accept.title = `confident: from a value of ${from} on (keys < and > change that)`;
-    label(this.acceptAll, `Accept all ${strong + weak} suggested`, "Shift+Enter");
-    label(this.rest, `${open} without label are ${clearClass()}`, reachable("o"));
-    const brush = chosenClass() ? classTag(chosenClass()) : "nothing: press the key of a class";
-    this.brush.replaceChildren("Painting ", brush, " · right button: unsure");
-    this.words.textContent = advice(waiting, from);
+    const all = strong + weak;
+    const shown = "of the frames shown";
+    const does = {
+      acceptNext: [strong, `Accept ${strong} sure suggestions ${shown}, and go on`],
+      acceptAll: [all, `Accept all ${all} suggestions ${shown}, and go on`],
+      rest: [open, `Label ${open} patches ${shown} that have no label, but for obstacles`],
+    };
+    const none = "No patch of the frames shown is left for it.";
+    for (const made of this.tools.root.querySelectorAll("[data-command]")) {
+      const [count, what] = does[made.dataset.command] ?? [];
+      if (what) allow(made, count || waiting ? "" : none, what);
+    }
+    this.tools.show(chosenClass());
+    const said = `${strong} of ${all} suggestions sure, ${open} patches open.`;
+    this.drawer.show(said);
+    this.words.textContent = advice(waiting, said);
   }
-}
-
-function label(element, text, key) {
-  element.textContent = text;
-  withKey(element, key);
 }
 
 function cameraButton(otherCamera) {
@@ -79,14 +89,14 @@ function filterChoice() {
   return backAfterMouse(choice(filterChoices(), filterName(), options));
 }
 
-function advice(waiting, from) {
+function advice(waiting, said) {
   if (blind()) {
     const listed = blindFrames().length > 0;
     const only = listed ? ` Only the frames that ${setting("blindOf")} labelled.` : "";
     return `Blind: no suggestions, and nothing of what others said.${only}`;
   }
-  if (!mission.model) return "No model: start with --model to get suggestions.";
+  if (!mission.model) return "No model yet: paint; Settings say more.";
   if (!suggesting()) return "Suggestions are switched off.";
   if (waiting > 0) return `${waiting} frames are still being loaded.`;
-  return `Dashed: confident, from ${from} on. Dotted with “?”: not.`;
+  return `${said} Dashed: sure; “?”: unsure.`;
 }

@@ -2,14 +2,14 @@
 
 import { askObstacleClass } from "../core/controls.js";
 import { el, say, soon } from "../core/dom.js";
-import { lookKeys } from "../core/keys.js";
+import { showProgress } from "../core/header.js";
+import { labelKeys } from "../core/keys.js";
 import {
   chosenClass, classes, clearClass, frames, indexFrom, mission, onChange, onReload, onSetting,
   setSetting, setting,
 } from "../core/mission.js";
 import { frameAspect, lookAtShapes, thumbAddress } from "../core/pictures.js";
 import { addView, go, noteAddress } from "../core/router.js";
-import { changeSetting } from "../core/settings.js";
 import { ARROWS, cellAt, cellFrom } from "../frame/patch_grid.js";
 import {
   filterWords, onClassFrames, passesBlindList, passing, tryBlindList,
@@ -24,8 +24,8 @@ import { paintOver } from "./thumb_painting.js";
 
 const GAP = 6;
 const CAPTION = 20;
+const CAPTION_WIDTH = 150; // CSS pixels that the longest one takes
 const COLUMNS = { least: 2, most: 10, usual: 7 };
-const CONFIDENCE = { step: 0.1, most: 3 };
 const MAX_BEFORE = 120; // frames fetched only because suggestions depend on them
 const UNSURE = "unsure";
 const MIN_WIDTH = 60; // CSS pixels
@@ -85,7 +85,8 @@ function build() {
   const does = { accept: accepting, rest: restOfAll, turn, resize, otherCamera };
   const bar = new OverviewBar(does);
   const options = { class: "overview", "aria-label": "overview of frames" };
-  const root = el("section", options, bar.element, list);
+  const stage = el("div", { class: "stage" }, bar.element, list);
+  const root = el("section", options, bar.tools.root, stage, bar.drawer.root);
   return { root, list, bar, resized: new ResizeObserver(soon(relayOut)) };
 }
 
@@ -98,7 +99,8 @@ function keeps(frame) {
 }
 
 function columns() {
-  return setting("overviewColumns") || COLUMNS.usual;
+  const whole = Math.max(COLUMNS.least, Math.floor(parts.list.clientWidth / CAPTION_WIDTH));
+  return setting("overviewColumns") || Math.min(COLUMNS.usual, whole);
 }
 
 /** How many thumbnails fit, and the size of each one's picture in CSS pixels. */
@@ -134,6 +136,7 @@ function framesBefore(list, until, count) {
 }
 
 function layOut() {
+  showProgress(page.camera);
   const { camera, first } = page;
   const { count, width, height } = size();
   const list = frames(camera);
@@ -308,10 +311,6 @@ function resize(step) {
   setSetting("overviewColumns", Math.max(COLUMNS.least, Math.min(COLUMNS.most, columns() - step)));
 }
 
-function changeConfidence(by) {
-  changeSetting("confidence", by, CONFIDENCE.most);
-}
-
 function otherCamera() {
   const names = Object.keys(mission.cameras);
   const next = names[(names.indexOf(page.camera) + 1) % names.length];
@@ -435,7 +434,7 @@ const view = {
   keys: [
     row(
       ["Enter"],
-      "accept the confident suggestions of all frames shown; go on when nothing is left",
+      "accept the sure suggestions of all frames shown; go on when nothing is left",
       once(() => accepting(false)),
     ),
     row(
@@ -443,8 +442,8 @@ const view = {
       "accept all suggestions of all frames shown, and go on",
       once(() => accepting(true)),
     ),
-    row(["o"], "all patches shown without a label are open water, and go on", once(restOfAll)),
-    row(["x"], "leave this frame out of these three, or no longer", () => exclude(focused())),
+    row(["o"], "all patches shown without a label are clear, but for obstacles; go on", once(restOfAll)),
+    row(["x"], "leave this frame out of all that, or no longer", () => exclude(focused())),
     row(["d", ".", "PageDown"], "next page", () => turn(1)),
     row(["a", ",", "PageUp"], "previous page", () => turn(-1)),
     row(Object.keys(ARROWS), "move from frame to frame", moveFrame),
@@ -456,10 +455,8 @@ const view = {
     row(["Ctrl+Drag"], "paint the same patches in all frames shown"),
     row(["/"], "filter: which frames are shown", () => parts.bar.nextFilter()),
     row(["s"], "the other camera", otherCamera),
-    row(["<"], "confident from a lower value", () => changeConfidence(-CONFIDENCE.step)),
-    row([">"], "confident from a higher value", () => changeConfidence(CONFIDENCE.step)),
     row(["+", "-"], "larger, smaller pictures", (_, key) => resize(key === "+" ? 1 : -1)),
-    ...lookKeys,
+    ...labelKeys,
   ],
 };
 

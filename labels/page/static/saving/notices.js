@@ -51,7 +51,7 @@ function show() {
   else if (focused) focusView();
   // Said once, when it comes; the header shows it as long as it lasts.
   const count = conflicts.length + aside.length;
-  if (count > counted) say(`${words}: see the list in the header.`, { bad: true });
+  if (count > counted) say(`${words}: see the list in the header.`, { bad: true, stays: true });
   counted = count;
 }
 

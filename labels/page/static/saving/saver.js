@@ -196,7 +196,7 @@ function take(entry) {
     entry.stored = null;
     if (trouble || !connected) {
       say("Not done: the server is away and this browser cannot keep actions (its storage is " +
-        "full or switched off).", { bad: true });
+        "full or switched off).", { bad: true, stays: true });
       return false;
     }
   }
@@ -263,6 +263,16 @@ export function undo() {
  */
 export function redo() {
   return step("redo");
+}
+
+/**
+ * What undo and redo would act on.
+ * @returns {[?Object, ?Object]} Heads as `undo` gives them, null where there is nothing; {} where
+ *   only the server knows, which is told of an action now.
+ */
+export function nextSteps() {
+  const rest = waiting().length ? {} : null;
+  return [undoable.at(-1) ?? rest, redoable.at(-1) ?? null];
 }
 
 let steps = Promise.resolve();
@@ -495,7 +505,8 @@ async function takeLeftovers() {
   forgetHistory();
   unsent.forEach(showFrames);
   const were = unsent.length === 1 ? "action" : "actions";
-  say(`${unsent.length} ${were} of an earlier page were not saved yet and are sent now.`);
+  const words = "of an earlier page were not saved yet and are sent now.";
+  say(`${unsent.length} ${were} ${words}`, { stays: true });
   stateChanged();
   pump();
 }

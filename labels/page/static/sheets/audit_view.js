@@ -2,7 +2,7 @@
 // Each is confirmed or relabelled by a person; nothing changes by itself.
 
 import { get, onFailure } from "../core/api.js";
-import { classButtons } from "../core/controls.js";
+import { classButtons, nothingYet } from "../core/controls.js";
 import { button, el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
 import { blind, mission, onChange, onReload, onSetting } from "../core/mission.js";
@@ -14,8 +14,8 @@ import { selectionKeys } from "./tile_grid.js";
 import { DecisionSheet, settle, settledOf, sheetRow } from "./tile_sheet.js";
 
 const LEARN_MS = 1000;
-const NONE =
-  "There is no audit of this mission. “tokt labels audit DATASET” makes one; then press r.";
+const NONE = "No audit doubts a label of this mission.";
+const LOOK = "Look for labels that may be wrong";
 
 /**
  * @typedef {{camera: string, frame: number, cell: number, label: string, suggested: string,
@@ -213,7 +213,7 @@ async function loadAudit(wanted, mine) {
   const chosen = audits.find((one) => one.name === wanted) ?? audits[0];
   name = chosen?.name ?? "";
   showTabs(audits);
-  if (!chosen) return void (parts.words.textContent = NONE);
+  if (!chosen) return parts.words.replaceChildren(nothingYet(NONE, LOOK, "#/files"));
   event = mission.event;
   const audit = await get("/api/audit", { name });
   if (mine === asked) showAudit(audit);

@@ -1,7 +1,7 @@
 // Labelling a second time without seeing the first: beginning, going on, and comparing.
 
 import { onFailure } from "../core/api.js";
-import { choice, withKey } from "../core/controls.js";
+import { choice } from "../core/controls.js";
 import { button, el, say } from "../core/dom.js";
 import { listenAnew } from "../core/live.js";
 import { mission, setPerson, setSetting, setting, stateOf, who } from "../core/mission.js";
@@ -107,7 +107,7 @@ export function blindProgress(fault) {
     el("p", { text: words, role: "status" }),
     el("p", { text: "What others said and what the model suggests is hidden until you end this." }),
     el("div", { class: "bar" },
-      more ? withKey(button("Continue", continueBlind, { class: "main" }), "Enter") : null,
+      more ? button("Continue", continueBlind, { class: "main", title: "Enter" }) : null,
       button(end, endBlind),
     ),
     el("div", { class: "blind-frames" }, ...list.map(frameLink)),

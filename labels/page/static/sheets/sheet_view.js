@@ -1,7 +1,7 @@
 // The review sheet: all patches of a class, odd ones first, many relabelled at once.
 
 import { get, onFailure } from "../core/api.js";
-import { classButtons, classTag, pager, sizeButtons } from "../core/controls.js";
+import { classButtons, classTag, nothingYet, pager, sizeButtons } from "../core/controls.js";
 import { button, el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
 import {
@@ -165,7 +165,10 @@ class ReviewSheet extends TileSheet {
     const odd = tiles.some((tile) => tile.value !== null) ? "; odd ones first" : "";
     const words = `${by[0].toUpperCase()}${by.slice(1)}${odd}${waiting}.${news}`;
     this.words.textContent = total ? words : "";
-    if (total === 0) return;
+    if (total === 0) {
+      this.words.append(nothingYet("Labels are given frame by frame.", "Label frames", "#/label"));
+      return;
+    }
     clearTimeout(this.timer);
     if (!ready && !newOrder) this.timer = setTimeout(() => this.#askAgain(), ASK_AGAIN_MS);
   }

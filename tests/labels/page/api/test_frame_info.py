@@ -16,12 +16,14 @@ def test_frame_info(page_server, tmp_path):
         cv2.imwrite(str(mission / "Left" / f"dive_L_{frame}.png"), picture)
     server = page_server(mission=mission)
     assert server.get("/api/frame_info", camera="left", frame=3) == {}
+    assert not server.get("/api/mission")["described"]  # pages need not ask
     server.kill()
     (mission / "ifdo.json").write_text("{")
     server.start()
     answer = server.request("GET", "/api/frame_info?camera=left&frame=3")
     assert answer.status == 400 and b"ifdo.json line 1: not JSON" in answer.body
     (mission / "ifdo.json").write_text(json.dumps(foreign_ifdo()))
+    assert server.get("/api/mission")["described"]
     assert server.get("/api/frame_info", camera="left", frame=3) == {
         "time": "2016-04-20T10:00:00.250000Z",
         "latitude": 63.4,
@@ -31,4 +33,7 @@ def test_frame_info(page_server, tmp_path):
         "heading_deg": 271.0,
     }
     assert server.get("/api/frame_info", camera="left", frame=7) == {}
+    assert server.get("/api/mission")["depths"] == [[310, 311]]
+    assert server.get("/api/frames_at", above=310, below=311) == {"cameras": {"left": [3]}}
+    assert server.get("/api/frames_at", above=311, below=400) == {"cameras": {"left": []}}
     assert server.request("GET", "/api/frame_info?camera=left&frame=4").status == 404

@@ -1,5 +1,6 @@
 """How `tokt label` starts, refuses to start, and ends."""
 
+import http.client
 import os
 import shutil
 import signal
@@ -9,6 +10,7 @@ import sys
 import time
 from contextlib import ExitStack, closing
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -175,7 +177,15 @@ def test_the_browser_is_opened(tiny, tmp_path):
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
         line = process.stdout.readline()
         until(opened.exists)
+        printed = next(word for word in line.split() if word.endswith("/?token=t%26t"))
+        url = urlsplit(opened.read_text().strip())  # which other accounts see, and come too late
+        assert (
+            printed.partition("?")[0] == f"{url.scheme}://{url.netloc}/"
+            and "t%26t" not in url.query
+        )
+        for status in (303, 401):
+            with closing(http.client.HTTPConnection(url.netloc, timeout=MAX_S)) as connection:
+                connection.request("GET", f"/?{url.query}")
+                assert connection.getresponse().status == status
         process.send_signal(signal.SIGINT)
         assert process.wait(MAX_S) == 0
-    url = opened.read_text().strip()
-    assert url in line.split() and url.endswith("/?token=t%26t")

@@ -1,0 +1,80 @@
+"""Jobs through the page: other commands of `tokt`, on this mission's labels.
+
+``POST /api/job`` with ``{"what": "audit"}`` audits the labels; ``{"what": "model"}`` trains a model
+of them (``"task": "classes"``: one that tells all classes apart), exports it into the workspace's
+``models/``, and suggests what it says. ``GET /api/job`` answers how it goes, with the last lines
+that were printed; so does ``job`` of the status event, without them. ``POST /api/job/cancel``.
+"""
+
+import re
+from collections.abc import Sequence
+from typing import Any, Literal
+
+from fastapi import APIRouter
+from starlette.responses import Response
+
+from tokt.labels.page.state.review_sheet import BLOCK
+from tokt.labels.page.state.session import Session
+from tokt.models.bundle.bundle import read_bundle
+
+from .messages import Body, Name, SessionOf, json_response
+
+router = APIRouter(prefix="/api")
+_BLOCKS = 5
+_MAX_NAME = 60  # an audit's name has the dataset's hash, too
+_NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9]+")
+
+
+class JobBody(Body):
+    """What to do, and who wants it."""
+
+    who: Name | None = None
+    what: Literal["audit", "model"]
+    task: Literal["binary", "classes"] = "binary"
+
+
+@router.get("/job")
+def get_job(session: SessionOf) -> Response:
+    """The job that is running, or the last one."""
+    return json_response({"job": _job(session)})
+
+
+@router.post("/job")
+def post_job(session: SessionOf, body: JobBody) -> Response:
+    """Start a job; one at a time."""
+    workspace, mission = session.store.path.parent, session.mission
+    name = _NOT_IN_NAMES.sub("-", mission.name)[:_MAX_NAME].strip("-") or "mission"
+    path = mission.path.resolve()
+    named = str(path) if mission.name in (path.name, path.stem) else f"{mission.name}={path}"
+    file = workspace / "models" / f"{name}.tokt"
+    own = ("--taxonomy", str(session.taxonomy_file)) if session.taxonomy_file else ()
+    numbers = [number for frames in session.board.frames.values() for number in frames]
+    # Cross-validation keeps blocks of frames together: a short mission has five shorter ones.
+    block = max(1, min(BLOCK, (max(numbers) - min(numbers) + 1) // _BLOCKS))
+    build = ("dataset", "build", name, "--mission", named, "--grid", str(session.grid), *own)
+    steps: list[Sequence[str]] = [(*build, "--task", body.task, "--block", str(block))]
+    if body.what == "audit":
+        steps.append(("labels", "audit", name))
+    else:
+        steps += [("train", name, "--name", name), ("export", name, "--output", str(file))]
+
+    def then() -> None:
+        if body.what == "model":
+            session.use_model(read_bundle(file))
+
+    session.jobs.start(
+        body.what, [(*step, "--workspace", str(workspace.resolve())) for step in steps], then
+    )
+    return get_job(session)
+
+
+@router.post("/job/cancel")
+def post_cancel(session: SessionOf) -> Response:
+    """End the job that is running."""
+    session.jobs.cancel()
+    return get_job(session)
+
+
+def _job(session: Session) -> dict[str, Any] | None:
+    last = session.jobs.last
+    return None if last is None else {**last.to_json(), "lines": list(last.lines)}

@@ -1,0 +1,188 @@
+// The toolbar of the views in which patches are labelled, the drawer of settings beside it, and
+// undo, which goes where it changed something.
+
+import { proposeAgain } from "../frame/painting.js";
+import { needsObstacleClass, obstacleClass } from "../frame/suggest.js";
+import { nextSteps, redo, undo } from "../saving/saver.js";
+import { allow, commandButtons, nothingYet, obstacleChoice } from "./controls.js";
+import { backAfterMouse, button, el, say, setAttribute } from "./dom.js";
+import { DRAWER_KEY, reachable, toggleDrawer } from "./keys.js";
+import {
+  blind, classes, clearClass, colourOf, mission, setSetting, setting, signOf,
+} from "./mission.js";
+import { currentView, go } from "./router.js";
+
+/** Undo, and propose again what the undone action had accepted. */
+export async function stepBack() {
+  const head = await undo();
+  proposeAgain(head?.key);
+  tell("Undone", head);
+}
+
+/** Do again what was undone last. */
+export async function stepForward() {
+  tell("Done again", await redo());
+}
+
+/** Say what was undone where, and show it: views of frames go there, the others offer to. */
+function tell(what, head) {
+  if (!head) return;
+  const view = currentView();
+  const goes = view === "label" || view === "overview";
+  const link = goes ? null : `#/label/${head.camera}/${head.frame}`;
+  if (goes) go(`#/${view}/${head.camera}/${head.frame}`, { replace: true });
+  say(`${what}: ${words(head)}.`, { link });
+}
+
+function words({ kind, changed, camera, frame, frames: count }) {
+  const patches = changed === 1 ? "1 patch" : `${changed} patches`;
+  return `${kind}, ${patches}, ${camera} frame ${frame}${count > 1 ? ` and ${count - 1} more` : ""}`;
+}
+
+const OWN = { undo: stepBack, redo: stepForward, settings: toggleDrawer };
+const OWN_KEYS = { undo: "z", redo: "Z", settings: DRAWER_KEY };
+
+/**
+ * Build the toolbar.
+ * @param {Object<string, Function>} commands The view's, by name; `choose` takes a class.
+ * @param {(command: string) => string} keyFor
+ * @param {[string, string, string][]} tools What painting can do beside classes: command, words,
+ *   and what it does.
+ * @param {[string, string, string][]} actions Of the view in the same form, "rest" among them; the
+ *   first one is the main one.
+ * @returns {{root: HTMLElement, show: (chosen: ?string) => void}} `chosen`: class or tool.
+ */
+export function buildToolbar(commands, keyFor, tools, actions) {
+  const keys = (name) => (OWN_KEYS[name] ? reachable(OWN_KEYS[name]) : keyFor(name));
+  const command = commandButtons({ ...OWN, ...commands }, keys);
+  const make = ([name, text, does]) => command(text, name, does);
+  const [undoing, redoing, drawer] = [
+    ["undo", "Undo", "Undo"], ["redo", "Redo", "Do again"], ["settings", "Settings", "Settings"],
+  ].map(make);
+  const group = { class: "painters", role: "group", "aria-label": "What painting puts on patches" };
+  const painters = el("div", group);
+  const toolRow = tools.map(make);
+  const acting = actions.map(make);
+  acting[0].classList.add("main");
+  const root = el("div", { class: "toolbar", role: "toolbar", "aria-label": "Tools" },
+    el("div", { class: "pair" }, undoing, redoing),
+    painters,
+    el("div", { class: "pair" }, ...toolRow),
+    ...acting,
+    drawer,
+  );
+  const show = (chosen) => {
+    showPainters(painters, commands.choose, chosen);
+    for (const made of toolRow) {
+      setAttribute(made, "aria-pressed", String(made.dataset.command === chosen));
+    }
+    const [back, again] = nextSteps();
+    allow(undoing, back ? "" : "Nothing to undo.", back?.key ? `Undo: ${words(back)}` : "Undo");
+    allow(redoing, again ? "" : "Nothing to do again.", again ? `Do again: ${words(again)}` : "");
+    setAttribute(drawer, "aria-expanded", String(setting("drawer")));
+    root.querySelector("[data-command=rest]").textContent = `Rest is ${clearClass()}`;
+  };
+  return { root, show };
+}
+
+function showPainters(root, choose, chosen) {
+  const rows = classes().map(({ name, key, obstacle, description }) => ({
+    name,
+    on: name === chosen,
+    colour: colourOf(name),
+    sign: signOf(name),
+    title: [description, key && `key ${key}`, `${mission.counts[name] ?? 0} patches of yours`],
+    // A name that labels carry and the taxonomy does not have: shown, not given.
+    disabled: obstacle === null && name !== "unsure",
+  }));
+  const text = JSON.stringify(rows);
+  if (root.dataset.shown === text) return;
+  root.dataset.shown = text;
+  const focused = [...root.children].indexOf(document.activeElement);
+  root.replaceChildren(...rows.map((row) => painterButton(row, () => choose(row.name))));
+  root.children[focused]?.focus();
+}
+
+function painterButton({ name, on, colour, sign, title, disabled }, run) {
+  const attributes = { class: "painter", title: title.filter(Boolean).join(" · "), disabled };
+  const made = button("", run, { ...attributes, "aria-pressed": String(on), "aria-label": name });
+  const mark = el("span", { class: "sign", text: sign });
+  mark.style.borderColor = colour;
+  made.append(mark, el("span", { class: "name", text: name }));
+  return made;
+}
+
+/**
+ * Build the drawer of settings.
+ * @param {...Node} more Of the view.
+ * @returns {{root: HTMLElement, show: (said: string) => void}} `said`: of the suggestions that
+ *   are shown.
+ */
+export function buildDrawer(...more) {
+  const model = el("div", { class: "model" });
+  const root = el("aside", { class: "drawer", "aria-label": "Settings" },
+    slider("enhance", "Contrast", 0, 100, 5),
+    slider("tint", "Tint of labels", 0, 60, 5),
+    ...more,
+    model,
+  );
+  const show = (said) => {
+    root.hidden = !setting("drawer");
+    for (const input of root.querySelectorAll("[data-setting]")) showSlider(input);
+    showModel(model, said);
+  };
+  return { root, show };
+}
+
+/** A slider of a setting, with its value. */
+function slider(name, label, min, max, step) {
+  const output = el("output");
+  const input = el("input", {
+    type: "range", min, max, step, value: setting(name), "data-setting": name,
+    on: { input: () => setSetting(name, Number(input.value)) },
+  });
+  const made = el("label", { class: "slider" }, el("span", { text: label }), input, output);
+  showSlider(backAfterMouse(input));
+  return made;
+}
+
+function showSlider(input) {
+  const value = String(setting(input.dataset.setting));
+  if (input.value !== value) input.value = value;
+  input.nextElementSibling.textContent = value;
+}
+
+const NO_MODEL = "No model yet. It would suggest a class for each patch, and you would only mend what \
+is wrong. It learns from some twenty labelled frames, with water and obstacles.";
+
+function showModel(root, said) {
+  const { model } = mission;
+  if (blind() || !model) {
+    const hidden = el("p", { text: "Blind: suggestions are hidden." });
+    root.replaceChildren(blind() ? hidden : nothingYet(NO_MODEL, "Train a model", "#/files"));
+    return;
+  }
+  if (!root.querySelector("select")) root.replaceChildren(...modelParts());
+  const progress = model.done < model.total ? ` · ${model.done}/${model.total} frames` : "";
+  root.querySelector(".model-name").textContent = `${model.label}${progress}`;
+  root.querySelector(".model-said").textContent = said;
+  root.querySelector("input").checked = setting("suggestions");
+  const select = root.querySelector("select");
+  select.parentElement.hidden = !needsObstacleClass();
+  if (select.value !== obstacleClass()) select.value = obstacleClass();
+}
+
+function modelParts() {
+  const shown = el("input", {
+    type: "checkbox", on: { change: () => setSetting("suggestions", shown.checked) },
+  });
+  return [
+    el("label", { class: "check" },
+      backAfterMouse(shown), " Suggestions of ", el("b", { class: "model-name" }),
+    ),
+    slider("confidence", "Sure from", 0, 3, 0.05),
+    slider("follow", "Keep from before", 0, 5, 0.25),
+    el("label", { class: "pick" }, el("span", { text: "Obstacle is" }), obstacleChoice()),
+    el("p", { class: "model-said" }),
+  ];
+}

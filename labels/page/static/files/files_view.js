@@ -1,0 +1,191 @@
+// The view of files and models: labels in and out, a backup, and what the other commands of tokt do
+// with these labels.
+
+import { address, get, onFailure, post, send } from "../core/api.js";
+import { choice } from "../core/controls.js";
+import { button, el, say } from "../core/dom.js";
+import { blind, classes, mission, onChange, who } from "../core/mission.js";
+import { addView, go } from "../core/router.js";
+import { classEditor } from "./class_editor.js";
+
+const ANY = "as the file says";
+const EVERYBODY = "everybody";
+const LEAVE_OUT = "leave out";
+
+let parts = null; // {job}: elements of the view while it is shown
+
+function show(root) {
+  parts = { job: el("div", { class: "job", role: "status" }) };
+  root.replaceChildren(
+    el("section", { class: "files", tabindex: -1, "data-home": true, "aria-label": "files" },
+      card("Export labels", ...exporting()),
+      card("Import labels", ...importing()),
+      card("Backup",
+        el("p", { text: "All labels and notes of the workspace, in one checked file." }),
+        link("Download a backup", address("/api/backup")),
+      ),
+      card("Model and audit", ...jobs(), parts.job),
+      card("Classes", classEditor()),
+    ),
+  );
+  showJob();
+}
+
+function card(title, ...children) {
+  return el("section", { class: "card" }, el("h2", { text: title }), ...children);
+}
+
+function field(words, control) {
+  return el("label", { class: "field" }, el("span", { text: words }), control);
+}
+
+function link(text, href) {
+  return el("a", { class: "button main", text, href, download: "" });
+}
+
+function lines(texts) {
+  return el("ul", {}, ...texts.map((text) => el("li", { text })));
+}
+
+const failed = ({ message }) => say(message, { bad: true });
+
+// ---- Labels out
+
+function exporting() {
+  const form = choice(Object.entries(mission.formats), "csv", { on: { change: check } });
+  const people = blind() ? [who()] : [EVERYBODY, ...mission.annotators];
+  const whose = choice(people, blind() ? who() : EVERYBODY, { on: { change: check } });
+  const full = el("input", { type: "checkbox", checked: true, on: { change: check } });
+  const told = el("div", { role: "status" });
+  const download = link("Download", "#");
+  async function check() {
+    const only = whose.value === EVERYBODY ? null : whose.value;
+    const wanted = { format: form.value, only, full: full.checked ? 1 : null };
+    download.href = address("/api/export", wanted);
+    const answer = await get("/api/export", { ...wanted, check: 1 }).catch(onFailure((e) => e));
+    const { labels = 0, lost = [], message } = answer;
+    download.hidden = Boolean(message);
+    const words = message ?? `${labels.toLocaleString("en")} labels of ${mission.mission}.`;
+    told.replaceChildren(el("p", { text: words }), lines(lost));
+  }
+  check();
+  return [
+    field("Format", form),
+    field("Labels of", whose),
+    el("label", { class: "check" }, full, " with who, when, and from which model (CSV)"),
+    told,
+    download,
+  ];
+}
+
+// ---- Labels in
+
+function importing() {
+  const file = el("input", { type: "file", on: { change: () => read({}) } });
+  const form = choice([["", ANY], ...Object.entries(mission.formats)], "", {
+    on: { change: () => read({}) },
+  });
+  const annotator = el("input", { maxlength: 60, placeholder: ANY, on: { change: () => read({}) } });
+  const told = el("div", { role: "status" });
+  // What the file's classes are here: {theirs: ours}; ours is "" for those to leave out.
+  async function read(named, apply = false) {
+    if (!file.files.length) return;
+    const [chosen] = file.files;
+    const params = { name: chosen.name, format: form.value || null, apply: apply ? 1 : null };
+    params.annotator = annotator.value.trim() || null;
+    const map = Object.entries(named).map(([theirs, ours]) => `${theirs}=${ours}`);
+    told.replaceChildren(el("p", { text: apply ? "Importing …" : "Reading …" }));
+    const request = send("/api/import", { ...params, map }, chosen);
+    const answer = await request.catch(onFailure((error) => error));
+    if (answer.message) told.replaceChildren(el("p", { class: "bad", text: answer.message }));
+    else if (answer.unknown.length) told.replaceChildren(...asking(answer.unknown, named, read));
+    else told.replaceChildren(...found(answer, () => read(named, true)));
+  }
+  return [
+    field("File", file),
+    field("Format", form),
+    field("Labels by", annotator),
+    told,
+  ];
+}
+
+function asking(unknown, named, read) {
+  const ours = [["", LEAVE_OUT], ...classes().filter(({ key }) => key).map(({ name }) => name)];
+  const rows = unknown.map((theirs) => [theirs, choice(ours, "")]);
+  const chosen = () => Object.fromEntries(rows.map(([theirs, control]) => [theirs, control.value]));
+  return [
+    el("p", { text: "The file has classes that this workspace does not have. What are they here?" }),
+    ...rows.map(([theirs, control]) => field(theirs, control)),
+    button("Go on", () => read({ ...named, ...chosen() }), { class: "main" }),
+  ];
+}
+
+function found({ applied, annotators, labels, here, lost, ...counts }, apply) {
+  const kinds = { new: "new", changed: "changed", unchanged: "known already", settled: "settled" };
+  const parts_ = Object.entries(kinds)
+    .filter(([kind]) => counts[kind])
+    .map(([kind, words]) => `${counts[kind].toLocaleString("en")} ${words}`);
+  const words = `${labels.toLocaleString("en")} labels by ${annotators.join(", ")}`;
+  const other = here < labels ? [`${labels - here} of other missions or grids`] : [];
+  const head = `${applied ? "Imported" : "The file has"} ${words}: ${parts_.join(", ")}.`;
+  return [
+    el("p", { text: head }),
+    lines([...other, ...lost]),
+    applied ? null : button(`Import ${labels.toLocaleString("en")} labels`, apply, { class: "main" }),
+  ].filter(Boolean);
+}
+
+// ---- What the other commands do
+
+function jobs() {
+  const start = (body) => async () => {
+    await post("/api/job", body).then(({ job }) => (mission.job = job)).catch(onFailure(failed));
+    showJob();
+  };
+  const model = mission.model
+    ? `Suggestions come from ${mission.model.label}.`
+    : "There is no model yet: train one of your labels, and it suggests the rest.";
+  return [
+    el("p", { text: blind() ? "Not while you label blind." : model }),
+    button("Train a model of these labels", start({ what: "model" }), {
+      class: "main", disabled: blind(),
+      title: "Takes minutes; it needs labels of water and of obstacles on some twenty frames.",
+    }),
+    button("Look for labels that may be wrong", start({ what: "audit" }), {
+      disabled: blind(),
+      title: "Models that did not learn a frame judge its labels; nothing is changed.",
+    }),
+  ];
+}
+
+const SAID = { done: "Done", failed: "Failed", cancelled: "Cancelled" };
+
+async function showJob() {
+  const here = parts;
+  const { job } = mission;
+  if (!here || !job) return;
+  const name = job.what === "audit" ? "The audit" : "The model";
+  const { what, done, total } = job.progress ?? {};
+  const running = job.state === "running";
+  const doing = what ? `${what}, ${done} of ${total}` : "begins";
+  const answer = await get("/api/job").catch(onFailure());
+  if (here !== parts) return;
+  here.job.replaceChildren(
+    el("p", { class: job.state === "failed" ? "bad" : "" ,
+      text: running
+        ? `${name}: step ${job.step} of ${job.steps}, ${doing}.`
+        : `${name}. ${SAID[job.state]}${job.error ? `: ${job.error}` : "."}`,
+    }),
+    ...(running && total ? [el("progress", { max: total, value: done, "aria-label": what })] : []),
+    ...(running ? [button("Cancel", () => post("/api/job/cancel", {}).catch(onFailure(failed)))] : []),
+    ...(job.state === "done" && job.what === "audit" ? [button("Look at them", () => go("#/audit"))] : []),
+    el("details", {}, el("summary", { text: "What it printed" }),
+      el("pre", { text: answer?.job?.lines.join("\n") ?? "" })),
+  );
+}
+
+addView("files", { title: "Files and models", show, hide: () => (parts = null), keys: [] });
+
+onChange((what) => {
+  if (parts && what === "status") showJob();
+});

@@ -1,0 +1,109 @@
+"""Files, classes, models and audits in a real browser: what a person gets and the store holds."""
+
+import csv
+import io
+
+import pytest
+
+from tokt.labels.store.store import LabelStore
+
+pytestmark = pytest.mark.xdist_group("browser_files")  # what they share is made once
+
+CARD = "section.card:has(h2:text-is('{}'))"
+
+
+@pytest.fixture
+def server(page_server, tmp_path):
+    return page_server("--annotator", "anna", workspace=tmp_path / ".tokt")
+
+
+@pytest.fixture
+def page(browse, server):
+    page = browse(server, "#/files", allow="40[09]")
+    page.wait_for_selector(".classes")
+    return page
+
+
+def held(server):
+    with LabelStore(server.workspace / "labels.db") as store:
+        return {(one.frame, one.row, one.col): one.label for one in store.current()}
+
+
+def upload(page, name, text):
+    page.set_input_files(
+        "input[type=file]", {"name": name, "mimeType": "", "buffer": text.encode()}
+    )
+
+
+def test_a_file_comes_in_after_its_classes_are_named_and_goes_out_whole(page, server):
+    card = page.locator(CARD.format("Import labels"))
+    rows = ["mission,camera,frame,row,col,label", "tiny,left,3,0,0,ocean", "tiny,left,3,0,1,kelp"]
+    upload(page, "ben.csv", "\n".join(rows))
+    card.get_by_text("What are they here?").wait_for()
+    assert held(server) == {}
+    card.get_by_label("kelp").select_option("reef")
+    card.get_by_role("button", name="Go on").click()
+    card.get_by_text("The file has 2 labels by ben: 2 new.").wait_for()
+    assert held(server) == {}
+    card.get_by_role("button", name="Import 2 labels").click()
+    card.get_by_text("Imported 2 labels by ben").wait_for()
+    assert held(server) == {(3, 0, 0): "ocean", (3, 0, 1): "reef"}
+    page.reload()
+    out = page.locator(CARD.format("Export labels"))
+    out.get_by_text("2 labels of tiny.").wait_for()
+    with page.expect_download() as got:
+        out.get_by_role("link", name="Download").click()
+    text = got.value.path().read_text("utf-8")
+    assert [row["label"] for row in csv.DictReader(io.StringIO(text))] == ["ocean", "reef"]
+    upload(page, "bad.csv", "\n".join([*rows[:2], "tiny,left,x,0,1,ocean"]))
+    card.get_by_text("bad.csv line 3").wait_for()
+
+
+def test_classes_are_added_saved_and_in_use_at_once(page, server):
+    page.get_by_role("button", name="Add a class").click()
+    row = page.locator(".classes tbody tr").last
+    row.get_by_label("name", exact=True).fill("giant kelp")
+    row.get_by_label("key of").fill("9")
+    row.get_by_label("is a kind of").fill("reef")
+    page.get_by_role("button", name="earlier").last.click()
+    page.get_by_role("button", name="Save the classes").click()
+    page.wait_for_function("() => /are saved/.test(document.querySelector('#toast').textContent)")
+    names = [known["name"] for known in server.get("/api/classes")["classes"]]
+    assert names[-2:] == ["giant kelp", "subsea_installation"]
+    page.locator("#views a", has_text="Label").first.click()
+    page.wait_for_selector("text=giant kelp")
+    page.go_back()
+    page.wait_for_selector(".classes")
+    page.locator(".classes tbody tr").last.get_by_label("key of").fill("9")  # taken already
+    page.get_by_role("button", name="Save the classes").click()
+    page.wait_for_function(
+        "() => /Not saved: .*key/.test(document.querySelector('#toast').textContent)"
+    )
+
+
+def test_a_model_of_the_labels_is_trained_and_suggests_and_labels_are_audited(
+    browse, page_server, run_tokt, tiny, tmp_path
+):
+    labels = tmp_path / ".tokt"
+    text, wrong = tiny.labels.read_text(), ",subsea_installation"
+    assert wrong in text
+    text = text[: text.rindex(wrong)] + ",ocean" + text[text.rindex(wrong) + len(wrong) :]
+    (tmp_path / "anna.csv").write_text(text)
+    run_tokt("labels", "import", tmp_path / "anna.csv", "--workspace", labels)
+    server = page_server("--annotator", "anna", workspace=labels)
+    page = browse(server, "#/files")
+    card = page.locator(CARD.format("Model and audit"))
+    card.get_by_text("There is no model yet").wait_for()
+    card.get_by_role("button", name="Train a model").click()
+    card.get_by_role("button", name="Cancel").click()
+    card.get_by_text("The model. Cancelled").wait_for()
+    assert server.get("/api/mission")["model"] is None
+    card.get_by_role("button", name="Train a model").click()
+    card.get_by_text("The model. Done.").wait_for()
+    page.locator("#views a", has_text="Label").first.click()
+    page.wait_for_function("() => /of 100 open|nothing/.test(document.body.innerText)")
+    assert server.get("/api/mission")["model"]["label"] == "tiny/1"
+    page.go_back()
+    card.get_by_role("button", name="Look for labels").click()
+    card.get_by_role("button", name="Look at them").click()
+    page.wait_for_selector(".tab:has-text('Audit tiny')")
