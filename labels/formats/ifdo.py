@@ -37,9 +37,10 @@ def save(path: Path, frames: list[FrameLabels], options: WriteOptions, remarks: 
     source = ifdo_of(images.mission.path)
     if source is None:
         # The same mission, the same name: exports of the same labels are equal.
-        digest = hashlib.sha256(images.name.encode()).digest()[:16]
+        mission = records[0].mission
+        digest = hashlib.sha256(mission.encode()).digest()[:16]
         name = str(UUID(bytes=digest, version=4))
-        header = {"image-set-name": images.name, "image-set-uuid": name}
+        header = {"image-set-name": mission, "image-set-uuid": name}
         header |= {"image-set-handle": f"urn:uuid:{name}", "image-set-ifdo-version": "v2.1.0"}
         document: dict[str, Any] = {HEADER: header, ITEMS: {}}
         remarks["header", "with no more than a name: no ifdo.json is in the mission's folder"] += 1

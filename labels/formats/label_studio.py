@@ -10,6 +10,7 @@ References
 https://labelstud.io/guide/task_format, https://labelstud.io/tags/rectanglelabels
 """
 
+import os
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -45,7 +46,9 @@ def save(path: Path, frames: list[FrameLabels], options: WriteOptions, remarks: 
         tasks.append(
             {
                 "id": number,
-                "data": {"image": f"/data/local-files/?d={quote(f'{folder}/{frame.name}')}"},
+                "data": {
+                    "image": f"/data/local-files/?d={quote(os.fsencode(f'{folder}/{frame.name}'))}"
+                },
                 "annotations": [
                     {
                         "id": n,

@@ -103,7 +103,7 @@ def test_damaged_files_are_refused_or_read(tmp_path, reading, writing, name, dat
 @all_formats
 def test_odd_names_of_files(tmp_path, name):
     """Those that text can hold come back; the other ones' labels are left out and counted."""
-    folder = tmp_path / "dive"
+    folder = tmp_path / os.fsdecode(b"dive\xff")
     folder.mkdir()
     picture = cv2.imencode(".png", np.full((137, 181), 90, np.uint8))[1].tobytes()
     odd = ['a,b "c"\'d;_1.png', "Åse > <b>&amp;_2.png", "=1+1_3.png", "b\xff_4.png", "x\x07_5.png"]
