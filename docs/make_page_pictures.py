@@ -1,7 +1,7 @@
 """Make the pictures of docs/labelling.md, and docs/label.jpg, from a finished rendered demo.
 
 ``python docs/make_page_pictures.py demo-out`` starts the labelling page on the demo's rendered
-mission with its model and some of its labels, and takes pictures of every view in headless Chromium.
+mission with its model and some of its labels, and takes pictures of all views in headless Chromium.
 """
 
 import csv
@@ -80,7 +80,9 @@ def take(url: str) -> None:
             executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-gpu"]
         )
         page = browser.new_page(viewport={"width": 1280, "height": 720})
-        page.add_init_script("""try { localStorage["tokt.identity"] = '{"who": "anna"}' } catch {}""")
+        page.add_init_script(
+            """try { localStorage["tokt.identity"] = '{"who": "anna"}' } catch {}"""
+        )
         page.goto(url)
         for name, address in VIEWS.items():
             show(page, f"{url.partition('?')[0]}{address}", f"{name}.jpg")
