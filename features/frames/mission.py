@@ -216,7 +216,7 @@ class VideoMission:
         picture = None
         if self._next % _MARK_EVERY == 1:
             good, image = self._capture.retrieve()
-            picture = zlib.crc32(image) if good else 0
+            picture = zlib.crc32(np.asarray(image, np.uint8).data) if good else 0
         found = (self._capture.get(cv2.CAP_PROP_POS_MSEC), picture)
         if self._next > len(self._prints):
             self._prints.append(found)
