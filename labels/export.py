@@ -55,22 +55,21 @@ def _in_force(
     store: LabelStore, wanted: Wanted, *, settled: bool
 ) -> tuple[list[LabelRecord], list[str]]:
     """Labels in force, and a line each for what else the store has of them."""
-    mission, annotator, grid, camera = vars(wanted).values()
-    choose = store.current_and_settled if settled else store.current
-    records = choose(mission, annotator, grid, camera=camera)
+    narrow = vars(wanted)
+    records = store.current_and_settled(**narrow) if settled else store.current(**narrow)
     if not records:
         raise ToktError(
             f"no such labels in {store.path}; it has missions {listed(store.missions())}"
             f" and annotators {listed(store.annotators())}"
         )
     lost = []
-    left = [] if settled else store.settled(mission, grid, annotator=annotator, camera=camera)
+    left = [] if settled else store.settled(**narrow)
     if left:
         lost.append(f"{count(len(left), 'settlement')} left out (--full keeps them)")
     earlier = sum(
         entry.events - entry.patches
         for entry in store.stats()
-        if mission in (None, entry.mission) and annotator in (None, entry.annotator)
+        if wanted.mission in (None, entry.mission) and wanted.annotator in (None, entry.annotator)
     )
     if earlier:
         lost.append(f"{count(earlier, 'earlier label')} left out: files hold those in force")

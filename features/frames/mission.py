@@ -1,6 +1,7 @@
 """A mission's frames on disk: a stereo folder, a flat folder, or a video file."""
 
 import re
+import zlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Protocol
@@ -16,6 +17,8 @@ from .image_file import SUFFIXES, check_bits, decode_image
 LEFT, RIGHT = "left", "right"
 VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".mpg", ".mpeg", ".m4v", ".webm"})
 _MAX_RANGE = 10_000_000  # frames; four days at 30 a second
+_MARK_EVERY = 16  # frames; the pictures of these are compared after a seek
+_FAR = 100  # frames from which a seek is faster than reading on
 _BITS_16 = 16  # the last letter of FFmpeg's four for a pixel format of that many bits
 _NUMBER = re.compile(r"(\d+)$")
 _NAMED = re.compile(r"(\w[\w.-]*)=(.+)", re.DOTALL)
@@ -146,8 +149,9 @@ class VideoMission:
         self.path = path
         self.name = path.stem
         self.cameras = (LEFT,)
-        self._capture = cv2.VideoCapture(str(path))
-        self._next = 1
+        self._open()
+        self._prints: list[tuple[float, int | None]] = []  # of all frames read so far, see _grab
+        self._seeks = True
         count = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
         if not self._capture.isOpened() or count < 1:
             raise ToktError(f"{path} is not a video that can be read")
@@ -161,20 +165,23 @@ class VideoMission:
         return list(range(1, self._count + 1)) if camera == LEFT else []
 
     def read(self, frame: int, camera: str = LEFT) -> U8:
-        """One frame, BGR. Fast in order; a step back reads the file from its start again.
+        """One frame, BGR. Fast in order, and in steps back where the file can be sought in.
 
-        Seeking by frame number is not exact for many codecs, so it is not used: the same
-        number is always the same picture.
+        Seeking by frame number is not exact for many codecs. So it goes only to frames that were
+        read in order before, whose pictures and times are compared. Once one differs, this file
+        is read from its start again: the same number is always the same picture.
         """
         if camera != LEFT or not 1 <= frame <= self._count:
             raise FrameError(f"mission {self.name} has no {camera} frame {frame}")
-        if frame < self._next:
-            self._capture.release()
-            self._capture = cv2.VideoCapture(str(self.path))
-            self._next = 1
+        known = self._seeks and frame <= len(self._prints)
+        if frame < self._next or (known and frame > self._next + _FAR):
+            self._rewind(frame)
         while self._next <= min(frame, self._readable):
-            if self._capture.grab():
+            if self._grab():
                 self._next += 1
+            elif self._sought:
+                self._seeks = False
+                self._open()
             else:
                 # What a further grab would give has lost its number.
                 self._readable = self._next - 1
@@ -184,6 +191,36 @@ class VideoMission:
         if self._has_16_bits:
             check_bits(int(image.max()), f"{self.path}: frame {frame}")
         return np.asarray(image, np.uint8)
+
+    def is_near(self, frame: int) -> bool:
+        """Whether a frame can be had without reading much of the file first."""
+        first = 1 if self._seeks else self._next
+        return first <= frame <= len(self._prints) + _FAR
+
+    def _open(self) -> None:
+        self._capture = cv2.VideoCapture(str(self.path))
+        self._next, self._sought = 1, False
+
+    def _rewind(self, frame: int) -> None:
+        mark = (frame - 1) // _MARK_EVERY * _MARK_EVERY + 1
+        if self._seeks and mark > 1:
+            self._capture.set(cv2.CAP_PROP_POS_FRAMES, mark - 1)
+            self._next, self._sought = mark, True
+        else:
+            self._open()
+
+    def _grab(self) -> bool:
+        """Go on by one frame; whether there is one, and it is what it was when first read."""
+        if not self._capture.grab():
+            return False
+        picture = None
+        if self._next % _MARK_EVERY == 1:
+            good, image = self._capture.retrieve()
+            picture = zlib.crc32(image) if good else 0
+        found = (self._capture.get(cv2.CAP_PROP_POS_MSEC), picture)
+        if self._next > len(self._prints):
+            self._prints.append(found)
+        return self._prints[self._next - 1] == found
 
     def encoded(self, frame: int, camera: str = LEFT) -> tuple[bytes, str]:
         """The frame as a lossless PNG."""

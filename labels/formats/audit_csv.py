@@ -12,11 +12,10 @@
 `tokt.training.fitting.label_audit` makes one, the labelling page shows it.
 """
 
-import csv
-import io
 import json
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from datetime import datetime
 from pathlib import Path
@@ -26,7 +25,7 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 
 from .label_csv import AUDIT_COLUMNS, COLUMNS
-from .text_file import save_text
+from .text_file import save_table, save_text
 
 FOLDER = "audits"
 
@@ -103,13 +102,7 @@ class Audit:
 
 
 def write_audit(workspace: Path, audit: Audit) -> Path:
-    """Keep an audit in the workspace, in place of an earlier one of its name.
-
-    Raises
-    ------
-    ToktError
-        If it cannot be written.
-    """
+    """Keep an audit in the workspace, in place of an earlier one of its name."""
     file = workspace / FOLDER / f"{audit.name}.json"
     value = {"format": FORMAT, **asdict(audit), "grid": audit.grid.to_json()}
     save_text(file, json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
@@ -117,13 +110,7 @@ def write_audit(workspace: Path, audit: Audit) -> Path:
 
 
 def read_audit(file: Path) -> Audit:
-    """Read what `write_audit` wrote.
-
-    Raises
-    ------
-    ToktError
-        If the file cannot be read, is damaged, or is of a newer format.
-    """
+    """Read what `write_audit` wrote; ToktError if the file is damaged or of a newer format."""
     try:
         value = json.loads(file.read_bytes())
         version = value["format"]
@@ -167,17 +154,10 @@ def write_audit_csv(file: Path, audit: Audit) -> None:
     """Write doubted labels as a label file with the grid and `AUDIT_COLUMNS` more, worst first.
 
     `read_label_csv` reads it: labels corrected in it, in a spreadsheet, can be imported.
-
-    Raises
-    ------
-    ToktError
-        If the file cannot be written.
     """
-    out = io.StringIO(newline="")
-    writer = csv.writer(out, lineterminator="\n")
     names = (*COLUMNS, "grid", *AUDIT_COLUMNS)
-    writer.writerow(names)
+    rows: list[Iterable[object]] = [names]
     for patch in audit.patches:
         row = {**asdict(patch), "grid": str(audit.grid), "margin": f"{patch.margin:.4f}"}
-        writer.writerow(row[name] for name in names)
-    save_text(file, out.getvalue())
+        rows.append([row[name] for name in names])
+    save_table(file, rows)

@@ -9,26 +9,16 @@ https://biigle.de/manual/tutorials/reports/reports-schema#annotation-csv-report
 """
 
 import json
-from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from tokt.features.common.errors import ToktError
-from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE
 
 from .box_attributes import carried_text, size_in, text_to_carry
-from .boxes import found_shape
-from .labels_and_boxes import (
-    FoundBox,
-    boxes_to_labels,
-    labels_to_boxes,
-    short_names,
-    without_suggestions,
-)
-from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, label_of, lines
-from .text_file import finite, naming, of_kind, read_table, save_table, utc_time
+from .labels_and_boxes import FoundBox, FrameLabels, known_shape, short_names
+from .options import ReadOptions, Remarks, WriteOptions, label_of
+from .text_file import Rows, by_name, finite_list, naming, save_table, utc_time
 
 TITLE = "BIIGLE"
 
@@ -43,11 +33,8 @@ _NEEDED = ("label_name", "filename", "shape_name", "points")
 _BETWEEN = " > "
 
 
-def write_biigle(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> ExportResult:
-    """Write labels of one mission, both cameras in one file; ToktError as `write_coco`."""
-    remarks: Remarks = Counter()
-    chosen = without_suggestions(records, remarks, f"in {TITLE} they")
-    frames, lost = labels_to_boxes(chosen, options, TITLE)
+def save(path: Path, frames: list[FrameLabels], options: WriteOptions, remarks: Remarks) -> int:
+    """Write labels of one mission, both cameras in one file."""
     names = short_names(frames)
     label_ids: dict[str, int] = {}
     users: dict[str, int] = {}
@@ -67,44 +54,27 @@ def write_biigle(path: Path, records: Iterable[LabelRecord], options: WriteOptio
                 ]
             )
     save_table(path, [(*COLUMNS, "tokt"), *rows])
-    return ExportResult(len(rows), [*lost, *lines(remarks)])
+    return len(rows)
 
 
-def read_biigle(path: Path, options: ReadOptions) -> ImportResult:
-    """Read a report, or refuse it with its first mistake and that line's number.
+def boxes(rows: Rows, options: ReadOptions, who: str, remarks: Remarks) -> Iterator[FoundBox]:
+    """The shapes of a report.
 
     A class is mapped by its name or its hierarchy, or by that of a label above it.
-    ToktError where the file is no such CSV, or `boxes_to_labels` refuses its shapes.
     """
-    found: list[FoundBox] = []
-    remarks: Remarks = Counter()
-    for where, row in read_table(path, _NEEDED):
-        with naming(f"{path} {where}"):
-            if any(column not in row for column in _NEEDED):
-                raise ToktError(f"{len(row)} fields, too few")
-            kind = row["shape_name"]
-            values = of_kind(carried_text(row["points"]), list, "points")
-            shape = found_shape(kind.lower(), [finite(value, "points") for value in values])
-            if shape is None:
-                remarks["shape", f"left out: {kind[:20]!r} with {len(values)} numbers"] += 1
-                continue
-            who = f"{row.get('firstname') or ''} {row.get('lastname') or ''}".strip()
-            time, image = row.get("created_at"), carried_text(row.get("attributes"))
-            found.append(
-                FoundBox(
-                    where,
-                    row["filename"],
-                    shape[0],
-                    _class(row, options),
-                    who or options.who(path),
+    for where, row in by_name(rows, _NEEDED):
+        with naming(where):
+            numbers = finite_list(carried_text(row["points"]), "points")
+            shape = known_shape(row["shape_name"], numbers, remarks)
+            if shape:
+                person = f"{row.get('firstname') or ''} {row.get('lastname') or ''}".strip()
+                image = carried_text(row.get("attributes"))
+                yield FoundBox(
+                    *(where, row["filename"], shape, _class(row, options), person or who),
                     carried_text(row.get("tokt")),
                     size_in(image if isinstance(image, dict) else {}, "attributes"),
-                    time=utc_time(time) if time else None,
-                    outline=shape[1],
+                    utc_time(row.get("created_at")),
                 )
-            )
-    with naming(path):
-        return boxes_to_labels(found, options, remarks)
 
 
 def _class(row: dict[str, str], options: ReadOptions) -> str:

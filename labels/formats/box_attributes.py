@@ -17,6 +17,7 @@ from tokt.labels.record import HUMAN, MODEL, LabelRecord, utc_now, utc_text
 
 from .boxes import Size
 from .options import label_of
+from .text_file import whole
 
 FORMAT = 1
 """Format of the attributes. Raise it when an older `tokt` would misread newer ones."""
@@ -25,21 +26,16 @@ _PREFIX = "tokt_"
 _MARK = f"{_PREFIX}format"
 _SIZE = f"{_PREFIX}size"
 _SIZE_TEXT = re.compile(r"(\d{1,6})x(\d{1,6})")
-_WHOLE = re.compile(r"(-?[0-9]{1,18})(?:\.0*)?")
-_MAX_EXACT = 2**53
-_LARGEST = 10**300  # what a float can hold, with room to calculate
+_UNSAID = {"source": HUMAN, "model_version": None, "blind": False}  # nothing is written of these
 
 
 def to_attributes(record: LabelRecord, size: Size | None = None) -> dict[str, str | int]:
     """All that a record says, and the frame's size where the format has no other place for it."""
-    said = {**vars(record), "grid": str(record.grid), "label": label_of(record), "blind": "yes"}
-    if record.source == HUMAN:
-        del said["source"]
-    if record.model_version is None:
-        del said["model_version"]
-    if not record.blind:
-        del said["blind"]
-    found = {_MARK: FORMAT, **{f"{_PREFIX}{name}": value for name, value in said.items()}}
+    said = {**vars(record), "grid": str(record.grid), "label": label_of(record)}
+    found: dict[str, str | int] = {_MARK: FORMAT}
+    for name, value in said.items():
+        if name not in _UNSAID or value != _UNSAID[name]:
+            found[_PREFIX + name] = "yes" if value is True else value
     return {**found, _SIZE: f"{size.width}x{size.height}"} if size else found
 
 
@@ -66,15 +62,7 @@ def size_of(attributes: Any) -> Size | None:
 def from_attributes(attributes: Any) -> LabelRecord | None:
     """The record that attributes carry, as it was written; None where they carry none.
 
-    Parameters
-    ----------
-    attributes : mapping
-        Anything else carries none.
-
-    Raises
-    ------
-    ToktError
-        If they are ours but not whole, or of a newer format.
+    ToktError if they are ours but not whole, or of a newer format.
     """
     if not isinstance(attributes, Mapping) or _MARK not in attributes:
         return None
@@ -83,35 +71,40 @@ def from_attributes(attributes: Any) -> LabelRecord | None:
         raise ToktError(
             f"{_MARK} {version} is not one this tokt reads ({FORMAT}); a newer tokt wrote it"
         )
-    source = _text(attributes, "source") if f"{_PREFIX}source" in attributes else HUMAN
-    with_model = f"{_PREFIX}model_version" in attributes
+    usual = {_PREFIX + name: value for name, value in _UNSAID.items()}
+    said = {**usual, **attributes}
+
+    def value(name: str) -> Any:
+        if _PREFIX + name not in said:
+            raise ToktError(f"no {_PREFIX}{name} beside {_MARK}")
+        return said[_PREFIX + name]
+
+    def text(name: str) -> str:
+        if not isinstance(value(name), str):
+            raise ToktError(f"{_PREFIX}{name} {ascii(value(name))[:40]} is not text")
+        return str(value(name))
+
+    def number(name: str) -> int:
+        return whole(value(name), _PREFIX + name)
+
     return LabelRecord(
-        mission=_text(attributes, "mission"),
-        camera=_text(attributes, "camera"),
-        frame=_number(attributes, "frame"),
-        grid=Grid.parse(_text(attributes, "grid")),
-        row=_number(attributes, "row"),
-        col=_number(attributes, "col"),
-        label=_text(attributes, "label"),
-        annotator=_text(attributes, "annotator"),
-        time=utc_text(_text(attributes, "time")),
-        source=source,
-        model_version=_text(attributes, "model_version") if with_model else None,
-        blind=attributes.get(f"{_PREFIX}blind") == "yes",
+        *(text("mission"), text("camera"), number("frame"), Grid.parse(text("grid"))),
+        *(number("row"), number("col"), text("label"), text("annotator")),
+        *(utc_text(text("time")), text("source")),
+        model_version=None if value("model_version") is None else text("model_version"),
+        blind=value("blind") == "yes",
     )
 
 
 def size_in(holder: Any, where: str) -> Size | None:
     """The size that an object of a file has as ``height`` and ``width``; None where it has none.
 
-    Raises
-    ------
-    ToktError
-        If these are no whole numbers.
+    ToktError if these are no whole numbers.
     """
-    if holder.get("width") is None or holder.get("height") is None:
+    sides = {side: holder.get(side) for side in ("height", "width")}
+    if None in sides.values():
         return None
-    return Size(*(whole(holder.get(side), f"{where}: {side}") for side in ("height", "width")))
+    return Size(*(whole(value, f"{where}: {side}") for side, value in sides.items()))
 
 
 def changed_by_hand(
@@ -131,43 +124,3 @@ def changed_by_hand(
         model_version=None,
         blind=False,
     )
-
-
-def whole(value: Any, what: str) -> int:
-    """A whole number, also written ``3.0`` or as text.
-
-    Raises
-    ------
-    ToktError
-        If it is none.
-    """
-    if type(value) is int and abs(value) < _LARGEST:
-        return value
-    if type(value) is float and value.is_integer() and abs(value) < _MAX_EXACT:
-        return int(value)
-    match = _WHOLE.fullmatch(value) if isinstance(value, str) else None
-    if match is None:
-        raise ToktError(f"{what} {_short(value)} is not a whole number")
-    return int(match[1])
-
-
-def _number(attributes: Mapping[str, Any], name: str) -> int:
-    return whole(_value(attributes, name), _PREFIX + name)
-
-
-def _text(attributes: Mapping[str, Any], name: str) -> str:
-    value = _value(attributes, name)
-    if not isinstance(value, str):
-        raise ToktError(f"{_PREFIX}{name} {_short(value)} is not text")
-    return value
-
-
-def _value(attributes: Mapping[str, Any], name: str) -> Any:
-    if _PREFIX + name not in attributes:
-        raise ToktError(f"no {_PREFIX}{name} beside {_MARK}")
-    return attributes[_PREFIX + name]
-
-
-def _short(value: Any) -> str:
-    text = ascii(value)
-    return text if len(text) <= 40 else text[:37] + "..."

@@ -46,11 +46,6 @@ class Box(NamedTuple):
     y1: float
 
     @property
-    def is_empty(self) -> bool:
-        """Whether no pixel is in it."""
-        return self.x1 <= self.x0 or self.y1 <= self.y0
-
-    @property
     def corners(self) -> tuple[float, ...]:
         """All four as alternating x and y, clockwise from the upper left."""
         return self.x0, self.y0, self.x1, self.y0, self.x1, self.y1, self.x0, self.y1
@@ -62,6 +57,39 @@ class Box(NamedTuple):
     def is_like(self, other: Box) -> bool:
         """Whether it is the same box, but for what other tools round."""
         return all(abs(a - b) <= _ROUNDING_PX for a, b in zip(self, other, strict=True))
+
+
+class Shape(NamedTuple):
+    """What somebody drew: an upright box, or the outline that `box` is around."""
+
+    box: Box
+    outline: Outline = ()
+
+    @property
+    def noun(self) -> str:
+        """What remarks call it."""
+        return "point" if len(self.outline) == 1 else "box" if not self.outline else "outline"
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether it has no area and is no point."""
+        x0, y0, x1, y1 = self.box
+        return self.noun != "point" and (x1 <= x0 or y1 <= y0)
+
+    def patches(self, grid: Grid, size: Size) -> list[tuple[int, int, float]]:
+        """Row, column and covered share of the patches in it; a point covers nothing of its one."""
+        if self.noun == "point":
+            at = patch_at(grid, size, *self.outline[0])
+            return [(*at, 0.0)] if at else []
+        if self.outline:
+            return patches_in_outline(grid, size, self.outline)
+        return patches_in_box(grid, size, self.box)
+
+    def is_of_patch(self, grid: Grid, size: Size, row: int, col: int) -> bool:
+        """Whether it is the patch's box, or a point in it."""
+        if self.outline:
+            return self.noun == "point" and (row, col, 0.0) in self.patches(grid, size)
+        return self.box.is_like(patch_box(grid, size, row, col))
 
 
 @lru_cache(maxsize=256)
@@ -79,23 +107,14 @@ def _patch_size(grid: Grid, size: Size) -> tuple[float, float]:
 def patch_box(grid: Grid, size: Size, row: int, col: int) -> Box:
     """One patch's box in a frame of `size`, scaled back from the resized frame.
 
-    Raises
-    ------
-    ToktError
-        If the grid's patches would be under 3x3 pixels of the resized frame.
+    ToktError if the grid's patches would be under 3x3 pixels of the resized frame.
     """
     height, width = _patch_size(grid, size)
     return Box(col * width, row * height, (col + 1) * width, (row + 1) * height)
 
 
 def patches_in_box(grid: Grid, size: Size, box: Box) -> list[tuple[int, int, float]]:
-    """Patches that `box` covers by `HALF` or more: row, column and the share that it covers.
-
-    Raises
-    ------
-    ToktError
-        As `patch_box`.
-    """
+    """Row, column and covered share of patches covered by `HALF` or more; as `patch_box`."""
     height, width = _patch_size(grid, size)
     down = _overlap(grid.rows, height, box.y0, box.y1)
     across = _overlap(grid.cols, width, box.x0, box.x1)
@@ -127,12 +146,13 @@ def patches_in_outline(grid: Grid, size: Size, outline: Outline) -> list[tuple[i
     return [(*divmod(int(n), grid.cols), float(shares[n])) for n in np.flatnonzero(shares >= HALF)]
 
 
-def found_shape(kind: str, numbers: Sequence[float]) -> tuple[Box, Outline] | None:
-    """A shape of other tools as its box, and its outline where it is no upright box.
+def found_shape(kind: str, numbers: Sequence[float]) -> Shape | None:
+    """A shape as other tools name it, in small or large letters, and give it.
 
     ``point``, ``rectangle`` and ``polygon`` have alternating x and y, ``circle`` x, y and radius.
     None for any other kind, or where the count of numbers is not the kind's.
     """
+    kind = kind.lower().replace("single-pixel", "point")  # as iFDO calls it
     if kind == "circle" and len(numbers) == 3:
         x, y, radius = numbers
         turns = [2 * math.pi * n / _CIRCLE_CORNERS for n in range(_CIRCLE_CORNERS)]
@@ -144,7 +164,7 @@ def found_shape(kind: str, numbers: Sequence[float]) -> tuple[Box, Outline] | No
     across, down = zip(*corners, strict=True)
     box = Box(min(across), min(down), max(across), max(down))
     upright = kind == "rectangle" and all(x in box[::2] and y in box[1::2] for x, y in corners)
-    return box, () if upright else tuple(corners[:1] if kind == "point" else corners)
+    return Shape(box, () if upright else tuple(corners[:1] if kind == "point" else corners))
 
 
 def _overlap(n: int, length: float, start: float, end: float) -> F64:

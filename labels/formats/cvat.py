@@ -2,6 +2,7 @@
 
 CVAT finds images by their name. It keeps attributes that the task's labels have and drops others.
 Whatever is uploaded comes back as ``source="file"``: a model's suggestions would be labels then.
+Read are boxes, polygons and points; those that CVAT found by itself become suggestions.
 
 References
 ----------
@@ -9,27 +10,19 @@ https://docs.cvat.ai/docs/dataset_management/formats/format-cvat/
 """
 
 import re
-from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from tokt.features.common.errors import ToktError
-from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import Taxonomy
 
 from .box_attributes import size_in, to_attributes
-from .boxes import Box, Outline, Size, found_shape
-from .labels_and_boxes import (
-    FoundBox,
-    FrameLabels,
-    boxes_to_labels,
-    labels_to_boxes,
-    without_suggestions,
-)
-from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, label_of, lines
+from .boxes import Box, Shape, found_shape
+from .labels_and_boxes import FoundBox, FrameLabels
+from .options import ReadOptions, Remarks, WriteOptions, label_of
 from .text_file import finite, naming, read_utf8, save_text
 
 TITLE = "CVAT"
@@ -38,14 +31,10 @@ _AUTOMATIC = "auto"
 _GRAY = "#808080"
 _SIDES = ("xtl", "ytl", "xbr", "ybr")
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-_CORNER = re.compile(r"[,;]")
 
 
-def write_cvat(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> ExportResult:
-    """Write labels of one mission, both cameras in one file; ToktError as `write_coco`."""
-    remarks: Remarks = Counter()
-    chosen = without_suggestions(records, remarks, f"in {TITLE} they")
-    frames, lost = labels_to_boxes(chosen, options, TITLE)
+def save(path: Path, frames: list[FrameLabels], options: WriteOptions, remarks: Remarks) -> int:
+    """Write labels of one mission, both cameras in one file."""
     root = Element("annotations")
     SubElement(root, "version").text = "1.1"
     _add_task(root, frames, options.taxonomy)
@@ -68,7 +57,7 @@ def write_cvat(path: Path, records: Iterable[LabelRecord], options: WriteOptions
     ElementTree.indent(root)
     text = ElementTree.tostring(root, "unicode")
     save_text(path, f'<?xml version="1.0"?>\n{text}\n')
-    return ExportResult(written, [*lost, *lines(remarks)])
+    return written
 
 
 def _add_task(root: Element, frames: list[FrameLabels], taxonomy: Taxonomy) -> None:
@@ -101,65 +90,44 @@ class _NoDoctype(ElementTree.TreeBuilder):
         raise ToktError("it has a DOCTYPE, which CVAT does not write")
 
 
-def _root(text: str) -> Element:
-    try:
-        root = ElementTree.fromstring(text, ElementTree.XMLParser(target=_NoDoctype()))
-    except ElementTree.ParseError as error:
-        raise ToktError(f"not XML: {error}") from None
-    if root.tag != "annotations":
-        raise ToktError(f"not of {TITLE}, whose XML begins with <annotations>")
+def read_xml(path: Path) -> Element:
+    """The root element of a file; ToktError if it is not of CVAT."""
+    text = read_utf8(path)
+    with naming(path):
+        try:
+            root = ElementTree.fromstring(text, ElementTree.XMLParser(target=_NoDoctype()))
+        except ElementTree.ParseError as error:
+            raise ToktError(f"not XML: {error}") from None
+        if root.tag != "annotations":
+            raise ToktError(f"not of {TITLE}, whose XML begins with <annotations>")
     return root
 
 
-def read_cvat(path: Path, options: ReadOptions) -> ImportResult:
-    """Read a file, or refuse it with its first mistake.
-
-    Boxes, polygons and points count. Those that CVAT found by itself become suggestions.
-    ToktError where the file is no such XML, or `boxes_to_labels` refuses its shapes.
-    """
-    text, who = read_utf8(path), options.who(path)
-    remarks: Remarks = Counter()
-    found: list[FoundBox] = []
-    with naming(path):
-        root = _root(text)
-        tracks = root.findall("track")
-        remarks["track", "left out: export in the format CVAT for images 1.1"] += len(tracks)
-        for n, image in enumerate(root.findall("image"), 1):
-            size = size_in(image, f"image {n}")
-            for m, element in enumerate(image, 1):
-                found += _found(element, image, size, f"image {n} shape {m}", who, remarks)
-        return boxes_to_labels(found, options, remarks)
+def boxes(root: Element, options: ReadOptions, who: str, remarks: Remarks) -> Iterator[FoundBox]:
+    """The shapes of a file."""
+    tracks = len(root.findall("track"))
+    remarks["track", "left out: export in the format CVAT for images 1.1"] += tracks
+    for n, image in enumerate(root.findall("image"), 1):
+        size = size_in(image, f"image {n}")
+        for m, element in enumerate(image, 1):
+            said = {
+                entry.get("name", ""): entry.text or "" for entry in element.findall("attribute")
+            }
+            model = f"{TITLE} automatic" if element.get("source") == _AUTOMATIC else None
+            with naming(where := f"image {n} shape {m}"):
+                for shape in _shapes(element, remarks):
+                    what = shape, element.get("label", ""), who, said, size
+                    yield FoundBox(where, image.get("name", ""), *what, model_version=model)
 
 
-def _found(
-    element: Element, image: Element, size: Size | None, where: str, who: str, remarks: Remarks
-) -> Iterator[FoundBox]:
-    attributes = {entry.get("name", ""): entry.text or "" for entry in element.findall("attribute")}
-    automatic = element.get("source") == _AUTOMATIC
-    for box, outline in _shapes(element, where, remarks):
-        yield FoundBox(
-            where,
-            image.get("name", ""),
-            box,
-            element.get("label", ""),
-            who,
-            attributes,
-            size,
-            model_version=f"{TITLE} automatic" if automatic else None,
-            outline=outline,
-        )
-
-
-def _shapes(element: Element, where: str, remarks: Remarks) -> Iterator[tuple[Box, Outline]]:
+def _shapes(element: Element, remarks: Remarks) -> Iterator[Shape]:
     """The shapes that one element is: of points as many as it has."""
-    tag = element.tag
-    if tag == "box" and not finite(element.get("rotation", 0), f"{where}: rotation"):
-        yield Box(*(finite(element.get(side), f"{where}: {side}") for side in _SIDES)), ()
+    tag, numbers = element.tag, []
+    if tag == "box" and not finite(element.get("rotation", 0), "rotation"):
+        yield Shape(Box(*(finite(element.get(side), side) for side in _SIDES)))
         return
-    numbers = []
     if tag in ("polygon", "points"):
-        texts = _CORNER.split(element.get("points", ""))
-        numbers = [finite(text, f"{where}: points") for text in texts]
+        numbers = [finite(text, "points") for text in re.split("[,;]", element.get("points", ""))]
     step = 2 if tag == "points" else len(numbers) or 1
     for n in range(0, len(numbers) or 1, step):
         shape = found_shape(tag.removesuffix("s"), numbers[n : n + step])

@@ -1,10 +1,9 @@
 """The table of label formats: how a file of each is recognised, read and written."""
 
-import csv
-from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Protocol
 
 from tokt.features.common.errors import ToktError
 from tokt.labels.record import LabelRecord
@@ -28,10 +27,17 @@ from . import (
     patch_folder,
     viame_csv,
 )
-from .frame_metadata import HEADER, YAML
+from .frame_metadata import HEADER, YAML, load_ifdo
 from .label_csv import COLUMNS, read_label_csv, write_label_csv
+from .labels_and_boxes import (
+    FoundBox,
+    FrameLabels,
+    boxes_to_labels,
+    labels_to_boxes,
+    without_suggestions,
+)
 from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, lines
-from .text_file import csv_rows, read_json, read_utf8
+from .text_file import csv_rows, naming, read_json, read_rows, read_utf8
 
 _BY_ENDING = {".xml": CVAT, **dict.fromkeys(YAML, IFDO)}
 _ENDINGS = "{}: label files end in .csv, .json, .xml or .yaml, folders of patches have no ending"
@@ -47,23 +53,59 @@ class LabelFormat:
     ending: str = ".csv"
 
 
+class _BoxFile(Protocol):
+    """What the module of a format of boxes has."""
+
+    TITLE: str
+
+    def boxes(
+        self, content: Any, options: ReadOptions, who: str, remarks: Remarks, /
+    ) -> Iterator[FoundBox]:
+        """What is in a file that was loaded; `who` labelled where it does not say."""
+
+    def save(
+        self, path: Path, frames: list[FrameLabels], options: WriteOptions, remarks: Remarks, /
+    ) -> int:
+        """Write labels of one mission and return how many."""
+
+
+_Choose = Callable[[Iterable[LabelRecord], Remarks, str], list[LabelRecord]]
+"""Takes the labels that a format, of this title, can hold."""
+
+
+def _all(records: Iterable[LabelRecord], remarks: Remarks, title: str) -> list[LabelRecord]:
+    return list(records)
+
+
+def _of_boxes(
+    form: _BoxFile, load: Callable[[Path], Any], ending: str = ".csv", choose: _Choose = _all
+) -> LabelFormat:
+    def read(path: Path, options: ReadOptions) -> ImportResult:
+        content, remarks = load(path), Remarks()
+        with naming(path):
+            found = form.boxes(content, options, options.annotator or path.stem, remarks)
+            return boxes_to_labels(found, options, remarks)
+
+    def write(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> ExportResult:
+        remarks = Remarks()
+        chosen = choose(records, remarks, form.TITLE)
+        frames = labels_to_boxes(chosen, options, remarks, form.TITLE)
+        return ExportResult(form.save(path, frames, options, remarks), lines(remarks))
+
+    return LabelFormat(form.TITLE, read, write, ending)
+
+
 def _read_csv(path: Path, options: ReadOptions) -> ImportResult:
-    remarks: Remarks = Counter()
+    remarks = Remarks()
     records = read_label_csv(
-        path,
-        options.taxonomy,
-        annotator=options.annotator,
-        grid=options.grid,
-        classes=options.classes,
-        remarks=remarks,
+        *(path, options.taxonomy, options.annotator, options.grid, options.classes, remarks)
     )
     return ImportResult(records, lines(remarks))
 
 
 def _write_csv(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> ExportResult:
-    chosen = list(records)
+    chosen, remarks = list(records), Remarks()
     n = write_label_csv(path, chosen, full=options.full, notes=options.notes)
-    remarks: Remarks = Counter()
     if not options.full:
         remarks["label", "without annotator and time (--full keeps them)"] += n
         remarks["model version", "of confirmed suggestions (--full keeps them)"] += sum(
@@ -74,15 +116,13 @@ def _write_csv(path: Path, records: Iterable[LabelRecord], options: WriteOptions
 
 FORMATS = {
     CSV: LabelFormat("CSV", _read_csv, _write_csv),
-    VIAME: LabelFormat(viame_csv.TITLE, viame_csv.read_viame_csv, viame_csv.write_viame_csv),
-    COCO: LabelFormat(coco.TITLE, coco.read_coco, coco.write_coco, ".json"),
-    LABEL_STUDIO: LabelFormat(
-        label_studio.TITLE, label_studio.read_label_studio, label_studio.write_label_studio, ".json"
-    ),
-    CORALNET: LabelFormat(coralnet.TITLE, coralnet.read_coralnet, coralnet.write_coralnet),
-    BIIGLE: LabelFormat(biigle.TITLE, biigle.read_biigle, biigle.write_biigle),
-    CVAT: LabelFormat(cvat.TITLE, cvat.read_cvat, cvat.write_cvat),
-    IFDO: LabelFormat(ifdo.TITLE, ifdo.read_ifdo_labels, ifdo.write_ifdo),
+    VIAME: _of_boxes(viame_csv, read_rows, choose=viame_csv.of_one_camera),
+    COCO: _of_boxes(coco, read_json, ".json"),
+    LABEL_STUDIO: _of_boxes(label_studio, read_json, ".json"),
+    CORALNET: _of_boxes(coralnet, read_rows, choose=coralnet.of_people_once),
+    BIIGLE: _of_boxes(biigle, read_rows, choose=without_suggestions),
+    CVAT: _of_boxes(cvat, cvat.read_xml, ".xml", without_suggestions),
+    IFDO: _of_boxes(ifdo, load_ifdo, ".json", without_suggestions),
     PATCHES: LabelFormat(
         patch_folder.TITLE, patch_folder.read_patch_folder, patch_folder.write_patch_folder, ""
     ),
@@ -97,18 +137,10 @@ def format_named(name: str) -> str:
 
 
 def format_to_write(path: Path) -> str:
-    """The format that a file to write has by its name.
-
-    Raises
-    ------
-    ToktError
-        If the name does not say.
-    """
+    """The format that a file to write has by its name; ToktError if that does not say."""
     suffix = path.suffix.lower()
-    if suffix == ".csv":
-        return CSV
-    if suffix == ".xml":
-        return CVAT
+    if suffix in (".csv", ".xml"):
+        return CSV if suffix == ".csv" else CVAT
     if path.is_dir() or not suffix:
         return PATCHES
     if suffix == ".json":
@@ -118,17 +150,11 @@ def format_to_write(path: Path) -> str:
 
 
 def format_to_read(path: Path) -> str:
-    """The format that a file has by its name and content.
-
-    Raises
-    ------
-    ToktError
-        If it has none of them, or cannot be read.
-    """
+    """The format of a file by its name and content; ToktError if it has none of them."""
     suffix = path.suffix.lower()
     if path.is_dir():
         return PATCHES
-    if suffix not in ("", ".csv", ".json", ".xml", *YAML):
+    if suffix not in ("", ".csv", ".json", *_BY_ENDING):
         raise ToktError(_ENDINGS.format(path))
     if not path.exists():
         raise ToktError(f"label file {path} does not exist")
@@ -147,8 +173,8 @@ def _kind_of_csv(text: str) -> str:
     if first.startswith(("#", '"#')):
         return VIAME
     try:
-        row: list[str] = next(csv_rows(first), [])
-    except csv.Error:
+        _, row = next(csv_rows(first), ("", []))
+    except ToktError:
         return CSV
     names = {name.strip().lower() for name in row}
     for kind, needed in ((CORALNET, {"name", "row", "column"}), (BIIGLE, {"shape_name", "points"})):

@@ -56,10 +56,7 @@ def mission_metadata(mission: Mission) -> dict[FrameKey, FrameMetadata]:
 def read_ifdo(path: Path, images: MissionImages) -> dict[FrameKey, FrameMetadata]:
     """What an iFDO file says of each of the mission's frames that it has.
 
-    Raises
-    ------
-    ToktError
-        If it cannot be read, is no iFDO file, or has a value that cannot be.
+    ToktError if it cannot be read, is no iFDO file, or has a value that cannot be.
     """
     document = load_ifdo(path)
     found: dict[FrameKey, FrameMetadata] = {}
@@ -72,13 +69,7 @@ def read_ifdo(path: Path, images: MissionImages) -> dict[FrameKey, FrameMetadata
 
 
 def load_ifdo(path: Path) -> dict[str, Any]:
-    """An iFDO file, whose header and items are objects and its items' names text.
-
-    Raises
-    ------
-    ToktError
-        As `read_ifdo`.
-    """
+    """An iFDO file, whose header and items are objects and items named by text; as `read_ifdo`."""
     content = _read_yaml(path) if path.suffix.lower() in YAML else read_json(path)
     with naming(path):
         document = of_kind(content, dict, "the file")
@@ -112,10 +103,8 @@ def _metadata(said: Mapping[str, Any]) -> FrameMetadata:
 
 
 def _time(value: Any, form: Any) -> str | None:
-    if value is None:
-        return None
-    text = of_kind(value, str, "image-datetime")
-    if form is None:
+    text = of_kind(value or "", str, "image-datetime")
+    if form is None or not text:
         return utc_time(text)
     try:
         moment = datetime.strptime(text, of_kind(form, str, "image-datetime-format"))

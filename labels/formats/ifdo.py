@@ -1,65 +1,46 @@
 """iFDO: the metadata of a set of images, with annotations; ours are in the ``tokt`` of each.
 
-What an iFDO file that lies with the mission says is written again, with the labels.
+What an iFDO file that lies with the mission says is written again, with the labels. A label with a
+confidence below 1 becomes a suggestion of the model that is its annotator. No suggestion is
+written: BIIGLE, which imports such files, passes over the confidence.
 
 References
 ----------
 https://marine-imaging.com/fair/schemas/annotation-v2.0.0.json
 """
 
-from collections import Counter
-from collections.abc import Iterable
+import hashlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
+from uuid import UUID
 
 from tokt.labels.record import LabelRecord
 
-from .box_attributes import size_of, to_attributes
-from .boxes import Box, Outline, found_shape
+from .box_attributes import to_attributes
+from .boxes import Box, Shape
 from .frame_metadata import HEADER, ITEMS, first_entry, ifdo_of, load_ifdo
-from .labels_and_boxes import (
-    FoundBox,
-    FrameLabels,
-    boxes_to_labels,
-    labels_to_boxes,
-    short_names,
-    without_suggestions,
-)
-from .options import (
-    ExportResult,
-    ImportResult,
-    ReadOptions,
-    Remarks,
-    WriteOptions,
-    label_of,
-    lines,
-    mission_images,
-)
-from .text_file import finite, naming, of_kind, save_json, utc_time
+from .labels_and_boxes import FoundBox, FrameLabels, known_shape, short_names
+from .options import ReadOptions, Remarks, WriteOptions, label_of, mission_images
+from .text_file import finite, finite_list, naming, objects, of_kind, save_json, utc_time
 
 TITLE = "iFDO"
 
 _LABELS, _CREATORS = "image-annotation-labels", "image-annotation-creators"
 _ANNOTATIONS = "image-annotations"
-_KINDS = {"single-pixel": "point"}
 
 
-def write_ifdo(path: Path, records: Iterable[LabelRecord], options: WriteOptions) -> ExportResult:
-    """Write labels of one mission, both cameras in one file, as JSON.
-
-    ToktError as `write_coco`, or where the iFDO file that lies with the mission cannot be read.
-    """
-    remarks: Remarks = Counter()
-    # BIIGLE, which imports such files, passes over the confidence.
-    chosen = without_suggestions(records, remarks, "for tools without confidence they")
-    frames, lost = labels_to_boxes(chosen, options, TITLE)
+def save(path: Path, frames: list[FrameLabels], options: WriteOptions, remarks: Remarks) -> int:
+    """Write labels of one mission, both cameras in one file, as JSON."""
     records = [record for frame in frames for record, _ in frame.labels]
     images = mission_images(options, TITLE)
     source = ifdo_of(images.mission.path)
     if source is None:
-        name = f"{uuid4()}"
-        header = {"image-set-name": images.name, "image-set-uuid": name}
+        # The same mission, the same name: exports of the same labels are equal.
+        mission = records[0].mission
+        digest = hashlib.sha256(mission.encode()).digest()[:16]
+        name = str(UUID(bytes=digest, version=4))
+        header = {"image-set-name": mission, "image-set-uuid": name}
         header |= {"image-set-handle": f"urn:uuid:{name}", "image-set-ifdo-version": "v2.1.0"}
         document: dict[str, Any] = {HEADER: header, ITEMS: {}}
         remarks["header", "with no more than a name: no ifdo.json is in the mission's folder"] += 1
@@ -79,7 +60,7 @@ def write_ifdo(path: Path, records: Iterable[LabelRecord], options: WriteOptions
         ours = [_annotation(record, box, frame) for record, box in frame.labels]
         item[_ANNOTATIONS] = [*kept, *ours]
     save_json(path, document)
-    return ExportResult(len(records), [*lost, *lines(remarks)])
+    return len(records)
 
 
 def _add_names(header: dict[str, Any], field: str, names: dict[str, dict[str, str]]) -> None:
@@ -98,66 +79,42 @@ def _annotation(record: LabelRecord, box: Box, frame: FrameLabels) -> dict[str, 
     }
 
 
-def read_ifdo_labels(path: Path, options: ReadOptions) -> ImportResult:
-    """Read a file, or refuse it with its first mistake.
-
-    A label with a confidence below 1 becomes a suggestion of the model that is its annotator.
-    ToktError where the file is no iFDO file, or `boxes_to_labels` refuses its shapes.
-    """
-    document = load_ifdo(path)
-    remarks: Remarks = Counter()
-    found: list[FoundBox] = []
-    with naming(path):
-        labels, creators = (_names(document[HEADER], field) for field in (_LABELS, _CREATORS))
-        for name, item in document[ITEMS].items():
-            what = f"{name!r:.100}: {_ANNOTATIONS}"
-            said = of_kind(first_entry(item).get(_ANNOTATIONS) or [], list, what)
-            for n, value in enumerate(said, 1):
-                where = f"{name!r:.100} annotation {n}"
-                annotation = of_kind(value, dict, where)
-                shape = _shape(annotation, where, remarks)
+def boxes(
+    document: dict[str, Any], options: ReadOptions, who: str, remarks: Remarks
+) -> Iterator[FoundBox]:
+    """The shapes of a file."""
+    names, people = (_names(document[HEADER], field) for field in (_LABELS, _CREATORS))
+    for image, item in document[ITEMS].items():
+        place = f"{image!r:.100}"
+        said = first_entry(item).get(_ANNOTATIONS) or []
+        for where, annotation in objects(said, f"{place}: {_ANNOTATIONS}", f"{place} annotation"):
+            with naming(where):
+                shape = _shape(annotation, remarks)
                 if shape is None:
                     continue
-                attributes = annotation.get("tokt")
-                for entry in of_kind(annotation.get("labels") or [], list, f"{where}: labels"):
-                    label = of_kind(entry, dict, f"{where}: labels")
-                    what = of_kind(label.get("label", label.get("id")), str, f"{where}: label")
-                    who = of_kind(label.get("annotator") or "", str, f"{where}: annotator")
-                    time = of_kind(label.get("created-at") or "", str, f"{where}: created-at")
-                    sure = finite(label.get("confidence", 1), f"{where}: confidence") >= 1
-                    who = creators.get(who, who) or options.who(path)
-                    found.append(
-                        FoundBox(
-                            *(where, name, shape[0], labels.get(what, what), who),
-                            attributes,
-                            size_of(attributes),
-                            time=utc_time(time) if time else None,
-                            model_version=None if sure else who,
-                            outline=shape[1],
-                        )
-                    )
-        return boxes_to_labels(found, options, remarks)
+                for _, label in objects(annotation.get("labels") or [], "labels", "label"):
+                    what = of_kind(label.get("label", label.get("id")), str, "label")
+                    by = of_kind(label.get("annotator") or "", str, "annotator")
+                    by = people.get(by, by) or who
+                    time = utc_time(of_kind(label.get("created-at") or "", str, "created-at"))
+                    sure = finite(label.get("confidence", 1), "confidence") >= 1
+                    found = names.get(what, what), by, annotation.get("tokt"), None, time
+                    yield FoundBox(where, image, shape, *found, None if sure else by)
 
 
 def _names(header: dict[str, Any], field: str) -> dict[str, str]:
     """Names by id."""
     found = {}
-    for value in of_kind(header.get(field) or [], list, field):
-        entry = of_kind(value, dict, field)
+    for _, entry in objects(header.get(field) or [], field, field):
         key = of_kind(entry.get("id"), str, f"{field}: id")
         found[key] = of_kind(entry.get("name", key), str, f"{field}: name")
     return found
 
 
-def _shape(annotation: dict[str, Any], where: str, remarks: Remarks) -> tuple[Box, Outline] | None:
-    listed = of_kind(annotation.get("coordinates") or [], list, f"{where}: coordinates")
+def _shape(annotation: dict[str, Any], remarks: Remarks) -> Shape | None:
+    listed = of_kind(annotation.get("coordinates") or [], list, "coordinates")
     # A video's has a list a moment; some writers leave out the outer list of an image's.
     values = listed[0] if len(listed) == 1 else listed
     if not isinstance(values, list) or any(isinstance(value, list) for value in values):
         values = []
-    numbers = [finite(value, f"{where}: coordinates") for value in values]
-    kind = str(annotation.get("shape"))
-    shape = found_shape(_KINDS.get(kind, kind), numbers)
-    if shape is None:
-        remarks["shape", f"left out: {ascii(kind)[:20]} with {len(numbers)} numbers"] += 1
-    return shape
+    return known_shape(str(annotation.get("shape")), finite_list(values, "coordinates"), remarks)

@@ -1,9 +1,9 @@
 """Label files: CSV with one row a patch, in and out."""
 
-import csv
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from pathlib import Path
 from sys import intern
 
@@ -12,8 +12,8 @@ from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.labels.record import HUMAN, MODEL, SETTLED, LabelRecord, utc_now, utc_text
 from tokt.labels.taxonomy import Taxonomy, UnknownClassError
 
-from .options import Notes, Remarks
-from .text_file import csv_rows, read_utf8, save_table
+from .options import Notes, Remarks, in_order
+from .text_file import naming, read_rows, save_table
 
 COLUMNS = ("mission", "camera", "frame", "row", "col", "label")
 MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version", "blind", "note")
@@ -21,12 +21,12 @@ _BLIND = {"": False, "yes": True}
 AUDIT_COLUMNS = ("suggested", "margin", "reason")
 """What a label audit says beside each label; passed over when a file is read."""
 _INTEGER = re.compile(r"-?[0-9]{1,18}")
+_grid = lru_cache(Grid.parse)
 
 
 def read_label_csv(
     path: Path,
     taxonomy: Taxonomy,
-    *,
     annotator: str | None = None,
     grid: Grid = DEFAULT_GRID,
     classes: Mapping[str, str] | None = None,
@@ -39,15 +39,8 @@ def read_label_csv(
     path : Path
         UTF-8 text (with or without byte order mark, any line ends) whose first line names the
         `COLUMNS` in any order, and any of `MORE_COLUMNS` and `AUDIT_COLUMNS`.
-    taxonomy : Taxonomy
-        The classes a label may have, besides ``unsure``.
-    annotator : str, optional
-        Who labelled, where the file has no such column; the file's name without ending by
-        default, which keeps second annotators' files apart.
-    grid : Grid
-        The grid, where the file has no such column.
-    classes : mapping of str to str
-        The file's name of a class to ours; to nothing for a class to leave out.
+    taxonomy, annotator, grid, classes
+        As those of `ReadOptions`; what the file says of annotator and grid goes before.
     remarks : Counter, optional
         Gets what of the file is passed over: notes stay where they were written.
 
@@ -62,18 +55,22 @@ def read_label_csv(
         For wrong columns, an unknown class, a patch outside the grid, a number that is none, a
         patch that the same annotator labels twice, or one that is settled twice.
     """
-    reader = csv_rows(read_utf8(path))
+    lines = read_rows(path)
     rows = _RowReader(taxonomy, annotator or path.stem, grid, classes or {})
+    fault = None
     try:
-        header: list[str] = next(reader, [])
-        _check_header(header)
-        for values in reader:
-            if values:
-                rows.add(header, values, reader.line_num)
-    except (ToktError, csv.Error) as error:
-        rows.check_classes(path)
-        raise ToktError(f"{path} line {max(1, reader.line_num)}: {error}") from None
-    rows.check_classes(path)
+        _, header = next(lines, ("", []))
+        with naming("line 1"):
+            _check_header(header)
+        for where, values in lines:
+            with naming(where):
+                rows.add(header, values, where)
+    except ToktError as error:
+        fault = error
+    if rows.unknown:
+        raise UnknownClassError(f"{path} {next(iter(rows.unknown.values()))}", rows.unknown)
+    if fault:
+        raise ToktError(f"{path} {fault}") from None
     if not rows.records:
         raise ToktError(f"{path} has no labels in it")
     if remarks is not None:
@@ -105,25 +102,15 @@ def write_label_csv(
         another grid than the default one, or a settlement: the six columns cannot say so.
     """
     columns = COLUMNS + MORE_COLUMNS if full else COLUMNS
-    chosen = sorted(
-        records,
-        key=lambda r: (
-            *(r.mission, r.camera, r.frame, str(r.grid), r.row, r.col),
-            *(r.source == SETTLED, r.annotator),
-        ),
-    )
+    chosen = in_order(records)
     if not full:
         _check_six_columns_suffice(chosen)
-    said = (
-        {
-            **vars(record),
-            "blind": "yes" if record.blind else "",
-            "note": (notes or {}).get((record.cell, record.annotator), "")
-            * (record.source == HUMAN),
-        }
-        for record in chosen
-    )
-    save_table(path, [columns, *([one[name] for name in columns] for one in said)])
+    rows: list[Iterable[object]] = [columns]
+    for record in chosen:
+        note = (notes or {}).get((record.cell, record.annotator)) if record.source == HUMAN else ""
+        said = {**vars(record), "blind": "yes" if record.blind else "", "note": note}
+        rows.append([said[name] for name in columns])
+    save_table(path, rows)
     return len(chosen)
 
 
@@ -134,23 +121,17 @@ class _RowReader:
         self, taxonomy: Taxonomy, annotator: str, grid: Grid, classes: Mapping[str, str]
     ) -> None:
         self.records: list[LabelRecord] = []
-        self._unknown: dict[str, tuple[int, ToktError]] = {}
+        self.unknown: dict[str, str] = {}  # what is said of each class that is none
         self.notes = 0
         self._taxonomy = taxonomy
         self._classes = classes
         self._defaults = {
-            "annotator": annotator,
-            "time": utc_now(),
-            "grid": str(grid),
-            "source": HUMAN,
-            "model_version": "",
-            "blind": "",
-            "note": "",
+            **dict.fromkeys(MORE_COLUMNS, ""),
+            **{"annotator": annotator, "time": utc_now(), "grid": str(grid), "source": HUMAN},
         }
-        self._grids = {str(grid): grid}
-        self._lines: dict[tuple[object, ...], int] = {}
+        self._lines: dict[tuple[object, ...], str] = {}
 
-    def add(self, header: list[str], values: list[str], line: int) -> None:
+    def add(self, header: list[str], values: list[str], line: str) -> None:
         if len(values) != len(header):
             raise ToktError(f"{len(values)} fields where the first line names {len(header)}")
         row = {**self._defaults, **dict(zip(header, values, strict=True))}
@@ -163,12 +144,12 @@ class _RowReader:
         try:
             self._taxonomy.check_label(label)
         except UnknownClassError as error:
-            self._unknown.setdefault(row["label"], (line, error))
+            self.unknown.setdefault(row["label"], f"{line}: {error}")
         record = LabelRecord(
             mission=intern(row["mission"]),
             camera=intern(row["camera"]),
             frame=_integer(row, "frame"),
-            grid=self._grid(row["grid"]),
+            grid=_grid(row["grid"]),
             row=_integer(row, "row"),
             col=_integer(row, "col"),
             label=intern(label),
@@ -185,19 +166,8 @@ class _RowReader:
         first = self._lines.setdefault(key, line)
         if first != line:
             done = "settled" if settled else "labelled"
-            raise ToktError(f"{record.cell} is {done} on line {first} already")
+            raise ToktError(f"{record.cell} is {done} on {first} already")
         self.records.append(record)
-
-    def check_classes(self, path: Path) -> None:
-        """Raise UnknownClassError if there were such labels so far; names them all."""
-        if self._unknown:
-            line, first = next(iter(self._unknown.values()))
-            raise UnknownClassError(f"{path} line {line}: {first}", self._unknown)
-
-    def _grid(self, text: str) -> Grid:
-        if text not in self._grids:
-            self._grids[text] = Grid.parse(text)
-        return self._grids[text]
 
 
 def _check_header(header: list[str]) -> None:

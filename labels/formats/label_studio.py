@@ -10,9 +10,8 @@ References
 https://labelstud.io/guide/task_format, https://labelstud.io/tags/rectanglelabels
 """
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+import os
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -22,38 +21,21 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import SUFFIXES
 from tokt.labels.record import HUMAN, MODEL, LabelRecord, utc_text
 
-from .box_attributes import to_attributes, whole
-from .boxes import Box, Size
-from .labels_and_boxes import FoundBox, FrameLabels, boxes_to_labels, labels_to_boxes
-from .options import (
-    ExportResult,
-    ImportResult,
-    ReadOptions,
-    Remarks,
-    WriteOptions,
-    label_of,
-    mission_images,
-)
-from .text_file import finite, naming, of_kind, read_json, save_json
+from .box_attributes import to_attributes
+from .boxes import Box, Shape, Size
+from .labels_and_boxes import FoundBox, FrameLabels
+from .options import ReadOptions, Remarks, WriteOptions, label_of, mission_images
+from .text_file import finite, naming, objects, of_kind, save_json, whole
 
 TITLE = "Label Studio"
 
 _KIND = "rectanglelabels"
+_SIDES = ("x", "y", "width", "height")
 _UNNAMED_MODEL = "label-studio"
 
 
-def write_label_studio(
-    path: Path, records: Iterable[LabelRecord], options: WriteOptions
-) -> ExportResult:
-    """Write labels of one mission, both cameras in one file.
-
-    Raises
-    ------
-    ToktError
-        If the labels are of several missions, the mission's frames are not given, or the file
-        cannot be written.
-    """
-    frames, lost = labels_to_boxes(records, options, TITLE)
+def save(path: Path, frames: list[FrameLabels], options: WriteOptions, remarks: Remarks) -> int:
+    """Write labels of one mission, both cameras in one file."""
     folder = mission_images(options, TITLE).mission.path.resolve().name
     tasks: list[dict[str, Any]] = []
     annotations = 0
@@ -64,9 +46,17 @@ def write_label_studio(
         tasks.append(
             {
                 "id": number,
-                "data": {"image": f"/data/local-files/?d={quote(f'{folder}/{frame.name}')}"},
+                "data": {
+                    "image": f"/data/local-files/?d={quote(os.fsencode(f'{folder}/{frame.name}'))}"
+                },
                 "annotations": [
-                    _annotation(n, mine, frame.size)
+                    {
+                        "id": n,
+                        "created_at": max(record.time for record, _ in mine),
+                        "was_cancelled": False,
+                        "ground_truth": mine[0][0].source != HUMAN,
+                        "result": _result(mine, frame.size),
+                    }
                     for n, mine in enumerate(people, annotations + 1)
                 ],
                 "predictions": [
@@ -77,7 +67,7 @@ def write_label_studio(
         )
         annotations += len(people)
     save_json(path, tasks)
-    return ExportResult(sum(len(frame.labels) for frame in frames), lost)
+    return sum(len(frame.labels) for frame in frames)
 
 
 Placed = Sequence[tuple[LabelRecord, Box]]
@@ -92,16 +82,6 @@ def _groups(frame: FrameLabels) -> list[Placed]:
         return record.annotator, record.source, version or ""
 
     return [list(mine) for _, mine in groupby(sorted(frame.labels, key=said_by), said_by)]
-
-
-def _annotation(number: int, mine: Placed, size: Size) -> dict[str, Any]:
-    return {
-        "id": number,
-        "created_at": max(record.time for record, _ in mine),
-        "was_cancelled": False,
-        "ground_truth": mine[0][0].source != HUMAN,
-        "result": _result(mine, size),
-    }
 
 
 def _result(mine: Placed, size: Size) -> list[dict[str, Any]]:
@@ -128,59 +108,31 @@ def _result(mine: Placed, size: Size) -> list[dict[str, Any]]:
     ]
 
 
-@dataclass(frozen=True)
-class _Said:
-    """What holds for all boxes of one annotation or prediction."""
-
-    image: str
-    annotator: str
-    time: str | None = None
-    model_version: str | None = None
-
-
-def read_label_studio(path: Path, options: ReadOptions) -> ImportResult:
-    """Read an export in the format JSON, or refuse it with its first mistake.
+def boxes(content: Any, options: ReadOptions, who: str, remarks: Remarks) -> Iterator[FoundBox]:
+    """The boxes of an export in the format JSON.
 
     Predictions become suggestions. Cancelled annotations, turned boxes and anything but labelled
     boxes are left out.
-
-    Raises
-    ------
-    ToktError
-        If the file is no such export, or `boxes_to_labels` refuses its boxes.
     """
-    value, who = read_json(path), options.who(path)
-    tasks = value if isinstance(value, list) else [value]
-    remarks: Remarks = Counter()
-    with naming(path):
-        boxes = [
-            box for n, task in enumerate(tasks, 1) for box in _task(task, f"task {n}", who, remarks)
-        ]
-        return boxes_to_labels(boxes, options, remarks)
-
-
-def _task(value: Any, where: str, annotator: str, remarks: Remarks) -> Iterator[FoundBox]:
-    task = of_kind(value, dict, where)
-    if "data" not in task:
-        raise ToktError(f"{where} has no data; export from Label Studio in the format JSON")
-    image = _image(of_kind(task["data"], dict, f"{where}: data"))
-    said = task.get("annotations", task.get("completions")) or []
-    for n, value in enumerate(of_kind(said, list, f"{where}: annotations"), 1):
-        place = f"{where} annotation {n}"
-        annotation = of_kind(value, dict, place)
-        if annotation.get("was_cancelled"):
-            remarks["annotation", "left out: cancelled"] += 1
-            continue
-        who = _Said(image, _annotator(annotation) or annotator, _time(annotation, place))
-        yield from _results(annotation, place, who, remarks)
-    guessed = task.get("predictions") or []
-    for n, value in enumerate(of_kind(guessed, list, f"{where}: predictions"), 1):
-        place = f"{where} prediction {n}"
-        prediction = of_kind(value, dict, place)
-        version = prediction.get("model_version") or _UNNAMED_MODEL
-        version = of_kind(version, str, f"{place}: model_version")
-        who = _Said(image, version, model_version=version)
-        yield from _results(prediction, place, who, remarks)
+    tasks = content if isinstance(content, list) else [content]
+    for where, task in objects(tasks, "tasks", "task"):
+        if "data" not in task:
+            raise ToktError(f"{where} has no data; export from Label Studio in the format JSON")
+        image = _image(of_kind(task["data"], dict, f"{where}: data"))
+        said = task.get("annotations", task.get("completions")) or []
+        for at, annotation in objects(said, f"{where}: annotations", f"{where} annotation"):
+            if annotation.get("was_cancelled"):
+                remarks["annotation", "left out: cancelled"] += 1
+                continue
+            made = annotation.get("created_at")
+            time = None if made is None else utc_text(of_kind(made, str, f"{at}: created_at"))
+            by = _annotator(annotation) or who, None
+            yield from _results(annotation, at, image, *by, time, remarks)
+        guessed = task.get("predictions") or []
+        for at, prediction in objects(guessed, f"{where}: predictions", f"{where} prediction"):
+            version = prediction.get("model_version") or _UNNAMED_MODEL
+            version = of_kind(version, str, f"{at}: model_version")
+            yield from _results(prediction, at, image, version, version, None, remarks)
 
 
 def _image(data: dict[str, Any]) -> str:
@@ -200,56 +152,34 @@ def _annotator(annotation: dict[str, Any]) -> str | None:
     return f"user {who}" if type(who) is int else None
 
 
-def _time(annotation: dict[str, Any], where: str) -> str | None:
-    if annotation.get("created_at") is None:
-        return None
-    return utc_text(of_kind(annotation["created_at"], str, f"{where}: created_at"))
-
-
-def _results(said: dict[str, Any], where: str, who: _Said, remarks: Remarks) -> Iterator[FoundBox]:
-    for n, value in enumerate(of_kind(said.get("result"), list, f"{where}: result"), 1):
-        place = f"{where} result {n}"
-        result = of_kind(value, dict, place)
+def _results(
+    said: dict[str, Any],
+    where: str,
+    image: str,
+    who: str,
+    version: str | None,
+    time: str | None,
+    remarks: Remarks,
+) -> Iterator[FoundBox]:
+    """The boxes of one annotation or prediction."""
+    for place, result in objects(said.get("result"), f"{where}: result", f"{where} result"):
         if result.get("type") != _KIND:
             kind = ascii(result.get("type"))[:40]
             remarks["result", f"left out: of type {kind}, not a labelled box"] += 1
             continue
-        box = _found(result, place, who, remarks)
-        if box:
-            yield box
-
-
-def _found(result: dict[str, Any], where: str, who: _Said, remarks: Remarks) -> FoundBox | None:
-    value = of_kind(result.get("value"), dict, f"{where}: value")
-    names = of_kind(value.get(_KIND) or [], list, f"{where}: {_KIND}")
-    if not names or finite(value.get("rotation") or 0, f"{where}: rotation"):
-        remarks["box", "left out: turned, or without class"] += 1
-        return None
-    if len(names) > 1:
-        remarks["box", "with several classes: the first counts"] += 1
-    size = _size(result, where)
-    x, y, width, height = (
-        finite(value.get(side), f"{where}: {side}") for side in ("x", "y", "width", "height")
-    )
-    across, down = size.width / 100, size.height / 100
-    return FoundBox(
-        where,
-        who.image,
-        Box(x * across, y * down, (x + width) * across, (y + height) * down),
-        of_kind(names[0], str, f"{where}: {_KIND}"),
-        who.annotator,
-        result.get("meta"),
-        size=size,
-        time=who.time,
-        model_version=who.model_version,
-    )
-
-
-def _size(result: dict[str, Any], where: str) -> Size:
-    """Pixels of the frame; Label Studio writes them with each box."""
-    return Size(
-        *(
-            whole(result.get(name), f"{where}: {name}")
-            for name in ("original_height", "original_width")
-        )
-    )
+        with naming(place):
+            value = of_kind(result.get("value"), dict, "value")
+            names = of_kind(value.get(_KIND) or [], list, _KIND)
+            if not names or finite(value.get("rotation") or 0, "rotation"):
+                remarks["box", "left out: turned, or without class"] += 1
+                continue
+            if len(names) > 1:
+                remarks["box", "with several classes: the first counts"] += 1
+            pixels = ("original_height", "original_width")
+            size = Size(*(whole(result.get(side), side) for side in pixels))
+            x, y, width, height = (finite(value.get(side), side) for side in _SIDES)
+            across, down = size.width / 100, size.height / 100
+            box = Box(x * across, y * down, (x + width) * across, (y + height) * down)
+            label = of_kind(names[0], str, _KIND)
+            said_so = (who, result.get("meta"), size, time, version)
+            yield FoundBox(place, image, Shape(box), label, *said_so)

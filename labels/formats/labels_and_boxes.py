@@ -8,22 +8,31 @@ differ is left out.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import Any
+from typing import Any, TypeVar
 
 from tokt.features.common.errors import FrameError, ToktError
-from tokt.features.frames.grid import Grid
 from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, utc_now
 from tokt.labels.taxonomy import UNSURE, UnknownClassError
 
-from .box_attributes import changed_by_hand, from_attributes
-from .boxes import Box, Outline, Size, patch_at, patch_box, patches_in_box, patches_in_outline
-from .images import FrameKey, MissionImages
-from .options import ImportResult, ReadOptions, Remarks, WriteOptions, count, lines, mission_images
+from .box_attributes import changed_by_hand, from_attributes, size_of
+from .boxes import Box, Shape, Size, found_shape, patch_box
+from .images import FrameKey
+from .options import (
+    ImportResult,
+    ReadOptions,
+    Remarks,
+    WriteOptions,
+    count,
+    in_order,
+    lines,
+    mission_images,
+)
 from .text_file import naming
 
+T = TypeVar("T")
 _SHOWN = 100
 """Characters of a file's own words that a remark repeats."""
 
@@ -39,9 +48,9 @@ class FrameLabels:
 
 
 def labels_to_boxes(
-    records: Iterable[LabelRecord], options: WriteOptions, what: str
-) -> tuple[list[FrameLabels], list[str]]:
-    """Labels by frame, and a line each for those that cannot be placed.
+    records: Iterable[LabelRecord], options: WriteOptions, remarks: Remarks, what: str
+) -> list[FrameLabels]:
+    """Labels by frame; remarks tell of those that cannot be placed.
 
     Raises
     ------
@@ -49,16 +58,46 @@ def labels_to_boxes(
         If there are no frames, labels of several missions, or none that can be placed.
     """
     images = mission_images(options, f"{what} needs file names and sizes of frames")
-    groups = frames_of(records, what)
     frames: list[FrameLabels] = []
-    remarks: Remarks = Counter()
-    for key, mine in options.progress(groups, len(groups), "frames"):
-        fault = _add(frames, images, key, mine)
-        if fault:
-            remarks["label", f"left out: {fault}"] += len(mine)
+    for key, size, mine in seen_frames(records, options, remarks, what, images.size):
+        name = images.file_name(key) or ""
+        if any("\ud800" <= sign <= "\udfff" for sign in name):  # as Python reads such bytes
+            remarks["label", "left out: the name of their file is not UTF-8"] += len(mine)
+            continue
+        boxes = [(record, patch_box(record.grid, size, record.row, record.col)) for record in mine]
+        frames.append(FrameLabels(key, name, size, boxes))
     if not frames:
         raise ToktError("; ".join(["no label could be written", *lines(remarks)]))
-    return frames, lines(remarks)
+    return frames
+
+
+def seen_frames(
+    records: Iterable[LabelRecord],
+    options: WriteOptions,
+    remarks: Remarks,
+    what: str,
+    look: Callable[[FrameKey], T],
+) -> Iterator[tuple[FrameKey, T, list[LabelRecord]]]:
+    """Labels of one mission by frame, sorted, each with what `look` gives of the frame."""
+    chosen = in_order(records)
+    missions = sorted({record.mission for record in chosen})
+    if len(missions) > 1:
+        raise ToktError(
+            f"labels of missions {', '.join(missions)}: {what} is written for one; choose it by"
+            " --mission NAME"
+        )
+    images = mission_images(options, what)
+    groups = [(key, list(mine)) for key, mine in groupby(chosen, _key)]
+    for key, mine in options.progress(groups, len(groups), "frames"):
+        if images.file_name(key) is None:
+            remarks["label", f"left out: {images.mission.path} has no such frames"] += len(mine)
+            continue
+        try:
+            seen = look(key)
+        except FrameError:
+            remarks["label", "left out: their frames cannot be read"] += len(mine)
+            continue
+        yield key, seen, mine
 
 
 def one_label_a_patch(
@@ -80,12 +119,12 @@ def one_label_a_patch(
 
 
 def without_suggestions(
-    records: Iterable[LabelRecord], remarks: Remarks, what: str
+    records: Iterable[LabelRecord], remarks: Remarks, title: str
 ) -> list[LabelRecord]:
-    """The labels without the suggestions of models, which `what` would take for labels."""
+    """The labels without the suggestions of models, which a format would take for labels."""
     chosen = list(records)
     kept = [record for record in chosen if record.source != MODEL]
-    remark = f"of models left out: {what} would count as labels"
+    remark = f"of models left out: in {title} they would count as labels"
     remarks["suggestion", remark] += len(chosen) - len(kept)
     return kept
 
@@ -97,47 +136,9 @@ def short_names(frames: Iterable[FrameLabels]) -> dict[FrameKey, str]:
     return {key: name if times[short] > 1 else short for key, (short, name) in names.items()}
 
 
-def frames_of(
-    records: Iterable[LabelRecord], what: str
-) -> list[tuple[FrameKey, list[LabelRecord]]]:
-    """Labels of one mission by frame, sorted."""
-    chosen = sorted(
-        records,
-        key=lambda r: (
-            *(r.camera, r.frame, str(r.grid), r.row, r.col),
-            *(r.source == SETTLED, r.annotator, r.source),
-        ),
-    )
-    missions = sorted({record.mission for record in chosen})
-    if len(missions) > 1:
-        raise ToktError(
-            f"labels of missions {', '.join(missions)}: {what} is written for one; choose it by"
-            " --mission NAME"
-        )
-    return [(key, list(mine)) for key, mine in groupby(chosen, _key)]
-
-
-def _add(
-    frames: list[FrameLabels], images: MissionImages, key: FrameKey, mine: Sequence[LabelRecord]
-) -> str | None:
-    """Append the frame's labels, or say why not."""
-    name = images.file_name(key)
-    if name is None:
-        return f"{images.mission.path} has no such frames"
-    if any("\ud800" <= sign <= "\udfff" for sign in name):  # as Python reads such bytes
-        return "the name of their file is not UTF-8"
-    try:
-        size = images.size(key)
-    except FrameError:
-        return "their frames cannot be read"
-    boxes = [(record, patch_box(record.grid, size, record.row, record.col)) for record in mine]
-    frames.append(FrameLabels(key, name, size, boxes))
-    return None
-
-
 @dataclass(frozen=True)
 class FoundBox:
-    """A box with a class, as a file says it.
+    """A shape with a class, as a file says it.
 
     Parameters
     ----------
@@ -145,42 +146,42 @@ class FoundBox:
         The place in the file, for error messages.
     image : str
         What the file calls the frame; may be empty where `position` is given.
-    box : Box
+    shape : Shape
         In pixels of a frame of `size`.
     label : str
         The class as the file calls it.
+    annotator : str
+        Who said it, where the attributes do not say.
     attributes
         What the file has in the place of free attributes, among which may be ours.
     size : Size, optional
         The frame's size, where the file says it.
-    position : int, optional
-        The frame's position in its camera's sequence, from 0.
-    annotator : str
-        Who said it, where the attributes do not say.
     time : str, optional
         When, where the file says so.
     model_version : str, optional
         The model, where the box is not what a person said but a model's suggestion.
-    outline : Outline
-        The corners, where it is no upright box; `box` then is the box around them.
+    position : int, optional
+        The frame's position in its camera's sequence, from 0.
     """
 
     where: str
     image: str
-    box: Box
+    shape: Shape
     label: str
     annotator: str
     attributes: Any = None
     size: Size | None = None
-    position: int | None = None
     time: str | None = None
     model_version: str | None = None
-    outline: Outline = ()
+    position: int | None = None
 
-    @property
-    def noun(self) -> str:
-        """What remarks call it."""
-        return "point" if len(self.outline) == 1 else "box" if not self.outline else "outline"
+
+def known_shape(kind: str, numbers: Sequence[float], remarks: Remarks) -> Shape | None:
+    """As `found_shape`; remarks tell of what is none."""
+    shape = found_shape(kind, numbers)
+    if shape is None:
+        remarks["shape", f"left out: {kind[:20]!r} with {len(numbers)} numbers"] += 1
+    return shape
 
 
 def boxes_to_labels(
@@ -188,13 +189,7 @@ def boxes_to_labels(
 ) -> ImportResult:
     """The labels that boxes are.
 
-    Parameters
-    ----------
-    boxes : iterable of FoundBox
-        In the file's order.
-    options : ReadOptions
-    remarks : Remarks
-        What the reader of the file itself left out.
+    `remarks` has what the reader of the file itself left out.
 
     Raises
     ------
@@ -208,7 +203,7 @@ def boxes_to_labels(
     for box in found:
         label = classes[box.label]
         if not label:
-            remarks[box.noun, f"left out by --map: class {box.label!r}"] += 1
+            remarks[box.shape.noun, f"left out by --map: class {box.label!r}"] += 1
             continue
         with naming(box.where):
             labels.add(box, label)
@@ -253,36 +248,29 @@ class _LabelCollector:
 
     def add(self, found: FoundBox, label: str) -> None:
         """Take over one box."""
-        carried = from_attributes(found.attributes)
-        if found.box.is_empty and found.noun != "point":
-            self._remarks[found.noun, "left out: without area"] += 1
-        elif carried and self._is_in_place(carried, found):
-            if found.label != carried.label:
-                remark = "of another class than tokt wrote: labels by hand"
-                self._remarks[found.noun, remark] += 1
-                carried = self._by_hand(carried, found, label)
-            self._keep(1.0, replace(carried, label=label))
-        elif carried:
-            remark = "moved since tokt wrote the file: read by its new place"
-            self._remarks[found.noun, remark] += 1
-            size = found.size or self._size(_key(carried))
-            self._spread(found, self._by_hand(carried, found, label), size, label)
-        else:
+        shape, carried = found.shape, from_attributes(found.attributes)
+        if shape.is_empty:
+            self._remarks[shape.noun, "left out: without area"] += 1
+        elif carried is None:
             self._add_foreign(found, label)
+        else:
+            size = self._size(found, _key(carried))
+            by_hand = changed_by_hand(carried, label, self._options.annotator, found.annotator)
+            if not shape.is_of_patch(carried.grid, size, carried.row, carried.col):
+                remark = "moved since tokt wrote the file: read by its new place"
+                self._remarks[shape.noun, remark] += 1
+                self._spread(shape, by_hand, size)
+            elif found.label != carried.label:
+                remark = "of another class than tokt wrote: labels by hand"
+                self._remarks[shape.noun, remark] += 1
+                self._keep(1.0, by_hand)
+            else:
+                self._keep(1.0, replace(carried, label=label))
 
-    def _is_in_place(self, carried: LabelRecord, found: FoundBox) -> bool:
-        size = found.size or self._size(_key(carried))
-        if found.outline:
-            patches = _patches(carried.grid, size, found)
-            return found.noun == "point" and (carried.row, carried.col, 0.0) in patches
-        return found.box.is_like(patch_box(carried.grid, size, carried.row, carried.col))
-
-    def _by_hand(self, carried: LabelRecord, found: FoundBox, label: str) -> LabelRecord:
-        return changed_by_hand(carried, label, self._options.annotator, found.annotator)
-
-    def _size(self, key: FrameKey) -> Size:
+    def _size(self, found: FoundBox, key: FrameKey) -> Size:
         what = "boxes without the size of their frame"
-        return mission_images(self._options, what).size(key)
+        known = found.size or size_of(found.attributes)
+        return known or mission_images(self._options, what).size(key)
 
     def _add_foreign(self, found: FoundBox, label: str) -> None:
         images = mission_images(self._options, "boxes that are not patches of tokt")
@@ -294,7 +282,7 @@ class _LabelCollector:
             return
         version = found.model_version
         if version is not None:
-            self._remarks[found.noun, "of a model: suggestions, not labels"] += 1
+            self._remarks[found.shape.noun, "of a model: suggestions, not labels"] += 1
         base = LabelRecord(
             *(images.name, key.camera, key.frame, self._options.grid, 0, 0, label),
             found.annotator,
@@ -302,19 +290,18 @@ class _LabelCollector:
             HUMAN if version is None else MODEL,
             version,
         )
-        self._spread(found, base, found.size or images.size(key), label)
+        self._spread(found.shape, base, self._size(found, key))
 
-    def _spread(self, found: FoundBox, base: LabelRecord, size: Size, label: str) -> None:
-        """Give the label to each patch that is found in it."""
-        patches = _patches(base.grid, size, found)
-        if found.box.is_outside(size):
-            self._remarks[found.noun, "left out: outside the frame"] += 1
+    def _spread(self, shape: Shape, said: LabelRecord, size: Size) -> None:
+        """Give what was said to each patch that is found in the shape."""
+        patches = shape.patches(said.grid, size)
+        if shape.box.is_outside(size):
+            self._remarks[shape.noun, "left out: outside the frame"] += 1
         elif not patches:
-            point = found.noun == "point"
-            remark = "left out: in no patch" if point else "left out: covering no patch by half"
-            self._remarks[found.noun, remark] += 1
+            what = "in no patch" if shape.noun == "point" else "covering no patch by half"
+            self._remarks[shape.noun, f"left out: {what}"] += 1
         for row, col, share in patches:
-            self._keep(share, replace(base, row=row, col=col, label=label))
+            self._keep(share, replace(said, row=row, col=col))
 
     def _keep(self, share: float, record: LabelRecord) -> None:
         settled = record.source == SETTLED  # once a patch, whoever did it
@@ -348,16 +335,6 @@ class _LabelCollector:
         if not records:
             raise ToktError("; ".join(["no labels in it", *lines(remarks)]))
         return ImportResult(records, lines(remarks))
-
-
-def _patches(grid: Grid, size: Size, found: FoundBox) -> list[tuple[int, int, float]]:
-    """Row, column and covered share of the patches in it; a point covers nothing of its one."""
-    if found.noun == "point":
-        at = patch_at(grid, size, *found.outline[0])
-        return [(*at, 0.0)] if at else []
-    if found.outline:
-        return patches_in_outline(grid, size, found.outline)
-    return patches_in_box(grid, size, found.box)
 
 
 def _key(record: LabelRecord) -> FrameKey:

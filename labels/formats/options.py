@@ -3,13 +3,12 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.mission import LEFT
-from tokt.labels.record import LabelRecord
+from tokt.labels.record import SETTLED, LabelRecord
 from tokt.labels.taxonomy import Taxonomy
 
 from .images import MissionImages
@@ -51,10 +50,6 @@ class ReadOptions:
     classes: Mapping[str, str] = field(default_factory=dict)
     camera: str = LEFT
 
-    def who(self, path: Path) -> str:
-        """Who labelled what the file `path` says without a name."""
-        return self.annotator or path.stem
-
 
 @dataclass(frozen=True)
 class WriteOptions:
@@ -84,16 +79,21 @@ class ExportResult:
 
 
 def label_of(record: LabelRecord) -> str:
-    """The label of a record that is in force.
-
-    Raises
-    ------
-    ValueError
-        If it takes a label back: files hold labels in force only.
-    """
+    """The label of a record; ValueError if it takes one back, as files hold labels in force."""
     if record.label is None:
         raise ValueError(f"{record.cell} has no label")
     return record.label
+
+
+def in_order(records: Iterable[LabelRecord]) -> list[LabelRecord]:
+    """Records by patch, of each the settlement last."""
+    return sorted(
+        records,
+        key=lambda r: (
+            *(r.mission, r.camera, r.frame, str(r.grid), r.row, r.col),
+            *(r.source == SETTLED, r.annotator, r.source),
+        ),
+    )
 
 
 def mission_images(options: ReadOptions | WriteOptions, what: str) -> MissionImages:

@@ -12,21 +12,20 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 
 from tokt.features.common.arrays import I64, U8
 from tokt.features.common.atomic import publish_folder, scratch_folder
-from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import SUFFIXES
 from tokt.labels.record import LabelRecord
 
 from .box_attributes import changed_by_hand, from_attributes, to_attributes
-from .images import FrameKey, MissionImages
-from .labels_and_boxes import class_names, frames_of, one_label_a_patch
+from .images import FrameKey
+from .labels_and_boxes import class_names, one_label_a_patch, seen_frames
 from .options import (
     ExportResult,
     ImportResult,
@@ -51,63 +50,41 @@ _UNSAFE = re.compile(r"[^\w.-]+")
 def write_patch_folder(
     path: Path, records: Iterable[LabelRecord], options: WriteOptions
 ) -> ExportResult:
-    """Write labels of one mission and grid, whole or not at all.
+    """Write labels of one mission and grid, whole or not at all, into a new or empty folder.
 
     Of a patch that was settled the settlement is written, and the opinions are not.
-
-    Raises
-    ------
-    ToktError
-        If `path` is there and not an empty folder, the labels are of several missions or grids,
-        two annotators labelled one patch, or the frames are not given.
     """
-    _check_free(path)
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise ToktError(f"{path} is there already; give the name of a new folder")
     images = mission_images(options, f"a {TITLE} needs the frames' pixels")
     remarks: Remarks = Counter()
     chosen = one_label_a_patch(records, remarks, f"a {TITLE}")
     grids = sorted({str(record.grid) for record in chosen})
     if len(grids) > 1:
         raise ToktError(f"labels on grids {', '.join(grids)}: choose one by --grid")
-    groups = frames_of(chosen, f"a {TITLE}")
+    frames = seen_frames(chosen, options, remarks, f"a {TITLE}", images.pixels)
     patches: dict[str, dict[str, str | int]] = {}
-    try:
-        with scratch_folder(path) as folder:
-            for key, mine in options.progress(groups, len(groups), "frames"):
-                _write_frame(folder, images, key, mine, patches, remarks)
-            if not patches:
-                raise ToktError("; ".join(["no patch could be written", *lines(remarks)]))
-            manifest = {"format": FORMAT, "patches": patches}
-            text = json.dumps(manifest, ensure_ascii=False, indent=1) + "\n"
-            (folder / MANIFEST).write_text(text, encoding="utf-8")
-            if path.is_dir():
-                path.rmdir()
-            publish_folder(folder, path)
-    except OSError as error:
-        raise ToktError(f"cannot write {path}: {error.strerror or error}") from None
+    with os_errors_as(f"cannot write {path}"), scratch_folder(path) as folder:
+        for key, frame, mine in frames:
+            _write_frame(folder, key, frame, mine, patches)
+        if not patches:
+            raise ToktError("; ".join(["no patch could be written", *lines(remarks)]))
+        manifest = {"format": FORMAT, "patches": patches}
+        text = json.dumps(manifest, ensure_ascii=False, indent=1) + "\n"
+        (folder / MANIFEST).write_text(text, encoding="utf-8")
+        if path.is_dir():
+            path.rmdir()
+        publish_folder(folder, path)
     return ExportResult(len(patches), lines(remarks))
-
-
-def _check_free(path: Path) -> None:
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise ToktError(f"{path} is there already; give the name of a new folder")
 
 
 def _write_frame(
     folder: Path,
-    images: MissionImages,
     key: FrameKey,
+    frame: U8,
     mine: list[LabelRecord],
     patches: dict[str, dict[str, str | int]],
-    remarks: Remarks,
 ) -> None:
-    if images.file_name(key) is None:
-        remarks["label", f"left out: {images.mission.path} has no such frames"] += len(mine)
-        return
-    try:
-        frame = images.pixels(key)
-    except FrameError:
-        remarks["label", "left out: their frames cannot be read"] += len(mine)
-        return
     picture, boxes = _resized(frame, mine[0].grid)
     for record in mine:
         mission = _UNSAFE.sub("_", record.mission)
@@ -136,29 +113,26 @@ def read_patch_folder(path: Path, options: ReadOptions) -> ImportResult:
 
     A patch in another folder than it was written to is a label by hand, of the annotator that is
     given or else of the one who labelled it before.
-
-    Raises
-    ------
-    ToktError
-        If there is no manifest, a sub-folder is no class, or a patch is there twice.
     """
     manifest = _manifest(path)
+    remarks: Remarks = Counter()
+    records = []
     with naming(path):
-        found, unknown = _found(path, manifest)
-        classes = class_names(found.values(), options)
-        remarks: Remarks = Counter()
-        remarks["image", f"left out: not in {MANIFEST}, so of no frame"] += unknown
+        found = _found(path, manifest, remarks)
         remarks["patch", "gone from the folder: what was said of them stays"] += len(
             manifest.keys() - found.keys()
         )
-        for was in found.values():
-            if not classes[was]:
-                remarks["patch", f"left out by --map: class {was!r}"] += 1
-        records = [
-            _record(manifest[name], was, classes[was], options.annotator, path, remarks)
-            for name, was in found.items()
-            if classes[was]
-        ]
+        classes = class_names(found.values(), options)
+        for name, folder in found.items():
+            record, label = manifest[name], classes[folder]
+            if not label:
+                remarks["patch", f"left out by --map: class {folder!r}"] += 1
+                continue
+            if folder != record.label:
+                remarks["patch", "moved to another class: labels by hand"] += 1
+                by = options.annotator, path.resolve().name
+                record = changed_by_hand(record, label, *by)
+            records.append(replace(record, label=label))
     if not records:
         raise ToktError(f"{path} has no patches of {MANIFEST} in it")
     return ImportResult(records, lines(remarks))
@@ -179,45 +153,26 @@ def _manifest(path: Path) -> dict[str, LabelRecord]:
             raise ToktError(
                 f"format {ascii(manifest.get('format'))[:40]}; this tokt reads {FORMAT}"
             )
-        return {
-            name: _listed_patch(name, entry)
-            for name, entry in of_kind(manifest.get("patches"), dict, "patches").items()
-        }
+        found = {}
+        for name, entry in of_kind(manifest.get("patches"), dict, "patches").items():
+            with naming(f"patch {name!r}"):
+                record = from_attributes(of_kind(entry, dict, "its entry"))
+            if record is None:
+                raise ToktError(f"patch {name!r} is of no frame")
+            found[name] = record
+        return found
 
 
-def _listed_patch(name: str, value: Any) -> LabelRecord:
-    entry = of_kind(value, dict, f"patch {name!r}")
-    with naming(f"patch {name!r}"):
-        record = from_attributes(entry)
-    if record is None:
-        raise ToktError(f"patch {name!r} is of no frame")
-    return record
-
-
-def _found(path: Path, manifest: dict[str, Any]) -> tuple[dict[str, str], int]:
-    """The sub-folder of each patch of the manifest, and how many other images there are."""
+def _found(path: Path, manifest: dict[str, LabelRecord], remarks: Remarks) -> dict[str, str]:
+    """The sub-folder of each patch of the manifest; remarks tell of other images."""
     found: dict[str, str] = {}
-    unknown = 0
     for child in sorted(entry for entry in path.iterdir() if entry.is_dir()):
         for image in sorted(child.iterdir()):
             if image.name not in manifest:
-                unknown += image.suffix.lower() in SUFFIXES
+                is_image = image.suffix.lower() in SUFFIXES
+                remarks["image", f"left out: not in {MANIFEST}, so of no frame"] += is_image
             elif image.name in found:
                 raise ToktError(f"{image.name} is in {found[image.name]} and in {child.name}")
             else:
                 found[image.name] = child.name
-    return found, unknown
-
-
-def _record(
-    record: LabelRecord,
-    folder: str,
-    label: str,
-    annotator: str | None,
-    path: Path,
-    remarks: Remarks,
-) -> LabelRecord:
-    if folder == record.label:
-        return replace(record, label=label)
-    remarks["patch", "moved to another class: labels by hand"] += 1
-    return changed_by_hand(record, label, annotator, path.resolve().name)
+    return found

@@ -4,17 +4,23 @@ import csv
 import io
 import json
 import math
+import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 from tokt.features.common.atomic import write_text
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as, os_words
 from tokt.labels.record import utc_text
 
 T = TypeVar("T")
+Rows = Iterator[tuple[str, list[str]]]
+"""The rows of a CSV file, each with its line for error messages."""
 _KINDS: dict[type, str] = {list: "a list", dict: "an object", str: "text"}
+_WHOLE = re.compile(r"(-?[0-9]{1,18})(?:\.0*)?")
+_MAX_EXACT = 2**53
+_LARGEST = 10**300  # what a float can hold, with room to calculate
 
 
 @contextmanager
@@ -23,56 +29,56 @@ def naming(where: object) -> Iterator[None]:
     try:
         yield
     except ToktError as error:
-        raise ToktError(f"{where}: {error}") from None
+        error.args = ToktError(f"{where}: {error}").args  # whatever kind of error it is
+        raise
 
 
 def read_utf8(path: Path) -> str:
-    """A whole file as text.
-
-    Raises
-    ------
-    ToktError
-        If it cannot be read, or is not UTF-8.
-    """
+    """A whole file as text; ToktError if it cannot be read, or is not UTF-8."""
     try:
         return path.read_bytes().decode("utf-8-sig")
     except FileNotFoundError:
         raise ToktError(f"label file {path} does not exist") from None
     except OSError as error:
-        raise ToktError(f"label file {path}: {error.strerror or error}") from None
+        raise ToktError(f"label file {path}: {os_words(error)}") from None
     except UnicodeDecodeError:
         what = "it is not UTF-8 text; in Excel, save it as CSV UTF-8"
         raise ToktError(f"{path} is not a label file: {what}") from None
 
 
-def csv_rows(text: str) -> Any:
-    """A reader of CSV that a spreadsheet may have written: separated by ``,``, or by ``;`` where
-    the first line has more of these.
+def csv_rows(text: str) -> Rows:
+    """Rows that a spreadsheet may have written, empty lines left out; ToktError if it is no CSV.
+
+    Separated by ``,``, or by ``;`` where the first line has more of these.
     """
     first = text.lstrip().partition("\n")[0]
     delimiter = ";" if first.count(";") > first.count(",") else ","
-    return csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
-
-
-def read_table(path: Path, columns: Iterable[str]) -> Iterator[tuple[str, dict[str, str]]]:
-    """The rows of a CSV file, each with its line for error messages, by the first line's names.
-
-    Raises
-    ------
-    ToktError
-        If it is no CSV, or none of the names, in any case of letters, is one of `columns`.
-    """
-    reader = csv_rows(read_utf8(path))
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
     try:
-        names = [name.strip().lower() for name in next(reader, [])]
-        for column in columns:
-            if names.count(column) != 1:
-                raise ToktError(f"{names.count(column)} columns {column!r} where there must be one")
         for values in reader:
             if values:
-                yield f"line {reader.line_num}", dict(zip(names, values, strict=False))
-    except (ToktError, csv.Error) as error:
-        raise ToktError(f"{path} line {max(1, reader.line_num)}: {error}") from None
+                yield f"line {reader.line_num}", values
+    except csv.Error as error:
+        raise ToktError(f"line {max(1, reader.line_num)}: {error}") from None
+
+
+def read_rows(path: Path) -> Rows:
+    """The rows of a file; ToktError as `read_utf8` now, as `csv_rows` later."""
+    return csv_rows(read_utf8(path))
+
+
+def by_name(rows: Rows, columns: Iterable[str]) -> Iterator[tuple[str, dict[str, str]]]:
+    """Rows by the names, in small letters, that the first one has; ToktError without `columns`."""
+    names = [name.strip().lower() for name in next(rows, ("", []))[1]]
+    for column in columns:
+        if names.count(column) != 1:
+            what = f"{names.count(column)} columns {column!r} where there must be one"
+            raise ToktError(f"line 1: {what}")
+    for where, values in rows:
+        row = dict(zip(names, values, strict=False))
+        if not row.keys() >= set(columns):
+            raise ToktError(f"{where}: {len(row)} fields, too few")
+        yield where, row
 
 
 def save_table(path: Path, rows: Iterable[Iterable[Any]]) -> None:
@@ -98,10 +104,8 @@ def read_json(path: Path) -> Any:
 
 def save_text(path: Path, text: str) -> None:
     """Write a file whole or not at all; ToktError if it cannot be written."""
-    try:
+    with os_errors_as(f"cannot write {path}"):
         write_text(path, text)
-    except OSError as error:
-        raise ToktError(f"cannot write {path}: {error.strerror or error}") from None
 
 
 def save_json(path: Path, value: Any) -> None:
@@ -110,13 +114,7 @@ def save_json(path: Path, value: Any) -> None:
 
 
 def finite(value: Any, what: str) -> float:
-    """A finite number, from JSON or as text.
-
-    Raises
-    ------
-    ToktError
-        If it is none.
-    """
+    """A finite number, from JSON or as text; ToktError if it is none."""
     try:
         if isinstance(value, (int, float, str)) and not isinstance(value, bool):
             number = float(value)
@@ -127,10 +125,27 @@ def finite(value: Any, what: str) -> float:
     raise ToktError(f"{what} {ascii(value)[:40]} is not a number")
 
 
-def utc_time(text: str) -> str:
-    """As `utc_text`, of a time that is in UTC where it names no zone."""
+def finite_list(value: Any, what: str) -> list[float]:
+    """The finite numbers of a JSON list; ToktError as `finite`."""
+    return [finite(part, what) for part in of_kind(value, list, what)]
+
+
+def whole(value: Any, what: str) -> int:
+    """A whole number, also written ``3.0`` or as text; ToktError if it is none."""
+    if type(value) is int and abs(value) < _LARGEST:
+        return value
+    if type(value) is float and value.is_integer() and abs(value) < _MAX_EXACT:
+        return int(value)
+    match = _WHOLE.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
+        raise ToktError(f"{what} {ascii(value)[:40]} is not a whole number")
+    return int(match[1])
+
+
+def utc_time(text: str | None) -> str | None:
+    """As `utc_text`, of a time that is in UTC where it names no zone; None where there is none."""
     try:
-        return utc_text(text)
+        return utc_text(text) if text else None
     except ToktError:
         return utc_text(f"{text}Z")
 
@@ -140,3 +155,9 @@ def of_kind(value: Any, kind: type[T], what: str) -> T:
     if not isinstance(value, kind):
         raise ToktError(f"{what} is not {_KINDS[kind]}")
     return value
+
+
+def objects(value: Any, what: str, each: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The objects of a JSON list, each with its place for error messages; as `of_kind`."""
+    for n, entry in enumerate(of_kind(value, list, what), 1):
+        yield f"{each} {n}", of_kind(entry, dict, f"{each} {n}")

@@ -5,17 +5,16 @@ length (-1 for none), then pairs of class and confidence, then free columns, of 
 ``(atr) KEY VALUE`` is an attribute of the box. A row that begins with ``#`` is a comment.
 
 DIVE makes numbers of attribute values that look like numbers and writes them so; such values are
-put into quotation marks to come back as they were.
+put into quotation marks to come back as they were. A box with a confidence below 1 is a detector's:
+it becomes a suggestion of the model version that is named as the annotator.
 
 References
 ----------
 https://viame.readthedocs.io/en/latest/sections/detection_file_conversions.html
 """
 
-import csv
 import json
 import re
-from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -23,11 +22,11 @@ from typing import Any
 from tokt.features.common.errors import ToktError
 from tokt.labels.record import MODEL, LabelRecord
 
-from .box_attributes import size_of, to_attributes, whole
-from .boxes import Box
-from .labels_and_boxes import FoundBox, FrameLabels, boxes_to_labels, labels_to_boxes
-from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, label_of
-from .text_file import csv_rows, finite, naming, read_utf8, save_table
+from .box_attributes import carried_text, to_attributes
+from .boxes import Box, Shape
+from .labels_and_boxes import FoundBox, FrameLabels
+from .options import ReadOptions, Remarks, WriteOptions, label_of, mission_images
+from .text_file import Rows, finite, naming, save_table, whole
 
 TITLE = "VIAME CSV"
 
@@ -51,104 +50,64 @@ _SHAPE = re.compile(r"\((poly|hole|kp|mask)\)")
 _SHAPES = ("box", "with an outline or points: only the box is read")
 
 
-def write_viame_csv(
-    path: Path, records: Iterable[LabelRecord], options: WriteOptions
-) -> ExportResult:
-    """Write labels of one mission's one camera.
-
-    Raises
-    ------
-    ToktError
-        If the labels are of several missions or cameras, the mission's frames are not given, or
-        the file cannot be written.
-    """
-    chosen = list(records)
-    cameras = sorted({record.camera for record in chosen})
+def of_one_camera(
+    records: Iterable[LabelRecord], remarks: Remarks, title: str
+) -> list[LabelRecord]:
+    """The labels; ToktError if they are of several cameras."""
+    found = list(records)
+    cameras = sorted({record.camera for record in found})
     if len(cameras) > 1:
         raise ToktError(
-            f"labels of cameras {', '.join(cameras)}: {TITLE} holds one; choose it by --camera"
+            f"labels of cameras {', '.join(cameras)}: {title} holds one; choose it by --camera"
         )
-    frames, lost = labels_to_boxes(chosen, options, TITLE)
+    return found
+
+
+def save(path: Path, frames: list[FrameLabels], options: WriteOptions, remarks: Remarks) -> int:
+    """Write labels of one mission's one camera."""
+    images = mission_images(options, TITLE)
     rows: list[list[Any]] = []
     for frame in frames:
-        position = options.images.position(frame.key) if options.images else 0
-        rows += ([n, *row] for n, row in enumerate(_rows(frame, position), len(rows)))
+        place = frame.name.rpartition("/")[2], images.position(frame.key)
+        for record, box in frame.labels:
+            sure = _SUGGESTED if record.source == MODEL else _SURE
+            sides = [f"{side:.2f}" for side in box]
+            said = to_attributes(record, frame.size).items()
+            attributes = [f"(atr) {key} {_quoted(value)}" for key, value in said]
+            rows.append([len(rows), *place, *sides, sure, -1, label_of(record), sure, *attributes])
     save_table(path, [_HEADER, ["# metadata", 'exported_by: "tokt"'], *rows])
-    return ExportResult(len(rows), lost)
+    return len(rows)
 
 
-def _rows(frame: FrameLabels, position: int) -> Iterator[list[Any]]:
-    name = frame.name.rpartition("/")[2]
-    for record, box in frame.labels:
-        confidence = _SUGGESTED if record.source == MODEL else _SURE
-        attributes = to_attributes(record, frame.size)
-        yield [
-            *(name, position, *(f"{side:.2f}" for side in box), confidence, -1),
-            *(label_of(record), confidence),
-            *(f"(atr) {key} {_quoted(value)}" for key, value in attributes.items()),
-        ]
-
-
-def read_viame_csv(path: Path, options: ReadOptions) -> ImportResult:
-    """Read a file, or refuse it with its first mistake and that line's number.
-
-    A box with a confidence below 1 is a detector's: it becomes a suggestion of the model version
-    that is named as the annotator.
-
-    Raises
-    ------
-    ToktError
-        If the file is no VIAME CSV, or `boxes_to_labels` refuses its boxes.
-    """
-    reader = csv_rows(read_utf8(path))
-    boxes: list[FoundBox] = []
-    remarks: Remarks = Counter()
-    try:
-        for row in reader:
-            if row and not row[0].startswith("#"):
-                boxes.append(_found(row, f"line {reader.line_num}", options.who(path)))
-                remarks.update({_SHAPES for cell in row if _SHAPE.match(cell)})
-    except (ToktError, csv.Error) as error:
-        raise ToktError(f"{path} line {max(1, reader.line_num)}: {error}") from None
-    with naming(path):
-        return boxes_to_labels(boxes, options, remarks)
-
-
-def _found(row: list[str], where: str, annotator: str) -> FoundBox:
-    if len(row) < _FIXED:
-        raise ToktError(f"{len(row)} fields where {TITLE} has at least {_FIXED}")
-    box = Box(*(finite(value, "box corner") for value in row[3:7]))
-    label, confidence = _class(row)
-    attributes = _attributes(row)
-    return FoundBox(
-        where,
-        row[1],
-        box,
-        label,
-        annotator,
-        attributes,
-        size=size_of(attributes),
-        position=whole(row[2].strip(), "frame"),
-        model_version=annotator if confidence < 1 else None,
-    )
+def boxes(rows: Rows, options: ReadOptions, who: str, remarks: Remarks) -> Iterator[FoundBox]:
+    """The boxes of a file."""
+    for where, row in rows:
+        if row[0].startswith("#"):
+            continue
+        with naming(where):
+            if len(row) < _FIXED:
+                raise ToktError(f"{len(row)} fields where {TITLE} has at least {_FIXED}")
+            box = Box(*(finite(value, "box corner") for value in row[3:7]))
+            label, confidence = _class(row)
+            found = (_ATTRIBUTE.fullmatch(cell.strip()) for cell in row[_FIXED:])
+            yield FoundBox(
+                *(where, row[1], Shape(box), label, who),
+                {match[1]: _unquoted(match[2]) for match in found if match},
+                model_version=who if confidence < 1 else None,
+                position=whole(row[2].strip(), "frame"),
+            )
+            remarks.update({_SHAPES for cell in row if _SHAPE.match(cell)})
 
 
 def _class(row: list[str]) -> tuple[str, float]:
     """The class of the highest confidence, which may be none, and that confidence."""
     best = "", finite(row[7], "confidence") if row[7].strip() else 1.0
-    first = True
+    found = []
     for name, value in zip(row[_FIXED::2], row[_FIXED + 1 :: 2], strict=False):
         if name.startswith("(") or not name:
             break
-        confidence = finite(value, "confidence")
-        if first or confidence > best[1]:
-            best, first = (name, confidence), False
-    return best
-
-
-def _attributes(row: list[str]) -> dict[str, str]:
-    found = (_ATTRIBUTE.fullmatch(cell.strip()) for cell in row[_FIXED:])
-    return {match[1]: _unquoted(match[2]) for match in found if match}
+        found.append((name, finite(value, "confidence")))
+    return max(found, key=lambda pair: pair[1], default=best)
 
 
 def _quoted(value: str | int) -> str:
@@ -167,10 +126,5 @@ def _looks_like_number(value: str) -> bool:
 
 
 def _unquoted(value: str) -> str:
-    if value.startswith('"'):
-        try:
-            text = json.loads(value)
-        except ValueError:
-            return value
-        return text if isinstance(text, str) else value
-    return value
+    text = carried_text(value) if value.startswith('"') else None
+    return text if isinstance(text, str) else value

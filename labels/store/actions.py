@@ -2,7 +2,7 @@
 
 import json
 import sqlite3
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass, replace
 from typing import Any, NamedTuple
 
@@ -10,23 +10,21 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.labels.record import HUMAN, SETTLED, LabelRecord, check_name
 
-from .schema import CELL, COLUMNS
+from .schema import AT, COLUMNS, LAST_EVENT, VALUES
 
 UNDO, REDO = "undo", "redo"
 CONFIRM = "confirm"
 """Kind of an action that is written also where its label holds already: somebody looked."""
 
-_AT = " AND ".join(f"{name} = :{name}" for name in CELL.split(", "))
 _NOW = 2**63 - 1  # no event has this number
 
-_SAID = f"""SELECT label, model_version, blind FROM events WHERE {_AT} AND annotator = :annotator
+_SAID = f"""SELECT label, model_version, blind FROM events WHERE {AT} AND annotator = :annotator
     AND source = 'human' AND id < :before ORDER BY id DESC LIMIT 1"""
 _SETTLED = f"""SELECT CASE source WHEN 'settled' THEN label END,
-    CASE source WHEN 'settled' THEN model_version END, FALSE FROM events WHERE {_AT}
+    CASE source WHEN 'settled' THEN model_version END, FALSE FROM events WHERE {AT}
     AND source <> 'model' AND id < :before ORDER BY id DESC LIMIT 1"""
 
-_ADD_EVENT = f"""INSERT INTO events ({COLUMNS}, action)
-    VALUES (:{COLUMNS.replace(", ", ", :")}, :action)"""
+_ADD_EVENT = f"INSERT INTO events ({COLUMNS}, action) VALUES ({VALUES}, :action)"
 _EVENTS = "SELECT id, camera, frame, row, col, label FROM events WHERE action = ? ORDER BY id"
 
 _ADD_ACTION = """INSERT INTO actions (id, key, annotator, mission, grid, kind, time, source, blind,
@@ -106,10 +104,8 @@ class Action:
     blind: bool = False
 
     def __post_init__(self) -> None:
-        check_name("key", self.key)
-        check_name("kind", self.kind)
-        check_name("annotator", self.annotator)
-        check_name("mission", self.mission)
+        for name in ("key", "kind", "annotator", "mission"):
+            check_name(name, getattr(self, name))
         if self.kind in (UNDO, REDO):
             raise ToktError(f"kind {self.kind!r} is kept for what it says")
         if self.source not in (HUMAN, SETTLED):
@@ -306,7 +302,7 @@ class ActionLog:
         self, key: str, history: UndoHistory, kind: str
     ) -> tuple[int, dict[str, Any]] | None:
         """Number and result of the action that has this key; of an idle undo it is empty."""
-        row = self._connection.execute(_ANSWER, (key,)).fetchone()
+        row = self._row(_ANSWER, (key,))
         if row is None:
             return None
         number, *described, result = row
@@ -315,8 +311,10 @@ class ActionLog:
         return number, json.loads(result)
 
     def _next(self) -> int:
-        row = self._connection.execute("SELECT COALESCE(MAX(id), 0) + 1 FROM actions").fetchone()
-        return int(row[0])
+        return int(self._row("SELECT COALESCE(MAX(id), 0) + 1 FROM actions")[0])
+
+    def _row(self, sql: str, values: Sequence[Any] | dict[str, Any] = ()) -> Any:
+        return self._connection.execute(sql, values).fetchone()
 
     def _add(
         self,
@@ -354,9 +352,8 @@ class ActionLog:
                 continue
             self._connection.execute(_ADD_EVENT, row)
             changed += 1
-        last = self._connection.execute("SELECT COALESCE(MAX(id), 0) FROM events").fetchone()
         return {
-            "event": last[0],
+            "event": self._row(LAST_EVENT)[0],
             "changed": changed,
             "conflicts": [astuple(conflict) for conflict in conflicts],
             "frames": list(frames),
@@ -366,8 +363,7 @@ class ActionLog:
     def _in_force(self, row: dict[str, Any], before: int) -> tuple[str | None, str | None, bool]:
         """What held just before event number `before`: label, model version, whether blind."""
         sql = _SETTLED if row["source"] == SETTLED else _SAID
-        found = self._connection.execute(sql, {**row, "before": before}).fetchone()
-        return found or (None, None, False)
+        return self._row(sql, {**row, "before": before}) or (None, None, False)
 
     def _inverse(self, node: _Node, history: UndoHistory, time: str) -> list[_Step]:
         """Back to what held before each event of an action, where its label still holds."""
@@ -383,20 +379,15 @@ class ActionLog:
         return steps
 
     def _tops(self, history: UndoHistory) -> _Tops:
-        row = self._connection.execute(_TOPS, _texts(history)).fetchone()
-        return _Tops(*row) if row else _Tops(None, None)
+        return _Tops(*(self._row(_TOPS, _texts(history)) or (None, None)))
 
     def _node(self, number: int | None) -> _Node | None:
-        row = self._connection.execute(_NODE, (number,)).fetchone()
+        row = self._row(_NODE, (number,))
         return _Node(*row) if row else None
 
     def _head(self, number: int | None) -> ActionHead | None:
         node = self._node(number)
-        if node is None:
-            return None
-        return ActionHead(
-            node.key, node.kind, *self._connection.execute(_HEAD, {"id": node.id}).fetchone()
-        )
+        return node and ActionHead(node.key, node.kind, *self._row(_HEAD, {"id": node.id}))
 
 
 def _texts(history: UndoHistory) -> list[str]:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common.atomic import write_text
-from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.common.errors import FrameError, ToktError, os_errors_as
 from tokt.features.frames.mission import LEFT, FolderMission, Mission
 
 FILE_NAME = "missions.json"
@@ -148,7 +148,5 @@ def _entry(value: Any) -> _Entry:
 
 def _write(file: Path, entries: dict[str, _Entry]) -> None:
     missions = {name: asdict(entry) for name, entry in sorted(entries.items())}
-    try:
+    with os_errors_as(str(file)):
         write_text(file, json.dumps({"format": FORMAT, "missions": missions}, indent=1) + "\n")
-    except OSError as error:
-        raise ToktError(f"{file}: {error.strerror or error}") from None

@@ -17,6 +17,9 @@ APPLICATION_ID = 0x746F6B74  # "tokt": tells our file from any other program's d
 CELL = "mission, camera, frame, grid, row, col"
 FIRST_COLUMNS = f"{CELL}, label, annotator, time, source, model_version"  # of every format
 COLUMNS = f"{FIRST_COLUMNS}, blind"
+VALUES = f":{COLUMNS.replace(', ', ', :')}"
+AT = " AND ".join(f"{name} = :{name}" for name in CELL.split(", "))
+LAST_EVENT = "SELECT COALESCE(MAX(id), 0) FROM events"
 
 _SAME_CELL = " AND ".join(f"other.{name} = events.{name}" for name in CELL.split(", "))
 

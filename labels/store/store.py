@@ -8,8 +8,8 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partialmethod
 from pathlib import Path
-from types import TracebackType
 from typing import Any, ClassVar
 from weakref import WeakSet
 
@@ -18,7 +18,18 @@ from tokt.features.frames.grid import Grid
 from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, NoLabelsError
 
 from .actions import REDO, UNDO, Action, ActionHead, ActionLog, ActionResult, UndoHistory
-from .schema import APPLICATION_ID, CELL, COLUMNS, FORMAT, create, format_of, upgrade
+from .schema import (
+    APPLICATION_ID,
+    AT,
+    CELL,
+    COLUMNS,
+    FORMAT,
+    LAST_EVENT,
+    VALUES,
+    create,
+    format_of,
+    upgrade,
+)
 from .write_ahead_log import BUSY_S, check_log, fold, has_log
 
 FILE_NAME = "labels.db"
@@ -30,37 +41,29 @@ _CHUNK = 20_000  # events read at once; others use the store between two chunks
 _LAST = """SELECT {what} FROM events WHERE mission = {of}mission AND camera = {of}camera
     AND frame = {of}frame AND grid = {of}grid AND row = {of}row AND col = {of}col
     AND annotator = {of}annotator AND source = {of}source {more} ORDER BY id DESC LIMIT 1"""
-
-_AT = " AND ".join(f"{name} = :{name}" for name in CELL.split(", "))
+_SAID = "label, CASE source WHEN 'model' THEN model_version END"
 
 # A person who says the same again, or a model version that suggests the same again, adds nothing.
 # Nor does what was said already, in the same words at the same time: an older file must not bring
 # back what has been changed since.
-_ADD = f"""INSERT INTO events ({COLUMNS})
-    SELECT :{COLUMNS.replace(", ", ", :")}
+_ADD = f"""INSERT INTO events ({COLUMNS}) SELECT {VALUES}
     WHERE (:label, CASE :source WHEN 'model' THEN :model_version END) IS NOT (
-        {
-    _LAST.format(what="label, CASE source WHEN 'model' THEN model_version END", of=":", more="")
-})
-    AND NOT EXISTS (SELECT 1 FROM events WHERE {_AT} AND annotator = :annotator
+        {_LAST.format(what=_SAID, of=":", more="")})
+    AND NOT EXISTS (SELECT 1 FROM events WHERE {AT} AND annotator = :annotator
         AND source = :source AND label IS :label AND time = :time
         AND model_version IS :model_version)"""
 
 # A settlement that holds already adds nothing, nor does one that was reopened since: its file
 # knows nothing of the newer opinion.
-_SETTLE = f"""INSERT INTO events ({COLUMNS})
-    SELECT :{COLUMNS.replace(", ", ", :")}
+_SETTLE = f"""INSERT INTO events ({COLUMNS}) SELECT {VALUES}
     WHERE :label IS NOT (SELECT CASE source WHEN 'settled' THEN label END FROM events
-        WHERE {_AT} AND source <> 'model' ORDER BY id DESC LIMIT 1)
+        WHERE {AT} AND source <> 'model' ORDER BY id DESC LIMIT 1)
     AND (:label, :annotator, :time) IS NOT (SELECT label, annotator, time FROM events
-        WHERE {_AT} AND source = 'settled' ORDER BY id DESC LIMIT 1)"""
+        WHERE {AT} AND source = 'settled' ORDER BY id DESC LIMIT 1)"""
 
 _COUNT_ADDED = f"""SELECT source, ({
     _LAST.format(what="label", of="added.", more="AND id < added.id")
 }) IS NOT NULL, COUNT(*) FROM events AS added WHERE id > ? GROUP BY 1, 2"""
-
-
-_LAST_EVENT = "SELECT COALESCE(MAX(id), 0) FROM events"
 
 # By number, whatever SQLite thinks of the index by mission.
 _AFTER = """SELECT id, camera, frame, row, col, label, annotator, source,
@@ -86,23 +89,26 @@ EventRow = tuple[int, str, int, int, int, str | None, str, str, str | None, bool
 StatementRow = tuple[str | None, str, str, str, str | None]
 """Label, annotator, source, time, and the kind of action; no kind where a file brought it."""
 
-# What the newest row says already is not written again.
-_ADD_NOTE = """INSERT INTO notes (mission, camera, frame, grid, row, col, text, annotator, time)
-    SELECT :mission, :camera, :frame, :grid, :row, :col, :text, :annotator, :time
-    WHERE :text <> COALESCE((SELECT text FROM notes WHERE mission = :mission AND camera = :camera
-        AND frame = :frame AND grid IS :grid AND row IS :row AND col IS :col
-        AND annotator = :annotator ORDER BY id DESC LIMIT 1), '')"""
+
+def _add_newer(table: str, place: str, value: str, more: str, before: str = "NULL") -> str:
+    """An INSERT, unless the newest row on a place (`before`, where there is none) has the value."""
+    columns = f"{place}, {value}, {more}"
+    on_place = " AND ".join(f"{name} IS :{name}" for name in place.split(", "))
+    return f"""INSERT INTO {table} ({columns}) SELECT :{columns.replace(", ", ", :")}
+        WHERE :{value} IS NOT COALESCE((SELECT {value} FROM {table} WHERE {on_place}
+        ORDER BY id DESC LIMIT 1), {before})"""
+
+
+_BOTH = f"""(SELECT {COLUMNS} FROM said_last WHERE label IS NOT NULL
+    UNION ALL SELECT {COLUMNS} FROM settled_now) WHERE TRUE"""
+
+_NOTE_PLACE = "mission, camera, frame, grid, row, col, annotator"
+_ADD_NOTE = _add_newer("notes", _NOTE_PLACE, "text", "time", "''")
 _NOTES = """SELECT id, camera, frame, grid, row, col, text, annotator, time FROM notes
     WHERE mission = ? AND id > ? ORDER BY id"""
-_ADD_BLINDNESS = """INSERT INTO blindness (mission, annotator, blind, time)
-    SELECT :mission, :annotator, :blind, :time
-    WHERE :blind <> COALESCE((SELECT blind FROM blindness WHERE mission = :mission
-        AND annotator = :annotator ORDER BY id DESC LIMIT 1), FALSE)"""
+_ADD_BLINDNESS = _add_newer("blindness", "mission, annotator", "blind", "time", "FALSE")
 _BLINDNESS = "SELECT annotator, blind FROM blindness WHERE mission = ? ORDER BY id"
-_ADD_SETTING = """INSERT INTO settings (mission, name, value, annotator, time)
-    SELECT :mission, :name, :value, :annotator, :time
-    WHERE :value IS NOT (SELECT value FROM settings WHERE mission = :mission AND name = :name
-        ORDER BY id DESC LIMIT 1)"""
+_ADD_SETTING = _add_newer("settings", "mission, name", "value", "annotator, time")
 _SETTINGS = "SELECT name, value FROM settings WHERE mission = ? ORDER BY id"
 
 
@@ -234,12 +240,7 @@ class LabelStore:
     def __enter__(self) -> LabelStore:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -252,11 +253,6 @@ class LabelStore:
         """Bring what was written last into the file itself, in case somebody copies it.
 
         Nobody who reads or writes waits for it. Where it cannot be done now, nothing is lost.
-
-        Raises
-        ------
-        ToktError
-            If the file cannot be written.
         """
         with self._user_errors():
             if has_log(self.path):
@@ -269,38 +265,26 @@ class LabelStore:
         those that the store has already, with the same time: importing a file again changes
         nothing, also where its labels have been changed since.
 
-        Returns
-        -------
-        int
-            Number of events written; they are on disk.
-
-        Raises
-        ------
-        ToktError
-            If the file cannot be written (disk full, or another process writes for a minute).
+        Returns the number of events written; they are on disk. ToktError if the file cannot be
+        written (disk full, or another process writes for a minute).
         """
         return self.add_counted(records).events
 
     def add_counted(self, records: Iterable[LabelRecord], *, dry: bool = False) -> AddResult:
         """`add`, telling new labels from changed ones; `dry` tells it and adds none."""
-        given = 0
-        settled: list[dict[str, Any]] = []
+        given = list(records)
 
-        def rows() -> Iterator[dict[str, Any]]:
-            nonlocal given
-            for given, record in enumerate(records, 1):  # noqa: B007 (read after the loop)
-                row = {**vars(record), "grid": str(record.grid)}
-                if record.source == SETTLED:
-                    settled.append(row)
-                else:
-                    yield row
+        def rows(*, settled: bool) -> Iterator[dict[str, Any]]:
+            for record in given:
+                if (record.source == SETTLED) == settled:
+                    yield {**vars(record), "grid": str(record.grid)}
 
         with self._transaction():
-            last = self._one(_LAST_EVENT)
+            last = self._one(LAST_EVENT)
             self._connection.execute("SAVEPOINT empty")
-            self._connection.executemany(_ADD, rows())
+            self._connection.executemany(_ADD, rows(settled=False))
             # After the opinions they settle: an opinion that is newer opens the question again.
-            self._connection.executemany(_SETTLE, settled)
+            self._connection.executemany(_SETTLE, rows(settled=True))
             counts = self._connection.execute(_COUNT_ADDED, (last,)).fetchall()
             if dry:
                 self._connection.execute("ROLLBACK TO empty")
@@ -309,12 +293,13 @@ class LabelStore:
             new=by_kind.get((HUMAN, False), 0),
             changed=by_kind.get((HUMAN, True), 0),
             suggestions=sum(n for (source, _), n in by_kind.items() if source == MODEL),
-            unchanged=given - sum(by_kind.values()),
+            unchanged=len(given) - sum(by_kind.values()),
             settled=sum(n for (source, _), n in by_kind.items() if source == SETTLED),
         )
 
-    def current(
+    def _in_force(
         self,
+        table: str,
         mission: str | None = None,
         annotator: str | None = None,
         grid: Grid | None = None,
@@ -322,50 +307,34 @@ class LabelStore:
         camera: str | None = None,
         frame: int | None = None,
     ) -> list[LabelRecord]:
-        """The human labels in force, by mission, camera, frame, grid, row, col and annotator.
+        """Records by mission, camera, frame, grid, row, col and annotator.
 
-        Each argument that is given narrows the choice. What was taken back and what models
-        suggested is not among them.
+        Each argument that is given narrows the choice.
         """
-        return self._chosen(
-            "said_last WHERE label IS NOT NULL", mission, annotator, grid, camera, frame
+        wanted = {"mission": mission, "annotator": annotator, "camera": camera, "frame": frame}
+        wanted["grid"] = None if grid is None else str(grid)
+        given = {name: value for name, value in wanted.items() if value is not None}
+        where = "".join(f" AND {name} = :{name}" for name in given)
+        return self._records(
+            f"SELECT {COLUMNS} FROM {table}{where} ORDER BY {CELL}, source, annotator", given
         )
 
-    def settled(
-        self,
-        mission: str | None = None,
-        grid: Grid | None = None,
-        *,
-        annotator: str | None = None,
-        camera: str | None = None,
-        frame: int | None = None,
-    ) -> list[LabelRecord]:
-        """The settlements in force, sorted and narrowed as in `current`.
+    current = partialmethod(_in_force, "said_last WHERE label IS NOT NULL")
+    """The human labels in force. What was taken back and what models suggested is not among them.
+    """
 
-        A settlement holds until it is taken back, or anybody says anything newer of its patch:
-        that opens the question again.
-        """
-        return self._chosen("settled_now WHERE TRUE", mission, annotator, grid, camera, frame)
+    settled = partialmethod(_in_force, "settled_now WHERE TRUE")
+    """The settlements in force.
 
-    def current_and_settled(
-        self,
-        mission: str | None = None,
-        annotator: str | None = None,
-        grid: Grid | None = None,
-        *,
-        camera: str | None = None,
-        frame: int | None = None,
-    ) -> list[LabelRecord]:
-        """`current` and `settled` together, as a dataset or a full export needs them.
+    A settlement holds until it is taken back, or anybody says anything newer of its patch: that
+    opens the question again. `annotator` is who settled.
+    """
 
-        A settlement stands behind the opinions on its patch. `annotator` narrows both: the
-        settlements are then those that this person made.
-        """
-        both = (
-            f"(SELECT {COLUMNS} FROM said_last WHERE label IS NOT NULL"
-            f" UNION ALL SELECT {COLUMNS} FROM settled_now) WHERE TRUE"
-        )
-        return self._chosen(both, mission, annotator, grid, camera, frame)
+    current_and_settled = partialmethod(_in_force, _BOTH)
+    """`current` and `settled` together, as a dataset or a full export needs them.
+
+    A settlement stands behind the opinions on its patch.
+    """
 
     def apply(self, action: Action) -> ActionResult:
         """Write an action in one transaction; it is on disk when this returns.
@@ -383,8 +352,9 @@ class LabelStore:
         with self._transaction():
             return self._actions.apply(action)
 
-    def undo(
+    def reverse(
         self,
+        way: str,
         annotator: str,
         mission: str,
         grid: Grid,
@@ -400,6 +370,8 @@ class LabelStore:
 
         Parameters
         ----------
+        way : str
+            `UNDO`; or `REDO`, which does again what was undone last.
         annotator, mission : str
         grid : Grid
         key : str
@@ -421,21 +393,9 @@ class LabelStore:
         """
         with self._transaction():
             history = UndoHistory(annotator, mission, grid)
-            return self._actions.reverse(history, UNDO, key, time, target)
+            return self._actions.reverse(history, way, key, time, target)
 
-    def redo(
-        self,
-        annotator: str,
-        mission: str,
-        grid: Grid,
-        key: str,
-        time: str,
-        target: str | None = None,
-    ) -> ActionResult | None:
-        """Do again what was undone last; all as in `undo`."""
-        with self._transaction():
-            history = UndoHistory(annotator, mission, grid)
-            return self._actions.reverse(history, REDO, key, time, target)
+    undo, redo = partialmethod(reverse, UNDO), partialmethod(reverse, REDO)
 
     def history_top(
         self, annotator: str, mission: str, grid: Grid
@@ -455,7 +415,7 @@ class LabelStore:
 
     def last_event(self) -> int:
         """Highest event number; 0 in an empty store."""
-        return int(self._rows(_LAST_EVENT)[0][0])
+        return int(self._rows(LAST_EVENT)[0][0])
 
     def data_version(self) -> int:
         """A number that changes whenever anybody, also another process, has written."""
@@ -463,13 +423,7 @@ class LabelStore:
             return int(self._one("PRAGMA data_version")) + self._connection.total_changes
 
     def check_writable(self) -> None:
-        """Write one page that changes nothing, to learn whether writing works.
-
-        Raises
-        ------
-        ToktError
-            If the file is read-only, the disk full, or another process writes for a minute.
-        """
+        """Write one page that changes nothing; ToktError as `apply` where writing does not work."""
         with self._transaction():
             version = format_of(self._connection)
             self._connection.execute(f"PRAGMA user_version = {version}")
@@ -527,11 +481,8 @@ class LabelStore:
 
     def history(self, cell: Cell) -> list[LabelRecord]:
         """Everything ever said of one patch, by people and models, in the order it was said."""
-        where = " AND ".join(f"{name} = :{name}" for name in Cell._fields)
-        return self._records(
-            f"SELECT {COLUMNS} FROM events WHERE {where} ORDER BY id",
-            {**cell._asdict(), "grid": str(cell.grid)},
-        )
+        sql = f"SELECT {COLUMNS} FROM events WHERE {AT} ORDER BY id"
+        return self._records(sql, {**cell._asdict(), "grid": str(cell.grid)})
 
     def statements(self, cell: Cell) -> list[StatementRow]:
         """What people said of one patch and how, in order."""
@@ -605,7 +556,7 @@ class LabelStore:
             except sqlite3.OperationalError:
                 if time.monotonic() > deadline:
                     raise
-                time.sleep(0.02)
+                time.sleep(_RETRY_S)
 
     def _one(self, sql: str) -> Any:
         return self._connection.execute(sql).fetchone()[0]
@@ -616,28 +567,6 @@ class LabelStore:
 
     def _column(self, sql: str, values: Sequence[Any] = ()) -> list[str]:
         return [row[0] for row in self._rows(sql, values)]
-
-    def _chosen(
-        self,
-        table: str,
-        mission: str | None,
-        annotator: str | None,
-        grid: Grid | None,
-        camera: str | None,
-        frame: int | None,
-    ) -> list[LabelRecord]:
-        wanted = {
-            "mission": mission,
-            "annotator": annotator,
-            "grid": None if grid is None else str(grid),
-            "camera": camera,
-            "frame": frame,
-        }
-        given = {name: value for name, value in wanted.items() if value is not None}
-        where = "".join(f" AND {name} = :{name}" for name in given)
-        return self._records(
-            f"SELECT {COLUMNS} FROM {table}{where} ORDER BY {CELL}, source, annotator", given
-        )
 
     def _records(self, sql: str, values: dict[str, Any]) -> list[LabelRecord]:
         rows = self._rows(sql, values)

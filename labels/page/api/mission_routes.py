@@ -62,6 +62,7 @@ def get_mission(session: SessionOf, blind: Blind, who: Who | None = None) -> Res
             "setup": session.setup,
             "event": board.event,
             "states": board.states(who, blind),
+            "given": board.given(who),
             "counts": board.counts(who),
             "undo": session.undo_heads(who),
             "other_grids": session.other_grids,

@@ -6,7 +6,7 @@ import threading
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from itertools import islice, pairwise
+from itertools import compress, islice, pairwise
 from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
@@ -398,6 +398,32 @@ class Board:
         for (camera, frame), letter in zip(found, letters, strict=True):
             states.setdefault(camera, {})[str(frame)] = letter
         return states
+
+    def given(
+        self, who: str, frames: Iterable[FrameName] | None = None
+    ) -> dict[str, dict[str, list[str]]]:
+        """Labels that one annotator gave, by camera and frame number, in the order of `names`.
+
+        Of all frames with a label, or of `frames`, which may have none.
+        """
+        with self._lock:
+            mine, words, every = self._by(who), self._labels.words, self._every
+            if frames is None:
+                positions = np.flatnonzero(mine.filled)
+            else:
+                found = sorted(self._position[name] for name in frames if name in self._position)
+                positions = np.array(found, np.int64)
+            used = np.flatnonzero(mine.counts[1:]) + 1
+            labels = mine.labels[positions]
+            has = np.zeros((len(positions), len(used)), bool)
+            for column, code in enumerate(used):
+                has[:, column] = (labels == code).any(axis=1)
+        names = [str(words[code]) for code in used]
+        given: dict[str, dict[str, list[str]]] = {}
+        for position, row in zip(positions.tolist(), has.tolist(), strict=True):
+            camera, frame = every[position]
+            given.setdefault(camera, {})[str(frame)] = list(compress(names, row))
+        return given
 
     def cells_of_class(self, who: str, label: str) -> list[tuple[str, int, int]]:
         """One annotator's patches of one label: (camera, frame, cell), in order."""

@@ -250,9 +250,10 @@ class Session:
         return self.board.names
 
     def state_after(self, who: str, frames: set[FrameName]) -> dict[str, Any]:
-        """What a page must know after a change: states of these frames, counts, undo."""
+        """What a page must know after a change: these frames' states and classes, counts, undo."""
         return {
             "states": self.board.states_of(who, who in self.blind, frames),
+            "given": self.board.given(who, frames),
             "counts": self.board.counts(who),
             "undo": self.undo_heads(who),
         }

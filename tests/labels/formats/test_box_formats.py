@@ -15,6 +15,7 @@ from tokt.features.frames.mission import open_mission
 from tokt.labels.formats.formats import FORMATS
 from tokt.labels.formats.images import MissionImages
 from tokt.labels.formats.options import ReadOptions, WriteOptions
+from tokt.labels.taxonomy import Taxonomy, UnknownClassError
 
 from .examples import (
     BIIGLE,
@@ -64,6 +65,16 @@ def test_own_files_come_back_whole(tmp_path, reading, writing, name, some, with_
 
 
 @all_formats
+def test_unknown_classes_are_told_by_name(tmp_path, reading, writing, name):
+    path = tmp_path / FILES[name]
+    FORMATS[name].write(path, [said("reef"), said("sand", 1, 1)], writing)
+    known = Taxonomy(tuple(entry for entry in TAXONOMY.classes if entry.name != "reef"))
+    with pytest.raises(UnknownClassError, match="unknown class 'reef'") as caught:
+        FORMATS[name].read(path, replace(reading, taxonomy=known))
+    assert caught.value.names == ["reef"] and str(path) in str(caught.value)
+
+
+@all_formats
 @SLOW
 @given(st.data())
 def test_damaged_files_are_refused_or_read(tmp_path, reading, writing, name, data):
@@ -92,7 +103,7 @@ def test_damaged_files_are_refused_or_read(tmp_path, reading, writing, name, dat
 @all_formats
 def test_odd_names_of_files(tmp_path, name):
     """Those that text can hold come back; the other ones' labels are left out and counted."""
-    folder = tmp_path / "dive"
+    folder = tmp_path / os.fsdecode(b"dive\xff")
     folder.mkdir()
     picture = cv2.imencode(".png", np.full((137, 181), 90, np.uint8))[1].tobytes()
     odd = ['a,b "c"\'d;_1.png', "Åse > <b>&amp;_2.png", "=1+1_3.png", "b\xff_4.png", "x\x07_5.png"]

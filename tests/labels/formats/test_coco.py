@@ -5,10 +5,12 @@ import pytest
 
 from tests.calls import refuses
 from tokt.features.frames.grid import Grid
-from tokt.labels.formats.coco import read_coco, write_coco
+from tokt.labels.formats.formats import FORMATS
 from tokt.labels.taxonomy import Taxonomy
 
 from .examples import foreign_coco, put, said
+
+read_coco, write_coco = FORMATS["coco"].read, FORMATS["coco"].write
 
 
 def test_what_other_tools_see(tmp_path, writing):

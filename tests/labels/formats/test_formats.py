@@ -46,6 +46,13 @@ def test_formats_are_told_apart_by_content(tmp_path, name):
     assert format_to_read(tmp_path / name) == kind
 
 
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_file_with_the_formats_ending_is_told_by_itself(tmp_path, writing, name):
+    path = tmp_path / f"out{FORMATS[name].ending}"
+    FORMATS[name].write(path, [said()], writing)
+    assert format_to_read(path) == name
+
+
 def test_what_is_no_label_file(tmp_path):
     assert format_to_read(tmp_path) == "patches"
     (tmp_path / "labels").write_text("")

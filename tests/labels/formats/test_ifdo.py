@@ -75,7 +75,7 @@ def test_labels_go_beside_what_was_known(tmp_path, dive_with_ifdo):
     some.append(said("ocean", 9, 9, source="model", annotator="net", model_version="net/3"))
     path = tmp_path / "out.json"
     assert FORMATS["ifdo"].write(path, some, dive_with_ifdo).lost == [
-        "1 suggestion of models left out: for tools without confidence they would count as labels"
+        "1 suggestion of models left out: in iFDO they would count as labels"
     ]
     document, before = json.loads(path.read_text()), foreign_ifdo()
     labels = document[HEADER].pop("image-annotation-labels")

@@ -3,9 +3,11 @@ import json
 import pytest
 
 from tests.calls import refuses
-from tokt.labels.formats.label_studio import read_label_studio, write_label_studio
+from tokt.labels.formats.formats import FORMATS
 
 from .examples import foreign_label_studio, put, said
+
+read_label_studio, write_label_studio = FORMATS["labelstudio"].read, FORMATS["labelstudio"].write
 
 
 def test_what_label_studio_sees(tmp_path, writing):

@@ -9,11 +9,12 @@ from hypothesis import given
 
 from tests.calls import refuses
 from tokt.features.frames.grid import Grid
+from tokt.labels.formats.formats import FORMATS
 from tokt.labels.formats.options import WriteOptions
-from tokt.labels.formats.viame_csv import read_viame_csv, write_viame_csv
 
 from .examples import DIVE, SLOW, TAXONOMY, put, said, some_records
 
+read_viame_csv, write_viame_csv = FORMATS["viame"].read, FORMATS["viame"].write
 _file = partial(put, name="boxes.csv")
 
 

@@ -69,7 +69,7 @@ def test_settlements_are_chosen_like_labels(store):
     other = replace(_settled("sand", "ben"), mission="transit", camera="right", frame=9)
     store.add([_settled("reef"), coarse, other])
     assert store.settled("transit") == [other]
-    assert store.settled("dive", DEFAULT_GRID) == [_settled("reef")]
+    assert store.settled("dive", grid=DEFAULT_GRID) == [_settled("reef")]
     assert store.settled(annotator="ben") == [coarse, other]
     assert store.settled(camera="right", frame=9) == [other]
     assert store.current_and_settled("dive", "ben") == [_said("ocean", "ben"), coarse]

@@ -10,7 +10,8 @@ export { onSetting, setSetting, setting, who } from "./settings.js";
 
 /** The last /api/mission; `states` holds one array of characters a camera. */
 export const mission = {
-  loaded: false, classes: [], cameras: {}, states: {}, counts: {}, settings: {}, depths: [],
+  loaded: false, classes: [], cameras: {}, states: {}, given: {}, counts: {}, settings: {},
+  depths: [],
 };
 
 const LIGHT = 0.405; // 0.4, and what rounding may take
@@ -71,8 +72,8 @@ function takeMission(answer) {
 
 /**
  * Take in what an acknowledgement or an event says of states, counts and faults.
- * @param {{event?: number, states?: Object, counts?: Object, fault?: string, model?: Object,
- *   settings?: Object, job?: Object}} news
+ * @param {{event?: number, states?: Object, given?: Object, counts?: Object, fault?: string,
+ *   model?: Object, settings?: Object, job?: Object}} news
  */
 export function takeNews(news) {
   // Classes or the model were changed, here or elsewhere.
@@ -80,6 +81,9 @@ export function takeNews(news) {
   if (news.event > mission.event) mission.event = news.event;
   for (const [camera, frames_] of Object.entries(news.states ?? {})) {
     for (const [frame, state] of Object.entries(frames_)) setState(camera, Number(frame), state);
+  }
+  for (const [camera, labels] of Object.entries(news.given ?? {})) {
+    Object.assign((mission.given[camera] ??= {}), labels);
   }
   if (news.counts) mission.counts = news.counts;
   if (news.states || news.counts) changed("states");
@@ -148,6 +152,7 @@ export async function takeNewsOf(request) {
 function forgetOthers() {
   mission.model = null;
   mission.annotators = [who()];
+  mission.given = {};
   for (const states of Object.values(mission.states)) {
     states.forEach((state, at) => state === "x" && (states[at] = "p"));
   }
@@ -262,6 +267,11 @@ export function indexFrom(camera, frame) {
  */
 export function stateOf(camera, frame) {
   return mission.states[camera]?.[frameIndex(camera, frame)] ?? "";
+}
+
+/** The labels that the person who works here gave somewhere in a frame, as the server knows. */
+export function givenIn(camera, frame) {
+  return mission.given[camera]?.[frame] ?? [];
 }
 
 /** The first class of the taxonomy that is no obstacle. */

@@ -83,6 +83,8 @@ const DEFAULTS = {
   confidence: 0.5,
   follow: 2,
   filter: "all",
+  rate: 5,
+  beside: false,
   selected: "",
 };
 

@@ -52,8 +52,7 @@ export function drawCells(plan, cells) {
     strokeTwice(ctx, path, colourOf(label), DASHES[line], width);
   }
   ctx.globalAlpha = 1;
-  const signed = roomy ? keys.keys() : firstOfAreas(keys);
-  for (const at of signed) if (cells[at]) drawSign(ctx, boxOf(at), cells[at]);
+  for (const at of firstOfAreas(keys)) drawSign(ctx, boxOf(at), cells[at]);
 }
 
 function isClear(label) {

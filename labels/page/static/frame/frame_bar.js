@@ -2,8 +2,8 @@
 // strip's legend; sentences about a frame and its patches, for the status line and screen readers.
 
 import { commandButtons, optionsOf } from "../core/controls.js";
-import { backAfterMouse, el, focusView } from "../core/dom.js";
-import { frameIndex, frames, mission, setSetting, stateOf } from "../core/mission.js";
+import { backAfterMouse, el, focusView, setAttribute } from "../core/dom.js";
+import { frameIndex, frames, mission, setSetting, setting, stateOf } from "../core/mission.js";
 import { disagree } from "./cell_drawing.js";
 import { cellName } from "./patch_grid.js";
 import { countPassing, filterChoices, filterName } from "./steps.js";
@@ -29,6 +29,7 @@ export function buildBar(commands, keyFor, status) {
   });
   const place = el("span", { class: "place" });
   const camera = command("", "camera", "Left or right camera");
+  const both = command("Both", "beside", "Left and right side by side");
   const setFilter = () => setSetting("filter", filter.value);
   const options = { class: "filter", "aria-label": "Filter", title: "Which frames are stepped to" };
   const filter = backAfterMouse(el("select", { ...options, on: { change: setFilter } }));
@@ -39,7 +40,9 @@ export function buildBar(commands, keyFor, status) {
     number,
     command("▶", "next", "Next frame", { "aria-label": "Next frame" }),
     place,
+    el("span", { class: "player" }),
     camera,
+    both,
     filter,
     matches,
     status,
@@ -48,7 +51,8 @@ export function buildBar(commands, keyFor, status) {
     const list = frames(where);
     if (document.activeElement !== number) number.value = frame;
     place.textContent = `${frameIndex(where, frame) + 1} of ${list.length}`;
-    camera.hidden = Object.keys(mission.cameras).length < 2;
+    camera.hidden = both.hidden = Object.keys(mission.cameras).length < 2;
+    setAttribute(both, "aria-pressed", String(setting("beside")));
     camera.textContent = where;
     camera.setAttribute("aria-label", `${where} camera: change`);
     showFilters(filter);

@@ -114,6 +114,8 @@ export class FrameCanvas {
     /** What to draw; see `set`. */
     this.content = { bitmap: null, labels: null, hints: [], message: "", badge: "" };
     this.onDrawn = () => {};
+    /** A canvas that shows the same part of its picture. */
+    this.beside = null;
     /** Draw again at the next screen refresh. */
     this.invalidate = soon(() => this.draw());
     this.observer = new ResizeObserver(() => this.resize());
@@ -202,6 +204,14 @@ export class FrameCanvas {
     if (content.message) this.drawMessage();
     if (content.badge) this.drawBadge();
     if (content.bitmap) this.onDrawn(content.tag);
+    this.beside?.follow(this.viewport);
+  }
+
+  // Show the part that another canvas shows.
+  follow({ zoom, centre }) {
+    if (zoom === this.viewport.zoom && centre === this.viewport.centre) return;
+    Object.assign(this.viewport, { zoom, centre });
+    this.invalidate();
   }
 
   // Labels change far more often than what lies under them, and scaling a picture takes longer than

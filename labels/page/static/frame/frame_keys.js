@@ -20,6 +20,8 @@ const TABLE = [
   ["disagreement", ["x"], NEXT, "next frame with a disagreement"],
   ["type", ["f"], NEXT, "type a frame number"],
   ["camera", ["s"], NEXT, "left or right camera"],
+  ["beside", ["w"], SEE, "left and right side by side: the second one is to look at"],
+  ["play", ["k"], NEXT, "play, and stop; what labels stops it too and labels nothing"],
   ["paint", ["Space"], PAINT, "paint the cursor's patch or the rectangle"],
   ["move", ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"], PAINT, "move the cursor"],
   [
@@ -62,6 +64,7 @@ const POINTER_HELP = [
   ["Row or column head", "paint the row or column"],
   ["Right click", "unsure, whatever class is chosen"],
   ["Alt+click", "accept a single suggestion or copy"],
+  ["Wheel on the strip", "fewer or more frames there (also +, -, 0 on it); sideways: move it"],
 ];
 
 /**

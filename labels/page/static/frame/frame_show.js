@@ -34,6 +34,8 @@ export class FrameShow {
     this.showsBefore = false;
     this.turn = 0;
     this.direction = 1;
+    /** How many frames apart those are that are shown one after the other. */
+    this.stride = 1;
     this.started = null;
     this.pressed = 0;
     this.first = true;
@@ -58,6 +60,13 @@ export class FrameShow {
   /** The frame before this one in the mission, whatever the filter; null at its start. */
   get before() {
     return frames(this.camera)[frameIndex(this.camera, this.frame) - 1] ?? null;
+  }
+
+  /** The other camera, if its picture of this frame is to be shown beside; or null. */
+  get beside() {
+    const others = setting("beside") ? Object.keys(mission.cameras) : [];
+    const has = (camera) => camera !== this.camera && frameIndex(camera, this.frame) >= 0;
+    return others.find(has) ?? null;
   }
 
   /** Whether the frame can be painted on: its picture is what is on the screen. */
@@ -94,7 +103,7 @@ export class FrameShow {
     ]) {
       let at = frame;
       for (let step = 0; step < count; step += 1) {
-        at = stepFrom(this.camera, at, direction);
+        at = stepFrom(this.camera, at, direction * this.stride);
         if (at === null) break;
         list.push(at);
       }
@@ -156,11 +165,12 @@ export class FrameShow {
   }
 
   prefetch() {
-    const { camera, frame, enhance } = this;
-    const kept = [{ camera, frame, enhance }];
-    if (this.raw) kept.push({ camera, frame, enhance: setting("enhance") });
-    const near = this.neighbours(frame).filter((other) => other !== frame);
-    prefetchPictures(near.map((other) => ({ camera, frame: other, enhance })), kept);
+    const { camera, frame, enhance, beside } = this;
+    const pictures = this.neighbours(frame)
+      .flatMap((near) => [camera, beside].map((name) => ({ camera: name, frame: near, enhance })))
+      .filter((one) => frameIndex(one.camera, one.frame) >= 0);
+    const kept = this.raw ? [{ camera, frame, enhance: setting("enhance") }] : [];
+    prefetchPictures(pictures, kept);
   }
 
   badge() {

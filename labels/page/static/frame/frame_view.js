@@ -12,6 +12,7 @@ import { addView, noteAddress } from "../core/router.js";
 import { buildDrawer, buildToolbar } from "../core/toolbar.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { onState, pending, state } from "../saving/saver.js";
+import { Beside } from "./beside.js";
 import { buildBar, describeCell, describeFrame, describeInfo } from "./frame_bar.js";
 import { FrameCanvas } from "./frame_canvas.js";
 import { frameKeys, keyForCommand } from "./frame_keys.js";
@@ -22,6 +23,7 @@ import {
   accept, copyFrom, dropAllCopies, hintsOf, paint, paintRest, restOf,
 } from "./painting.js";
 import { ARROWS, PatchCursor, cellName, cellsOfRow, rowCol } from "./patch_grid.js";
+import { Player } from "./play.js";
 import {
   endFrame, filterName, nextBlindFrame, nextIn, nextUncertain, onClassFrames, stepFrom,
   whereStopped,
@@ -74,6 +76,7 @@ function build(root) {
     class: "timeline",
     tabindex: 0, role: "slider", "aria-label": "Frame of the mission",
   });
+  const second = el("canvas", { class: "other-canvas", role: "img", hidden: true });
   const tools = buildToolbar(commands, keyForCommand, TOOLS, ACTIONS);
   const bar = buildBar(commands, keyForCommand, status);
   const command = commandButtons(commands, keyForCommand);
@@ -82,7 +85,7 @@ function build(root) {
   root.replaceChildren(
     el("div", { class: "frame-view" },
       tools.root,
-      el("div", { class: "stage" }, element),
+      el("div", { class: "stage" }, el("div", { class: "cameras" }, element, second)),
       drawer.root,
       bar.root,
       strip,
@@ -92,7 +95,11 @@ function build(root) {
   page = { canvas, element, status, tools, toggles, drawer, bar, hovered: -1, timers: {} };
   Object.assign(page, { root, hints: [], info: "" });
   page.show = new FrameShow(canvas, showAll);
+  page.beside = new Beside(page.show, second);
   page.timeline = new Timeline(strip, goTo);
+  const toggle = command("Play", "play", "One frame after the other");
+  page.player = new Player(page.show, (camera, frame) => show(camera, frame, true), toggle);
+  bar.root.querySelector(".player").append(page.player.root);
   page.pointer = listenToPointer(canvas, pointerHost);
   // Who comes by Tab works by keyboard: show where the cursor is.
   element.addEventListener("keyup", ({ key }) => key === "Tab" && moveCursor(0, 0, false));
@@ -111,6 +118,7 @@ function isHere(camera, frame) {
 
 function labelsArrived(camera, frame) {
   if (isHere(camera, frame)) showLabels();
+  else if (camera === page.show.beside && frame === page.show.frame) page.beside.update();
   else if (camera === page.show.camera && frame < page.show.frame) showFollowed();
 }
 
@@ -142,6 +150,11 @@ const pointerHost = {
 };
 
 function mayPaint() {
+  // It was meant for a frame that may be gone already.
+  if (page.player.stop()) {
+    say("Stopped at this frame; nothing was labelled.");
+    return false;
+  }
   if (page.show.paintable) return true;
   if (page.show.fault) say("There is no picture to label here; step on.", { bad: true });
   else if (page.show.showsBefore) say("This is the frame before: end the blinking first.");
@@ -168,7 +181,8 @@ function goTo(frame) {
   show(page.show.camera, frame);
 }
 
-function show(camera, frame) {
+function show(camera, frame, playing = false) {
+  if (!playing) page.player.stop();
   // A stroke that is not ended is of the frame on which it began.
   page.pointer.complete();
   endToast();
@@ -225,6 +239,7 @@ function showLabels() {
   const labels = ready && !fault ? labelsOf(camera, frame) : null;
   page.hints = labels ? hintsOf(camera, frame) : [];
   page.canvas.set({ labels, hints: page.hints });
+  page.beside.update();
   if (!labels && ready && !fault) prefetch(camera, [frame]);
   showCursor();
   showSaving();
@@ -475,6 +490,7 @@ const commands = {
   disagreement: () => jump("x", "with a disagreement"),
   type: () => page.bar.root.querySelector(".frame-number").select(),
   camera: switchCamera,
+  play: () => page.player.stop() || page.player.start(),
   paint: Object.assign(pressSpace, { release: releaseSpace }),
   move: arrows((rows, cols) => moveCursor(rows, cols, false)),
   extend: arrows((rows, cols) => moveCursor(rows, cols, true)),
@@ -484,6 +500,7 @@ const commands = {
   accept: () => acceptHere() || say("Nothing sure is suggested here."),
   acceptAll: () => acceptHere({ all: true }) || say("No suggestions to accept here."),
   acceptNext: () => {
+    if (page.player.stop()) return;
     if (page.show.paintable) acceptHere();
     jumpToOpen();
   },
@@ -491,6 +508,7 @@ const commands = {
   erase: () => chooseTool("erase"),
   takeBack: () => mayPaint() && apply(cursor.cells, "erase"),
   note: () => {
+    page.player.stop();
     const { camera, frame } = page.show;
     const labels = page.canvas.content.labels;
     if (labels) writeNote(camera, frame, cellAtHand(), labels.notes);
@@ -498,6 +516,7 @@ const commands = {
   escape,
   raw: tapped(() => page.show.pressRaw(), () => page?.show.releaseRaw()),
   blink: tapped(() => page.show.pressBlink(), () => page?.show.releaseBlink()),
+  beside: () => toggle("beside"),
   grid: () => toggle("grid"),
   outlines: () => toggle("outlines"),
   suggestions: () => toggle("suggestions"),
@@ -548,7 +567,8 @@ addView("label", {
   },
   show(root, [camera = "", number = "", cell]) {
     const cameras = Object.keys(mission.cameras);
-    if (!page) build(root);
+    if (page) page.player.stop();
+    else build(root);
     if (!camera) [camera, number] = whereStopped().map(String);
     const frame = /^\d+$/.test(number) ? Number(number) : number;
     if (!isHere(camera, frame) || page.show.frame === null) {
@@ -566,11 +586,13 @@ addView("label", {
     focusView();
   },
   hide() {
+    page.player.stop();
     page.pointer.complete();
     last = { camera: page.show.camera, frame: page.show.frame };
     for (const stop of page.stops) stop();
     Object.values(page.timers).forEach(clearTimeout);
     page.show.close();
+    page.beside.canvas.close();
     page.timeline.close();
     page = null;
   },

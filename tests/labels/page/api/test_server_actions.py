@@ -45,9 +45,10 @@ def test_mission(server):
     assert (mission["mission"], mission["annotator"], mission["fault"]) == ("tiny", "anna", "")
     assert mission["grid"] == {"rows": 10, "cols": 10, "width": 360}
     assert mission["cameras"] == {"left": {"ranges": [[1, 40]], "count": 40}}
+    assert mission["given"] == {}
     assert len(mission["states"]["left"]) == 40 and mission["model"] is None
     assert [known["name"] for known in mission["classes"]] == list(COUNTS)
-    unsure = {"name": "unsure", "obstacle": None, "color": "#b0b0b0", "key": "u"}
+    unsure = {"name": "unsure", "obstacle": None, "color": "#e6e6e6", "key": "u"}
     described = {**unsure, "description": "Looked at, and could not be decided."}
     assert mission["classes"][-1] == described
     assert mission["undo"] == {"undo": None, "redo": None}
@@ -62,6 +63,7 @@ def test_an_action_and_its_undo(server):
     assert done == {
         **{"key": "act-1", "event": done["event"], "changed": 3, "repeated": False},
         **{"conflicts": [], "states": {"left": {"1": "p"}}, "counts": {**COUNTS, "ocean": 3}},
+        "given": {"left": {"1": ["ocean"]}},
         "undo": {"undo": head, "redo": None},
     }
     mine = _mine(server, 1, "dora")
@@ -73,6 +75,7 @@ def test_an_action_and_its_undo(server):
     undone = server.post("/api/undo", key="undo-1", target="act-1", **step)
     assert (undone["kind"], undone["frames"], undone["changed"]) == ("paint", [["left", 1]], 3)
     assert undone["undo"] == {"undo": None, "redo": head}
+    assert undone["given"] == {"left": {"1": []}}
     assert undone["states"] == {"left": {"1": "u"}} and undone["counts"] == COUNTS
     assert _mine(server, 1, "dora") == [None] * 100
     assert server.post("/api/undo", key="undo-2", **step) == {"nothing": True}

@@ -67,6 +67,7 @@ def test_mission(server):
     blind = _see(server, blind=True).get("/api/mission", who="anna")
     _check(blind)
     assert blind["states"]["left"][:3] == "pup"
+    assert blind["given"] == seeing["given"] and set(blind["given"]["left"]) == {"1", "3"}
     assert blind["annotators"] == ["anna"] and blind["model"] is None
     assert blind["counts"] == {**dict.fromkeys(blind["counts"], 0), "ocean": 3}
     assert {known["name"] for known in blind["classes"]} == {"ocean", THEIRS, "unsure"}

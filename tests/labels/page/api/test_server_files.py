@@ -62,16 +62,19 @@ def test_each_format_is_what_the_command_line_writes(server, tmp_path):
 def test_only_hers_and_what_cannot_be_exported(server):
     hers = server.request("GET", "/api/export?format=csv&only=anna").body.decode().splitlines()
     assert hers[1:] == ["tiny,left,1,0,0,ocean", "tiny,left,1,0,1,reef"]
+    server.post("/api/blind", who="carl", blind=True)
     for query, status in (
         ({"format": "nothing"}, 400),
         ({"format": "csv"}, 409),  # six columns cannot tell two people apart
         ({"format": "csv", "only": "carl"}, 409),
-        ({"format": "coco", "who": "anna", "blind": 1}, 403),
+        ({"format": "coco", "who": "carl"}, 403),
     ):
         answer = server.request("GET", f"/api/export?{urlencode(query)}")
         assert answer.status == status and list(answer.json) == ["error"], query
-    answer = server.request("GET", "/api/export?format=csv&only=anna&who=anna&blind=1")
-    assert answer.status == 200
+    server.post("/api/blind", who="anna", blind=True)
+    assert server.request("GET", "/api/export?format=csv&only=anna&who=anna").status == 200
+    assert server.request("GET", "/api/export?format=csv&only=ben&who=anna").status == 403
+    server.post("/api/blind", who="anna", blind=False)
 
 
 def test_an_import_is_tried_first_and_then_told_to_all(server):
@@ -96,6 +99,14 @@ def test_an_import_is_tried_first_and_then_told_to_all(server):
     assert stored(server) == before | {("carl", 0, 1): "sand", ("carl", 3, 4): "reef"}
     again = upload(server, data, annotator="carl", **query).json
     assert (again["new"], again["unchanged"]) == (0, 2)
+
+
+def test_classes_of_other_tools_that_are_none_are_told(server):
+    data = server.request("GET", "/api/export?format=coco&only=anna").body.replace(
+        b"ocean", b"kelp"
+    )
+    told = upload(server, data, name="a.json").json
+    assert (told["format"], told["unknown"], told["applied"]) == ("coco", ["kelp"], False)
 
 
 def test_what_comes_back_is_what_went_out(server, page_server, tmp_path):

@@ -423,7 +423,7 @@ def settled(server):
     with LabelStore(server.workspace / "labels.db") as store:
         return {
             (one.frame, one.row * GRID.cols + one.col): (one.label, one.annotator)
-            for one in store.settled("tiny", GRID)
+            for one in store.settled("tiny", grid=GRID)
         }
 
 

@@ -194,6 +194,16 @@ def _check(board, store):
         assert board.counts(who) == {name: labels.count(name) for name in board.names}
         frames = {(camera, frame) for name, camera, frame, _ in said if name == who}
         assert set(board.labelled_frames(who)) == frames
+        given = {}
+        for name, camera, frame, _ in said:
+            if name == who:
+                found = {said.get((who, camera, frame, cell)) for cell in cells}
+                ordered = [label for label in board.names if label in found]
+                given.setdefault(camera, {})[str(frame)] = ordered
+        assert board.given(who) == given
+        for camera, frame in every:
+            expected = given.get(camera, {}).get(str(frame), [])
+            assert board.given(who, [(camera, frame)]) == {camera: {str(frame): expected}}
     for a, b in pairwise(WHO):
         patches = [patch for name, *patch in said if name == a and (b, *patch) in said]
         both = [(said[a, *patch], said[b, *patch]) for patch in patches]

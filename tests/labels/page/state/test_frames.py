@@ -47,19 +47,66 @@ def opened(monkeypatch):
     return found
 
 
-def test_stepping_back_reads_the_file_once_in_25(video, truth, opened):
+def test_stepping_back_goes_to_the_file_once_in_25(video, truth, opened, monkeypatch):
     mission = open_mission(video)
+    grabs = []
+    real = VideoMission._grab
+    monkeypatch.setattr(VideoMission, "_grab", lambda self: grabs.append(1) or real(self))
     for number in range(N, 0, -1):
         assert np.array_equal(read_frame(mission, "left", number), truth[number])
-    # N itself, then 79..55, 54..30, 29..5, 4..1
-    assert len(opened) == 1 + 4
+    # N itself, then 79..55 (from 49 on), 54..30 (from 17), 29..5 and 4..1 (from the start)
+    assert len(grabs) == N + 31 + 38 + 29 + 4
+    assert len(opened) == 1 + 2
 
 
 def test_going_to_and_fro_reads_nothing_again(video, truth, opened):
     mission = open_mission(video)
     for number in (70, 71, 70, 71, 70, 68, 72, 71, 70):
         assert np.array_equal(read_frame(mission, "left", number), truth[number])
-    assert len(opened) == 2  # only for 68
+    assert len(opened) == 1
+
+
+class Inexact:
+    """A video file in which seeking comes out `off` frames away, as in some files it does."""
+
+    def __init__(self, real, off):
+        self._real, self._off = real, off
+
+    def __getattr__(self, name):
+        return getattr(self._real, name)
+
+    def set(self, name, value):
+        return self._real.set(name, value + self._off)
+
+
+@pytest.mark.parametrize("off", [0, 1, -3, 5000])
+def test_a_seek_that_is_not_exact_is_noticed_and_not_tried_again(video, truth, monkeypatch, off):
+    real, opened = cv2.VideoCapture, []
+    monkeypatch.setattr(
+        cv2, "VideoCapture", lambda path: opened.append(path) or Inexact(real(path), off)
+    )
+    mission = open_mission(video)
+    for number in (N, 50, 49, 20, 66, 33, N):
+        assert np.array_equal(mission.read(number), truth[number]), number
+    assert len(opened) == (1 if off == 0 else 5)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "codec"), [(".mp4", "mp4v"), (".mkv", "mp4v"), (".avi", "XVID")]
+)
+def test_a_file_with_key_frames_far_apart_is_stepped_back_in(tmp_path, opened, codec, suffix):
+    path = tmp_path / f"dive{suffix}"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), 10.0, (64, 48))
+    noise = np.random.default_rng(3).integers(0, 255, (48, 464, 3)).astype(np.uint8)
+    for n in range(400):
+        writer.write(noise[:, n : n + 64] if not 200 < n < 250 else noise[:, 200:264])
+    writer.release()
+    forward = open_mission(path)
+    truth = {number: forward.read(number) for number in forward.frames()}
+    mission = open_mission(path)
+    for number in (400, *range(399, 170, -1), 390, 60):
+        assert np.array_equal(read_frame(mission, "left", number), truth[number]), number
+    assert len(opened) == 2
 
 
 @pytest.mark.parametrize("kept", [0, 1, 3, 10, 1000])
