@@ -64,8 +64,8 @@ export function commandButtons(commands, keyFor) {
  * @param {string} [does] What it does, where that changed.
  */
 export function allow(made, why = "", does = made.dataset.does) {
-  made.dataset.does = does;
-  made.title = why || `${does} (${made.dataset.key})`;
+  setAttribute(made, "data-does", does);
+  setAttribute(made, "title", why || `${does} (${made.dataset.key})`);
   setAttribute(made, "aria-disabled", why ? "true" : null);
 }
 

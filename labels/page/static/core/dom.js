@@ -26,8 +26,19 @@ export function el(tag, { text, on = {}, ...attributes } = {}, ...children) {
  * @param {*} value
  */
 export function setAttribute(node, name, value) {
-  if (value === false || value === null || value === undefined) node.removeAttribute(name);
-  else node.setAttribute(name, value === true ? "" : String(value));
+  if (value === false || value === null || value === undefined) return node.removeAttribute(name);
+  const text = value === true ? "" : String(value);
+  // Also the same one makes the browser look at the page's style again.
+  if (node.getAttribute(name) !== text) node.setAttribute(name, text);
+}
+
+/**
+ * Set an element's words, if they are others.
+ * @param {Element} node
+ * @param {string} text
+ */
+export function setText(node, text) {
+  if (node.textContent !== text) node.textContent = text;
 }
 
 /**

@@ -1,7 +1,7 @@
 // The header: mission, who works here, and whether everything is saved.
 
 import { onFailure } from "./api.js";
-import { announce, button, el, say } from "./dom.js";
+import { announce, button, el, say, setText } from "./dom.js";
 import { blind, mission, onChange, setPerson, who } from "./mission.js";
 import { lastPerson } from "./settings.js";
 import { listenAnew } from "./live.js";
@@ -53,7 +53,7 @@ export function showProgress(camera = shown) {
   shown = camera;
   const states = mission.states[shown] ?? Object.values(mission.states)[0];
   const done = states.filter((state) => state === "d").length;
-  byId("progress").textContent = `${done} of ${states.length} done`;
+  setText(byId("progress"), `${done} of ${states.length} done`);
 }
 
 function showState() {

@@ -5,7 +5,7 @@ import { proposeAgain } from "../frame/painting.js";
 import { needsObstacleClass, obstacleClass } from "../frame/suggest.js";
 import { nextSteps, redo, undo } from "../saving/saver.js";
 import { allow, commandButtons, nothingYet, obstacleChoice } from "./controls.js";
-import { backAfterMouse, button, el, say, setAttribute } from "./dom.js";
+import { backAfterMouse, button, el, say, setAttribute, setText } from "./dom.js";
 import { DRAWER_KEY, reachable, toggleDrawer } from "./keys.js";
 import {
   blind, classes, clearClass, colourOf, mission, setSetting, setting, signOf,
@@ -81,7 +81,7 @@ export function buildToolbar(commands, keyFor, tools, actions) {
     allow(undoing, back ? "" : "Nothing to undo.", back?.key ? `Undo: ${words(back)}` : "Undo");
     allow(redoing, again ? "" : "Nothing to do again.", again ? `Do again: ${words(again)}` : "");
     setAttribute(drawer, "aria-expanded", String(setting("drawer")));
-    root.querySelector("[data-command=rest]").textContent = `Rest is ${clearClass()}`;
+    setText(root.querySelector("[data-command=rest]"), `Rest is ${clearClass()}`);
   };
   return { root, show };
 }
@@ -150,7 +150,7 @@ function slider(name, label, min, max, step) {
 function showSlider(input) {
   const value = String(setting(input.dataset.setting));
   if (input.value !== value) input.value = value;
-  input.nextElementSibling.textContent = value;
+  setText(input.nextElementSibling, value);
 }
 
 const NO_MODEL =
@@ -160,14 +160,16 @@ const NO_MODEL =
 function showModel(root, said) {
   const { model } = mission;
   if (blind() || !model) {
-    const hidden = el("p", { text: "Blind: suggestions are hidden." });
-    root.replaceChildren(blind() ? hidden : nothingYet(NO_MODEL, "Train a model", "#/files"));
+    if (blind()) setText(root, "Blind: suggestions are hidden.");
+    else if (!root.querySelector("a")) {
+      root.replaceChildren(nothingYet(NO_MODEL, "Train a model", "#/files"));
+    }
     return;
   }
   if (!root.querySelector("select")) root.replaceChildren(...modelParts());
   const progress = model.done < model.total ? ` · ${model.done}/${model.total} frames` : "";
-  root.querySelector(".model-name").textContent = `${model.label}${progress}`;
-  root.querySelector(".model-said").textContent = said;
+  setText(root.querySelector(".model-name"), `${model.label}${progress}`);
+  setText(root.querySelector(".model-said"), said);
   root.querySelector("input").checked = setting("suggestions");
   const select = root.querySelector("select");
   select.parentElement.hidden = !needsObstacleClass();

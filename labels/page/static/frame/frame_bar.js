@@ -133,7 +133,7 @@ export function describeInfo(said) {
  * @returns {string}
  */
 export function describeCell(cell, labels, hint) {
-  const words = [`${cellName(cell)}: ${labels.mine[cell] ?? "no label of mine"}`];
+  const words = [`${cellName(cell)}: ${labels.mine[cell] ?? "no label"}`];
   const version = labels.models[cell];
   if (version) words.push(`accepted from ${version}`);
   if (labels.pending.has(cell)) words.push("not saved yet");

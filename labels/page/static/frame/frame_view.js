@@ -170,7 +170,7 @@ function apply(cells, how, kind = "paint") {
   else paint(camera, frame, cells, how === "erase" ? null : selectedClass(), kind);
   showLabels();
   if (!cursor.visible) return; // painted with the mouse
-  const label = page.canvas.content.labels?.mine[cells[0]] ?? "no label of mine";
+  const label = page.canvas.content.labels?.mine[cells[0]] ?? "no label";
   const more = cells.length > 1 ? ` and ${cells.length - 1} more` : "";
   announce(`${label}: ${cellName(cells[0])}${more}`);
 }
