@@ -1,9 +1,10 @@
-"""Make docs/label.jpg and docs/overview.jpg from a finished rendered demo.
+"""Make the pictures of docs/labelling.md, and docs/label.jpg, from a finished rendered demo.
 
 ``python docs/make_page_pictures.py demo-out`` starts the labelling page on the demo's rendered
-mission with its model, labels a few frames, and takes pictures of it in headless Chromium.
+mission with its model and some of its labels, and takes pictures of all views in headless Chromium.
 """
 
+import csv
 import re
 import shutil
 import subprocess
@@ -16,18 +17,27 @@ from playwright.sync_api import Page, sync_playwright
 HERE = Path(__file__).parent
 TOKT = Path(sys.executable).parent / "tokt"
 READY = re.compile(r"http://\S+")
-SETTLED_MS = 3000  # pictures and suggestions of all frames shown have come by then
+SETTLED_MS = 4000  # pictures and suggestions of all frames shown have come by then
+LABELLED = 60  # frames that anna labelled; ben some of them, and some of it otherwise
+VIEWS = {
+    "label": "#/label/left/86",
+    "overview": "#/overview/left/61",
+    "sheet": "#/sheet/subsea_installation",
+    "audit": "#/audit",
+    "agreement": "#/agreement/anna/ben",
+    "files": "#/files",
+}
 
 
 def main(out: Path) -> None:
     """Serve the demo's mission, and take the pictures."""
-    bundle = next(out.glob("*.tokt"))
-    with tempfile.TemporaryDirectory() as workspace:
+    bundle, mission = next(out.glob("*.tokt")), out / "synthetic"
+    with tempfile.TemporaryDirectory() as name:
+        workspace = Path(name)
+        give_labels(mission, workspace)
         options = ["--no-browser", "--port", "0", "--annotator", "anna", "--workspace", workspace]
         server = subprocess.Popen(
-            [TOKT, "label", out / "synthetic", *options, "--model", bundle],
-            stdout=subprocess.PIPE,
-            text=True,
+            [TOKT, "label", mission, *options, "--model", bundle], stdout=subprocess.PIPE, text=True
         )
         try:
             assert server.stdout is not None
@@ -39,16 +49,43 @@ def main(out: Path) -> None:
             server.wait()
 
 
+def give_labels(mission: Path, workspace: Path) -> None:
+    """What two people labelled, and an audit of it."""
+    with (mission / "labels.csv").open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if int(row["frame"]) <= LABELLED]
+    for who in ("anna", "ben"):
+        path = workspace / f"{who}.csv"
+        with path.open("w", newline="") as file:
+            writer = csv.DictWriter(file, rows[0].keys())
+            writer.writeheader()
+            for at, row in enumerate(rows):
+                if who == "anna" or int(row["frame"]) % 10 == 0:
+                    other = at % 97 == 0 and row["label"] != "unsure"
+                    writer.writerow({**row, "label": "unsure"} if other and who == "ben" else row)
+        run("labels", "import", path, "--workspace", workspace)
+    build = ("--mission", mission, "--labels", workspace / "anna.csv", "--block", 5)
+    run("dataset", "build", mission.name, *build, "--workspace", workspace)
+    run("labels", "audit", mission.name, "--workspace", workspace)
+
+
+def run(*arguments: object) -> None:
+    """Run a command of `tokt`."""
+    subprocess.run([TOKT, *map(str, arguments)], check=True)
+
+
 def take(url: str) -> None:
-    """Both pictures, as a person with 1280x720 pixels sees the page."""
+    """A picture of each view, as a person with 1280x720 pixels sees the page."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-gpu"]
         )
         page = browser.new_page(viewport={"width": 1280, "height": 720})
-        page.add_init_script("""localStorage["tokt.identity"] = '{"who": "anna"}'""")
-        show(page, f"{url}#/overview/left/61", "overview.jpg")
-        show(page, f"{url}#/label/left/86", "label.jpg")
+        page.add_init_script(
+            """try { localStorage["tokt.identity"] = '{"who": "anna"}' } catch {}"""
+        )
+        page.goto(url)
+        for name, address in VIEWS.items():
+            show(page, f"{url.partition('?')[0]}{address}", f"{name}.jpg")
         browser.close()
 
 

@@ -192,6 +192,11 @@ class VideoMission:
             check_bits(int(image.max()), f"{self.path}: frame {frame}")
         return np.asarray(image, np.uint8)
 
+    def is_near(self, frame: int) -> bool:
+        """Whether a frame can be had without reading much of the file first."""
+        first = 1 if self._seeks else self._next
+        return first <= frame <= len(self._prints) + _FAR
+
     def _open(self) -> None:
         self._capture = cv2.VideoCapture(str(self.path))
         self._next, self._sought = 1, False

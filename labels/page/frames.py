@@ -23,6 +23,11 @@ def read_frame(mission: Mission, camera: str, frame: int) -> U8:
     return mission.read(frame, camera)
 
 
+def is_near(mission: Mission, frame: int) -> bool:
+    """Whether a frame can be had at once: a video has to be read up to it before."""
+    return not isinstance(mission, VideoMission) or mission.is_near(frame)
+
+
 def encoded_frame(mission: Mission, camera: str, frame: int) -> tuple[bytes, str]:
     """`Mission.encoded` for any number of threads, fast also in steps back. Raises FrameError."""
     if not isinstance(mission, VideoMission):

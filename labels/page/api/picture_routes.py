@@ -7,6 +7,7 @@ from fastapi import APIRouter, Path, Query
 from starlette.responses import Response
 
 from tokt.features.common.errors import ToktError
+from tokt.labels.page.frames import is_near
 from tokt.labels.page.state.pictures import frame_picture
 from tokt.labels.page.state.session import Session
 
@@ -45,10 +46,13 @@ def get_thumb(
     width: Annotated[int, Query(ge=16, le=2000)] = 240,
     enhance: Enhance = 0,
     version: Version = "",
+    near: bool = False,
 ) -> Response:
-    """One frame made smaller."""
+    """One frame made smaller; if only a `near` one is wanted, nothing where it would take long."""
     check_version(session, version)
     check_frame(session, camera, frame)
+    if near and not is_near(session.mission, frame):
+        return Response(status_code=204, headers=_KEEP_NOT)
     made = frame_picture(session.mission, camera, frame, enhance, width)
     return _picture(session, version, made)
 

@@ -80,8 +80,8 @@ let toastStays = false;
 /**
  * Show a sentence for some seconds, and read it out.
  * @param {string} text
- * @param {{bad?: boolean, link?: ?string, stays?: boolean}} [options] `bad`: something was not done;
- *   `link`: the address of the place that it is about; `stays`: it is not about what is shown.
+ * @param {{bad?: boolean, link?: ?string, stays?: boolean}} [options] `bad`: something was not
+ *   done; `link`: the address of the place that it is about; `stays`: it is not of what is shown.
  */
 export function say(text, { bad = false, link = null, stays = false } = {}) {
   toastStays = stays;

@@ -211,7 +211,7 @@ export function toggleDrawer() {
  */
 export const labelKeys = [
   ...lookKeys,
-  lookKey("<", "suggestions count as sure from a lower value", () => changeSetting("confidence", -0.1, 3)),
-  lookKey(">", "suggestions count as sure from a higher value", () => changeSetting("confidence", 0.1, 3)),
+  lookKey("<", "more suggestions are sure", () => changeSetting("confidence", -0.1, 3)),
+  lookKey(">", "fewer suggestions are sure", () => changeSetting("confidence", 0.1, 3)),
   lookKey(DRAWER_KEY, "settings, and back", toggleDrawer),
 ];

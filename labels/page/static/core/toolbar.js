@@ -36,7 +36,8 @@ function tell(what, head) {
 
 function words({ kind, changed, camera, frame, frames: count }) {
   const patches = changed === 1 ? "1 patch" : `${changed} patches`;
-  return `${kind}, ${patches}, ${camera} frame ${frame}${count > 1 ? ` and ${count - 1} more` : ""}`;
+  const more = count > 1 ? ` and ${count - 1} more` : "";
+  return `${kind}, ${patches}, ${camera} frame ${frame}${more}`;
 }
 
 const OWN = { undo: stepBack, redo: stepForward, settings: toggleDrawer };
@@ -152,8 +153,9 @@ function showSlider(input) {
   input.nextElementSibling.textContent = value;
 }
 
-const NO_MODEL = "No model yet. It would suggest a class for each patch, and you would only mend what \
-is wrong. It learns from some twenty labelled frames, with water and obstacles.";
+const NO_MODEL =
+  "No model yet. It would suggest a class for each patch, and you would only mend what is wrong. " +
+  "It learns from some twenty labelled frames, with water and obstacles.";
 
 function showModel(root, said) {
   const { model } = mission;

@@ -166,14 +166,10 @@ export class FrameShow {
 
   prefetch() {
     const { camera, frame, enhance, beside } = this;
-    const kept = [{ camera, frame, enhance }];
-    if (beside) kept.push({ camera: beside, frame, enhance });
-    if (this.raw) kept.push({ camera, frame, enhance: setting("enhance") });
-    const near = this.neighbours(frame).filter((other) => other !== frame);
-    const shown = (other) => [camera, beside].filter((name) => frameIndex(name, other) >= 0);
-    const pictures = near.flatMap((other) =>
-      shown(other).map((name) => ({ camera: name, frame: other, enhance })),
-    );
+    const pictures = this.neighbours(frame)
+      .flatMap((near) => [camera, beside].map((name) => ({ camera: name, frame: near, enhance })))
+      .filter((one) => frameIndex(one.camera, one.frame) >= 0);
+    const kept = this.raw ? [{ camera, frame, enhance: setting("enhance") }] : [];
     prefetchPictures(pictures, kept);
   }
 

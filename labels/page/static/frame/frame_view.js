@@ -25,7 +25,8 @@ import {
 import { ARROWS, PatchCursor, cellName, cellsOfRow, rowCol } from "./patch_grid.js";
 import { Player } from "./play.js";
 import {
-  endFrame, filterName, nextBlindFrame, nextIn, nextUncertain, onClassFrames, stepFrom, whereStopped,
+  endFrame, filterName, nextBlindFrame, nextIn, nextUncertain, onClassFrames, stepFrom,
+  whereStopped,
 } from "./steps.js";
 import { suggestionFault } from "./suggest.js";
 import { Timeline } from "./timeline.js";
@@ -91,8 +92,8 @@ function build(root) {
     ),
   );
   const canvas = new FrameCanvas(element);
-  page = { canvas, element, status, tools, toggles, drawer, bar, hints: [], hovered: -1, timers: {} };
-  page.root = root;
+  page = { canvas, element, status, tools, toggles, drawer, bar, hovered: -1, timers: {} };
+  Object.assign(page, { root, hints: [], info: "" });
   page.show = new FrameShow(canvas, showAll);
   page.beside = new Beside(page.show, second);
   page.timeline = new Timeline(strip, goTo);
@@ -323,16 +324,17 @@ function cannotDo(strong) {
   const labels = page.canvas.content.labels;
   const none = (states) => nextIn(camera, frame, states) === null;
   const no = (holds, why) => (holds ? why : "");
+  const done = labels && !restOf(camera, frame, page.hints).cells.length;
   const lost = no(fault, "There is no picture to label here.");
   return {
     acceptNext: lost || no(labels && !strong, "Nothing sure is suggested here."),
-    rest: lost || no(labels && !restOf(camera, frame).cells.length, "No patch is left for it."),
+    rest: lost || no(done, "No patch is left for it."),
     copy: lost || no(before === null, "This is the first frame."),
     blink: no(before === null, "This is the first frame."),
     previous: no(stepFrom(camera, frame, -1) === null, "No frame before (of this filter)."),
     next: no(stepFrom(camera, frame, 1) === null, "No further frame (of this filter)."),
     unlabelled: no(!blind() && none("us"), "There is no other frame without a label of yours."),
-    uncertain: no(!mission.model, "There is no model to ask."),
+    uncertain: no(!mission.model, blind() ? "Not while blind." : "There is no model to ask."),
   };
 }
 
@@ -377,7 +379,7 @@ function unlabelled(direction) {
 
 async function uncertain() {
   const { camera, frame } = page.show;
-  const explain = ({ message }) => say(`The next uncertain frame cannot be told: ${message}`, { bad: true });
+  const explain = ({ message }) => say(`No uncertain frame is known: ${message}`, { bad: true });
   const next = await nextUncertain(camera, frame).catch(onFailure(explain));
   if (!page || !next) return;
   if (next.frame === undefined) {

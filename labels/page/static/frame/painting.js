@@ -33,10 +33,10 @@ export function paint(camera, frame, cells, label, kind = "paint") {
  * an obstacle is proposed: to call them clear takes a stroke of their own.
  * @param {string} camera
  * @param {number} frame
+ * @param {Object[]} [hints] Its proposals, where they are known.
  * @returns {{cells: number[], left: number}} `left`: how many stay as they are.
  */
-export function restOf(camera, frame) {
-  const hints = hintsOf(camera, frame);
+export function restOf(camera, frame, hints = hintsOf(camera, frame)) {
   const mine = labelsOf(camera, frame)?.mine ?? [];
   const open = [...mine.keys()].filter((cell) => mine[cell] === null);
   const cells = open.filter((cell) => !isObstacle(hints[cell]));

@@ -140,7 +140,7 @@ const shown = new Set();
  * @throws {ApiError}
  */
 export async function nextUncertain(camera, frame) {
-  if (!mission.model) return { why: "There is no model yet: train one under “Files and models”." };
+  if (!mission.model) return { why: "There is no model yet: train one (Files and models)." };
   const queue = await get("/api/queue", { n: QUEUE_LENGTH, camera, frame });
   if (!queue.ready) {
     const progress = queue.total ? ` (${queue.done} of ${queue.total} frames)` : "";

@@ -181,20 +181,22 @@ export class Timeline {
     ctx.fillStyle = "#9fb0bf";
     const font = "14px system-ui, sans-serif";
     Object.assign(ctx, { font, textBaseline: "bottom", textAlign: "left" });
-    list.forEach((frame, at) => {
-      if (frame % step && at) return;
+    for (let at = Math.floor(this.from); at < this.from + this.shown; at += 1) {
+      if (list[at] % step && at) continue;
       const x = this.xOf(at + 0.5);
       ctx.fillRect(Math.round(x), height - TICK_ROOM, 1, 4);
-      if (x < width - 30) ctx.fillText(String(frame), x + 3, height);
-    });
+      if (x < width - 30) ctx.fillText(String(list[at]), x + 3, height);
+    }
   }
 
   drawCurrent(ctx, width, height) {
     const count = frames(this.camera).length;
     const x = this.xOf(frameIndex(this.camera, this.frame) + 0.5);
     if (this.shown < count) {
+      // What part of the mission is shown.
       ctx.fillStyle = "#7cc7ff";
-      ctx.fillRect((this.from / count) * width, 0, (this.shown / count) * width, 4);
+      const part = Math.max(8, (this.shown / count) * width);
+      ctx.fillRect((this.from / count) * width, 0, part, 4);
     }
     ctx.fillStyle = "#ffffff";
     ctx.fillRect(Math.round(x) - 1, 0, 2, height - TICK_ROOM);
@@ -242,7 +244,8 @@ export class Timeline {
     clearTimeout(this.peekTimer);
     this.peekTimer = setTimeout(() => {
       image.height = PEEK * frameAspect(camera);
-      image.src = thumbAddress(camera, frame, PEEK);
+      // A pointer that passes does not have a long video read.
+      image.src = `${thumbAddress(camera, frame, PEEK)}&near=1`;
     }, REST_MS);
   }
 

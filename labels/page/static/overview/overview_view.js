@@ -442,7 +442,7 @@ const view = {
       "accept all suggestions of all frames shown, and go on",
       once(() => accepting(true)),
     ),
-    row(["o"], "all patches shown without a label are clear, but for obstacles; go on", once(restOfAll)),
+    row(["o"], "the rest of all frames shown is clear, but for obstacles; go on", once(restOfAll)),
     row(["x"], "leave this frame out of all that, or no longer", () => exclude(focused())),
     row(["d", ".", "PageDown"], "next page", () => turn(1)),
     row(["a", ",", "PageUp"], "previous page", () => turn(-1)),

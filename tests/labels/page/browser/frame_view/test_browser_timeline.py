@@ -82,6 +82,9 @@ def test_bands_show_the_classes_that_i_gave_at_once_and_nobody_elses(strip, serv
     strip.view.press("Control+z")
     strip.view.saved()
     assert until(lambda: reef not in strip.colours(30))
+    someone = "who => import('/static/core/mission.js').then(({ setPerson }) => setPerson({ who }))"
+    strip.page.evaluate(someone, "ben")
+    assert until(lambda: reef in strip.colours(31))
 
 
 def test_zoomed_in_each_frame_can_be_hit_by_wheel_and_by_keys(strip):
