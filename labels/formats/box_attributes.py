@@ -71,18 +71,17 @@ def from_attributes(attributes: Any) -> LabelRecord | None:
         raise ToktError(
             f"{_MARK} {version} is not one this tokt reads ({FORMAT}); a newer tokt wrote it"
         )
-    usual = {_PREFIX + name: value for name, value in _UNSAID.items()}
-    said = {**usual, **attributes}
 
     def value(name: str) -> Any:
-        if _PREFIX + name not in said:
+        if _PREFIX + name not in attributes and name not in _UNSAID:
             raise ToktError(f"no {_PREFIX}{name} beside {_MARK}")
-        return said[_PREFIX + name]
+        return attributes.get(_PREFIX + name, _UNSAID.get(name))
 
     def text(name: str) -> str:
-        if not isinstance(value(name), str):
-            raise ToktError(f"{_PREFIX}{name} {ascii(value(name))[:40]} is not text")
-        return str(value(name))
+        found = value(name)
+        if not isinstance(found, str):
+            raise ToktError(f"{_PREFIX}{name} {ascii(found)[:40]} is not text")
+        return found
 
     def number(name: str) -> int:
         return whole(value(name), _PREFIX + name)

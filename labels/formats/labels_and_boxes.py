@@ -255,17 +255,18 @@ class _LabelCollector:
             self._add_foreign(found, label)
         else:
             size = self._size(found, _key(carried))
-            by_hand = changed_by_hand(carried, label, self._options.annotator, found.annotator)
+            who = self._options.annotator, found.annotator
             if not shape.is_of_patch(carried.grid, size, carried.row, carried.col):
                 remark = "moved since tokt wrote the file: read by its new place"
                 self._remarks[shape.noun, remark] += 1
-                self._spread(shape, by_hand, size)
+                self._spread(shape, changed_by_hand(carried, label, *who), size)
             elif found.label != carried.label:
                 remark = "of another class than tokt wrote: labels by hand"
                 self._remarks[shape.noun, remark] += 1
-                self._keep(1.0, by_hand)
+                self._keep(1.0, changed_by_hand(carried, label, *who))
             else:
-                self._keep(1.0, replace(carried, label=label))
+                same = label == carried.label
+                self._keep(1.0, carried if same else replace(carried, label=label))
 
     def _size(self, found: FoundBox, key: FrameKey) -> Size:
         what = "boxes without the size of their frame"
