@@ -63,7 +63,9 @@ def enhanced(frame: U8, amount: int = DEFAULT_AMOUNT) -> U8:
     if amount == 0:
         return frame
     height, width = frame.shape[:2]
-    change = cv2.resize(_change(_working(frame), amount), (width, height))
+    change: F32 = np.asarray(
+        cv2.resize(_change(_working(frame), amount), (width, height)), np.float32
+    )
     return np.asarray(cv2.add(_like(frame, change), frame, dtype=cv2.CV_8U), np.uint8)
 
 
