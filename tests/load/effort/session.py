@@ -239,7 +239,7 @@ class LabelSession:
         if in_all:
             keyboard.up("Control")
         self.actions += 1
-        painted = self._boxes if in_all else [frame]
+        painted = self._boxes if in_all and label != self._clear else [frame]
         self._stroked |= {(one, cell) for one in painted for cell in path}
 
 

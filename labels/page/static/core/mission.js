@@ -88,7 +88,7 @@ export function takeNews(news) {
   if (news.counts) mission.counts = news.counts;
   if (news.states || news.counts) changed("states");
   if (news.fault !== undefined) mission.fault = news.fault;
-  if (news.model) mission.model = { ...mission.model, ...news.model };
+  if (news.model && mission.model) mission.model = { ...mission.model, ...news.model };
   if (news.settings) mission.settings = news.settings;
   if (news.job !== undefined) mission.job = news.job;
   if (news.fault !== undefined || news.model || news.settings) changed("status");

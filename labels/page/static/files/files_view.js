@@ -4,7 +4,7 @@
 import { address, get, onFailure, post, send } from "../core/api.js";
 import { choice } from "../core/controls.js";
 import { button, el, say } from "../core/dom.js";
-import { blind, classes, mission, onChange, who } from "../core/mission.js";
+import { blind, classes, mission, onChange, onReload, who } from "../core/mission.js";
 import { addView, go } from "../core/router.js";
 import { classEditor } from "./class_editor.js";
 
@@ -15,7 +15,7 @@ const LEAVE_OUT = "leave out";
 let parts = null; // {job}: elements of the view while it is shown
 
 function show(root) {
-  parts = { job: el("div", { class: "job", role: "status" }) };
+  parts = { root, job: el("div", { class: "job", role: "status" }) };
   root.replaceChildren(
     el("section", { class: "files", tabindex: -1, "data-home": true, "aria-label": "files" },
       card("Export labels", ...exporting()),
@@ -82,17 +82,20 @@ function exporting() {
 
 function importing() {
   const file = el("input", { type: "file", on: { change: () => read({}) } });
-  const form = choice([["", ANY], ...Object.entries(mission.formats)], "", {
+  const files = Object.entries(mission.formats).filter(([name]) => name !== "patches");
+  const form = choice([["", ANY], ...files], "", {
     on: { change: () => read({}) },
   });
   const annotator = el("input", { maxlength: 60, placeholder: ANY, on: { change: () => read({}) } });
+  const cameras = Object.keys(mission.cameras);
+  const camera = choice(cameras, cameras[0], { on: { change: () => read({}) } });
   const told = el("div", { role: "status" });
   // What the file's classes are here: {theirs: ours}; ours is "" for those to leave out.
   async function read(named, apply = false) {
     if (!file.files.length) return;
     const [chosen] = file.files;
     const params = { name: chosen.name, format: form.value || null, apply: apply ? 1 : null };
-    params.annotator = annotator.value.trim() || null;
+    Object.assign(params, { annotator: annotator.value.trim() || null, camera: camera.value });
     const map = Object.entries(named).map(([theirs, ours]) => `${theirs}=${ours}`);
     told.replaceChildren(el("p", { text: apply ? "Importing …" : "Reading …" }));
     const request = send("/api/import", { ...params, map }, chosen);
@@ -105,6 +108,7 @@ function importing() {
     field("File", file),
     field("Format", form),
     field("Labels by", annotator),
+    cameras.length > 1 ? field("Camera, if it names none", camera) : null,
     told,
   ];
 }
@@ -187,5 +191,7 @@ async function showJob() {
 addView("files", { title: "Files and models", show, hide: () => (parts = null), keys: [] });
 
 onChange((what) => {
-  if (parts && what === "status") showJob();
+  if (parts && what === "all") show(parts.root);
+  else if (parts && what === "status") showJob();
 });
+onReload(() => parts && parts.root.replaceChildren()); // another person's files

@@ -405,6 +405,10 @@ function acceptHere(options) {
   return accept(camera, frame, options);
 }
 
+function acceptOr(words, options) {
+  if (acceptHere(options) === 0) say(words);
+}
+
 function moveCursor(rows, cols, extend) {
   why = "";
   cursor.move(rows, cols, extend);
@@ -497,11 +501,11 @@ const commands = {
   row: () => mayPaint() && apply(cellsOfRow(rowCol(cursor.cell)[0]), tool, "row"),
   rest: () => mayPaint() && paintRest(page.show.camera, page.show.frame),
   copy: copyPrevious,
-  accept: () => acceptHere() || say("Nothing sure is suggested here."),
-  acceptAll: () => acceptHere({ all: true }) || say("No suggestions to accept here."),
-  acceptNext: () => {
-    if (page.player.stop()) return;
-    if (page.show.paintable) acceptHere();
+  accept: () => acceptOr("Nothing sure is suggested here."),
+  acceptAll: () => acceptOr("No suggestions to accept here.", { all: true }),
+  acceptNext: (event) => {
+    if (event?.repeat || page.player.stop()) return;
+    if (page.show.paintable && acceptHere() === null) return;
     jumpToOpen();
   },
   confirm: () => chooseTool("confirm"),

@@ -7,7 +7,7 @@ import { clearClass, mission, who } from "../core/mission.js";
 import { read, remove, write } from "../core/settings.js";
 import { labelsChanged, labelsOf } from "../saving/labels.js";
 import { act, changesOf } from "../saving/saver.js";
-import { kindOf, suggestedLabels } from "./suggest.js";
+import { kindOf, modelObstacles, suggestedLabels } from "./suggest.js";
 
 const PREFIX = "tokt.copy/";
 const COPY = { text: "copy", strong: true, kept: true, model: null };
@@ -29,24 +29,29 @@ export function paint(camera, frame, cells, label, kind = "paint") {
 }
 
 /**
- * The patches of a frame without a label of mine, which one key makes clear; but not those on which
- * an obstacle is proposed: to call them clear takes a stroke of their own.
+ * The patches of a frame without a label of mine, which one key makes clear; but not those that the
+ * model calls an obstacle, or that are proposed as one: to call them clear takes a stroke of their
+ * own.
  * @param {string} camera
  * @param {number} frame
  * @param {Object[]} [hints] Its proposals, where they are known.
- * @returns {{cells: number[], left: number}} `left`: how many stay as they are.
+ * @returns {{cells: number[], left: number, waits: boolean}} `left`: how many stay as they are;
+ *   `waits`: what the model says is not known yet.
  */
 export function restOf(camera, frame, hints = hintsOf(camera, frame)) {
   const mine = labelsOf(camera, frame)?.mine ?? [];
   const open = [...mine.keys()].filter((cell) => mine[cell] === null);
-  const cells = open.filter((cell) => !isObstacle(hints[cell]));
-  return { cells, left: open.length - cells.length };
+  const obstacles = modelObstacles(camera, frame);
+  if (!obstacles) return { cells: [], left: open.length, waits: true };
+  const proposed = (cell) => Boolean(hints[cell] && kindOf(hints[cell].label));
+  const cells = open.filter((cell) => !obstacles[cell] && !proposed(cell));
+  return { cells, left: open.length - cells.length, waits: false };
 }
 
 /** Label the rest of a frame with the class that is no obstacle. */
 export function paintRest(camera, frame) {
-  const { cells, left } = restOf(camera, frame);
-  const words = leftWords(left);
+  const { cells, left, waits } = restOf(camera, frame);
+  const words = waits ? "What the model says is still being loaded." : leftWords(left);
   if (!cells.length) say(words || "Every patch of this frame has a label already.");
   else if (paint(camera, frame, cells, clearClass(), "rest")) {
     say(`The rest (${cells.length}) is ${clearClass()}. ${words}`);
@@ -56,11 +61,7 @@ export function paintRest(camera, frame) {
 /** What is said of patches that a key for many left out. */
 export function leftWords(left) {
   const patches = left === 1 ? "1 patch stays" : `${left} patches stay`;
-  return left ? `${patches} open: an obstacle is suggested there.` : "";
-}
-
-function isObstacle(hint) {
-  return Boolean(hint && (kindOf(hint.label) || kindOf(hint.said)));
+  return left ? `${patches} open: the model sees an obstacle there.` : "";
 }
 
 /**
@@ -69,14 +70,14 @@ function isObstacle(hint) {
  * @param {number} frame
  * @param {{cells?: number[], all?: boolean}} [options] `cells`: these only; `all`: also those
  *   below the threshold.
- * @returns {number} How many patches have a label now.
+ * @returns {?number} How many patches have a label now; null where something is asked first.
  */
 export function accept(camera, frame, { cells, all = false } = {}) {
   const hints = hintsOf(camera, frame);
   const chosen = cells ?? hints.map((_, cell) => cell).filter((cell) => hints[cell]);
   const accepted = chosen.filter((cell) => hints[cell] && (all || cells || hints[cell].strong));
   const patches = accepted.map((cell) => ({ camera, frame, cell, base: null, ...hints[cell] }));
-  if (patches.some(({ model, label }) => model && kindOf(label)) && askObstacleClass()) return 0;
+  if (patches.some(({ model, label }) => model && kindOf(label)) && askObstacleClass()) return null;
   const kind = patches.some(({ model }) => model) ? "accept" : "copy";
   const key = act(kind, changesOf(patches));
   if (!key) return 0;
@@ -153,11 +154,13 @@ export function hintsOf(camera, frame) {
   if (!labels) return [];
   const copies = copiesOf(camera, frame);
   const suggestions = suggestedLabels(camera, frame);
+  const obstacles = modelObstacles(camera, frame);
   return labels.mine.map((label, cell) => {
     if (label !== null) return null;
     const suggestion = suggestions?.[cell];
     const said = suggestion?.said;
-    if (copies[cell] && !(kindOf(copies[cell]) === false && said && kindOf(said))) {
+    const isClear = kindOf(copies[cell] ?? "") === false;
+    if (copies[cell] && !(isClear && (!obstacles || obstacles[cell]))) {
       const against = Boolean(said) && kindOf(copies[cell]) !== kindOf(said);
       return { ...COPY, label: copies[cell], said, against };
     }

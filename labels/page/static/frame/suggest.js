@@ -19,7 +19,9 @@
 // when accepted, and where it is of another kind than what the model says it is against the model:
 // never confident, and shown as such.
 
-import { classOf, classes, clearClass, frameIndex, frames, mission, setting } from "../core/mission.js";
+import {
+  blind, classOf, classes, clearClass, frameIndex, frames, mission, setting,
+} from "../core/mission.js";
 import { labelsOf } from "../saving/labels.js";
 
 const MAX_CHAIN = 32;
@@ -47,15 +49,33 @@ export function asksObstacleClass() {
 
 /** Whether the model only says obstacle or clear, so that a person must say which class. */
 export function needsObstacleClass() {
-  const names = new Set(classes().map((known) => known.name));
   const { model } = mission;
-  return Boolean(model) && model.classes.some((name, at) => model.obstacle[at] && !names.has(name));
+  return Boolean(model) && model.classes.some((_, at) => model.obstacle[at] && !isNamed(at));
+}
+
+// Whether a class of the model's is one of the taxonomy, and an obstacle there as it is here.
+function isNamed(index) {
+  const { classes: names, obstacle } = mission.model;
+  return kindOf(names[index]) === obstacle[index];
 }
 
 function labelFor(index) {
-  const name = mission.model.classes[index];
-  if (classes().some((known) => known.name === name)) return name;
+  if (isNamed(index)) return mission.model.classes[index];
   return mission.model.obstacle[index] ? obstacleClass() : clearClass();
+}
+
+/**
+ * Which patches of a frame the model calls an obstacle, whether suggestions are shown or not.
+ * @param {string} camera
+ * @param {number} frame
+ * @returns {?boolean[]} Null while that is not known; empty where no model judges the frame.
+ */
+export function modelObstacles(camera, frame) {
+  const { model } = mission;
+  if (!model || blind()) return [];
+  const suggestions = labelsOf(camera, frame)?.suggestions;
+  if (suggestions?.model !== model.label) return null;
+  return suggestions.classes.map((index) => model.obstacle[index]);
 }
 
 /**
@@ -86,10 +106,9 @@ function modelSays(camera, frame) {
   const suggestions = model && labelsOf(camera, frame)?.suggestions;
   // The server may have been started anew with another model, which has other classes.
   if (!suggestions?.classes || suggestions.model !== model.label) return null;
-  const known = new Set(classes().map(({ name }) => name));
-  const words = model.classes.map((name, index) => ({
+  const words = model.classes.map((_, index) => ({
     label: labelFor(index),
-    named: known.has(name),
+    named: isNamed(index),
   }));
   return suggestions.classes.map((index, cell) => ({
     ...words[index],

@@ -15,7 +15,7 @@ import {
   filterWords, onClassFrames, passesBlindList, passing, tryBlindList,
 } from "../frame/steps.js";
 import { leftWords, restOf } from "../frame/painting.js";
-import { framesFollowed, kindOf } from "../frame/suggest.js";
+import { framesFollowed, kindOf, modelObstacles } from "../frame/suggest.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { act, actOn, changesOf, patchesAre, withdraw } from "../saving/saver.js";
 import { OverviewBar } from "./overview_bar.js";
@@ -275,10 +275,11 @@ function suggestedPatches({ camera, frame }, all) {
 }
 
 function restOfAll() {
-  // The model has no say in it; what was not on the screen is nobody's judgement.
+  // What was not on the screen is nobody's judgement.
   const waiting = worked().filter(({ seen, content }) => !seen || !content).length;
-  if (waiting > 0) return sayWaiting(waiting);
   const rests = worked().map(({ camera, frame }) => ({ camera, frame, ...restOf(camera, frame) }));
+  const unknown = rests.filter(({ waits }) => waits).length;
+  if (waiting + unknown > 0) return sayWaiting(Math.max(waiting, unknown));
   const patches = rests.flatMap(({ camera, frame, cells }) =>
     cells.map((cell) => ({ camera, frame, cell, label: clearClass(), base: null })),
   );
@@ -385,7 +386,7 @@ function onStroke(cells, mouseButton) {
 let painted = null; // the key of what was painted since the button went down
 let clicks = []; // the same of the clicks that follow one another, as those of a double click
 
-function onPainted(cells, mouseButton) {
+function onPainted(cells, mouseButton, own = cells) {
   if (!page) return;
   const label = labelOf(mouseButton);
   if (!label) {
@@ -393,12 +394,18 @@ function onPainted(cells, mouseButton) {
     return say(`Choose a class first, by its key: ${keys.join(", ")}.`);
   }
   const patches = [];
+  let left = 0;
   for (const [thumb, some] of cells) {
-    const mine = contentOf(thumb.camera, thumb.frame)?.mine;
+    const { camera, frame } = thumb;
+    const mine = contentOf(camera, frame)?.mine;
     if (!mine) continue;
+    // Where the hand was not, clear is not painted over what the model calls an obstacle.
+    const obstacles = kindOf(label) === false ? modelObstacles(camera, frame) : [];
     for (const cell of some) {
-      const { camera, frame } = thumb;
-      if (mine[cell] !== label) patches.push({ camera, frame, cell, label, base: mine[cell] });
+      if (mine[cell] === label) continue;
+      const barred = !own.get(thumb)?.has(cell) && (!obstacles || obstacles[cell]);
+      if (barred) left += 1;
+      else patches.push({ camera, frame, cell, label, base: mine[cell] });
     }
   }
   // A click may be half of a double click, which opens the frame and paints nothing.
@@ -407,7 +414,8 @@ function onPainted(cells, mouseButton) {
   if (painted) {
     const shown = new Set(patches.map(({ camera, frame }) => `${camera} frame ${frame}`));
     const where = shown.size === 1 ? [...shown][0] : `${shown.size} frames`;
-    say(`${patchesAre(patches.length)} now ${label}, ${where}; Ctrl+Z undoes.`);
+    const words = `${patchesAre(patches.length)} now ${label}, ${where}; Ctrl+Z undoes.`;
+    say(`${words} ${leftWords(left)}`.trim());
   }
   drawSoon();
 }

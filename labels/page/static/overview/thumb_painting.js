@@ -13,7 +13,8 @@ const STEP = 4; // CSS pixels between two looks at what a stroke passes
  * @param {(start: Thumb) => Thumb[]} host.allThumbs those that a stroke with Ctrl paints
  * @param {(stroke: ?Map<Thumb, Set<number>>, button: number) => void} host.onStroke show what
  *   is being painted; null: nothing any more
- * @param {(stroke: Map<Thumb, Set<number>>, button: number) => void} host.onPainted it is done
+ * @param {(stroke: Map<Thumb, Set<number>>, button: number, own: Map<Thumb, Set<number>>) => void}
+ *   host.onPainted it is done; `own`: the cells that the pointer itself passed
  */
 export function paintOver(element, host) {
   element.addEventListener("contextmenu", (event) => event.preventDefault());
@@ -90,6 +91,6 @@ class Stroke {
   #end(done) {
     this.stop.abort();
     this.host.onStroke(null, this.button);
-    if (done) this.host.onPainted(this.painted, this.button);
+    if (done) this.host.onPainted(this.painted, this.button, this.cells);
   }
 }

@@ -333,7 +333,7 @@ def test_frames_left_out_stay_so_and_what_nobody_sees_is_not_labelled(open_page,
     assert page.locator(".thumb.left-out .thumb-number").all_inner_texts() == ["38"]
     page.locator(".thumb-picture").nth(1).click()
     page.keyboard.press("o")
-    toast(page, "open: an obstacle is suggested there")
+    toast(page, "open: the model sees an obstacle there")
     saved(page)
     labelled = changes()
     assert 90 < len(labelled) < 100 and {frame for frame, _ in labelled} == {40}
