@@ -30,7 +30,7 @@ DEFAULTS = {"filter": "all", "confidence": 0.5, "follow": 2, "selected": ""}
 
 @pytest.fixture(scope="module")
 def tab(server, browse_on, frame_page):
-    return frame_page(browse_on(server), server, 1)
+    return frame_page(browse_on(server, "#/label/left/1"), server, 1)
 
 
 @pytest.fixture
