@@ -133,7 +133,7 @@ class _Write(Body):
 
     A page that replays what it kept names the mission and the grid it was made for: the server on
     this port may have been started anew with another one. `blind` says that it was done while the
-    page hid what others say; whether who sends it sees that now is for the store to say.
+    page hid what others say: only the page knows what it showed then.
     """
 
     key: Name

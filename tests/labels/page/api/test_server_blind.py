@@ -210,7 +210,7 @@ def test_who_is_blind_is_so_everywhere_and_after_a_restart_whatever_a_page_says(
     _see(server, blind=False, who="dora")
 
 
-def test_kept_actions_of_yesterday_are_taken_and_a_label_is_blind_as_the_store_or_they_say(server):
+def test_kept_actions_of_yesterday_are_taken_and_a_label_is_blind_as_the_page_that_made_it_says(server):
     _see(server, blind=False)
     server.paint("y1", 9, [0], "ocean", blind=True)
     server.paint("y2", 9, [1], "ocean", blind=False)
@@ -220,7 +220,7 @@ def test_kept_actions_of_yesterday_are_taken_and_a_label_is_blind_as_the_store_o
     server.post("/api/redo", key="y5", who="anna", time=utc_now(), blind=True)
     with LabelStore(server.workspace / FILE_NAME) as store:
         said = store.current("tiny", "anna", frame=9)
-    assert [(one.col, one.blind) for one in said] == [(0, True), (1, False), (2, True)]
+    assert [(one.col, one.blind) for one in said] == [(0, True), (1, False), (2, False)]
 
 
 @pytest.mark.parametrize(
