@@ -210,7 +210,7 @@ def test_who_is_blind_is_so_everywhere_and_after_a_restart_whatever_a_page_says(
     _see(server, blind=False, who="dora")
 
 
-def test_kept_actions_of_yesterday_are_taken_and_a_label_is_blind_as_the_page_that_made_it_says(server):
+def test_a_kept_action_is_taken_and_is_blind_as_the_page_that_made_it_says(server):
     _see(server, blind=False)
     server.paint("y1", 9, [0], "ocean", blind=True)
     server.paint("y2", 9, [1], "ocean", blind=False)
