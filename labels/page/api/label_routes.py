@@ -280,7 +280,8 @@ async def _stream(session: Session, who: str, since: int | None) -> AsyncIterato
 
 def _status(status: dict[str, Any], who: str) -> dict[str, Any]:
     blind = who in status["blind"]
-    return {**status, "model": None if blind else status["model"], "blind": blind}
+    hidden = {"model": None, "job": None, "settings": {}} if blind else {}
+    return {**status, **hidden, "blind": blind}
 
 
 def _news(session: Session, who: str, changed: LabelChanges) -> dict[str, Any]:
