@@ -3,7 +3,8 @@
 ``GET /api/classes`` answers ``classes`` in order (name, obstacle, color, key, description, parent,
 and ``labels``, how many patches of the workspace have it), ``setup``, and why they are ``fixed``.
 ``POST /api/classes`` takes the list without ``labels``, and the ``setup`` it was made from; a class
-with labels stays, and stays an obstacle or clear. All pages then load the mission anew.
+that was ever given stays, and stays an obstacle or clear: an undo may bring its labels back. All
+pages then load the mission anew.
 """
 
 from collections import Counter
@@ -75,15 +76,14 @@ def _used(session: Session, who: str) -> Counter[str]:
 
 
 def _check_used(session: Session, taxonomy: Taxonomy, who: str) -> None:
-    used = _used(session, who)
+    ever, used = session.store.labels_ever(), _used(session, who)
     kinds = {known.name: known.obstacle for known in taxonomy.classes}
     for known in session.taxonomy.classes:
-        n = used[known.name]
-        if kinds.get(known.name) == known.obstacle:
+        name, n = known.name, used[known.name]
+        if kinds.get(name) == known.obstacle:
             continue
         refuse_blind(who in session.blind, 409)
-        if n and known.name not in kinds:
-            raise refuse(409, f"{n} patches are labelled {known.name}: relabel them first")
-        if n:
-            was = "an obstacle" if known.obstacle else "clear"
-            raise refuse(409, f"{n} patches are labelled {known.name}, so it stays {was}")
+        if name in ever:
+            was = f" {'an obstacle' if known.obstacle else 'clear'}" if name in kinds else ""
+            said = f"{n} patches are labelled {name}" if n else f"{name} was given before"
+            raise refuse(409, f"{said}, so it stays{was}")
