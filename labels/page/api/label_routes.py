@@ -280,7 +280,7 @@ async def _stream(session: Session, who: str, since: int | None) -> AsyncIterato
 
 def _status(status: dict[str, Any], who: str) -> dict[str, Any]:
     blind = who in status["blind"]
-    hidden = {"model": None, "job": None, "settings": {}} if blind else {}
+    hidden: dict[str, Any] = {"model": None, "job": None, "settings": {}} if blind else {}
     return {**status, **hidden, "blind": blind}
 
 
