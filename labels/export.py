@@ -14,6 +14,10 @@ from .record import HUMAN, LabelRecord
 from .store.store import LabelStore
 
 
+class NoLabelsError(ToktError):
+    """The store has no labels of those wanted."""
+
+
 @dataclass(frozen=True)
 class Wanted:
     """Which labels of the store: those of one mission, annotator, grid, camera; None is of all."""
@@ -58,7 +62,7 @@ def _in_force(
     narrow = vars(wanted)
     records = store.current_and_settled(**narrow) if settled else store.current(**narrow)
     if not records:
-        raise ToktError(
+        raise NoLabelsError(
             f"no such labels in {store.path}; it has missions {listed(store.missions())}"
             f" and annotators {listed(store.annotators())}"
         )

@@ -135,10 +135,17 @@ _REST = (
 
 # SQLite cannot change a CHECK, nor put a column before another one: the events move to a new
 # table, whatever stood on the old one. They keep their numbers.
-_MADE_ANEW = "SELECT type, name FROM sqlite_master WHERE type <> 'table' AND sql IS NOT NULL"
+# Their index by cell is needed on the way, and goes with the old table.
+_MADE_ANEW = """SELECT type, name FROM sqlite_master
+    WHERE type <> 'table' AND sql IS NOT NULL AND name <> 'events_by_cell'"""
 _MORE_OF_1 = "FALSE, NULL"
-_MORE_OF_2 = """COALESCE((SELECT blind FROM actions WHERE actions.id = old_events.action), FALSE),
-    action"""
+# An undo or a redo brings back a label that was given earlier, blind or not.
+_GIVEN = _SAME_CELL.replace("events.", "old_events.")
+_MORE_OF_2 = f"""COALESCE((SELECT actions.blind FROM old_events AS other
+    LEFT JOIN actions ON actions.id = other.action
+    WHERE {_GIVEN} AND other.annotator = old_events.annotator AND other.source = old_events.source
+    AND other.label IS old_events.label AND other.id <= old_events.id AND actions.reverses IS NULL
+    ORDER BY other.id DESC LIMIT 1), FALSE), action"""
 
 
 def create(connection: sqlite3.Connection) -> None:

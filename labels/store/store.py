@@ -488,6 +488,10 @@ class LabelStore:
         """What people said of one patch and how, in order."""
         return self._rows(_STATEMENTS, {**cell._asdict(), "grid": str(cell.grid)})
 
+    def labels_ever(self) -> set[str]:
+        """Every label that was ever said, also what was changed or taken back since."""
+        return set(self._column("SELECT DISTINCT label FROM events WHERE label IS NOT NULL"))
+
     def missions(self) -> list[str]:
         """Missions that have events, by name."""
         return self._column("SELECT DISTINCT mission FROM events ORDER BY 1")

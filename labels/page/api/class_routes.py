@@ -3,7 +3,8 @@
 ``GET /api/classes`` answers ``classes`` in order (name, obstacle, color, key, description, parent,
 and ``labels``, how many patches of the workspace have it), ``setup``, and why they are ``fixed``.
 ``POST /api/classes`` takes the list without ``labels``, and the ``setup`` it was made from; a class
-with labels stays, and stays an obstacle or clear. All pages then load the mission anew.
+that was ever given stays, and stays an obstacle or clear: an undo may bring its labels back. All
+pages then load the mission anew.
 """
 
 from collections import Counter
@@ -17,7 +18,7 @@ from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.labels.page.state.session import Session
 from tokt.labels.taxonomy import FILE_NAME, FORMAT, Taxonomy
 
-from .messages import Body, Name, SessionOf, json_response, refuse
+from .messages import Body, Name, SessionOf, Who, json_response, refuse, refuse_blind
 
 router = APIRouter(prefix="/api")
 
@@ -31,9 +32,9 @@ class ClassesBody(Body):
 
 
 @router.get("/classes")
-def get_classes(session: SessionOf) -> Response:
-    """The classes in force, and how often each is used."""
-    used = _used(session)
+def get_classes(session: SessionOf, who: Who | None = None) -> Response:
+    """The classes in force, and how often each is used; to the blind, how often by themselves."""
+    used = _used(session, who or session.annotator)
     classes = [{**vars(known), "labels": used[known.name]} for known in session.taxonomy.classes]
     return json_response({"classes": classes, "setup": session.setup, "fixed": _fixed(session)})
 
@@ -52,12 +53,12 @@ def post_classes(session: SessionOf, body: ClassesBody) -> Response:
             text.encode()
         except (ToktError, UnicodeEncodeError) as error:
             raise refuse(400, str(error)) from None
-        _check_used(session, taxonomy)
+        _check_used(session, taxonomy, body.who or session.annotator)
         file = session.store.path.parent / FILE_NAME
         with os_errors_as(str(file)):
             write_text(file, text)
         session.use_taxonomy(taxonomy)
-    return get_classes(session)
+    return get_classes(session, body.who)
 
 
 def _fixed(session: Session) -> str:
@@ -65,20 +66,24 @@ def _fixed(session: Session) -> str:
     return f"tokt label was started with --taxonomy {given}: change that file" if given else ""
 
 
-def _used(session: Session) -> Counter[str]:
+def _used(session: Session, who: str) -> Counter[str]:
+    if who in session.blind:
+        return Counter(session.board.counts(who))
     used = Counter(str(record.label) for record in session.store.settled())
     for entry in session.store.stats():
         used.update(entry.counts)
     return used
 
 
-def _check_used(session: Session, taxonomy: Taxonomy) -> None:
-    used = _used(session)
+def _check_used(session: Session, taxonomy: Taxonomy, who: str) -> None:
+    ever, used = session.store.labels_ever(), _used(session, who)
     kinds = {known.name: known.obstacle for known in taxonomy.classes}
     for known in session.taxonomy.classes:
-        n = used[known.name]
-        if n and known.name not in kinds:
-            raise refuse(409, f"{n} patches are labelled {known.name}: relabel them first")
-        if n and kinds[known.name] != known.obstacle:
-            was = "an obstacle" if known.obstacle else "clear"
-            raise refuse(409, f"{n} patches are labelled {known.name}, so it stays {was}")
+        name, n = known.name, used[known.name]
+        if kinds.get(name) == known.obstacle:
+            continue
+        refuse_blind(who in session.blind, 409)
+        if name in ever:
+            was = f" {'an obstacle' if known.obstacle else 'clear'}" if name in kinds else ""
+            said = f"{n} patches are labelled {name}" if n else f"{name} was given before"
+            raise refuse(409, f"{said}, so it stays{was}")

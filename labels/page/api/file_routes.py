@@ -22,12 +22,12 @@ from starlette.requests import ClientDisconnect
 from starlette.responses import FileResponse, Response
 
 from tokt.features.common.errors import ToktError, os_errors_as
-from tokt.labels.export import Wanted, export_labels
+from tokt.labels.export import NoLabelsError, Wanted, export_labels
 from tokt.labels.formats.formats import FORMATS, format_named, format_to_read
 from tokt.labels.formats.images import MissionImages
 from tokt.labels.formats.options import ReadOptions, WriteOptions
 from tokt.labels.page.state.session import CACHE, Session
-from tokt.labels.record import utc_now
+from tokt.labels.record import HUMAN, utc_now
 from tokt.labels.store.backup import back_up
 from tokt.labels.taxonomy import UnknownClassError
 
@@ -63,13 +63,17 @@ def get_export(
         told.update(file=file.name, format=chosen, labels=written.labels, lost=lost)
         return Path(shutil.make_archive(str(file), "zip", file)) if file.is_dir() else file
 
-    answer = _download(session, write)
+    try:
+        answer = _download(session, write)
+    except NoLabelsError:  # it names all annotators
+        raise refuse(409, "no such labels") from None
     return json_response(told) if check else answer
 
 
 @router.get("/backup")
-def get_backup(session: SessionOf) -> Response:
+def get_backup(session: SessionOf, blind: Blind) -> Response:
     """The whole store in one checked file."""
+    refuse_blind(blind)
 
     def write(folder: Path) -> Path:
         file = folder / f"labels-{utc_now()[:10]}.db"
@@ -89,8 +93,13 @@ async def post_import(
     camera: Camera = "left",
     classes: Annotated[list[str], Query(alias="map", max_length=MAX_NAME)] = [],  # noqa: B006
     apply: bool = False,
+    who: Who | None = None,
 ) -> Response:
-    """Tell what a label file would add, or with `apply` add it; nothing if a line is wrong."""
+    """Tell what a label file would add, or with `apply` add it; nothing if a line is wrong.
+
+    Who labels blind takes only own labels: how many are new would tell what others say.
+    """
+    who = who or session.annotator
     bare = PureWindowsPath(name).name  # what a browser on any system calls it
     if not bare.isprintable() or bare in ("", ".", ".."):
         raise refuse(400, f"{name!r} is no name of a file")
@@ -106,7 +115,7 @@ async def post_import(
         mapped = dict(pair.partition("=")[::2] for pair in classes)
         options = ReadOptions(session.taxonomy, annotator, session.grid, images, mapped, camera)
         try:
-            told = await run_in_threadpool(_take, session, file, chosen, options, apply)
+            told = await run_in_threadpool(_take, session, file, chosen, options, apply, who)
         except ToktError as error:
             if error.__cause__ is not None:  # the store's: all pages hear of it
                 raise
@@ -115,7 +124,7 @@ async def post_import(
 
 
 def _take(
-    session: Session, file: Path, chosen: str, options: ReadOptions, apply: bool
+    session: Session, file: Path, chosen: str, options: ReadOptions, apply: bool, who: str
 ) -> dict[str, Any]:
     kind = _known_format(chosen) if chosen else format_to_read(file)
     try:
@@ -124,6 +133,8 @@ def _take(
         if apply:
             raise
         return {"format": kind, "applied": False, "unknown": error.names}
+    own = all((record.annotator, record.source) == (who, HUMAN) for record in read.records)
+    refuse_blind(who in session.blind and not own)
     added = session.store.add_counted(read.records, dry=not apply)
     if apply:
         session.refresh()

@@ -17,7 +17,7 @@ from tokt.labels.page.state.review_sheet import BLOCK
 from tokt.labels.page.state.session import Session
 from tokt.models.bundle.bundle import read_bundle
 
-from .messages import Body, Name, SessionOf, json_response
+from .messages import Blind, Body, Name, SessionOf, json_response, refuse_blind
 
 router = APIRouter(prefix="/api")
 _BLOCKS = 5
@@ -25,23 +25,30 @@ _MAX_NAME = 60  # an audit's name has the dataset's hash, too
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9]+")
 
 
-class JobBody(Body):
-    """What to do, and who wants it."""
+class CancelBody(Body):
+    """Who wants a job to end."""
 
     who: Name | None = None
+
+
+class JobBody(CancelBody):
+    """What to do, and who wants it."""
+
     what: Literal["audit", "model"]
     task: Literal["binary", "classes"] = "binary"
 
 
 @router.get("/job")
-def get_job(session: SessionOf) -> Response:
+def get_job(session: SessionOf, blind: Blind) -> Response:
     """The job that is running, or the last one."""
+    refuse_blind(blind)
     return json_response({"job": _job(session)})
 
 
 @router.post("/job")
 def post_job(session: SessionOf, body: JobBody) -> Response:
     """Start a job; one at a time."""
+    refuse_blind((body.who or session.annotator) in session.blind)
     workspace, mission = session.store.path.parent, session.mission
     name = _NOT_IN_NAMES.sub("-", mission.name)[:_MAX_NAME].strip("-") or "mission"
     path = mission.path.resolve()
@@ -65,14 +72,15 @@ def post_job(session: SessionOf, body: JobBody) -> Response:
     session.jobs.start(
         body.what, [(*step, "--workspace", str(workspace.resolve())) for step in steps], then
     )
-    return get_job(session)
+    return json_response({"job": _job(session)})
 
 
 @router.post("/job/cancel")
-def post_cancel(session: SessionOf) -> Response:
+def post_cancel(session: SessionOf, body: CancelBody) -> Response:
     """End the job that is running."""
+    refuse_blind((body.who or session.annotator) in session.blind)
     session.jobs.cancel()
-    return get_job(session)
+    return json_response({"job": _job(session)})
 
 
 def _job(session: Session) -> dict[str, Any] | None:

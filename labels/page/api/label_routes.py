@@ -197,9 +197,8 @@ def _check_addressee(session: Session, body: ActionBody | StepBody) -> None:
 
 
 def _action(session: Session, body: ActionBody) -> Action:
-    blind = body.who in session.blind
     if body.source == SETTLED:
-        refuse_blind(blind, 409)  # not 403, on which pages wait and try again
+        refuse_blind(body.who in session.blind, 409)  # not 403, on which pages wait and try again
     known = session.names(body.who)
     changes = []
     for change in body.changes:
@@ -214,7 +213,7 @@ def _action(session: Session, body: ActionBody) -> Action:
             )
     said = (body.key, body.who, session.mission.name, session.grid, body.kind, body.time)
     try:
-        return Action(*said, tuple(changes), body.source, blind or body.blind)
+        return Action(*said, tuple(changes), body.source, body.blind)
     except ToktError as error:
         raise refuse(400, str(error)) from None
 
@@ -281,7 +280,8 @@ async def _stream(session: Session, who: str, since: int | None) -> AsyncIterato
 
 def _status(status: dict[str, Any], who: str) -> dict[str, Any]:
     blind = who in status["blind"]
-    return {**status, "model": None if blind else status["model"], "blind": blind}
+    hidden: dict[str, Any] = {"model": None, "job": None, "settings": {}} if blind else {}
+    return {**status, **hidden, "blind": blind}
 
 
 def _news(session: Session, who: str, changed: LabelChanges) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 from typing import Annotated, Any, Literal, cast
 
@@ -78,6 +79,7 @@ async def _fault(_request: Request, _error: Exception) -> Response:
 
 MAX_NAME = 200  # letters
 MAX_NOTE = 2000
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]")
 
 
 def _name(value: str) -> str:
@@ -93,6 +95,12 @@ def _time(value: str) -> str:
         return utc_text(value)
     except ToktError as error:
         raise ValueError(str(error)) from None
+
+
+def _note(value: str) -> str:
+    if _CONTROL.search(value):
+        raise ValueError("a note has no control characters but line breaks and tabs")
+    return value
 
 
 Name = Annotated[str, Field(max_length=MAX_NAME), AfterValidator(_name)]
@@ -133,7 +141,7 @@ class _Write(Body):
 
     A page that replays what it kept names the mission and the grid it was made for: the server on
     this port may have been started anew with another one. `blind` says that it was done while the
-    page hid what others say; whether who sends it sees that now is for the store to say.
+    page hid what others say: only the page knows what it showed then.
     """
 
     key: Name
@@ -173,7 +181,7 @@ class NoteBody(Body):
     camera: Camera
     frame: FrameNumber
     cell: Annotated[int, Field(ge=0)] | None = None
-    text: Annotated[str, Field(max_length=MAX_NOTE)]
+    text: Annotated[str, Field(max_length=MAX_NOTE), AfterValidator(_note)]
 
 
 class BlindBody(Body):

@@ -67,8 +67,8 @@ def get_mission(session: SessionOf, blind: Blind, who: Who | None = None) -> Res
             "undo": session.undo_heads(who),
             "other_grids": session.other_grids,
             "described": ifdo_of(session.mission.path) is not None,
-            "settings": session.settings,
-            "job": session.status()["job"],
+            "settings": {} if blind else session.settings,
+            "job": None if blind else session.status()["job"],
             "depths": _depth_bands(session),
             "formats": {name: kind.title for name, kind in FORMATS.items()},
         }
@@ -88,7 +88,7 @@ def post_setting(session: SessionOf, body: SettingBody) -> Response:
     if not any(known.obstacle and known.name == body.value for known in session.taxonomy.classes):
         raise refuse(400, f"{body.name}: {body.value!r} is no class of obstacles")
     session.set_setting(body.name, body.value, body.who)
-    return json_response({"settings": session.settings})
+    return json_response({"settings": {} if body.who in session.blind else session.settings})
 
 
 @router.get("/labelled")

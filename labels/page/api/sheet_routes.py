@@ -28,9 +28,10 @@ def get_sheet(
     limit: Annotated[int, Query(ge=1, le=MAX_PATCHES)] = 200,
 ) -> Response:
     """A part of the sheet; ``value`` is null where the patch has not been looked at."""
-    if label not in session.board.names:
+    who = who or session.annotator
+    if label not in session.names(who):
         raise refuse(404, f"no class {label!r}")
-    ranked = session.sheet.ranked(who or session.annotator, label)
+    ranked = session.sheet.ranked(who, label)
     return json_response(
         {
             "total": len(ranked.cells),

@@ -320,6 +320,41 @@ def test_a_format_2_file_is_brought_up_to_date_with_all_that_is_in_it(tmp_path):
     _is_as_made_new(path)
 
 
+def test_a_label_that_an_undo_of_format_2_brought_back_is_as_blind_as_it_was_given(tmp_path):
+    """Ann says reef blind and sand seeing, and takes sand back; of another patch the reverse."""
+    rows = [  # event, col, label, action
+        *((10, 2, "reef", 10), (11, 2, "sand", 11), (12, 2, "reef", 12), (13, 2, "sand", 13)),
+        *((14, 2, "reef", 14), (15, 3, "reef", 11), (16, 3, "sand", 10), (17, 3, "reef", 15)),
+        *((18, 4, "reef", None), (19, 4, "sand", 10), (20, 4, "reef", 15), (21, 4, None, 15)),
+    ]
+    actions = [  # action, kind, blind (an undo's and a redo's is that of what they reverse)
+        *((10, "paint", 1, None), (11, "paint", 0, None), (12, "undo", 0, 11)),
+        *((13, "redo", 0, 12), (14, "undo", 0, 13), (15, "undo", 1, 10)),
+    ]
+    script = FORMAT_2 + "".join(
+        f"INSERT INTO events VALUES ({event}, 'dive', 'left', 1, '{GRID}', 0, {col},"
+        f" {repr(label) if label else 'NULL'}, 'ann', '{TIME}', 'human', NULL,"
+        f" {action or 'NULL'});"
+        for event, col, label, action in rows
+    )
+    script += "".join(
+        f"INSERT INTO actions VALUES ({number}, 'k{number}', 'ann', 'dive', '{GRID}', '{kind}',"
+        f" '{TIME}', 'human', {blind}, {reverses or 'NULL'}, {number}, NULL, NULL, NULL, '{{}}');"
+        for number, kind, blind, reverses in actions
+    )
+    path = _file_of(tmp_path, script)
+    with LabelStore(path) as store:
+        blind = [
+            [(said.label, said.blind) for said in store.history(_record(None, col=col).cell)]
+            for col in (2, 3, 4)
+        ]
+    reef, sand = [("reef", True), ("reef", False)], [("sand", False), ("sand", True)]
+    assert blind[0] == [reef[0], sand[0], reef[0], sand[0], reef[0]]
+    assert blind[1] == [reef[1], sand[1], reef[1]]
+    assert blind[2] == [reef[1], sand[1], reef[1], (None, False)]
+    _is_as_made_new(path)
+
+
 def test_a_server_of_an_older_tokt_that_runs_on_saves_into_the_newer_file(tmp_path):
     path = _file_of(tmp_path, FORMAT_2)
     with sqlite3.connect(path) as older:

@@ -1,6 +1,7 @@
 """Who labels blind gets nothing that tells what others say: not in any field of any answer."""
 
 import json
+from urllib.parse import urlencode
 
 import pytest
 
@@ -108,6 +109,72 @@ def test_the_sheet_holds_only_ones_own(server):
         _check(sheet)
 
 
+def test_a_class_that_only_others_used_is_one_that_is_not_there(server):
+    for label in (ONLY_THEIRS, "kelp"):
+        target = f"/api/sheet?class={label}&who=anna"
+        answer = _see(server, blind=True).request("GET", target)
+        assert (answer.status, answer.json) == (404, {"error": f"no class {label!r}"})
+    _see(server, blind=False).get("/api/sheet", **{"class": ONLY_THEIRS}, who="anna")
+
+
+def test_classes_are_counted_by_ones_own_labels_and_only_looks_are_changed(server):
+    counts = server.get("/api/mission", who="anna")["counts"]
+    listed = _see(server, blind=False).get("/api/classes", who="anna")["classes"]
+    assert {one["name"]: one["labels"] for one in listed}[THEIRS] > counts[THEIRS]
+    known = _see(server, blind=True).get("/api/classes", who="anna")
+    for one in known["classes"]:
+        assert one.pop("labels") == counts[one["name"]]
+    clear, reef = known["classes"]
+    swapped = [{**clear, "obstacle": True}, {**reef, "obstacle": False}]
+    for wrong in ([clear, {**reef, "name": "rock"}], swapped):
+        body = {"who": "anna", "setup": known["setup"], "classes": wrong}
+        answer = server.send("/api/classes", body)
+        assert answer.status == 409 and "labelling blind" in answer.json["error"]
+
+
+def test_a_file_is_taken_only_with_ones_own_labels(server):
+    def status(data, **query):
+        query |= {"name": "x.csv", "who": "anna", "map": f"{ONLY_THEIRS}="}
+        target = f"/api/import?{urlencode(query)}"
+        headers = {"Content-Type": "application/octet-stream"}
+        return server.request("POST", target, data, headers).status
+
+    row = f"mission,camera,frame,row,col,label\ntiny,left,1,0,0,{THEIRS}\n".encode()
+    everything = server.request("GET", "/api/export?format=csv&full=1&who=dora").body
+    hers = server.request("GET", "/api/export?format=csv&full=1&only=anna&who=anna").body
+    for blind, wrong in ((False, 200), (True, 403)):
+        _see(server, blind=blind)
+        assert status(row) == status(row, annotator=OTHERS) == status(everything) == wrong
+        assert status(row, annotator="anna") == status(hers) == 200
+
+
+def test_an_export_without_labels_names_nobody(server):
+    for blind in (True, False):
+        _see(server, blind=blind, who="zoe")
+        answer = server.request("GET", "/api/export?format=csv&only=zoe&who=zoe")
+        assert (answer.status, answer.json) == (409, {"error": "no such labels"})
+
+
+def test_jobs_settings_and_the_store_are_for_the_seeing(server):
+    server.post("/api/settings", who="dora", name="obstacle_as", value=THEIRS)
+    server.post("/api/job", who="dora", what="audit")
+    until(lambda: server.get("/api/job", who="dora")["job"]["state"] != "running")
+    posts = (("/api/job", {"what": "audit"}), ("/api/job/cancel", {}))
+    setting = {"who": "anna", "name": "obstacle_as", "value": THEIRS}
+    _see(server, blind=True)
+    with server.events(who="anna") as stream:
+        for told in (stream.next("status"), server.get("/api/mission", who="anna")):
+            assert told["job"] is None and told["settings"] == {}
+    assert server.post("/api/settings", **setting) == {"settings": {}}
+    for path in ("/api/job", "/api/backup"):
+        assert server.request("GET", f"{path}?who=anna").status == 403
+    for path, body in posts:
+        assert server.send(path, {**body, "who": "anna"}).status == 403
+    seeing = _see(server, blind=False).get("/api/mission", who="anna")
+    assert seeing["job"] is not None and seeing["settings"] == {"obstacle_as": THEIRS}
+    assert server.request("GET", "/api/backup?who=anna").status == 200
+
+
 def test_an_error_names_no_class_that_only_others_used(server):
     change = {"camera": "left", "frame": 9, "label": "kelp", "cells": [0], "base": [None]}
     body = {"key": "e9", "who": "anna", "kind": "paint", "time": "2016-04-20T10:00:00Z"}
@@ -210,7 +277,7 @@ def test_who_is_blind_is_so_everywhere_and_after_a_restart_whatever_a_page_says(
     _see(server, blind=False, who="dora")
 
 
-def test_kept_actions_of_yesterday_are_taken_and_a_label_is_blind_as_the_store_or_they_say(server):
+def test_a_kept_action_is_taken_and_is_blind_as_the_page_that_made_it_says(server):
     _see(server, blind=False)
     server.paint("y1", 9, [0], "ocean", blind=True)
     server.paint("y2", 9, [1], "ocean", blind=False)
@@ -220,7 +287,7 @@ def test_kept_actions_of_yesterday_are_taken_and_a_label_is_blind_as_the_store_o
     server.post("/api/redo", key="y5", who="anna", time=utc_now(), blind=True)
     with LabelStore(server.workspace / FILE_NAME) as store:
         said = store.current("tiny", "anna", frame=9)
-    assert [(one.col, one.blind) for one in said] == [(0, True), (1, False), (2, True)]
+    assert [(one.col, one.blind) for one in said] == [(0, True), (1, False), (2, False)]
 
 
 @pytest.mark.parametrize(

@@ -51,18 +51,28 @@ def test_a_class_with_labels_stays_what_it_is(server):
     classes = plain(server)
     without = [one for one in classes if one["name"] != "sand"]
     clear = [{**one, "obstacle": one["obstacle"] and one["name"] != "sand"} for one in classes]
-    for wrong, said in ((without, "2 patches are labelled sand"), (clear, "stays an obstacle")):
+    (reef,) = (one for one in classes if one["name"] == "reef")
+    before = [one for one in classes if one != reef]  # an undo brings it back
+    for wrong, said in (
+        (without, "2 patches are labelled sand, so it stays"),
+        (clear, "2 patches are labelled sand, so it stays an obstacle"),
+        (before, "reef was given before, so it stays"),
+        ([*before, {**reef, "obstacle": False}], "reef was given before, so it stays an"),
+    ):
         answer = change(server, wrong)
         assert answer.status == 409 and said in answer.json["error"]
     assert not (server.workspace / "taxonomy.toml").exists()
-    assert change(server, [one for one in classes if one["name"] != "reef"]).status == 200
-    assert "reef" not in [one["name"] for one in server.get("/api/mission", who="anna")["classes"]]
-    gone = {"camera": "left", "frame": 1, "label": "reef", "cells": [9], "base": [None]}
+    undone = server.post("/api/undo", key="u", who="anna", time="2016-04-20T10:00:00Z")
+    assert undone["counts"]["reef"] == 1
+    assert change(server, [one for one in classes if one["name"] != "other"]).status == 200
+    assert "other" not in [one["name"] for one in server.get("/api/mission", who="anna")["classes"]]
+    gone = {"camera": "left", "frame": 1, "label": "other", "cells": [9], "base": [None]}
     action = {"key": "c-4", "who": "anna", "kind": "paint", "time": "2016-04-20T10:00:00Z"}
     answer = server.send("/api/actions", {**action, "changes": [gone]})
-    assert answer.status == 400 and "unknown class 'reef'" in answer.json["error"]
-    assert change(server, [*plain(server), classes[3]]).status == 200
-    server.paint("c-5", 1, [9], "reef")
+    assert answer.status == 400 and "unknown class 'other'" in answer.json["error"]
+    (other,) = (one for one in classes if one["name"] == "other")
+    assert change(server, [*plain(server), other]).status == 200
+    server.paint("c-5", 1, [9], "other")
 
 
 @pytest.mark.parametrize(
