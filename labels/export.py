@@ -4,18 +4,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 
 from .formats import CSV
 from .formats.formats import FORMATS
 from .formats.options import ExportResult, Notes, WriteOptions, count
-from .record import HUMAN, LabelRecord
+from .record import HUMAN, LabelRecord, NoLabelsError
 from .store.store import LabelStore
-
-
-class NoLabelsError(ToktError):
-    """The store has no labels of those wanted."""
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,12 @@ from starlette.requests import ClientDisconnect
 from starlette.responses import FileResponse, Response
 
 from tokt.features.common.errors import ToktError, os_errors_as
-from tokt.labels.export import NoLabelsError, Wanted, export_labels
+from tokt.labels.export import Wanted, export_labels
 from tokt.labels.formats.formats import FORMATS, format_named, format_to_read
 from tokt.labels.formats.images import MissionImages
 from tokt.labels.formats.options import ReadOptions, WriteOptions
 from tokt.labels.page.state.session import CACHE, Session
-from tokt.labels.record import HUMAN, utc_now
+from tokt.labels.record import HUMAN, NoLabelsError, utc_now
 from tokt.labels.store.backup import back_up
 from tokt.labels.taxonomy import UnknownClassError
 
