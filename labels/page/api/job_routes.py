@@ -1,9 +1,9 @@
 """Jobs through the page: other commands of `tokt`, on this mission's labels.
 
 ``POST /api/job`` with ``{"what": "audit"}`` audits the labels; ``{"what": "model"}`` trains a model
-of them (``"task": "classes"``: one that tells all classes apart), exports it into the workspace's
-``models/``, and suggests what it says. ``GET /api/job`` answers how it goes, with the last lines
-that were printed; so does ``job`` of the status event, without them. ``POST /api/job/cancel``.
+of them, exports it into the workspace's ``models/``, and suggests what it says. ``GET /api/job``
+answers how it goes, with the last lines that were printed; so does ``job`` of the status event,
+without them. ``POST /api/job/cancel``.
 """
 
 import re
@@ -35,7 +35,6 @@ class JobBody(CancelBody):
     """What to do, and who wants it."""
 
     what: Literal["audit", "model"]
-    task: Literal["binary", "classes"] = "binary"
 
 
 @router.get("/job")
@@ -59,7 +58,7 @@ def post_job(session: SessionOf, body: JobBody) -> Response:
     # Cross-validation keeps blocks of frames together: a short mission has five shorter ones.
     block = max(1, min(BLOCK, (max(numbers) - min(numbers) + 1) // _BLOCKS))
     build = ("dataset", "build", name, "--mission", named, "--grid", str(session.grid), *own)
-    steps: list[Sequence[str]] = [(*build, "--task", body.task, "--block", str(block))]
+    steps: list[Sequence[str]] = [(*build, "--block", str(block))]
     if body.what == "audit":
         steps.append(("labels", "audit", name))
     else:

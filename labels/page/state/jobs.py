@@ -108,7 +108,8 @@ class Jobs:
         try:
             for job.step, words in enumerate(commands, 1):
                 self._run_one(job, words)
-            then()
+            if job.state == RUNNING:  # nobody cancelled it in the last moment
+                then()
             error = ""
         except ToktError as said:
             error = str(said)

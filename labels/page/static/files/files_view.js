@@ -20,7 +20,7 @@ function show(root) {
     el("section", { class: "files", tabindex: -1, "data-home": true, "aria-label": "files" },
       card("Export labels", ...exporting()),
       card("Import labels", ...importing()),
-      card("Backup",
+      blind() ? "" : card("Backup",
         el("p", { text: "All labels and notes of the workspace, in one checked file." }),
         link("Download a backup", address("/api/backup")),
       ),
@@ -173,7 +173,7 @@ async function showJob() {
   const running = job.state === "running";
   const doing = what ? `${what}, ${done} of ${total}` : "begins";
   const answer = await get("/api/job").catch(onFailure());
-  if (here !== parts) return;
+  if (here !== parts || job !== mission.job) return; // there is news by now
   here.job.replaceChildren(
     el("p", { class: job.state === "failed" ? "bad" : "" ,
       text: running

@@ -165,7 +165,7 @@ function mayPaint() {
 function apply(cells, how, kind = "paint") {
   const { camera, frame } = page.show;
   if (how === "confirm") {
-    if (!accept(camera, frame, { cells })) say("Nothing is suggested there.");
+    if (accept(camera, frame, { cells }) === 0) say("Nothing is suggested there.");
   } else if (how === "unsure") paint(camera, frame, cells, "unsure", kind);
   else paint(camera, frame, cells, how === "erase" ? null : selectedClass(), kind);
   showLabels();

@@ -77,13 +77,18 @@ export function accept(camera, frame, { cells, all = false } = {}) {
   const chosen = cells ?? hints.map((_, cell) => cell).filter((cell) => hints[cell]);
   const accepted = chosen.filter((cell) => hints[cell] && (all || cells || hints[cell].strong));
   const patches = accepted.map((cell) => ({ camera, frame, cell, base: null, ...hints[cell] }));
-  if (patches.some(({ model, label }) => model && kindOf(label)) && askObstacleClass()) return null;
+  if (asksFirst(patches)) return null;
   const kind = patches.some(({ model }) => model) ? "accept" : "copy";
   const key = act(kind, changesOf(patches));
   if (!key) return 0;
   taken.set(key, { camera, frame, copies: copiesOf(camera, frame) });
   forgetCopies(camera, frame, accepted);
   return accepted.length;
+}
+
+/** Whether it must be asked first which obstacle the model means by these patches; then it is. */
+export function asksFirst(patches) {
+  return patches.some(({ model, label }) => model && kindOf(label)) && askObstacleClass();
 }
 
 /** Propose the copies again that an action took which is undone now. */

@@ -1,6 +1,5 @@
 // The overview: a contact sheet of frames, on which many frames are labelled at once.
 
-import { askObstacleClass } from "../core/controls.js";
 import { el, say, soon } from "../core/dom.js";
 import { showProgress } from "../core/header.js";
 import { labelKeys } from "../core/keys.js";
@@ -14,7 +13,7 @@ import { ARROWS, cellAt, cellFrom } from "../frame/patch_grid.js";
 import {
   filterWords, onClassFrames, passesBlindList, passing, tryBlindList,
 } from "../frame/steps.js";
-import { leftWords, restOf } from "../frame/painting.js";
+import { asksFirst, leftWords, restOf } from "../frame/painting.js";
 import { framesFollowed, kindOf, modelObstacles } from "../frame/suggest.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { act, actOn, changesOf, patchesAre, withdraw } from "../saving/saver.js";
@@ -254,7 +253,7 @@ function accepting(all) {
   const { waiting, open } = tally(({ camera, frame }) => contentOf(camera, frame));
   if (waiting > 0) return sayWaiting(waiting);
   const patches = worked().flatMap((thumb) => suggestedPatches(thumb, all));
-  if (patches.some(({ model, label }) => model && kindOf(label)) && askObstacleClass()) return;
+  if (asksFirst(patches)) return;
   const count = actOn("accept", patches);
   const left = open - count;
   if (count > 0 && left > 0) {

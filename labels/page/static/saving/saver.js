@@ -386,7 +386,7 @@ function acknowledged(entry, answer) {
   if (start !== undefined) performance.measure("tokt:ack", { start, end: performance.now() });
   starts.delete(entry.key);
   forget(entry);
-  if (!answer.repeated && answer.changed) noteOwn(answer);
+  if (!answer.repeated && answer.changed && entry.who === who()) noteOwn(answer);
   acknowledge(entry, answer);
   dequeue(entry);
   if (entry.who === who() && entry.blind === blind()) takeNews(answer);
