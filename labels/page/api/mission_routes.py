@@ -70,6 +70,7 @@ def get_mission(session: SessionOf, blind: Blind, who: Who | None = None) -> Res
             "settings": {} if blind else session.settings,
             "job": None if blind else session.status()["job"],
             "depths": _depth_bands(session),
+            "carries": session.carry is not None,
             "formats": {name: kind.title for name, kind in FORMATS.items()},
         }
     )
