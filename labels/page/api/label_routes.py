@@ -283,12 +283,12 @@ async def _stream(session: Session, who: str, since: int | None) -> AsyncIterato
         if since is not None:
             missed = await run_in_threadpool(session.board.changed_since, since)
             changed, since = missed if changed is None else missed.merged(changed), None
-        if status is not None:
-            yield event_text("status", _status(status, who))
+        if status:
+            yield event_text("status", _status(session.status(), who))
         heard = changed.seen_by(who, who in session.blind) if changed else None
         if heard:
             yield event_text("change", await run_in_threadpool(_news, session, who, heard))
-        elif status is None:
+        elif not status:
             yield ALIVE
 
 

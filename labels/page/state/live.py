@@ -18,7 +18,7 @@ class Listener:
     """One open stream and what it has not been told yet."""
 
     changed: LabelChanges | None = None
-    status: dict[str, Any] | None = None
+    status: bool = False
     wake: asyncio.Event = field(default_factory=asyncio.Event)
 
     def add_change(self, changed: LabelChanges) -> None:
@@ -26,15 +26,15 @@ class Listener:
         self.changed = changed if self.changed is None else self.changed.merged(changed)
         self.wake.set()
 
-    def set_status(self, status: dict[str, Any]) -> None:
-        """The server's own state; only the newest counts."""
-        self.status = status
+    def set_status(self) -> None:
+        """The server's own state is another one; which is asked when it is told."""
+        self.status = True
         self.wake.set()
 
-    def take(self) -> tuple[LabelChanges | None, dict[str, Any] | None]:
-        """What is to be told now."""
+    def take(self) -> tuple[LabelChanges | None, bool]:
+        """What is to be told now, and whether the server's own state is."""
         taken = self.changed, self.status
-        self.changed = self.status = None
+        self.changed, self.status = None, False
         self.wake.clear()
         return taken
 
@@ -61,21 +61,21 @@ class Broadcaster:
         """Send a change to every page."""
         self._to_all(lambda listener: listener.add_change(changed))
 
-    def publish_status(self, status: dict[str, Any]) -> None:
-        """Send the server's own state to every page."""
-        self._to_all(lambda listener: listener.set_status(status))
+    def publish_status(self) -> None:
+        """Send the server's own state, as it is then, to every page: never an older one later."""
+        self._to_all(Listener.set_status)
 
-    async def listen(self) -> AsyncIterator[tuple[LabelChanges | None, dict[str, Any] | None]]:
-        """Yield what is to be told, or (None, None) every `ALIVE_S`, until the server ends."""
+    async def listen(self) -> AsyncIterator[tuple[LabelChanges | None, bool]]:
+        """Yield what is to be told, or (None, False) every `ALIVE_S`, until the server ends."""
         listener = Listener()
         self._listeners.add(listener)
         try:
-            yield None, None  # from here on nothing is missed
+            yield None, False  # from here on nothing is missed
             while not self._closed:
                 try:
                     await asyncio.wait_for(listener.wake.wait(), ALIVE_S)
                 except TimeoutError:
-                    yield None, None
+                    yield None, False
                     continue
                 if not self._closed:
                     yield listener.take()

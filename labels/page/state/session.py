@@ -154,7 +154,7 @@ class Session:
         """Put other classes in force, and tell all pages."""
         self.board.use_classes(taxonomy.names)
         self.taxonomy = taxonomy
-        self.live.publish_status(self.status())
+        self.live.publish_status()
 
     def use_model(self, bundle: Bundle) -> None:
         """Suggest what another model says, and tell all pages.
@@ -168,7 +168,7 @@ class Session:
         fresh = Suggester(bundle, self.mission, self.grid, workspace / CACHE)
         before, self.suggester = self.suggester, fresh
         fresh.start()
-        self.live.publish_status(self.status())
+        self.live.publish_status()
         if before is not None:
             before.close()
 
@@ -218,7 +218,7 @@ class Session:
 
     def _tell(self) -> None:
         self.refresh()
-        self.live.publish_status(self.status())
+        self.live.publish_status()
 
     def start(self) -> None:
         """Begin what is computed beside the page."""
