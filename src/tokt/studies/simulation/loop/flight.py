@@ -22,7 +22,7 @@ from tokt.features.common.arrays import U8
 from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
 
 from .autopilot import STEP_S, Autopilot
-from .planner import Planner, PlannerSettings
+from .planner import Planner
 from .runtime_process import RuntimeProcess
 from .scenes import KINDS, LoopScene
 from .track import IN_VIEW_M, SaidOfFrame, Step, Track
@@ -99,7 +99,7 @@ class _Run:
         self._renderer = StereoRenderer(scene.world, scene.rig, scene.seed)
         self._vehicle = Vehicle(scene.start, scene.world.current)
         self._autopilot = Autopilot()
-        self._planner = Planner(scene.goal, PlannerSettings(deaf=runtime is None))
+        self._planner = Planner(scene.goal, deaf=runtime is None)
         self._steps: list[Step] = []
         self._frames: list[SaidOfFrame] = []
         self._said: tuple[float, dict[str, Any]] | None = None
@@ -109,11 +109,11 @@ class _Run:
             t_s = step * STEP_S
             if step % STEPS_A_FRAME == 0:
                 self._frame(step // STEPS_A_FRAME + 1, t_s)
+            heard = None
             if self._said is not None and t_s >= self._said[0] + LATENCY_S - STEP_S / 2:
-                self._planner.hear(t_s, self._said[1])
-                self._said = None
+                heard, self._said = self._said[1], None
             state = self._vehicle.state
-            target = self._planner.target(t_s, state)
+            target = self._planner.target(t_s, state, heard)
             clearance = float(self._scene.world.clearance_m(state.position[None])[0])
             self._steps.append((t_s, state, target.mode, clearance))
             if self._planner.reached or clearance < HULL_RADIUS_M:
