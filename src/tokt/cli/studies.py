@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -131,7 +131,7 @@ def _render(
     mission = simulate_mission(
         folder, seed=seed, n_frames=frames, width=wide, jobs=jobs, progress=progress
     )
-    answer(json, mission.to_json(), lambda: _print_mission(mission))
+    answer(json, asdict(mission), lambda: _print_mission(mission))
 
 
 def _print_mission(mission: SyntheticMission) -> None:

@@ -54,20 +54,9 @@ def uses_model(method: str) -> bool:
 
 
 def fly(scene: LoopScene, method: str, model: Path | None = None) -> Track:
-    """Fly to the goal, into something, or until time is up.
+    """Fly to the goal, into something, or until time is up, by one of `METHODS`.
 
-    Parameters
-    ----------
-    scene : LoopScene
-    method : str
-        Of `METHODS`.
-    model : Path or None
-        The bundle, for a method that uses one.
-
-    Raises
-    ------
-    ToktError
-        If the runtime ends, hangs or answers with anything but verdicts.
+    A `ToktError` says that the runtime ended, hung or answered with anything but verdicts.
     """
     with _runtime(scene, method, model) as runtime:
         return _Run(scene, method, runtime).fly()
