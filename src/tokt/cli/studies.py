@@ -242,7 +242,7 @@ def bench(
     if frames is not None:
         extent = replace(extent, compared=frames)
     known = read_calibration_file(calibration) if calibration else None
-    found = run_bench(out, mission, labels, extent, progress, say, known)
+    found = run_bench(out, mission, labels, known, extent, progress, say)
     answer(json, found.to_json(), lambda: print_table(found.results, found.about))
     say(f"chart: {out / 'bench.png'}")
     if not found.about["exact"]:

@@ -20,18 +20,7 @@ _WAIT_S = 0.2
 
 
 class StampedReceiver:
-    """The process, for who measures.
-
-    Attributes
-    ----------
-    port : int
-        On 127.0.0.1.
-
-    Raises
-    ------
-    ToktError
-        If it cannot be started.
-    """
+    """The process, for who measures; it has a port on 127.0.0.1."""
 
     def __init__(self) -> None:
         pipe = subprocess.PIPE
