@@ -156,7 +156,7 @@ def _rows(run: DemoRun) -> list[dict[str, Any]]:
 
 
 def write_report(path: Path, run: DemoRun, bundle_file: Path) -> None:
-    """Write the report of a demo that has gone through all its stages; `bundle_file` is exported."""
+    """Write the report of a demo that has gone through all its stages, its champion exported."""
     labels = _labels_by_frame(run)
     champion, trained = run.bundles[run.champion], run.trained[run.champion]
     latency = [entry["latency_ms"] for entry in run.log]
