@@ -137,8 +137,6 @@ def _check(study: Study) -> None:
                 raise ToktError(f"unknown {what} {name!r} (choose from {', '.join(known)})")
         if not asked or len(set(asked)) < len(asked):
             raise ToktError(f"name each {what} once, and at least one")
-    if not study.seeds:
-        raise ToktError("at least one run of each scene and method is needed")
 
 
 def _fly(width: int, model: Path, flight: tuple[str, str, int]) -> Track:

@@ -97,7 +97,13 @@ class TrainingExamples:
 def examples_from_labels(
     mission: Mission, records: list[LabelRecord], taxonomy: Taxonomy
 ) -> TrainingExamples:
-    """Every fifth labelled frame; refused if these do not show both obstacles and clear water."""
+    """Every fifth labelled frame.
+
+    Raises
+    ------
+    ToktError
+        If these do not show both obstacles and clear water.
+    """
     sure = [
         record
         for record in merge_annotators(records).records
@@ -146,7 +152,12 @@ def fit_extractor_pair(
     """Fit a classifier and give both sides its weights.
 
     A scaler is folded in for both, so that the baseline, too, is one predict call a patch and
-    nothing more. The bundle proves itself with the golden frame, and accepts frames of its size.
+    nothing more.
+
+    Parameters
+    ----------
+    golden_frame : array of uint8
+        The frame that the bundle proves itself with; its size is the size the bundle accepts.
     """
     settings = settings_named(examples.settings)
     penalty = settings.penalties[0] if settings.two_images else _PENALTY

@@ -20,7 +20,18 @@ _WAIT_S = 0.2
 
 
 class StampedReceiver:
-    """The process, for who measures; it has a port on 127.0.0.1."""
+    """The process, for who measures.
+
+    Attributes
+    ----------
+    port : int
+        On 127.0.0.1.
+
+    Raises
+    ------
+    ToktError
+        If it cannot be started.
+    """
 
     def __init__(self) -> None:
         pipe = subprocess.PIPE

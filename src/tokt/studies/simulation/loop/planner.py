@@ -43,8 +43,8 @@ REACHED_M, ARRIVED_M = 0.25, 0.4
 SILENCE_S = 1.5
 """Nothing heard for longer is taken for unknown (docs/udp.md)."""
 BESIDE_M, PAST_M = 1.5, 1.3
-"""From the edge of what is remembered to the hull's centre, on the way past and along the way: the
-hull's radius and what is to be left free."""
+"""From the edge of what is remembered to the hull's centre, beside it and along the way: the hull's
+radius and what is to be left free."""
 CLEAR_FRAMES = 3
 """Clear verdicts in a row before going ahead past the obstacle."""
 DISMISS_FRAMES, WELL_INSIDE = 10, 0.7

@@ -92,7 +92,7 @@ at 24 revolutions a second with the propellers' D (0.19 and 0.22 m), K_T (about 
 
 
 class Vehicle:
-    """One vehicle, `MINERVA`, in one current: the water's velocity east, down and north, m/s."""
+    """One vehicle, `MINERVA`, in one current: the water's velocity east, down and north."""
 
     def __init__(
         self, start: State, current_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -19,9 +19,17 @@ MIN_CONTRAST = 0.8
 
 
 def coverage(mask: Bools, grid: Grid) -> F64:
-    """Share (patches,) of each patch that the tower covers; exactly 0 where no pixel reaches it.
+    """Share of each patch that the tower covers.
 
-    The mask is of the frame as the camera gave it, and resized as that would be.
+    Parameters
+    ----------
+    mask : (height, width) bool
+        Tower pixels of a frame as the camera gave it; it is resized as the frame would be.
+
+    Returns
+    -------
+    numpy.ndarray
+        float64, (patches,), 0..1; exactly 0 where no tower pixel reaches the patch.
     """
     covered = _resized(mask.astype(np.float32), grid)
     return np.asarray(grid.cells(covered).mean(axis=(1, 2), dtype=np.float64))
@@ -33,9 +41,9 @@ def _resized(image: F32, grid: Grid) -> F32:
 
 
 def contrast(with_tower: F32, without: F32, mask: Bools, grid: Grid) -> F64:
-    """(patches,): mean absolute change in grey levels that the tower makes where it covers one.
+    """Mean absolute change in grey levels that the tower makes where it covers each patch; or 0.
 
-    Of the frame (height, width, 3) without snow and noise, BGR, with the tower and without it.
+    Of the frame without snow and noise, (height, width, 3) BGR, with the tower and without it.
     """
     gray = [
         cv2.cvtColor(_resized(np.minimum(image, 255), grid), cv2.COLOR_BGR2GRAY)

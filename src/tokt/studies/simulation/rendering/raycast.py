@@ -45,7 +45,7 @@ class Side(NamedTuple):
     t: Real  # depth
     point: Real  # (3, n): where it is hit, along its own axes
     end: NDArray[np.int8]  # -1 on its first end, 1 on its last, 0 on its side
-    lamp: F64  # (3,): where that is, along its own axes
+    lamp: F64  # (3,): where the lamp is, along its own axes
 
 
 class Face(NamedTuple):

@@ -25,7 +25,7 @@ def write_report(
 
     ``maps/SCENE-METHOD.png`` is the overview, ``maps/SCENE-METHOD-SEED.png`` the run that came
     nearest to something solid, and ``.webp`` that run as an animation, of each scene's first
-    method. Words are paragraphs: what was flown, and with what.
+    method. `words` are paragraphs: what was flown, and with what.
     """
     outcomes = [outcome_of(track) for track in tracks]
     rows = table(outcomes)

@@ -59,12 +59,7 @@ def one_tower(rng: np.random.Generator, at: Triple = (0.0, 0.0, 0.0)) -> Placed:
 
 
 def trap(
-    rng: np.random.Generator,
-    at: Triple,
-    *,
-    width_m: float = 3.0,
-    depth_m: float = 3.0,
-    height_m: float = 3.0,
+    rng: np.random.Generator, at: Triple, width_m: float, depth_m: float, height_m: float = 3.0
 ) -> Placed:
     """Three panels round a dead end that opens towards -z; `at` is the centre of the back panel.
 
