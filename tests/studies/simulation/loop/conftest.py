@@ -155,7 +155,7 @@ def fly(sea, seed, deaf=False, most_s=240.0):
             frames.append((t_s, status, camera.solid_in_view(vehicle.state)))
         target = planner.target(t_s, vehicle.state, heard)
         away = clearance(sea.solid, vehicle.state.position[[0, 2]])
-        steps.append((t_s, vehicle.state, planner.mode, away))
+        steps.append((t_s, vehicle.state, target.mode, away))
         if planner.reached or away < HULL_RADIUS_M:
             break
         vehicle.step(STEP_S, autopilot.forces(vehicle.state, target))

@@ -13,6 +13,9 @@ from tokt.features.common.arrays import F64
 
 from .vehicle import MINERVA, Forces, State, turn
 
+CRUISE_M_S = 0.6
+"""Speed of transit."""
+
 
 class Mode(StrEnum):
     """The planner's mode."""
@@ -30,7 +33,7 @@ class Setpoint:
     position: F64  # (3,), world, m
     heading: float  # rad
     mode: Mode
-    speed_m_s: float = 0.6  # not to be exceeded on the way
+    speed_m_s: float = CRUISE_M_S  # not to be exceeded on the way
 
 
 STEP_S = 0.05

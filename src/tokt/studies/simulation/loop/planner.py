@@ -30,12 +30,10 @@ import numpy as np
 from tokt.features.common.arrays import F64
 from tokt.inference.verdict import OBSTACLE, UNKNOWN
 
-from .autopilot import Mode, Setpoint
+from .autopilot import CRUISE_M_S, Mode, Setpoint
 from .manoeuvre import HALF_VIEW, MASK_WIDTH, Manoeuvre, bearing
 from .vehicle import State, turn
 
-CRUISE_M_S = 0.6
-"""Speed of transit."""
 STOPPING_S = 0.6
 """Metres to a stop, a metre a second of speed: of `MINERVA` with its autopilot, about."""
 REACHED_M, ARRIVED_M = 0.25, 0.4
@@ -74,8 +72,6 @@ class Planner:
 
     Attributes
     ----------
-    mode : Mode
-        As of the last `target`.
     reached : bool
         Whether the vehicle was at the goal at the last `target`.
     avoidances : list of float
@@ -84,7 +80,6 @@ class Planner:
 
     def __init__(self, goal: F64, deaf: bool = False) -> None:
         self.goal = np.asarray(goal, np.float64)
-        self.mode = Mode.TRANSIT
         self.reached = False
         self.avoidances: list[float] = []
         self._deaf = deaf
@@ -190,29 +185,26 @@ class Planner:
     def _hold(self, nav: State) -> Setpoint:
         if self._held is None:
             self._held = nav.position + STOPPING_S * nav.velocity_world, nav.heading_rad
-        self.mode = Mode.HOLD
-        return Setpoint(*self._held, self.mode, CRUISE_M_S)
+        return Setpoint(*self._held, Mode.HOLD)
 
     def _transit(self, nav: State) -> Setpoint:
         """To the goal, looking where it goes: turned first, where the goal is not ahead."""
         way = self.goal - nav.position
         self.reached = float(np.linalg.norm(way)) < ARRIVED_M
-        self.mode = Mode.TRANSIT
         heading = self._course(nav)
         off = abs(turn(heading - nav.heading_rad))
         speed = CRUISE_M_S * max(0.0, 1.0 - off / HALF_VIEW)
-        return Setpoint(self.goal, heading, self.mode, speed)
+        return Setpoint(self.goal, heading, Mode.TRANSIT, speed)
 
     def _avoid(self, manoeuvre: Manoeuvre, nav: State) -> Setpoint:
         """Back, then beside, then past."""
         along, beside = manoeuvre.place(nav.position)
         if manoeuvre.retreat is not None and along > manoeuvre.retreat + REACHED_M:
-            self.mode = Mode.BACK_OFF
-            return self._on_manoeuvre(manoeuvre, manoeuvre.retreat, manoeuvre.retreat_beside)
+            back = manoeuvre.retreat, manoeuvre.retreat_beside
+            return self._on_manoeuvre(manoeuvre, *back, Mode.BACK_OFF)
         if manoeuvre.retreat is not None:
             manoeuvre.retreat = None
             manoeuvre.hold_along = along
-        self.mode = Mode.AVOID
         need = manoeuvre.edge(along) + BESIDE_M
         if beside > need - REACHED_M and manoeuvre.settled >= CLEAR_FRAMES:
             # Farther out than it need be, it does not come back in beside the obstacle.
@@ -231,12 +223,13 @@ class Planner:
             # Farther round than that it would look at what it has passed.
             turned = min(max(turned, -FARTHEST_GLANCE), FARTHEST_GLANCE)
             manoeuvre.glance = nav.position, manoeuvre.look + turned
-        self.mode = Mode.AVOID
-        return Setpoint(*manoeuvre.glance, self.mode, CRUISE_M_S)
+        return Setpoint(*manoeuvre.glance, Mode.AVOID)
 
-    def _on_manoeuvre(self, manoeuvre: Manoeuvre, along: float, beside: float) -> Setpoint:
+    def _on_manoeuvre(
+        self, manoeuvre: Manoeuvre, along: float, beside: float, mode: Mode = Mode.AVOID
+    ) -> Setpoint:
         place = manoeuvre.world(along, beside, float(self.goal[1]))
-        return Setpoint(place, manoeuvre.look, self.mode, CRUISE_M_S)
+        return Setpoint(place, manoeuvre.look, mode)
 
 
 def _stopping_m(nav: State) -> float:
