@@ -84,12 +84,12 @@ def test_the_frame_of_the_offset_is_the_body_fixed_one(stand_in, monkeypatch):
     """What failed at sea: at a heading that is not north, an offset in the world's frame."""
     sea = stand_in.draw("tower", 10, heading=math.radians(100))
     safe(stand_in.fly(sea, 10), 0.4)
+
+    def in_the_worlds_frame(as_it_is):
+        return lambda own, *place: as_it_is(replace(own, look=0.0), *place)
+
     for name in ("place", "world"):
-
-        def in_the_worlds_frame(own, *place, as_it_is=getattr(Manoeuvre, name)):
-            return as_it_is(replace(own, look=0.0), *place)
-
-        monkeypatch.setattr(Manoeuvre, name, in_the_worlds_frame)
+        monkeypatch.setattr(Manoeuvre, name, in_the_worlds_frame(getattr(Manoeuvre, name)))
     assert outcome_of(stand_in.fly(sea, 10)).collided
     # At a heading of north the fault does not show, which is how it got to sea.
     north = stand_in.draw("tower", 10)
