@@ -93,11 +93,11 @@ class Planner:
 
         The datagram is as `tokt.inference.outputs.udp.decode` gives it.
         """
+        if self._deaf:
+            return self._transit(nav)
         if heard is not None:
             self._heard_s = t_s
             self._take_in(t_s, heard, nav)
-        if self._deaf:
-            return self._transit(nav)
         silent = self._heard_s is None or t_s - self._heard_s > SILENCE_S
         if silent or not self._known:
             return self._hold(nav)
