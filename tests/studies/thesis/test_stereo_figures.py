@@ -18,7 +18,7 @@ from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.thesis_models import thesis_model
 from tokt.studies.baselines.thesis_stereo import margin_of, thesis_cloud
 from tokt.studies.simulation.rendering.lighting import expose
-from tokt.studies.simulation.rendering.raycast import cast_rays
+from tokt.studies.simulation.rendering.raycast import View
 from tokt.studies.simulation.rendering.sensor import develop
 from tokt.studies.simulation.rendering.synthetic_mission import MissionScene
 from tokt.studies.thesis.exhibits import (
@@ -81,7 +81,7 @@ def dive(tmp_path_factory):
         for side, (camera, response) in enumerate(
             zip(pose.cameras(scene.rig), responses, strict=True)
         ):
-            view = cast_rays(scene.tower, camera)
+            view = View(camera, scene.tower)
             moment = np.random.default_rng([number, 7])
             light = expose(scene.water, scene.rig, pose, view, response, moment)
             image = develop(scene.water, light, np.random.default_rng([number, side]))

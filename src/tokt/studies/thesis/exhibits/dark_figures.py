@@ -16,7 +16,7 @@ from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.verdict import CLEAR, STATUS_WORDS
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.simulation.rendering.lighting import expose
-from tokt.studies.simulation.rendering.raycast import cast_rays
+from tokt.studies.simulation.rendering.raycast import View
 from tokt.studies.simulation.rendering.sensor import develop
 from tokt.studies.simulation.rendering.synthetic_mission import MissionScene
 from tokt.studies.simulation.scene.rig import FULL_WIDTH
@@ -170,7 +170,7 @@ class DarkScene:
         self._scene = MissionScene.draw(SEED, _FRAMES, width)
         self._pose = self._scene.poses[_PLACE]
         cameras = self._pose.cameras(self._scene.rig)
-        self._views = [cast_rays(self._scene.tower, camera) for camera in cameras]
+        self._views = [View(camera, self._scene.tower) for camera in cameras]
         depth = self._views[0].image(self._views[0].depth)
         self.mask: U8 = np.isfinite(depth).astype(np.uint8) * 255
         self.nearest_m = float(depth.min())
