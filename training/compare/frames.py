@@ -37,22 +37,11 @@ OCEAN, OBSTACLE_FRAME, NEITHER = "ocean", "obstacle", "neither"
 
 @dataclass(frozen=True)
 class FrameSeries:
-    """The frames that are compared, dive by dive and camera by camera, in order.
+    """The frames that are compared, dive by dive and camera by camera, in order."""
 
-    Parameters
-    ----------
-    table : DataFrame
-        Columns mission, camera, frame, kind (ocean, obstacle or neither) and fold (-1 where
-        there are none).
-    starts : array of int
-        Rows at which another dive or camera begins.
-    gaps : array of int, shape (n_frames,)
-        Frames missing just before each one, in its own sequence.
-    """
-
-    table: pd.DataFrame
-    starts: I64
-    gaps: I64
+    table: pd.DataFrame  # mission, camera, frame, kind (of `kind_of_frame`), fold (-1 for none)
+    starts: I64  # rows at which another dive or camera begins
+    gaps: I64  # (n_frames,): frames missing just before each one, in its own sequence
 
     @classmethod
     def of(cls, table: pd.DataFrame, step: int | None = None) -> FrameSeries:

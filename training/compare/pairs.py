@@ -248,27 +248,13 @@ def _method(blocks: int, unit: str, questions: int) -> str:
 
 @dataclass(frozen=True)
 class PermutationTest:
-    """Result of a block permutation test.
+    """Result of a block permutation test."""
 
-    Parameters
-    ----------
-    p : float
-        Share of swaps with a difference at least as large, in either direction.
-    swaps : int
-        How many were looked at.
-    exact : bool
-        Whether these were all there are.
-    differing : int
-        Blocks in which the two models' counts differ; only swapping these changes anything.
-    least_p : float
-        The smallest p that so many blocks can give, however large the difference.
-    """
-
-    p: float
-    swaps: int
-    exact: bool
-    differing: int
-    least_p: float
+    p: float  # share of swaps with a difference at least as large, in either direction
+    swaps: int  # how many were looked at
+    exact: bool  # whether these were all there are
+    differing: int  # blocks in which the two models' counts differ: swapping others does nothing
+    least_p: float  # the smallest p that so many blocks can give, however large the difference
 
 
 def permutation_test(

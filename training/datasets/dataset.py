@@ -53,60 +53,31 @@ _HASHED_INFO = ("format_version", "task", "grid", "taxonomy", "block_frames")
 
 @dataclass(frozen=True)
 class FrameSource:
-    """One frame to take into a dataset.
-
-    Parameters
-    ----------
-    mission, camera, frame
-        Its name.
-    group : str
-        Frames of one group are never split between training and test.
-    load : callable
-        Gives the frame's encoded file and suffix; called once.
-    """
+    """One frame to take into a dataset."""
 
     mission: str
     camera: str
     frame: int
-    group: str
-    load: Callable[[], tuple[bytes, str]]
+    group: str  # frames of one group are never split between training and test
+    load: Callable[[], tuple[bytes, str]]  # gives the frame's encoded file and suffix; called once
 
 
 @dataclass(frozen=True)
 class DatasetPlan:
-    """The content of a dataset that is to be built.
-
-    Parameters
-    ----------
-    name : str
-        The dataset's name.
-    task : {"binary", "classes"}
-    grid : Grid
-    taxonomy : Taxonomy
-    frames : sequence of FrameSource
-    patches : DataFrame
-        Columns mission, camera, frame, row, col, label; no `unsure` in it.
-    unsure : int
-        How many patches were left out as `unsure`.
-    block_frames : int or None
-        Consecutive frames a group; None where nothing says which patches belong together (a
-        folder of patches): figures from such a dataset are marked ungrouped.
-    sources : list of str
-        For people: what was read. Not part of the hash.
-    sites : dict of str to str
-        The site of each mission whose site is known. Not part of the hash.
-    """
+    """The content of a dataset that is to be built."""
 
     name: str
-    task: str
+    task: str  # of `TASKS`
     grid: Grid
     taxonomy: Taxonomy
     frames: Sequence[FrameSource]
-    patches: pd.DataFrame
-    unsure: int
+    patches: pd.DataFrame  # columns mission, camera, frame, row, col, label; no `unsure` in it
+    unsure: int  # how many patches were left out as `unsure`
+    # Consecutive frames a group; None where nothing says which patches belong together (a folder of
+    # patches): figures from such a dataset are marked ungrouped.
     block_frames: int | None
-    sources: list[str]
-    sites: dict[str, str] = field(default_factory=dict)
+    sources: list[str]  # for people: what was read; not part of the hash
+    sites: dict[str, str] = field(default_factory=dict)  # by mission, if known; not of the hash
 
 
 class DatasetVersion:

@@ -19,32 +19,16 @@ KEYS = ["mission", "camera", "frame"]
 
 @dataclass(frozen=True)
 class FrameTable:
-    """The labelled frames of a dataset, by mission, camera and number.
+    """The labelled frames of a dataset, by mission, camera and number."""
 
-    Parameters
-    ----------
-    keys : DataFrame
-        Columns mission, camera, frame, group; one row a frame.
-    of_patch : array of int, shape (n_patches,)
-        Row of `keys` for each patch of the dataset.
-    obstacles : array of int, shape (n_frames,)
-        Patches labelled as an obstacle.
-    ocean : array of bool, shape (n_frames,)
-        Every patch is labelled, as clear. Never so in a dataset of single patches, whose
-        "frames" are patches.
-    min_mask_patches : array of int, shape (n_frames,)
-        Patches it takes to bring the mask's mean over the thesis's limit: 1, but for grids
-        of very small patches.
-    place : array of int, shape (n_frames,)
-        Counts frames as they followed each other: 1 more than the frame before where none is
-        missing in between, and far from it in another mission or camera.
-    """
-
-    keys: pd.DataFrame
-    of_patch: I64
-    obstacles: I64
+    keys: pd.DataFrame  # columns mission, camera, frame, group; one row a frame
+    of_patch: I64  # (n_patches,): row of `keys` for each patch of the dataset
+    obstacles: I64  # (n_frames,): patches labelled as an obstacle
+    # (n_frames,): every patch is labelled, as clear. Never so in a dataset of single patches.
     ocean: Bools
-    min_mask_patches: I64
+    min_mask_patches: I64  # (n_frames,): of the detector's function of that name
+    # (n_frames,): counts frames as they followed each other: 1 more than the frame before where
+    # none is missing in between, and far from it in another mission or camera.
     place: I64
 
     def __len__(self) -> int:
@@ -103,19 +87,11 @@ def _places(found: pd.DataFrame) -> I64:
 
 @dataclass(frozen=True)
 class FrameScores:
-    """The obstacle scores of a dataset's patches, frame by frame.
-
-    Parameters
-    ----------
-    frames : FrameTable
-    scores : array of float64, shape (n_frames, n_patches)
-        By the patch's place in the grid; -inf where a patch was not tested (or is not labelled).
-    tested : array of bool, shape (n_frames,)
-    """
+    """The obstacle scores of a dataset's patches, frame by frame."""
 
     frames: FrameTable
-    scores: F64
-    tested: Bools
+    scores: F64  # (n_frames, n_patches), by place in the grid; -inf where a patch was not tested
+    tested: Bools  # (n_frames,)
 
     @classmethod
     def of(

@@ -31,22 +31,13 @@ _BOX_BGR = (255, 220, 60)
 
 @dataclass(frozen=True)
 class AnnotatedFrame:
-    """One frame with everything that is drawn on it.
+    """One frame with everything that is drawn on it."""
 
-    Parameters
-    ----------
-    image : array of uint8
-        As the camera gave it.
-    predicted, labelled, unsure : arrays of bool, shape (n_patches,)
-    verdict : Verdict
-        The runtime's, in a run over the frames before.
-    """
-
-    image: U8
-    predicted: Bools
+    image: U8  # as the camera gave it
+    predicted: Bools  # (n_patches,), as the next two
     labelled: Bools
     unsure: Bools
-    verdict: Verdict
+    verdict: Verdict  # the runtime's, in a run over the frames before
 
 
 def beside_labels(

@@ -40,21 +40,7 @@ _FIGURES = ("f1", "average_precision", "precision", "recall", "false_positive", 
 
 @dataclass(frozen=True)
 class KnownModel:
-    """A registered model with all that it was trained with.
-
-    Parameters
-    ----------
-    bundle : Bundle
-    dataset : DatasetVersion
-    extractor_name : str
-    target : FalseStatusTarget
-    settings : TrainingSettings
-    split : Split
-    choice : Hyperparameters
-    fold_choices : list of Hyperparameters
-    held_out : array of float64, shape (n_patches,)
-        Obstacle scores by models that did not learn from the patch; NaN where it was not tested.
-    """
+    """A registered model with all that it was trained with."""
 
     bundle: Bundle
     dataset: DatasetVersion
@@ -64,7 +50,7 @@ class KnownModel:
     split: Split
     choice: Hyperparameters
     fold_choices: list[Hyperparameters]
-    held_out: F64
+    held_out: F64  # (n_patches,): obstacle scores of patches not learnt from; NaN if not tested
 
 
 def known_model(registry: Registry, reference: str, datasets: Path) -> KnownModel:

@@ -199,48 +199,26 @@ def _texts(sites: Mapping[Any, Any]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class HeldOutPredictions:
-    """Decision values of patches by models that did not learn from them.
+    """Decision values of patches by models that did not learn from them."""
 
-    Parameters
-    ----------
-    values : array of float64, shape (n_patches, n_outputs)
-    fold : array of int, shape (n_patches,)
-        The fold in which a patch was tested; -1 for none.
-    choices : tuple of Hyperparameters
-        What each fold's model was trained with.
-    rules : tuple of MofNRule
-        Each fold's frame rule, chosen on its training part alone.
-    stressed : mapping of str to array of float64, shape (n_patches, n_outputs)
-        By augmentation: decision values of the patches on frames so augmented.
-    distance : array of float64, shape (n_patches,), or None
-        How far each was from the nearest landmark (`NystroemMap.distance`); NaN where it was not
-        tested, None without a map.
-    """
-
-    values: F64
-    fold: I64
-    choices: tuple[Hyperparameters, ...]
-    rules: tuple[MofNRule, ...]
+    values: F64  # (n_patches, n_outputs)
+    fold: I64  # (n_patches,): the fold in which a patch was tested; -1 for none
+    choices: tuple[Hyperparameters, ...]  # what each fold's model was trained with
+    rules: tuple[MofNRule, ...]  # each fold's frame rule, chosen on its training part alone
+    # By augmentation: (n_patches, n_outputs) of the patches on frames so augmented.
     stressed: Mapping[str, F64] = field(default_factory=dict)
+    # (n_patches,): how far each was from the nearest landmark (`NystroemMap.distance`); NaN where
+    # it was not tested, None without a map.
     distance: F64 | None = None
 
 
 @dataclass(frozen=True)
 class BestCandidate:
-    """The best candidate of a cross-validation.
-
-    Parameters
-    ----------
-    choice : Hyperparameters
-    values : array of float64, shape (n_patches, n_outputs)
-        Its decision values of patches that were held out; NaN of others (`Split.cut`).
-    prior : WaterPrior or None
-        Of these values before the boundary was moved by it; None where it was not.
-    """
+    """The best candidate of a cross-validation."""
 
     choice: Hyperparameters
-    values: F64
-    prior: WaterPrior | None
+    values: F64  # (n_patches, n_outputs) where a patch was held out (`Split.cut`); NaN of others
+    prior: WaterPrior | None  # of these values before the boundary was moved by it, if it was
 
 
 def choose_hyperparameters(

@@ -122,24 +122,14 @@ def training_distribution(
 
 @dataclass(frozen=True)
 class _Windows:
-    """Windows of frames, which are rows of one table sorted by mission, camera and number.
+    """Windows of frames, which are rows of one table sorted by mission, camera and number."""
 
-    Parameters
-    ----------
-    mission : array of int, shape (n_windows,)
-    number : array of int, shape (n_windows,)
-        The first frame's.
-    first, last : array of int, shape (n_windows,)
-        Rows of the window's frames: from `first` to before `last`.
-    near : array of int, shape (n_cameras, 2, n_windows)
-        Of each camera the rows, from and to before, that the window is not compared with; an
-        empty range for another mission's camera.
-    """
-
-    mission: I64
-    number: I64
-    first: I64
+    mission: I64  # (n_windows,)
+    number: I64  # (n_windows,): the first frame's
+    first: I64  # (n_windows,): rows of the window's frames: from `first` to before `last`
     last: I64
+    # (n_cameras, 2, n_windows): of each camera the rows, from and to before, that the window is not
+    # compared with; an empty range for another mission's camera.
     near: I64
 
 

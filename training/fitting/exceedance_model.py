@@ -38,28 +38,13 @@ _SHARES = stats.norm.pdf(_LEVELS) / stats.norm.pdf(_LEVELS).sum()
 
 @dataclass(frozen=True)
 class ExceedanceModel:
-    """The law of the ocean frames' statistic.
+    """The law of the ocean frames' statistic."""
 
-    Parameters
-    ----------
-    mean : float
-        Of all frames.
-    between : float
-        Standard deviation of the blocks' levels.
-    within : float
-        Scale of the Gumbel law inside a block.
-    quantile : float
-        What the stated rate of frames exceeds.
-    standard_error : float
-        Of `quantile`, between blocks.
-    blocks : int
-    """
-
-    mean: float
-    between: float
-    within: float
-    quantile: float
-    standard_error: float
+    mean: float  # of all frames
+    between: float  # standard deviation of the blocks' levels
+    within: float  # scale of the Gumbel law inside a block
+    quantile: float  # what the stated rate of frames exceeds
+    standard_error: float  # of `quantile`, between blocks
     blocks: int
 
     def margin(self, confidence: float) -> float:

@@ -65,30 +65,15 @@ _UNGROUPED = (
 
 @dataclass(frozen=True)
 class AuditInput:
-    """The dataset to audit, and the model settings to audit it with.
+    """The dataset to audit, and the model settings to audit it with."""
 
-    Parameters
-    ----------
-    label : str
-        The dataset or model, for people.
-    name : str
-        The same, fit for a file's name.
-    dataset : DatasetVersion
-    extractor_spec : dict
-    split : Split
-    settings : TrainingSettings
-        Of a model, with what it was trained with as the only candidate.
-    first : array of float64, shape (n_patches, n_outputs), or None
-        A model's decision values of patches that were held out; None computes them.
-    """
-
-    label: str
-    name: str
+    label: str  # the dataset or model, for people
+    name: str  # the same, fit for a file's name
     dataset: DatasetVersion
     extractor_spec: dict[str, Any]
     split: Split
-    settings: TrainingSettings
-    first: F64 | None = None
+    settings: TrainingSettings  # of a model, with what it was trained with as the only candidate
+    first: F64 | None = None  # (n_patches, n_outputs), a model's of held-out patches, if known
 
 
 def audit_input_named(reference: str, workspace: Path, folds: int | None = None) -> AuditInput:

@@ -19,27 +19,13 @@ Judge = Callable[[F64, I64], F64]
 
 @dataclass(frozen=True)
 class WholeFrames:
-    """Features of all patches of a dataset's frames, labelled or not, and the dataset's among them.
+    """Features of all patches of a dataset's frames, and the dataset's own patches among them."""
 
-    Parameters
-    ----------
-    features : array of float64, shape (n_frames * n_patches, dim)
-        As `cached_features` has those of whole frames.
-    at : array of int, shape (n_frames, n_patches)
-        Their rows in it; frames as `frame_table` has them: by mission, camera and number.
-    place : array of int, shape (n_frames,)
-        As of `FrameTable`.
-    obstacle : tuple of bool
-        For each class whether it is an obstacle.
-    frame, cell : array of int, shape (n_rows,)
-        Of each row of a table of patches: its frame, and its place in the grid.
-    """
-
-    features: F64
-    at: I64
-    place: I64
-    obstacle: tuple[bool, ...]
-    frame: I64
+    features: F64  # (n_frames * n_patches, dim): as `cached_features` has those of whole frames
+    at: I64  # (n_frames, n_patches): their rows in it; frames as `frame_table` has them
+    place: I64  # (n_frames,): as of `FrameTable`
+    obstacle: tuple[bool, ...]  # for each class whether it is an obstacle
+    frame: I64  # (n_rows,): of each row of a table of patches: its frame, and its place in the grid
     cell: I64
 
     @classmethod

@@ -38,20 +38,11 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class Finished:
-    """A trial's outcome.
-
-    Parameters
-    ----------
-    tally : BlockConfusion
-    choices : tuple of Hyperparameters
-        C and class weight of each fold.
-    seconds : float
-        What it took; for people.
-    """
+    """A trial's outcome."""
 
     tally: BlockConfusion
-    choices: tuple[Hyperparameters, ...]
-    seconds: float
+    choices: tuple[Hyperparameters, ...]  # C and class weight of each fold
+    seconds: float  # what it took; for people
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -97,17 +88,10 @@ def _read(path: Path, parsed: Callable[[dict[str, Any]], _T], remedy: str) -> _T
 
 @dataclass(frozen=True)
 class SearchState:
-    """The folder of one search.
-
-    Parameters
-    ----------
-    folder : Path
-    id : str
-        Names the search in the registry: its key, and a number that ``--fresh`` raises.
-    """
+    """The folder of one search."""
 
     folder: Path
-    id: str
+    id: str  # names the search in the registry: its key, and a number that ``--fresh`` raises
 
     def trial_file(self, trial_id: str, outer_fold: int | None = None) -> Path:
         """Where a finished trial is kept; with `outer_fold`, that of its training part."""

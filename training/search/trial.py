@@ -22,47 +22,25 @@ from .state import Finished, write_finished
 
 @dataclass(frozen=True)
 class TrialTask:
-    """A trial to be run, on any process that sees the same files.
-
-    Parameters
-    ----------
-    trial : Trial
-    dataset, cache, file : Path
-        Of the dataset version, the features kept earlier, and the outcome.
-    settings : TrainingSettings
-    split : Split
-        Of the whole search.
-    outer_fold : int or None
-        Use nothing but the training part of this fold.
-    not_after : float or None
-        Time (s since 1970) after which it is not begun any more.
-    """
+    """A trial to be run, on any process that sees the same files."""
 
     trial: Trial
     dataset: Path
-    cache: Path
-    file: Path
+    cache: Path  # of features
+    file: Path  # for the outcome
     settings: TrainingSettings
-    split: Split
-    outer_fold: int | None = None
-    not_after: float | None = None
+    split: Split  # of the whole search
+    outer_fold: int | None = None  # use nothing but the training part of this fold
+    not_after: float | None = None  # time (s since 1970) after which it is not begun any more
 
 
 @dataclass(frozen=True)
 class TrialOutcome:
-    """Result of a trial, or its error.
-
-    Parameters
-    ----------
-    task : TrialTask
-    finished : Finished or None
-    fault : str or None
-        Why the extractor cannot be tried. With neither, the time was up.
-    """
+    """Result of a trial, or its error."""
 
     task: TrialTask
     finished: Finished | None = None
-    fault: str | None = None
+    fault: str | None = None  # why the extractor cannot be tried; with neither, the time was up
 
 
 def run_task(task: TrialTask) -> TrialOutcome:

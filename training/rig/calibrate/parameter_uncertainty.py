@@ -34,31 +34,18 @@ _FOCAL_STEPS = (0.95, 1.05)
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of the rig.
-
-    Attributes
-    ----------
-    sigma : float or None
-        Standard deviation with the numbers that were estimated; None for one that was not.
-    sigma_all_free : float or None
-        The same if every number of the camera model were unknown.
-    value_all_free : float or None
-        What it becomes then. Far from `value`, by that deviation, it says that the camera model
-        errs by more than the matches do.
-    verdict : str
-        Of an estimated number: given those that are held. Of a held one: if it were not.
-    held : bool
-        Not estimated but taken as given.
-    """
+    """One number of the rig."""
 
     name: str
     value: float
     unit: str
-    sigma: float | None
-    sigma_all_free: float | None
+    sigma: float | None  # standard deviation; None for a number that was not estimated
+    sigma_all_free: float | None  # the same if every number of the camera model were unknown
+    # What it becomes then. Far from `value`, by that deviation, it says that the camera model errs
+    # by more than the matches do.
     value_all_free: float | None
-    verdict: str
-    held: bool
+    verdict: str  # of an estimated number: given those that are held; of a held one: if it were not
+    held: bool  # not estimated but taken as given
 
     def words(self) -> str:
         """The verdict, and what it rests on."""

@@ -144,24 +144,14 @@ def _pose(points_m: F64, rays: F64, focal_px: float) -> tuple[F64, F64] | None:
 
 @dataclass(frozen=True)
 class RigFit:
-    """A fitted rig and what it was fitted to.
-
-    Attributes
-    ----------
-    tracks : Tracks
-        The observations that were kept.
-    residual_px : (n,) array
-        For each of them the length of its four residuals.
-    dropped : int
-        Observations thrown out as wrong.
-    """
+    """A fitted rig and what it was fitted to."""
 
     rig: Rig
     names: tuple[str, ...]
-    tracks: Tracks
+    tracks: Tracks  # the observations that were kept
     path: Path
-    residual_px: F64
-    dropped: int
+    residual_px: F64  # (n,): for each of them the length of its four residuals
+    dropped: int  # observations thrown out as wrong
 
     def problem(self, names: Sequence[str], priors: Mapping[str, float] | None = None) -> Problem:
         """The same adjustment, started where this one ended, with these numbers free."""

@@ -31,23 +31,12 @@ _FREE_NAMES = {"k1": ("k1",), "k2": ("k2",), "focal": FOCAL, "principal": PRINCI
 
 @dataclass(frozen=True)
 class StartingRig:
-    """The cameras that a calibration starts from.
-
-    Attributes
-    ----------
-    rig : Rig
-    words : str
-        Where it comes from.
-    free : tuple of str
-        What is estimated besides R, the direction of T and the focal ratio.
-    calibration : StereoCalibration or None
-        The whole of it, where a usable one was given: what `before` is measured with.
-    """
+    """The cameras that a calibration starts from."""
 
     rig: Rig
-    words: str
-    free: tuple[str, ...]
-    calibration: StereoCalibration | None = None
+    words: str  # where it comes from
+    free: tuple[str, ...]  # what is estimated besides R, the direction of T and the focal ratio
+    calibration: StereoCalibration | None = None  # a usable one: what `before` is measured with
 
 
 def parse_free(text: str) -> tuple[str, ...]:
@@ -130,34 +119,20 @@ def _centred(K: F64, size: tuple[int, int]) -> F64:
 
 @dataclass(frozen=True)
 class SelfCalibration:
-    """A calibration from a mission's frames, and how far it can be trusted.
-
-    Attributes
-    ----------
-    fit : RigFit
-        What `calibration` is from.
-    before, after : VerticalError
-        On `test_frames`: without it, and with the rig fitted to `fit_frames` alone.
-    held_out : bool
-        Whether the test frames had no part in the rig that `after` is of.
-    fit_part : RigFit
-        The rig that `after` is of.
-    own : VerticalError
-        Of `calibration` on all matched frames.
-    """
+    """A calibration from a mission's frames, and how far it can be trusted."""
 
     mission: str
     start: StartingRig
     part: str
-    fit: RigFit
-    fit_part: RigFit
+    fit: RigFit  # what `calibration` is from
+    fit_part: RigFit  # the rig that `after` is of
     fit_frames: list[int]
     test_frames: list[int]
-    held_out: bool
+    held_out: bool  # whether the test frames had no part in the rig that `after` is of
     matches: list[FrameMatches]
-    before: VerticalError
-    after: VerticalError
-    own: VerticalError
+    before: VerticalError  # on `test_frames`, without it
+    after: VerticalError  # on `test_frames`, with the rig fitted to `fit_frames` alone
+    own: VerticalError  # of `calibration` on all matched frames
     uncertainty: ParameterUncertainty
     seconds: float
 

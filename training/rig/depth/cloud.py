@@ -28,22 +28,12 @@ _TYPE_NAMES = {"<f4": "float", "|u1": "uchar"}
 
 @dataclass(frozen=True)
 class PointCloud:
-    """Coloured points, and how many there were before filtering.
+    """Coloured points, and how many there were before filtering."""
 
-    Parameters
-    ----------
-    points_m : array of float64, shape (n, 3)
-        Metres in the left camera's axes: x right, y down, z along its axis.
-    colors : array of uint8, shape (n, 3)
-        RGB, of the left frame with its contrast raised.
-    matched, out_of_range, outliers : int
-        Valid matches, and those left out of them.
-    """
-
-    points_m: F64
-    colors: U8
-    matched: int
-    out_of_range: int
+    points_m: F64  # (n, 3): metres in the left camera's axes: x right, y down, z along its axis
+    colors: U8  # (n, 3): RGB, of the left frame with its contrast raised
+    matched: int  # valid matches
+    out_of_range: int  # of these left out
     outliers: int
 
 

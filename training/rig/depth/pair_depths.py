@@ -22,37 +22,23 @@ MEASURES = ("median_m", "distance_m")
 
 @dataclass(frozen=True)
 class DepthRow:
-    """Depths and verdict of one pair.
-
-    Parameters
-    ----------
-    frame, status : int
-        Status as in `tokt.inference.verdict.Verdict`.
-    distance_m, median_m, far_m : float or None
-        Near percentile (the verdict's distance), median and 95th percentile of the matched
-        depths; None where nothing was matched, or the pair could not be judged.
-    valid_fraction, textured_fraction : float or None
-        Parts of the rectified left view that were matched, and that had contrast enough to be;
-        None where no matching was done.
-    closing_m_s, contact_s : float or None
-        As the verdict has them; only with times.
-    row_trim_px : float
-        Rows by which the right view was moved, in pixels of the frame.
-    health : str
-        As in the verdict: why the pair could not be judged, or what else is not as it should be.
-    """
+    """Depths and verdict of one pair."""
 
     frame: int
-    status: int
+    status: int  # as in `tokt.inference.verdict.Verdict`
+    # Near percentile (the verdict's distance), median and 95th percentile of the matched depths;
+    # None where nothing was matched, or the pair could not be judged.
     distance_m: float | None = None
     median_m: float | None = None
     far_m: float | None = None
+    # Parts of the rectified left view that were matched, and that had contrast enough to be; None
+    # where no matching was done.
     valid_fraction: float | None = None
     textured_fraction: float | None = None
-    closing_m_s: float | None = None
+    closing_m_s: float | None = None  # as the verdict has it; only with times, as the next
     contact_s: float | None = None
-    row_trim_px: float = 0.0
-    health: str = "ok"
+    row_trim_px: float = 0.0  # rows by which the right view was moved, in pixels of the frame
+    health: str = "ok"  # as in the verdict
 
 
 class _KeepsMatches:
