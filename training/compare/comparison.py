@@ -76,13 +76,7 @@ def _learns(predictions: ModelPredictions) -> bool:
 
 
 def _asked_for(compared: ComparedModels, wanted: str) -> str:
-    """The model whose learning curve is asked for, by ``name`` or ``name/version``.
-
-    Raises
-    ------
-    ToktError
-        If it is not one of those compared, or has no learning curve.
-    """
+    """The model whose learning curve is asked for, by ``name`` or ``name/version``."""
     for item in compared.models:
         if wanted in (item.label, item.bundle.name):
             if not _learns(item):

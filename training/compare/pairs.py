@@ -52,6 +52,12 @@ class _Resampled:
     def change(self, first: str, second: str) -> F64:
         return self.spread[first] - self.spread[second]
 
+    def compared(self, first: str, second: str, blocks: int) -> dict[str, Any]:
+        return {
+            "difference": self.value(first) - self.value(second),
+            "interval": interval(self.change(first, second), blocks),
+        }
+
 
 def main_measure(compared: ComparedModels) -> ComparisonMetric:
     """Macro-F1 where all models tell the same several classes apart, else the obstacles' F1."""
@@ -85,11 +91,6 @@ def _ap_measure(compared: ComparedModels, draws: F64) -> _Resampled | None:
     return _Resampled("average_precision", "AP", average_precision, counts, spread)
 
 
-def _bounds(spread: F64, blocks: int) -> dict[str, float] | None:
-    found = interval(spread, blocks)
-    return None if found is None else {"low": found[0], "high": found[1]}
-
-
 def _detectable(spread: F64, questions: int) -> float | None:
     """The difference that would be called one in 4 of 5 repeats, from its standard error."""
     found = spread[np.isfinite(spread)]
@@ -99,8 +100,8 @@ def _detectable(spread: F64, questions: int) -> float | None:
     return float((norm.ppf(1 - alpha / 2) + norm.ppf(_POWER)) * found.std())
 
 
-def _verdict(difference: float, bounds: dict[str, float] | None, p: float) -> str:
-    if bounds is None or p > 1 - CONFIDENCE or bounds["low"] <= 0 <= bounds["high"]:
+def _verdict(p: float, difference: float, interval: dict[str, float] | None) -> str:
+    if interval is None or p > 1 - CONFIDENCE or interval["low"] <= 0 <= interval["high"]:
         return CANNOT_TELL
     return BETTER if difference > 0 else WORSE
 
@@ -177,7 +178,7 @@ def compare_pairs(compared: ComparedModels) -> dict[str, Any]:
         "measure_title": measure.title,
         "blocks": len(names),
         "intervals": {
-            label: {item.name: _bounds(item.spread[label], len(names)) for item in shown}
+            label: {item.name: interval(item.spread[label], len(names)) for item in shown}
             for label in labels
         },
         "pairs": _pairs(measure, ap, couples, len(names), compared.unit) if defined else [],
@@ -198,29 +199,23 @@ def _pairs(
     adjusted = holm([test.p for test in tests])
     pairs = []
     for (a, b), test, p in zip(couples, tests, adjusted, strict=True):
-        difference = measure.value(a) - measure.value(b)
-        bounds = _bounds(measure.change(a, b), blocks)
+        told = measure.compared(a, b, blocks)
         pair: dict[str, Any] = {
             "models": [a, b],
             "values": [measure.value(a), measure.value(b)],
-            "difference": difference,
-            "interval": bounds,
+            **told,
             "p": test.p,
             "p_adjusted": p,
             "swaps": test.swaps,
             "exact": test.exact,
             "differing_blocks": test.differing,
             "detectable": _detectable(measure.change(a, b), len(couples)),
-            "average_precision": None if ap is None else _ap_pair(ap, a, b, blocks),
-            "verdict": _verdict(difference, bounds, p),
+            "average_precision": ap and ap.compared(a, b, blocks),
+            "verdict": _verdict(p, **told),
         }
         pair["words"] = _said(pair, measure.title, test, len(couples), unit)
         pairs.append(pair)
     return pairs
-
-
-def _ap_pair(ap: _Resampled, a: str, b: str, blocks: int) -> dict[str, Any]:
-    return {"difference": ap.value(a) - ap.value(b), "interval": _bounds(ap.change(a, b), blocks)}
 
 
 def _method(blocks: int, unit: str, questions: int) -> str:
@@ -264,16 +259,9 @@ def permutation_test(
 
     If the models are alike, it makes no difference which of them judged a block: the difference
     seen is then one of many that swapping their verdicts gives. Whole blocks are swapped, as
-    patches of a block are not independent.
-
-    Parameters
-    ----------
-    first, second : arrays of float64, shape (blocks, ...)
-        Counts of each block for each model.
-    figure : callable
-        From counts of shape (n, ...) to n figures.
-    seed : int
-        Of the swaps drawn where there are too many to look at all of them.
+    patches of a block are not independent; where there are too many swaps to look at all of them,
+    some are drawn. `first` and `second` are each model's counts, (blocks, ...); `figure` makes n
+    figures of counts (n, ...).
 
     References
     ----------

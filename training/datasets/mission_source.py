@@ -18,12 +18,12 @@ from tokt.labels.merge import merge_annotators
 from tokt.labels.record import MODEL, LabelRecord, NoLabelsError
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 
-from .dataset import DatasetPlan, DatasetVersion, FrameSource, read_stored_frame
+from .dataset import PATCH_KEY, DatasetPlan, DatasetVersion, FrameSource, read_stored_frame
 from .splits import BLOCK_FRAMES, block_of
 
 PATCH_GRID = Grid(1, 1, None)
 """Of ready-cut patches, which are frames of one patch at their own size."""
-_COLUMNS = ["mission", "camera", "frame", "row", "col", "label"]
+_COLUMNS = [*PATCH_KEY, "label"]
 
 
 def read_labels(files: Sequence[Path], taxonomy: Taxonomy, grid: Grid) -> list[LabelRecord]:

@@ -12,9 +12,7 @@ import pandas as pd
 from tokt.features.common.arrays import F64, I64, Bools
 from tokt.inference.texture.detector import min_mask_patches
 from tokt.models.operating_point import MAX_WINDOW, MofNRule, frame_step, missed_before
-from tokt.training.datasets.dataset import DatasetVersion
-
-KEYS = ["mission", "camera", "frame"]
+from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
 
 
 @dataclass(frozen=True)
@@ -36,24 +34,23 @@ class FrameTable:
 
 
 def frame_names(frames: pd.DataFrame) -> list[str]:
-    """``mission:frame`` of rows with `KEYS`; with the camera where it is not the left one."""
+    """``mission:frame`` of rows with `FRAME_KEY`; with the camera where it is not the left one."""
     return [
         f"{mission}:{frame}" if camera == "left" else f"{mission}:{camera}:{frame}"
-        for mission, camera, frame in frames[KEYS].itertuples(index=False, name=None)
+        for mission, camera, frame in frames[FRAME_KEY].itertuples(index=False, name=None)
     ]
 
 
 def frame_table(dataset: DatasetVersion) -> FrameTable:
     """The frames of a dataset."""
-    flags = np.asarray(dataset.obstacle_flags(), bool)[dataset.targets()]
-    grouped = dataset.patches.assign(obstacle=flags).groupby(KEYS)
+    grouped = dataset.patches.assign(obstacle=dataset.obstacles()).groupby(FRAME_KEY)
     of_patch = grouped.ngroup().to_numpy(np.int64)
     found = grouped.agg(
         obstacles=("obstacle", "sum"), n=("obstacle", "size"), group=("group", "first")
     ).reset_index()
     whole = (found.n == dataset.grid.n_patches) & (dataset.block_frames is not None)
     return FrameTable(
-        found[[*KEYS, "group"]],
+        found[[*FRAME_KEY, "group"]],
         of_patch,
         found.obstacles.to_numpy(np.int64),
         (whole & (found.obstacles == 0)).to_numpy(bool),
@@ -63,8 +60,8 @@ def frame_table(dataset: DatasetVersion) -> FrameTable:
 
 
 def _min_mask_patches(dataset: DatasetVersion, found: pd.DataFrame) -> I64:
-    sizes = dataset.frames.drop_duplicates(KEYS).set_index(KEYS)
-    sizes = sizes.loc[pd.MultiIndex.from_frame(found[KEYS]), ["height", "width"]]
+    sizes = dataset.frames.drop_duplicates(FRAME_KEY).set_index(FRAME_KEY)
+    sizes = sizes.loc[pd.MultiIndex.from_frame(found[FRAME_KEY]), ["height", "width"]]
     least = {}
     for height, width in sizes.drop_duplicates().itertuples(index=False, name=None):
         resized = dataset.grid.resized(height, width)
@@ -129,18 +126,8 @@ class FrameScores:
 def windowed(values: F64, place: I64, hits: int, window: int) -> F64:
     """The `hits`-th largest of the values in each frame and the `window` - 1 places before it.
 
-    Parameters
-    ----------
-    values : array of float64, shape (n_frames, n_columns)
-        Column by column.
-    place : array of int, shape (n_frames,)
-        As in `FrameTable`, rising; places without a frame hold -inf.
-    hits, window : int
-
-    Returns
-    -------
-    numpy.ndarray
-        As `values`.
+    Column by column, of values (n_frames, n_columns). Places are those of `FrameTable`; where they
+    are without a frame they hold -inf.
     """
     if window == 1 or not len(values):
         return values
@@ -213,6 +200,6 @@ def _statuses(scores: FrameScores, of_frame: I64, rules: Sequence[MofNRule]) -> 
 
 def _first(frames: FrameTable, chosen: Bools) -> dict[str, int | None]:
     """The first chosen frame of each mission, of whichever camera."""
-    marked = frames.keys[KEYS].assign(number=frames.keys.frame.where(chosen))
+    marked = frames.keys[FRAME_KEY].assign(number=frames.keys.frame.where(chosen))
     first = marked.groupby("mission").number.min()
     return {str(name): None if np.isnan(at) else int(at) for name, at in first.items()}

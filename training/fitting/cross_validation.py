@@ -18,7 +18,7 @@ from tokt.features.frames.mission import format_frames
 from tokt.models.linear import LinearModel, obstacle_score
 from tokt.models.operating_point import MofNRule
 from tokt.models.water import WaterPrior
-from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.datasets.dataset import PATCH_KEY, DatasetVersion
 from tokt.training.datasets.splits import (
     MAX_JUDGED,
     Fold,
@@ -132,7 +132,7 @@ class Split:
     @property
     def inner(self) -> Self:
         """Of the cross-validation inside a training part: one fold less."""
-        return replace(self, folds=inner_folds(self.folds))
+        return replace(self, folds=max(2, self.folds - 1))
 
     def cut(self, patches: pd.DataFrame, targets: I64, to_choose: bool = False) -> list[Fold]:
         """Folds of whole dives or sites where it is by dive and there are several; else of blocks.
@@ -475,32 +475,15 @@ def check_split(dataset: DatasetVersion, split: Split) -> None:
         split.inner.cut(patches.iloc[fold.train], targets[fold.train], to_choose=True)
 
 
-def inner_folds(n_folds: int) -> int:
-    """Folds of the cross-validation inside the training part of one of `n_folds` folds."""
-    return max(2, n_folds - 1)
-
-
 def check_features(dataset: DatasetVersion, features: F64) -> None:
     """Raise ToktError unless there is something to learn from in the features.
 
     A feature that is the same everywhere is harmless; the scaler leaves it at 0.
-
-    Parameters
-    ----------
-    dataset : DatasetVersion
-    features : array of float64, shape (n_patches, dim)
     """
     every = np.arange(len(features))
-    sound = (
-        in_parts(
-            lambda some: np.asarray(np.isfinite(some).all(axis=1), np.float64), features, every
-        )
-        > 0
-    )
+    sound = in_parts(lambda some: 1.0 * np.isfinite(some).all(axis=1), features, every) > 0
     if not sound.all():
-        mission, camera, frame, row, col = dataset.patches.iloc[int(np.argmin(sound))][
-            ["mission", "camera", "frame", "row", "col"]
-        ]
+        mission, camera, frame, row, col = dataset.patches.iloc[int(np.argmin(sound))][PATCH_KEY]
         raise ToktError(
             f"dataset {dataset.label}: the extractor gives {int((~sound).sum())} patches a feature "
             f"that is not a finite number; the first is mission {mission}, {camera} frame {frame}, "
@@ -521,23 +504,10 @@ def robustness_figures(
 ) -> dict[str, Any]:
     """Figures on augmented frames beside those on the frames as they are.
 
-    Each fold's model scores the augmented frames of its test part.
-
-    Parameters
-    ----------
-    dataset : DatasetVersion
-    held_out : HeldOutPredictions
-        With `stressed`.
-    model : LinearModel
-        Says what decision values mean.
-    learnt : tuple of str
-        The augmentations that the models learnt from, on other frames.
-
-    Returns
-    -------
-    dict
-        By augmentation: f1, fall (of F1, against the frames as they are), false_status,
-        ocean_frames, detected, obstacle_frames (at the folds' rules), and learnt.
+    Each fold's model scores the augmented frames of its test part. `learnt` are the augmentations
+    that the models learnt from, on other frames. By augmentation there are f1, fall (of F1, against
+    the frames as they are), false_status, ocean_frames, detected, obstacle_frames (at the folds'
+    rules), and learnt.
     """
     tested = held_out.fold >= 0
     truth = np.asarray(model.obstacle, bool)[dataset.targets()[tested]]

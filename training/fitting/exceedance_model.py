@@ -70,16 +70,9 @@ class ExceedanceModel:
 def fit_exceedance_model(
     statistic: F64, block: NDArray[np.object_], rate: float
 ) -> ExceedanceModel | None:
-    """Fit the law; None where there is too little to fit.
+    """Fit the law to frames' finite statistics and blocks; None where there is too little to fit.
 
-    Parameters
-    ----------
-    statistic : array of float64, shape (n_frames,)
-        Finite.
-    block : array, shape (n_frames,)
-        Which frames belong together.
-    rate : float
-        Of frames that may exceed a margin.
+    `rate` is that of frames that may exceed a margin.
     """
     names = np.unique(block)
     if len(statistic) < MIN_FRAMES or len(names) < MIN_BLOCKS:

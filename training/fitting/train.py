@@ -19,9 +19,8 @@ from tokt.models.bundle.bundle import frame_id
 from tokt.models.distribution import Distribution
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule, OperatingPoint
-from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.evaluation.frame_scores import KEYS
 
 from .choose_operating_point import (
     DEFAULT_TARGET,
@@ -40,7 +39,6 @@ from .cross_validation import (
     choose_hyperparameters,
     cross_validate,
     held_out_metrics,
-    inner_folds,
     robustness_figures,
     rows_tested,
 )
@@ -275,7 +273,7 @@ def _folds_in_words(request: TrainRequest) -> str:
         f"{_WEAK if weak else ''}{split.folds}-fold cross-validation over whole blocks of frames "
         f"({request.dataset.block_frames} frames a block); training frames within "
         f"{split.embargo_frames} frames of a test frame left out; {candidates} by "
-        f"{inner_folds(split.folds)}-fold blocked cross-validation. {rest}"
+        f"{split.inner.folds}-fold blocked cross-validation. {rest}"
     )
 
 
@@ -310,11 +308,10 @@ def _candidates(settings: TrainingSettings) -> str:
 
 
 def _first_clear_frame(dataset: DatasetVersion) -> U8:
-    clear = ~np.asarray(dataset.obstacle_flags(), bool)[dataset.targets()]
-    table = dataset.patches.assign(clear=clear).groupby(KEYS).clear
+    table = dataset.patches.assign(clear=~dataset.obstacles()).groupby(FRAME_KEY).clear
     sizes, sums = table.size(), table.sum()
     full = set(sums[(sums == sizes) & (sizes == dataset.grid.n_patches)].index)
-    keys = dataset.frames[KEYS].itertuples(index=False, name=None)
+    keys = dataset.frames[FRAME_KEY].itertuples(index=False, name=None)
     for index, key in enumerate(keys):
         if key in full:
             return dataset.read_frame(index)
@@ -382,7 +379,7 @@ def _test_on_all(
     """Score every patch of the dataset but those of frames that were learnt from."""
     dataset = request.dataset
     folds = request.split.cut(dataset.patches, dataset.targets())
-    digests = dataset.patches[KEYS].merge(dataset.frames, on=KEYS, how="left").digest
+    digests = dataset.patches[FRAME_KEY].merge(dataset.frames, on=FRAME_KEY, how="left").digest
     number = np.full(len(dataset.patches), -1)
     for index, fold in enumerate(folds):
         number[fold.test] = index

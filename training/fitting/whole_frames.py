@@ -43,30 +43,15 @@ class WholeFrames:
         return replace(self, frame=self.frame[rows], cell=self.cell[rows])
 
     def values(self, judge: Judge) -> tuple[I64, F64]:
-        """The frames of the table's patches, rising, and all their patches' decision values.
-
-        Returns
-        -------
-        array of int, shape (n,), and array of float64, shape (n, n_patches, n_outputs)
-        """
+        """The table's frames, rising, and their decision values, (n, n_patches, n_outputs)."""
         frames = np.unique(self.frame)
         found = self.at[frames]
         return frames, judge(self.features, found.ravel()).reshape(*found.shape, -1)
 
     def moved(self, frames: I64, values: F64, prior: WaterPrior | None) -> F64:
-        """Decision values of the table's patches, less the boundary in their frame.
+        """Decision values of the table's patches, given `values`, less the boundary in their frame.
 
-        Parameters
-        ----------
-        frames, values
-            As from `values`, of all frames that the table has patches of.
-        prior : WaterPrior or None
-            None for a boundary that stays at 0.
-
-        Returns
-        -------
-        numpy.ndarray
-            float64, shape (n_rows, n_outputs).
+        Without a prior the boundary stays at 0.
         """
         at = np.searchsorted(frames, self.frame)
         own = values[at, self.cell]
