@@ -34,19 +34,8 @@ def ceilings(
 ) -> list[dict[str, Any]]:
     """Gradient boosting on the features of each model, and a small net on the patches' pixels.
 
-    Parameters
-    ----------
-    compared : ComparedModels
-        Held out.
-    models : sequence of ModelPredictions
-        Those of `compared` that learn from its dataset.
-    workspace : Path
-    progress : callable
-
-    Returns
-    -------
-    list of dict
-        learner, model (None for the net), and patch (figures) or missing (why there are none).
+    Of held-out comparisons, and those `models` of it that learn from its dataset. Each has learner,
+    model (None for the net), and patch (figures) or missing (why there are none).
     """
     dataset, tried = compared.dataset, list[tuple[dict[str, Any], _Learner]]()
     if dataset is None or not models:

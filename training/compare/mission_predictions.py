@@ -46,13 +46,7 @@ def _check_grids(bundles: Sequence[Bundle]) -> None:
 def check_unseen(
     bundles: Sequence[Bundle], mission: Mission, frames: Sequence[int], progress: Callable[..., Any]
 ) -> None:
-    """Refuse models that learnt from the very frames they would be compared on.
-
-    Raises
-    ------
-    ToktError
-        Saying which model, how many frames, and which.
-    """
+    """Refuse, by ToktError, models that learnt from the very frames they would be compared on."""
     known = {bundle.label: set(bundle.content.trained_on.tolist()) for bundle in bundles}
     seen: dict[str, list[int]] = {bundle.label: [] for bundle in bundles}
     for number in progress(frames, len(frames), "looking for frames that were learnt from"):

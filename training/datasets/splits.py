@@ -144,12 +144,7 @@ def joined_names(
 ) -> NDArray[np.object_]:
     """For each row its name; of names that share something, directly or by others, one for all.
 
-    Parameters
-    ----------
-    names, shared : Series
-        Of each row its name, and what it may share with others.
-    join : callable or str
-        Makes one name of several in rising order, as for pandas' `transform`.
+    `join` makes one name of several in rising order, as for pandas' `transform`.
     """
     name, known = pd.factorize(names, sort=True)
     thing, things = pd.factorize(shared)

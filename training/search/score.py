@@ -109,10 +109,7 @@ class BlockConfusion:
 def f1_of_counts(counts: I64) -> F64:
     """F1 of class 1 of two, macro-F1 over the classes present of more; NaN where undefined.
 
-    Parameters
-    ----------
-    counts : array of int, shape (..., classes, classes)
-        Confusion matrices, true class by said class.
+    From confusion matrices (..., classes, classes), true class by said class.
     """
     hits = np.diagonal(counts, axis1=-2, axis2=-1)
     present = counts.sum(axis=-1)
@@ -201,17 +198,8 @@ def honest_score(
     then scored on that fold's held-out blocks, and the folds are put together. The scores on the
     held-out blocks are known already: the trial of the whole dataset trained on just that part.
 
-    Parameters
-    ----------
-    whole : mapping
-        Each trial on the whole dataset.
-    inside : sequence of mapping
-        The same inside the training part of each fold.
-
-    Returns
-    -------
-    dict
-        score; chosen: the winner's name inside each fold; how, in words.
+    There is each trial on the `whole` dataset, and the same `inside` the training part of each
+    fold; chosen are the winners' names inside the folds.
     """
     chosen = [winner(ranked(tallies)).trial for tallies in inside]
     parts = [(whole[trial], whole[trial].folds == fold) for fold, trial in enumerate(chosen)]

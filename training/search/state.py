@@ -58,13 +58,7 @@ def write_finished(path: Path, finished: Finished) -> None:
 
 
 def read_finished(path: Path) -> Finished | None:
-    """A trial kept earlier, or None where there is none.
-
-    Raises
-    ------
-    ToktError
-        If it is damaged or of a newer format.
-    """
+    """A trial kept earlier, if any; ToktError where it is damaged or of a newer format."""
     return _read(path, _finished, "delete it, or search with --fresh")
 
 
@@ -104,23 +98,11 @@ class SearchState:
 def opened_state(
     root: Path, question: Mapping[str, Any], dataset: str, *, fresh: bool
 ) -> Iterator[SearchState]:
-    """The state of a search, new or as an earlier run left it, for this process alone.
+    """The state of a search, new (`fresh`) or as an earlier run left it, for this process alone.
 
-    Parameters
-    ----------
-    root : Path
-        The workspace's ``searches`` folder.
-    question : mapping
-        Everything that can change a trial's score or the winner; JSON.
-    dataset : str
-        For people: the folder's name begins with it.
-    fresh : bool
-        Forget what an earlier run did.
-
-    Raises
-    ------
-    ToktError
-        If another process is at the same search, or the state is damaged or of a newer format.
+    `root` is the workspace's ``searches`` folder; the question is all that can change a trial's
+    score or the winner. Raises ToktError if another process is at the same search, or the state is
+    damaged or of a newer format.
     """
     key = f"{dataset}-{json_sha256(question)[:_KEY_CHARS]}"
     folder = root / key

@@ -56,7 +56,7 @@ def run_task(task: TrialTask) -> TrialOutcome:
             for name in names
         )
         if task.outer_fold is not None:
-            rows = outer_training_rows(dataset, split, task.outer_fold)
+            rows = split.cut(dataset.patches, dataset.targets())[task.outer_fold].train
             dataset, features = part_of(dataset, rows), features[rows]
             augmented = [table[rows] for table in augmented]
             split = split.inner
@@ -79,11 +79,6 @@ def _dataset(path: Path) -> DatasetVersion:
 
 def _silent(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:
     yield from items
-
-
-def outer_training_rows(dataset: DatasetVersion, split: Split, fold: int) -> I64:
-    """The patches that fold number `fold` trains on."""
-    return split.cut(dataset.patches, dataset.targets())[fold].train
 
 
 def part_of(dataset: DatasetVersion, rows: I64) -> DatasetVersion:

@@ -32,15 +32,9 @@ class Path:
 class Problem:
     """The residuals of an adjustment and their sparse Jacobian.
 
-    The vector is: the rig's named numbers, six numbers for each frame but the anchor (rotation
-    vector, then shift in metres), three for each point.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Which of the rig's numbers are free.
-    priors : mapping of name to float
-        Standard deviation of a free number about its start value.
+    The vector is: the rig's free numbers by their `names`, six numbers for each frame but the
+    anchor (rotation vector, then shift in metres), three for each point. `priors` are standard
+    deviations of free numbers about their start values.
     """
 
     def __init__(

@@ -77,10 +77,7 @@ def gray_frame(mission: Mission, frame: int, camera: str) -> U8:
 def gray_view(mission: Mission, frame: int, camera: str) -> tuple[F32, tuple[int, int]]:
     """One frame in grey levels, not rounded, at `view_scale`; and the frame's width and height.
 
-    Raises
-    ------
-    FrameError
-        If it cannot be read.
+    Raises FrameError if it cannot be read.
     """
     image = gray_frame(mission, frame, camera)
     height, width = image.shape

@@ -1,8 +1,7 @@
 """Uncertainty of a rig's parameters: which of them the frames determine."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -71,19 +70,12 @@ class FocalStep:
 
 @dataclass(frozen=True)
 class ParameterUncertainty:
-    """Uncertainty of all parameters, and the directions that the frames leave loose.
-
-    In a loose direction its ``changes`` can happen together while the pictures stay nearly the
-    same.
-    """
+    """Uncertainty of all parameters, and the directions that the frames leave loose."""
 
     parameters: list[Parameter]
+    # Its ``changes`` can happen together while the pictures stay nearly the same.
     loose: list[dict[str, dict[str, float]]]
     focal: list[FocalStep]
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain JSON form."""
-        return asdict(self)
 
 
 def parameter_uncertainty(fit: RigFit, test: Sequence[FrameMatches]) -> ParameterUncertainty:
@@ -103,7 +95,9 @@ def parameter_uncertainty(fit: RigFit, test: Sequence[FrameMatches]) -> Paramete
     parameters.append(
         Parameter("baseline", fit.rig.baseline_mm, "mm", None, None, None, NOT_FIXED, True)
     )
-    return ParameterUncertainty(parameters, _loose(fit, wide), _focal_profile(fit, test))
+    depth = _median_depth(fit.path)
+    focal = [_focal_step(fit, factor, depth, test) for factor in (1.0, *_FOCAL_STEPS)]
+    return ParameterUncertainty(parameters, _loose(fit, wide), focal)
 
 
 def _deviations(names: Sequence[str], covariance: F64) -> dict[str, float]:
@@ -140,11 +134,6 @@ def _loose(fit: RigFit, wide: F64) -> list[dict[str, dict[str, float]]]:
         changes = {_ALL[i]: float(moves[i] * unit[i]) for i in np.flatnonzero(main)}
         found.append({"changes": changes})
     return found
-
-
-def _focal_profile(fit: RigFit, test: Sequence[FrameMatches]) -> list[FocalStep]:
-    depth = _median_depth(fit.path)
-    return [_focal_step(fit, factor, depth, test) for factor in (1.0, *_FOCAL_STEPS)]
 
 
 def _focal_step(

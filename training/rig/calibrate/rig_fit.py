@@ -96,10 +96,7 @@ def triangulate(rig: Rig, tracks: Tracks) -> F64:
 def first_path(rig: Rig, tracks: Tracks) -> tuple[Path, Bools]:
     """Place frame after frame by the points it shares with those already placed.
 
-    Returns
-    -------
-    (Path, placed)
-        `placed` (n_frames,) bool: the frames that share enough points with the rest.
+    The flags, (n_frames,), tell the frames that share enough points with the rest.
     """
     n_frames = len(tracks.frames)
     rays = rig.rays(tracks.left, tracks.right)[0]
@@ -161,10 +158,7 @@ class RigFit:
 def fit_rig(matches: Sequence[FrameMatches], start: Rig, free: Sequence[str] = ()) -> RigFit:
     """Fit R, the direction of T, the focal ratio and the numbers in `free`.
 
-    Raises
-    ------
-    ToktError
-        If too few points can be followed from frame to frame.
+    Raises ToktError if too few points can be followed from frame to frame.
     """
     tracks = build_tracks(matches)
     names = (*POSE, *free)

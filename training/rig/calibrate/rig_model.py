@@ -22,8 +22,8 @@ the even frames has a vertical error of 0.41 px (median) beyond 480 px in the od
 printed k1 and k2 it is 0.51 px, with k1 alone 0.61 px, without distortion 2.6 px."""
 FOCAL = ("focal",)
 PRINCIPAL = ("cx_left", "cy_left", "cx_right", "cy_right")
-_K, _R, _T, _F, _C = slice(10, 12), slice(0, 3), slice(3, 6), slice(6, 8), slice(8, 10)
-"""Columns of the Jacobian of cv2.projectPoints."""
+_T, _F, _C, _K = slice(3, 6), slice(6, 8), slice(8, 10), slice(10, 12)
+"""Columns of the Jacobian of cv2.projectPoints; those of the rotation come first."""
 _UNDISTORT = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-10)
 
 

@@ -2,14 +2,14 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from tokt import __version__
-from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import Mission, format_frames
 from tokt.inference.stereo.calibration import StereoCalibration
@@ -102,19 +102,12 @@ def start_from(
             )
         rig = Rig.from_cameras(K, D, baseline_mm, size)
         return StartingRig(rig, "cameras as given, their standing to each other anew", freed, given)
-    centred = [_centred(k, size) for k in K]
-    lenses = [d[:2] for d in D]
-    rig = Rig.from_cameras((centred[0], centred[1]), (lenses[0], lenses[1]), baseline_mm, size)
+    x, y = ((length - 1) / 2 for length in size)
+    left, right = (np.array([[k[0, 0], 0, x], [0, k[0, 0], y], [0, 0, 1]]) for k in K)
+    rig = Rig.from_cameras((left, right), (D[0][:2], D[1][:2]), baseline_mm, size)
     return StartingRig(
         rig, "f, k1 and k2 as given; principal point at the centre, square pixels", freed
     )
-
-
-def _centred(K: F64, size: tuple[int, int]) -> F64:
-    plain = K.copy()
-    plain[1, 1], plain[0, 1] = K[0, 0], 0.0
-    plain[0, 2], plain[1, 2] = (size[0] - 1) / 2, (size[1] - 1) / 2
-    return plain
 
 
 @dataclass(frozen=True)
@@ -195,7 +188,7 @@ class SelfCalibration:
                 "calibration_on_all_frames": self.own.figures(),
                 "unit": "px of the full frame",
             },
-            **self.uncertainty.to_json(),
+            **asdict(self.uncertainty),
             "seconds": round(self.seconds, 1),
         }
 

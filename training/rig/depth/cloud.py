@@ -91,21 +91,9 @@ def ply_bytes(points_m: F64, colors: U8, comments: Sequence[str] = ()) -> bytes:
     """A PLY file of coloured points, binary little endian.
 
     A header of ten lines and the bytes of one structured array. A library would do no more with
-    it: plyfile would be one dependency more, open3d several hundred megabytes.
-
-    Parameters
-    ----------
-    points_m : array of float, shape (n, 3)
-        x, y, z in metres.
-    colors : array of uint8, shape (n, 3)
-        Red, green, blue.
-    comments : sequence of str
-        For whoever opens the file in an editor.
-
-    Raises
-    ------
-    ToktError
-        If a coordinate is not finite, or there is not one colour for each point.
+    it: plyfile would be one dependency more, open3d several hundred megabytes. Comments are for
+    whoever opens the file in an editor. Raises ToktError if a coordinate is not finite, or there is
+    not one colour for each point.
     """
     if points_m.shape != colors.shape or points_m.shape[1:] != (3,):
         raise ToktError(f"{points_m.shape} coordinates and {colors.shape} colours are no cloud")

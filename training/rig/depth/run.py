@@ -186,13 +186,7 @@ def _to_draw(
 
 
 class PairRematcher:
-    """Matches some pairs again: those of a whole mission do not fit into memory.
-
-    Parameters
-    ----------
-    mission : Mission
-    detector : DisparityDetector
-    """
+    """Matches some pairs again: those of a whole mission do not fit into memory."""
 
     def __init__(self, mission: Mission, detector: DisparityDetector) -> None:
         self._mission = mission
