@@ -145,7 +145,7 @@ def interval(spread: F64, blocks: int) -> dict[str, float] | None:
 
 
 def compare_f1(
-    truth: Bools, said_first: Bools, said_second: Bools, groups: NDArray[np.object_], seed: int = 0
+    truth: Bools, said_first: Bools, said_second: Bools, groups: NDArray[np.object_]
 ) -> Difference:
     """Compare two models' obstacle F1 on the same patches.
 
@@ -155,8 +155,6 @@ def compare_f1(
         Labels, and what each model said of patches it did not learn from.
     groups : array, shape (n_patches,)
         The block of each patch.
-    seed : int
-        Of the resampling.
 
     Returns
     -------
@@ -170,7 +168,7 @@ def compare_f1(
     names, block = block_numbers(groups)
     first = obstacle_counts(truth, said_first, block, len(names))
     second = obstacle_counts(truth, said_second, block, len(names))
-    draws = drawn_blocks(len(names), seed)
+    draws = drawn_blocks(len(names))
     bounds = interval(f1(summed(draws, first)) - f1(summed(draws, second)), len(names))
     low, high = (-1.0, 1.0) if bounds is None else bounds.values()
     whole = f1(np.stack([first.sum(axis=0), second.sum(axis=0)]))

@@ -111,10 +111,8 @@ def compare_models(
 
     Parameters
     ----------
-    compared : ComparedModels
     workspace : Path
         Holds the features that the learning curve needs.
-    progress : callable
     curve_of : str, optional
         Name of the model to draw the learning curve of; by default the best.
     with_ceilings : bool

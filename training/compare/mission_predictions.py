@@ -157,12 +157,10 @@ def predict_missions(
 
     Parameters
     ----------
-    bundles : sequence of Bundle
     missions : sequence of LabelledMission
         With labels in the models' grid; several annotators are merged.
     taxonomy : Taxonomy
         Says which labels are obstacles.
-    progress : callable
     frames : sequence of int, optional
         Compare on these frames only.
     stated : AtSea

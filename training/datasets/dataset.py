@@ -292,7 +292,6 @@ def build_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -
 
     Parameters
     ----------
-    plan : DatasetPlan
     root : Path
         The workspace's ``datasets`` folder.
     progress : callable

@@ -94,7 +94,6 @@ def cached_features(
 
     Parameters
     ----------
-    dataset : DatasetVersion
     spec : dict
         The extractor's spec.
     cache : Path

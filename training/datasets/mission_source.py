@@ -43,7 +43,6 @@ def labels_of_mission(
 
     Parameters
     ----------
-    mission : Mission
     records : iterable of LabelRecord
         Of any missions.
     grid : Grid
@@ -86,21 +85,12 @@ def labels_of_mission(
 
 @dataclass(frozen=True)
 class LabelledMission:
-    """A mission with its labels.
-
-    Parameters
-    ----------
-    mission : Mission
-    records : list of LabelRecord
-        Labels and settlements of this mission, of any annotators, in one grid; one at the least.
-    site, date : str
-        Where and when it was; empty where that was not said.
-    """
+    """A mission with its labels."""
 
     mission: Mission
-    records: list[LabelRecord]
-    site: str = ""
-    date: str = ""
+    records: list[LabelRecord]  # of this mission, any annotators, in one grid; one at the least
+    site: str = ""  # where it was; empty where that was not said
+    date: str = ""  # when
 
     @property
     def name(self) -> str:

@@ -39,26 +39,13 @@ from .metrics import class_metrics, obstacle_metrics, reliability
 
 @dataclass(frozen=True)
 class ScoredMission:
-    """A model's values and verdicts of one mission, frame by frame.
+    """A model's values and verdicts of one mission, frame by frame."""
 
-    Parameters
-    ----------
-    frames : list of int
-        Frame numbers in order.
-    missed : list of int
-        Frames of the mission between the one scored before and this one.
-    values : array of float64, shape (n_frames, n_patches, n_outputs)
-    verdicts : list of Verdict
-        The runtime's own, at the operating point.
-    seen_in_training : list of int
-        Frames whose very pixels the model learnt from.
-    """
-
-    frames: list[int]
-    missed: list[int]
-    values: F64
-    verdicts: list[Verdict]
-    seen_in_training: list[int]
+    frames: list[int]  # frame numbers in order
+    missed: list[int]  # frames of the mission between the one scored before and this one
+    values: F64  # (n_frames, n_patches, n_outputs)
+    verdicts: list[Verdict]  # the runtime's own, at the operating point
+    seen_in_training: list[int]  # frames whose very pixels the model learnt from
 
     @property
     def status(self) -> list[int]:
@@ -356,12 +343,10 @@ def evaluate(
 
     Parameters
     ----------
-    bundle : Bundle
     missions : sequence of LabelledMission
         With labels in the model's grid; several annotators are merged.
     taxonomy : Taxonomy
         Says which labels are obstacles.
-    progress : callable
     frames : sequence of int, optional
         Judge these frames only.
     stated : AtSea

@@ -149,7 +149,6 @@ def frame_figures(
 
     Parameters
     ----------
-    dataset : DatasetVersion
     score : array of float64, shape (n_patches,)
         `LinearModel.obstacle_score`; not looked at where the fold is -1.
     fold : array of int, shape (n_patches,)

@@ -52,14 +52,10 @@ def beside_labels(
 
     Parameters
     ----------
-    bundle : Bundle
-    image : array of uint8
     values : array of float64, shape (n_patches, n_outputs)
         Its decision values.
-    verdict : Verdict
     records : iterable of LabelRecord
         Of this frame, one a patch.
-    taxonomy : Taxonomy
     """
     grid = bundle.grid
     labelled, unsure = np.zeros((2, grid.n_patches), bool)

@@ -92,7 +92,6 @@ def adapted_request(
 
     Parameters
     ----------
-    known : KnownModel
     dataset : DatasetVersion
         The model's, with the new dive.
     by, sites

@@ -32,27 +32,16 @@ _MARGIN_STEPS = 10_000  # a unit; margins are rounded up to them: short to read,
 class FalseStatusTarget:
     """The rate of false statuses to keep, how surely, and by which frame rules.
 
-    Parameters
-    ----------
-    rate : float
-        False statuses allowed per ocean frame.
-    confidence : float
-        With which the rate is to be kept; 0.5 asks for the best estimate.
-    least_patches : int or None
-        Of the rule; None to choose between 1 and 2.
-    frame_rule : (hits, window) or None
-        Of the rule; None to choose among 1 of 1, 2 of 3, 3 of 3 and 3 of 5.
-
     Raises
     ------
     ToktError
         If a number is out of its bounds.
     """
 
-    rate: float = 1e-4
-    confidence: float = 0.5
-    least_patches: int | None = None
-    frame_rule: tuple[int, int] | None = None
+    rate: float = 1e-4  # false statuses allowed per ocean frame
+    confidence: float = 0.5  # with which the rate is to be kept; 0.5 asks for the best estimate
+    least_patches: int | None = None  # of the rule; None to choose between 1 and 2
+    frame_rule: tuple[int, int] | None = None  # hits and window; None to choose of `FRAME_RULES`
 
     def __post_init__(self) -> None:
         if not MIN_RATE <= self.rate <= MAX_RATE:
@@ -143,12 +132,10 @@ def choose_frame_rule(
 
     Parameters
     ----------
-    dataset : DatasetVersion
     score : array of float64, shape (n_patches,)
         `LinearModel.obstacle_score` by models that did not learn from the patch.
     tested : array of bool, shape (n_patches,)
         Which patches have one.
-    target : FalseStatusTarget
     by_dive : bool
         Whether the level of the law changes from dive to dive, and not from block to block: then
         the margin is for a dive that nobody has seen. Where too few dives have ocean frames it

@@ -106,7 +106,6 @@ def fit_classifier(
     targets : array of int, shape (n,)
     choice : Hyperparameters
         LinearSVC's C and the weights of the classes.
-    settings : TrainingSettings
     weights : array of float64, shape (n,), optional
         How much each patch's error counts, and the patch itself before a map.
     scaled_by : array of float64, shape (n,), optional

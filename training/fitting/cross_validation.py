@@ -49,25 +49,13 @@ SITES, DIVES, BLOCKS = "sites", "dives", "blocks of frames"
 
 @dataclass(frozen=True)
 class Split:
-    """What a cross-validation holds out together, and what counts the same in learning.
+    """What a cross-validation holds out together, and what counts the same in learning."""
 
-    Parameters
-    ----------
-    folds : int
-        Of blocks, or of more dives than can be held out one by one.
-    embargo_frames : int
-        Between blocks of one dive.
-    by : {"block", "dive"}
-    weight : {"patch", "dive"}
-        Whether each patch counts the same, or each dive.
-    sites : mapping of str to str
-        Site by mission: by dive, all dives of a site are held out together.
-    """
-
-    folds: int
-    embargo_frames: int
-    by: str = BLOCK
-    weight: str = PATCH
+    folds: int  # of blocks, or of more dives than can be held out one by one
+    embargo_frames: int  # between blocks of one dive
+    by: str = BLOCK  # or DIVE
+    weight: str = PATCH  # or DIVE: whether each patch counts the same, or each dive
+    # By mission: where it is by dive, all dives of a site are held out together.
     sites: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -90,7 +78,6 @@ class Split:
 
         Parameters
         ----------
-        dataset : DatasetVersion
         folds, embargo_frames, by, weight
             As above; None where it is left open.
         sites : sequence of str
@@ -243,8 +230,6 @@ def choose_hyperparameters(
         Columns mission, frame, group.
     features : array of float64, shape (n_patches, dim)
     targets : array of int, shape (n_patches,)
-    settings : TrainingSettings
-    split : Split
     augmented : sequence of arrays like `features`
         Learnt from too, as in `fit_rows`; tested on is `features` alone.
     jobs : int
@@ -354,10 +339,7 @@ def cross_validate(
 
     Parameters
     ----------
-    dataset : DatasetVersion
     features : array of float64, shape (n_patches, dim)
-    settings : TrainingSettings
-    split : Split
     progress : callable
         ``progress(items, total, what)`` passes the items through.
     target : FalseStatusTarget

@@ -86,8 +86,6 @@ def audit_input_named(reference: str, workspace: Path, folds: int | None = None)
 
     Parameters
     ----------
-    reference : str
-    workspace : Path
     folds : int, optional
         For a dataset; a model has its own.
 
@@ -182,7 +180,6 @@ def audit(
 
     Parameters
     ----------
-    subject : AuditInput
     cache : Path
         Folder of the feature cache.
     progress : callable

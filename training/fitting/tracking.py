@@ -238,8 +238,6 @@ def log_and_register(
 
     Parameters
     ----------
-    trained : Trained
-    registry : Registry
     key : SigningKey, optional
         Signs the registration.
 

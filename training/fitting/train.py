@@ -55,76 +55,36 @@ _WEAK = (
 
 @dataclass(frozen=True)
 class TrainRequest:
-    """A model to train: dataset, extractor, settings and targets.
-
-    Parameters
-    ----------
-    dataset : DatasetVersion
-    name : str
-        The model's name in the registry.
-    extractor : Extractor
-    extractor_name : str
-        What the user asked for, as ``lbp``.
-    settings : TrainingSettings
-    split : Split
-    ocean_image, other_image : Path or None
-        For the preset `thesis` only; by default a clear frame of the dataset and a rendered
-        texture.
-    target : FalseStatusTarget
-        What the operating point is chosen for.
-    search : str or None
-        The search that the extractor comes from.
-    selection : str
-        How the extractor was chosen, in a sentence; stands with the figures.
-    """
+    """A model to train: dataset, extractor, settings and targets."""
 
     dataset: DatasetVersion
-    name: str
+    name: str  # the model's name in the registry
     extractor: Extractor
-    extractor_name: str
+    extractor_name: str  # what the user asked for, as ``lbp``
     settings: TrainingSettings
     split: Split
-    ocean_image: Path | None = None
-    other_image: Path | None = None
-    target: FalseStatusTarget = DEFAULT_TARGET
-    search: str | None = None
-    selection: str = ""
+    ocean_image: Path | None = None  # of preset `thesis`; by default a clear frame of the dataset
+    other_image: Path | None = None  # of preset `thesis`; by default a rendered texture
+    target: FalseStatusTarget = DEFAULT_TARGET  # what the operating point is chosen for
+    search: str | None = None  # the search that the extractor comes from
+    selection: str = ""  # how the extractor was chosen, in a sentence; stands with the figures
 
 
 @dataclass(frozen=True)
 class Trained:
-    """A trained model with all that is known about it, before it is logged.
-
-    Parameters
-    ----------
-    request : TrainRequest
-    pipeline : Pipeline
-        scikit-learn's, fitted on all training data.
-    model : LinearModel
-        The same with the scaler folded in.
-    choice : Hyperparameters
-        What it was fitted with.
-    held_out : HeldOutPredictions
-    metrics : dict
-        As `held_out_metrics`, with ``split``: how they were measured, in words.
-    trained_on : array of uint64
-        First 8 bytes of the pixel hash of every frame learnt from.
-    operating_point : OperatingPoint
-        Chosen on held-out decision values of all blocks; the figures of `metrics` come from the
-        folds' own rules.
-    distribution : Distribution or None
-        Of the features as the frames are, unchanged; None where no limits can be measured.
-    """
+    """A trained model with all that is known about it, before it is logged."""
 
     request: TrainRequest
-    pipeline: Pipeline
-    model: LinearModel
-    choice: Hyperparameters
+    pipeline: Pipeline  # scikit-learn's, fitted on all training data
+    model: LinearModel  # the same with the scaler folded in
+    choice: Hyperparameters  # what it was fitted with
     held_out: HeldOutPredictions
-    metrics: dict[str, Any]
-    trained_on: NDArray[np.uint64]
+    metrics: dict[str, Any]  # as `held_out_metrics`, with ``split``: how they were measured
+    trained_on: NDArray[np.uint64]  # first 8 bytes of the pixel hash of every frame learnt from
+    # Chosen on held-out decision values of all blocks; the figures of `metrics` come from the
+    # folds' own rules.
     operating_point: OperatingPoint
-    distribution: Distribution | None
+    distribution: Distribution | None  # of unchanged frames; None where no limits can be measured
 
 
 def train(
@@ -139,7 +99,6 @@ def train(
 
     Parameters
     ----------
-    request : TrainRequest
     cache : Path
         Folder of the feature cache.
     progress : callable

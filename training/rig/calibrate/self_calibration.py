@@ -204,7 +204,6 @@ def self_calibrate(
 
     Parameters
     ----------
-    start : StartingRig
     progress : callable
         Passes frame numbers on as they are worked on.
     frames : sequence of int, optional

@@ -46,7 +46,6 @@ def cloud_of(
     ----------
     rectifier : Rectifier
         Whose views were matched.
-    matches : Matches
     left : array of uint8
         The left frame, as decoded.
     farthest_m : float

@@ -63,7 +63,6 @@ def measure_depths(
 
     Parameters
     ----------
-    detector : DisparityDetector
     frames : iterable of Frame
         In order.
     rate : float, optional

@@ -38,36 +38,18 @@ _MIN_RATIO = 2.0
 
 @dataclass(frozen=True)
 class DepthRequest:
-    """Options of a depth measurement.
+    """Options of a depth measurement."""
 
-    Parameters
-    ----------
-    frames : sequence of int or None
-        Frames to look at; None for all.
-    pictures : sequence of int or None
-        Which of them to draw. None: all of `frames` where they were chosen, otherwise
-        `SPREAD_PICTURES` spread over those with an obstacle, and the nearest.
-    rate : float or None
-        Frame numbers per second, for the closing speed.
-    matcher : {"bm", "sgbm"}
-    scale : float
-        Of the matched views.
-    ply : Path or None
-        Where the point cloud goes.
-    ply_frame : int or None
-        Its frame; None for the one of the least distance.
-    farthest_m : float
-        Of the cloud.
-    """
-
-    frames: Sequence[int] | None = None
+    frames: Sequence[int] | None = None  # frames to look at; None for all
+    # Which of them to draw. None: all of `frames` where they were chosen, otherwise
+    # `SPREAD_PICTURES` spread over those with an obstacle, and the nearest.
     pictures: Sequence[int] | None = None
-    rate: float | None = None
-    matcher: str = "bm"
-    scale: float = 0.5
-    ply: Path | None = None
-    ply_frame: int | None = None
-    farthest_m: float = FARTHEST_M
+    rate: float | None = None  # frame numbers per second, for the closing speed
+    matcher: str = "bm"  # or "sgbm"
+    scale: float = 0.5  # of the matched views
+    ply: Path | None = None  # where the point cloud goes
+    ply_frame: int | None = None  # its frame; None for the one of the least distance
+    farthest_m: float = FARTHEST_M  # of the cloud
 
 
 def run_depth(
@@ -81,11 +63,8 @@ def run_depth(
 
     Parameters
     ----------
-    mission : Mission
-    calibration : StereoCalibration
     out : Path
         Folder; made where it is missing. Files of these names in it are replaced.
-    request : DepthRequest
     progress : callable
         ``progress(items, total, what)`` passes items on.
 
