@@ -281,13 +281,11 @@ def permutation_test(
     differences = figure(first.sum(axis=0) + moved) - figure(second.sum(axis=0) - moved)
     seen = figure(first.sum(axis=0)[None]) - figure(second.sum(axis=0)[None])
     as_large = int((np.abs(differences) >= abs(float(seen[0])) - _ROUNDING).sum())
-    if exact:
-        return PermutationTest(
-            as_large / len(swaps), len(swaps), True, len(differing), 2 / 2 ** len(differing)
-        )
-    # The arrangement seen is one of those that could have been drawn.
-    p = (as_large + 1) / (len(swaps) + 1)
-    return PermutationTest(p, len(swaps), False, len(differing), 1 / (len(swaps) + 1))
+    # Of drawn swaps the arrangement seen is one more; of all swaps it and its mirror are there.
+    more, least = (0, 2) if exact else (1, 1)
+    every = len(swaps) + more
+    p = (as_large + more) / every
+    return PermutationTest(p, len(swaps), exact, len(differing), least / every)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -298,9 +296,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
     Holm (1979), A Simple Sequentially Rejective Multiple Test Procedure, Scandinavian Journal of
     Statistics 6.
     """
-    adjusted = [0.0] * len(p_values)
-    largest = 0.0
-    for rank, index in enumerate(np.argsort(p_values, kind="stable").tolist()):
-        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[index]))
-        adjusted[index] = largest
+    order = np.argsort(p_values, kind="stable")
+    steps = np.arange(len(order), 0, -1) * np.asarray(p_values)[order]
+    adjusted: list[float] = np.maximum.accumulate(steps).clip(max=1.0)[np.argsort(order)].tolist()
     return adjusted

@@ -138,31 +138,28 @@ class ComparedModels:
         """Whether every model tells obstacles from what is none."""
         return all(bool(np.isfinite(item.score).all()) for item in self.models)
 
-    def status(self, predictions: ModelPredictions, rule: MofNRule | None = None) -> I64:
-        """The status of each frame: by the rules in force, or by one for all."""
-        rules = predictions.fold_rules if rule is None else [rule]
+    def status(self, predictions: ModelPredictions) -> I64:
+        """The status of each frame, by the rules in force."""
         return statuses(
             self.series,
             predictions.on_grid,
             predictions.judged,
-            rules or [predictions.rule],
+            predictions.fold_rules or [predictions.rule],
             predictions.white,
         )
 
     def figures(self, predictions: ModelPredictions) -> dict[str, Any]:
         """Patches at their thresholds, and frames at the operating point."""
+        said = predictions.score, predictions.targets, predictions.predicted, predictions.classes
+        dives = self.patches.mission.to_numpy()
         return {
             "patch": {
                 "n": len(self.truth),
                 **obstacle_metrics(self.truth, predictions.score),
                 **class_metrics(predictions.targets, predictions.predicted, predictions.classes),
             },
-            **({"dives": self._by_dive(predictions)} if self.unit == DIVES else {}),
+            **({"dives": metrics_by(dives, self.truth, *said)} if self.unit == DIVES else {}),
             "frames": frame_figures(self.series, self.status(predictions), self.ranges, self.stated)
             if self.has_frames
             else None,
         }
-
-    def _by_dive(self, predictions: ModelPredictions) -> dict[str, Any]:
-        said = predictions.targets, predictions.predicted, predictions.classes
-        return metrics_by(self.patches.mission.to_numpy(), self.truth, predictions.score, *said)

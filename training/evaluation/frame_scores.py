@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -62,12 +63,9 @@ def frame_table(dataset: DatasetVersion) -> FrameTable:
 def _min_mask_patches(dataset: DatasetVersion, found: pd.DataFrame) -> I64:
     sizes = dataset.frames.drop_duplicates(FRAME_KEY).set_index(FRAME_KEY)
     sizes = sizes.loc[pd.MultiIndex.from_frame(found[FRAME_KEY]), ["height", "width"]]
-    least = {}
-    for height, width in sizes.drop_duplicates().itertuples(index=False, name=None):
-        resized = dataset.grid.resized(height, width)
-        least[height, width] = min_mask_patches(dataset.grid, *resized)
-    pairs = zip(sizes.height, sizes.width, strict=True)
-    return np.array([least[pair] for pair in pairs], np.int64)
+    grid = dataset.grid
+    of_size = cache(lambda *size: min_mask_patches(grid, *grid.resized(*size)))
+    return np.array([of_size(*size) for size in sizes.itertuples(index=False, name=None)], np.int64)
 
 
 def _places(found: pd.DataFrame) -> I64:

@@ -361,13 +361,13 @@ def cross_validate(
         or all the same.
     """
     features = np.asarray(features)
-    stress, whole = stress or {}, whole or {}
-    for table in (features, *augmented, *stress.values()):
+    tables, whole = {"": features, **(stress or {})}, whole or {}
+    for table in (*tables.values(), *augmented):
         check_features(dataset, table)
     patches, targets = dataset.patches, dataset.targets()
     folds, dives = split.cut(patches, targets), split.dives(patches)
-    values = np.full((len(targets), _outputs(len(dataset.classes()))), np.nan)
-    stressed = {name: values.copy() for name in stress}
+    shape = len(targets), _outputs(len(dataset.classes()))
+    values = {name: np.full(shape, np.nan) for name in tables}
     number, distance = np.full(len(targets), -1), np.full(len(targets), np.nan)
     choices, rules = [], []
     for index, fold in enumerate(progress(folds, len(folds), "cross-validation")):
@@ -381,15 +381,13 @@ def cross_validate(
         by_dive = split.by == DIVE
         rules.append(choose_frame_rule(dataset, scores, tested, target, by_dive)[0])
         judge = partial(decision_values, pipeline)
-        for name, table, found in [("", features, values)] + [
-            (name, table, stressed[name]) for name, table in stress.items()
-        ]:
-            found[fold.test] = judged(judge, table, fold.test, whole.get(name), chosen.prior)
+        for name, table in tables.items():
+            values[name][fold.test] = judged(judge, table, fold.test, whole.get(name), chosen.prior)
         if model.map is not None:
             distance[fold.test] = in_parts(model.map.distance, features, fold.test)
         number[fold.test] = index
         choices.append(chosen.choice)
-    told = values, number, tuple(choices), tuple(rules), stressed
+    told = values.pop(""), number, tuple(choices), tuple(rules), values
     return HeldOutPredictions(*told, distance if settings.landmarks else None)
 
 

@@ -26,8 +26,8 @@ from .choose_operating_point import (
     DEFAULT_TARGET,
     DIVE,
     FalseStatusTarget,
-    check_target,
     choose_frame_rule,
+    shapes_on,
 )
 from .classifier import converged, decision_values, fit_classifier, fit_rows, linear_model
 from .cross_validation import (
@@ -129,7 +129,7 @@ def train(
     else:
         check_split(dataset, split)
         if dataset.block_frames is not None:
-            check_target(dataset.grid, request.target)
+            shapes_on(dataset.grid, request.target)
     wanted = dict.fromkeys(("", *settings.changes, *stress))
     spec = request.extractor.spec
     computed = dataset, spec, cache, progress, jobs, dask

@@ -25,8 +25,8 @@ class WholeFrames:
     at: I64  # (n_frames, n_patches): their rows in it; frames as `frame_table` has them
     place: I64  # (n_frames,): as of `FrameTable`
     obstacle: tuple[bool, ...]  # for each class whether it is an obstacle
-    frame: I64  # (n_rows,): of each row of a table of patches: its frame, and its place in the grid
-    cell: I64
+    frame: I64  # (n_rows,): the frame of each row of a table of patches
+    cell: I64  # (n_rows,): its place in the grid
 
     @classmethod
     def of(cls, dataset: DatasetVersion, features: F64) -> WholeFrames:

@@ -437,7 +437,7 @@ def _shown(form):
 def _expected(judged, index, rule):
     predictions = judged.models[index]
     patch = obstacle_metrics(judged.truth, predictions.score - rule.margin)
-    frames = frame_figures(judged.series, judged.status(predictions, rule))
+    frames = frame_figures(judged.series, judged.status(replace(predictions, fold_rules=[rule])))
     (sequence,) = frames["sequences"]
     first = "none" if sequence["first_detection"] is None else str(sequence["first_detection"])
     return {
@@ -582,7 +582,8 @@ def test_the_page_follows_any_rule_as_the_runtime_does(compared, open_page, whit
         return asked.map((rule) => statuses(model, rule));
     }"""
     found = page.evaluate(program, [data, asked])
-    expected = [judged.status(predictions, rule).tolist() for rule in rules]
+    told = [replace(predictions, fold_rules=[rule]) for rule in rules]
+    expected = [judged.status(one).tolist() for one in told]
     assert found == expected
     assert set(np.ravel(expected)) == {-1, 0, 1}
 

@@ -73,7 +73,7 @@ class ParameterUncertainty:
     """Uncertainty of all parameters, and the directions that the frames leave loose."""
 
     parameters: list[Parameter]
-    # Its ``changes`` can happen together while the pictures stay nearly the same.
+    # The ``changes`` of each can happen together while the pictures stay nearly the same.
     loose: list[dict[str, dict[str, float]]]
     focal: list[FocalStep]
 

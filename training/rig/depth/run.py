@@ -164,29 +164,29 @@ def _to_draw(
     return sorted({*deep[::every], *nearest})
 
 
+@dataclass(frozen=True)
 class PairRematcher:
     """Matches some pairs again: those of a whole mission do not fit into memory."""
 
-    def __init__(self, mission: Mission, detector: DisparityDetector) -> None:
-        self._mission = mission
-        self._detector = detector
+    mission: Mission
+    detector: DisparityDetector
 
     def again(self, row: DepthRow) -> tuple[U8 | None, Matches | None]:
         """The left frame of a row, and its matches as they were; None for what there was not."""
         try:
-            left = self._mission.read(row.frame, LEFT)
+            left = self.mission.read(row.frame, LEFT)
         except FrameError:
             return None, None
         if row.valid_fraction is None:
             return left, None
-        right = self._mission.read(row.frame, RIGHT)
-        return left, self._detector.match(left, right, row_shift_px=row.row_trim_px)
+        right = self.mission.read(row.frame, RIGHT)
+        return left, self.detector.match(left, right, row_shift_px=row.row_trim_px)
 
     def draw(
         self, folder: Path, rows: Sequence[DepthRow], progress: Callable[..., Iterable[DepthRow]]
     ) -> list[str]:
         """Write a picture ``depth_N.png`` of each row that has a left frame; return their names."""
-        artist = DepthPicture(self._detector.rectifier, *_color_ends(rows))
+        artist = DepthPicture(self.detector.rectifier, *_color_ends(rows))
         names = []
         for row in progress(rows, len(rows), "pictures"):
             left, matches = self.again(row)
@@ -200,11 +200,11 @@ class PairRematcher:
         left, matches = self.again(row)
         if left is None or matches is None:
             return None
-        cloud = cloud_of(self._detector.rectifier, matches, left, farthest_m)
+        cloud = cloud_of(self.detector.rectifier, matches, left, farthest_m)
         if not len(cloud.points_m):
             return None
         comments = [
-            f"mission {self._mission.name}, frame {row.frame}",
+            f"mission {self.mission.name}, frame {row.frame}",
             "metres in the left camera's axes: x right, y down, z forward",
             f"colours: left frame, {CONTRAST_METHOD}",
         ]
