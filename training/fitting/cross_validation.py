@@ -461,7 +461,7 @@ def check_features(dataset: DatasetVersion, features: F64) -> None:
     A feature that is the same everywhere is harmless; the scaler leaves it at 0.
     """
     every = np.arange(len(features))
-    sound = in_parts(lambda some: 1.0 * np.isfinite(some).all(axis=1), features, every) > 0
+    sound = in_parts(lambda some: np.isfinite(some).all(axis=1), features, every) > 0
     if not sound.all():
         mission, camera, frame, row, col = dataset.patches.iloc[int(np.argmin(sound))][PATCH_KEY]
         raise ToktError(
