@@ -25,13 +25,7 @@ MAX_FRAMES = 100
 
 
 def stereo_frames(mission: Mission, wanted: Sequence[int] | None = None) -> list[int]:
-    """Frames that both cameras have.
-
-    Raises
-    ------
-    ToktError
-        If there are none, or a wanted one is not among them.
-    """
+    """Frames that both cameras have, or the wanted ones of these; ToktError where there is none."""
     both = sorted(set(mission.frames(LEFT)) & set(mission.frames(RIGHT)))
     if not both:
         raise ToktError(f"mission {mission.path} has no frames of two cameras (Left/ and Right/)")

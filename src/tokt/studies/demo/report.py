@@ -23,7 +23,7 @@ from tokt.training.compare.bootstrap import Difference
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.evaluation import plots
 from tokt.training.evaluation.evaluate import ScoredMission
-from tokt.training.evaluation.pictures import beside_labels, draw, jpeg_uri
+from tokt.training.evaluation.pictures import beside_labels, jpeg_uri
 from tokt.training.evaluation.report import report_page
 from tokt.training.fitting.train import Trained
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
@@ -108,8 +108,8 @@ def _pictures(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list[dict[s
     for frame, why in _chosen_frames(run, _obstacle_counts(run, labels)):
         image = run.mission.read(frame, LEFT)
         values, verdict = said[frame]
-        judged = beside_labels(bundle, image, values, verdict, labels.get(frame, []), run.taxonomy)
-        uri = jpeg_uri(draw(judged, bundle.grid))
+        drawn = beside_labels(bundle, image, values, verdict, labels.get(frame, []), run.taxonomy)
+        uri = jpeg_uri(drawn)
         pictures.append({"frame": frame, "why": why, "uri": uri, "verdict": verdict})
     return pictures
 

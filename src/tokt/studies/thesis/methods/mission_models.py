@@ -44,7 +44,6 @@ from tokt.training.fitting.cross_validation import (
     check_features,
     check_split,
     choose_hyperparameters,
-    inner_folds,
     rows_tested,
 )
 from tokt.training.fitting.presets import (
@@ -170,11 +169,10 @@ def _learn(
     patches, targets = dataset.patches, dataset.targets()
     folds = blocked_folds(patches, targets, split.folds, split.embargo_frames)
     judges = _judges(dataset, folds, list(features), split.embargo_frames)
-    inner = Split(inner_folds(split.folds), split.embargo_frames)
     rules: list[MofNRule] = []
     said: dict[int, tuple[int, F64]] = {}
     for index, fold in enumerate(inputs.progress(folds, len(folds), "our texture, held out")):
-        learnt = patches, table, targets, settings, inner, augmented, inputs.request.jobs
+        learnt = patches, table, targets, settings, split.inner, augmented, inputs.request.jobs
         chosen = choose_hyperparameters(*learnt, rows=fold.train)
         pipeline = fit_rows(table, targets, fold.train, chosen.choice, settings, augmented)
         model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
