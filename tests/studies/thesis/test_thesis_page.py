@@ -68,7 +68,8 @@ def results_for(template: str, missing: str = "") -> dict[str, Any]:
     exhibits = []
     for key, names in asked_with_tables.items():
         found = f"no, {next(counter)} px"
-        claim = Claim("is it so", "yes, 12.5 %", found, ClaimAgreement.NO, "it\nis not so.")
+        why, no = "it\nis not so.", ClaimAgreement.NO
+        claim = Claim("is it so", "yes, 12.5 %", found, why, agreement=no)
         made = Exhibit(
             ("Split by a | and <em>.",),
             (claim,),

@@ -17,6 +17,7 @@ NTNU 2016.
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import cv2
@@ -51,16 +52,14 @@ def haralick_directions(patch: U8, ignore_zeros: bool) -> F64:
         return np.asarray(mahotas.features.haralick(patch))
 
 
-def describe_lbp_10_5(patch: U8) -> F64:
-    """Normalised histogram of LBP (10, 5)."""
-    counts = lbp_counts(patch, 10, 5)
+def describe_lbp(patch: U8, points: int, radius: int) -> F64:
+    """Normalised histogram of LBP (points, radius)."""
+    counts = lbp_counts(patch, points, radius)
     return counts / float(counts.sum())
 
 
-def describe_lbp_24_8(patch: U8) -> F64:
-    """Normalised histogram of LBP (24, 8)."""
-    counts = lbp_counts(patch, 24, 8)
-    return counts / float(counts.sum())
+describe_lbp_10_5 = partial(describe_lbp, points=10, radius=5)
+describe_lbp_24_8 = partial(describe_lbp, points=24, radius=8)
 
 
 def describe_haralick(patch: U8) -> F64:
@@ -80,13 +79,7 @@ def resized_gray(frame: U8) -> U8:
 
 @dataclass(frozen=True)
 class ThesisTextureResult:
-    """The pipeline's result for one frame.
-
-    Parameters
-    ----------
-    obstacle : array of bool, shape (n_patches,)
-    verdict : Verdict
-    """
+    """The patches (n_patches,) of one frame that are an obstacle, and the verdict on it."""
 
     obstacle: Bools
     verdict: Verdict

@@ -73,15 +73,7 @@ def plain(value: Any) -> Any:
 
 
 def report_html(exhibits: Sequence[Exhibit], results: dict[str, Any]) -> str:
-    """The report's text.
-
-    Parameters
-    ----------
-    exhibits : sequence of Exhibit
-        Their pictures.
-    results : dict
-        Everything else, as results.json has it.
-    """
+    """The report's text, of the exhibits' pictures and of all else as results.json has it."""
     pictures = {
         plot_file(exhibit, plot.name): png_uri(plot.png)
         for exhibit in exhibits

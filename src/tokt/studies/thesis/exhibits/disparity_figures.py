@@ -83,9 +83,7 @@ class _Shown(NamedTuple):
 
 def disparity_figures(context: StudyContext) -> Exhibit:
     """The exhibit of figures 3.8 to 3.10; needs two pairs with something in them."""
-    calibration = context.calibration
-    if calibration is None:
-        raise ToktError(f"needs a calibration of the two cameras: {context.calibration_words}")
+    calibration = context.needed_calibration()
     frames = evenly_spaced(context.textured_pairs, EXCHANGED_FRAMES)
     if len(frames) < 2:
         raise ToktError("needs two pairs with something in them")
@@ -136,23 +134,10 @@ def exchange(
     """Judge left frames with their own right frame, another one's, and their own upside down.
 
     Every kind is a run of its own, with a detector of its own, as if the right camera gave nothing
-    else.
-
-    Parameters
-    ----------
-    inputs : StudyInputs
-    calibration : StereoCalibration
-    frames : sequence of int
-        Two and more, in order.
-
-    Returns
-    -------
-    DataFrame
-        A row a left frame and kind: ``frame``; ``right``, one of `KINDS`; of ours the part of the
-        rectified view that is matched, the status, and the near and far end of the depths (nan
-        where there are none); of the thesis's cropped map the part with a disparity, its mean
-        (0..255), and the part of its pixels that changed between matched and not against the
-        frame's own right frame.
+    else. A row a left frame and kind: ``frame``; ``right``, one of `KINDS`; of ours the part of the
+    rectified view that is matched, the status, and the near and far end of the depths (nan where
+    there are none); of the thesis's cropped map the part with a disparity, its mean (0..255), and
+    the part of its pixels that changed between matched and not against the frame's own right frame.
     """
     lefts = {number: inputs.left(number) for number in frames}
     own = {number: _right_of(inputs, number) for number in frames}
@@ -298,7 +283,7 @@ def _search_claim(disparity: F64, covered: Bools) -> Claim:
     )
     if not len(disparity):
         why = "no points of the frames were matched, so that the true disparities are not known"
-        return Claim(what, printed, "no matched points", ClaimAgreement.UNCOMPARABLE, why)
+        return Claim(what, printed, "no matched points", why)
     share = float(np.mean(covered))
     if share > _MAX_FOUND:
         agreement = ClaimAgreement.YES
@@ -313,7 +298,7 @@ def _search_claim(disparity: F64, covered: Bools) -> Claim:
         "judged by points matched without any calibration (SIFT, one geometry a frame) and moved "
         "to where the thesis's own undistortion puts them; the pair is not rectified"
     )
-    return Claim(what, printed, found, agreement, why)
+    return Claim(what, printed, found, why, agreement=agreement)
 
 
 def _exchange_claim(numbers: dict[str, Any]) -> Claim:
@@ -338,8 +323,8 @@ def _exchange_claim(numbers: dict[str, Any]) -> Claim:
         "the map needs both pictures",
         f"a disparity map of a stereo pair; a control is {NOT_KNOWN}",
         found,
-        ClaimAgreement.NO if same else ClaimAgreement.PARTLY,
         why,
+        agreement=ClaimAgreement.NO if same else ClaimAgreement.PARTLY,
     )
 
 
@@ -351,7 +336,7 @@ def _margin_claim(numbers: dict[str, Any], frames: int) -> Claim:
     )
     if not frames:
         why = "the mission has no pair of open water to look at"
-        return Claim(what, printed, "not measured", ClaimAgreement.UNCOMPARABLE, why)
+        return Claim(what, printed, "not measured", why)
     margin, inside = numbers["open_water_matched_margin"], numbers["open_water_matched_inside"]
     found = (
         f"in open water ({frames} pairs) {100 * margin:.2f} % of the margin and "
@@ -364,9 +349,9 @@ def _margin_claim(numbers: dict[str, Any], frames: int) -> Claim:
             "what is white there is the picture's edge, bent inwards by an undistortion about a "
             "corner instead of the middle; cutting it off is right, and hides the cause"
         )
-        return Claim(what, printed, found, ClaimAgreement.YES, why)
+        return Claim(what, printed, found, why, agreement=ClaimAgreement.YES)
     why = "on these frames the margin is no whiter than the rest"
-    return Claim(what, printed, found, ClaimAgreement.NO, why)
+    return Claim(what, printed, found, why, agreement=ClaimAgreement.NO)
 
 
 def _cloud_claim(numbers: dict[str, Any]) -> Claim:
@@ -383,7 +368,7 @@ def _cloud_claim(numbers: dict[str, Any]) -> Claim:
         "true ones on rendered missions"
     )
     printed = f"figure 3.10, a point cloud from the disparity; its numbers are {NOT_KNOWN}"
-    return Claim("point cloud", printed, found, ClaimAgreement.UNCOMPARABLE, why)
+    return Claim("point cloud", printed, found, why)
 
 
 def _words(context: StudyContext, frames: Sequence[int], best: int) -> tuple[str, ...]:
