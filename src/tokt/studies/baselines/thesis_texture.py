@@ -98,14 +98,10 @@ def judge(frame: U8, describe: DescribePatch, classifier: Any) -> ThesisTextureR
         Predicts 1 for an obstacle.
     """
     gray = resized_gray(frame)
-    mask = np.zeros_like(gray)
-    obstacle = np.zeros(GRID.n_patches, bool)
-    for index, (y0, y1, x0, x1) in enumerate(GRID.boxes(*gray.shape)):
-        row = describe(gray[y0:y1, x0:x1])
-        if classifier.predict(row.reshape(1, -1))[0] == 1:
-            obstacle[index] = True
-            mask[y0:y1, x0:x1] = 255
-    return ThesisTextureResult(obstacle, verdict_from_mask(mask, "thesis"))
+    rows = (describe(gray[y0:y1, x0:x1]) for y0, y1, x0, x1 in GRID.boxes(*gray.shape))
+    obstacle = np.array([classifier.predict(row.reshape(1, -1))[0] == 1 for row in rows])
+    verdict = verdict_from_mask(GRID.paint(obstacle, *gray.shape), "thesis")
+    return ThesisTextureResult(obstacle, verdict)
 
 
 def main(model: str, frame: str, port: str) -> None:
