@@ -22,7 +22,7 @@ from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
 from tokt.studies.baselines.thesis_texture import GRID, ThesisTextureResult
 from tokt.studies.thesis.exhibits import curve_figures as curve_exhibit
 from tokt.studies.thesis.exhibits.curve_figures import (
-    agreement_with_distance,
+    agreement_of_worst,
     curve_figures,
     score_methods,
     with_nearness,
@@ -315,7 +315,7 @@ def test_nearness_follows_the_distance_and_not_another_order():
     [((0.99, 0.95), "YES"), ((0.99, 0.9), "PARTLY"), ((0.99, 0.5), "NO"), ((-0.99,), "NO")],
 )
 def test_the_worst_correlation_decides(ranks, agreement):
-    assert agreement_with_distance(ranks) is ClaimAgreement[agreement]
+    assert agreement_of_worst(ranks) is ClaimAgreement[agreement]
 
 
 def test_a_model_that_learnt_from_any_frame_is_told(reproduced, monkeypatch):

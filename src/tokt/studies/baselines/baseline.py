@@ -1,4 +1,4 @@
-"""What a compared method says of a frame, where it looks at a pair or at the frames before."""
+"""The result of a compared method for a frame, where it looks at pairs or at frames before."""
 
 from typing import NamedTuple
 

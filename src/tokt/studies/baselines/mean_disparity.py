@@ -51,6 +51,7 @@ class Thirds:
         """Judge one pair of a run, in their order."""
         if frame.left is None or frame.right is None:
             return not_judged(NO_PICTURE)
+        # Without the frames missed before it, of which the method knows nothing.
         seen = self._detector.observe(Frame(frame.number, frame.t, frame.left, frame.right))
         if seen.detection.mask is None or seen.matches is None:
             return not_judged(seen.detection.fault)

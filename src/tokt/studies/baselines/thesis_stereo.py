@@ -33,14 +33,8 @@ THESIS_FRAME_SIZE = (1360, 1024)
 
 # fx, fy in pixels, and the coefficients as the program hands them to OpenCV (k1, k2, p1, p2, k3);
 # it leaves the principal point at 0, 0.
-LEFT_CAMERA = (
-    np.diag([2222.72426, 2190.48031, 1.0]),
-    np.array([0.27724, 0.28163, 0.0, 0.0, -0.06867]),
-)
-RIGHT_CAMERA = (
-    np.diag([2226.10095, 2195.17250, 1.0]),
-    np.array([0.29407, 0.29892, 0.0, 0.0, -0.08315]),
-)
+LEFT_CAMERA = np.diag([2222.72426, 2190.48031, 1]), np.array([0.27724, 0.28163, 0, 0, -0.06867])
+RIGHT_CAMERA = np.diag([2226.10095, 2195.17250, 1]), np.array([0.29407, 0.29892, 0, 0, -0.08315])
 BLOCK_PX, MIN_DISPARITY_PX, N_DISPARITIES_PX = 9, -39, 112
 CROP_PX = 200
 """Settings of the pipeline, in pixels of frames of its size."""

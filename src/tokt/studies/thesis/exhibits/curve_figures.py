@@ -19,8 +19,8 @@ from .frame_drawing import new_figure, png_of
 MIN_FRAMES = 8
 """Of fewer frames that both curves have no correlation is told."""
 NEARLY_ALWAYS, GOES_WITH = 0.95, 0.7
-"""Rank correlations of mean value and nearness from which the one tells the other, and from which
-it does so with exceptions."""
+"""Rank correlations of mean value and nearness, or shares of equal signs, from which the one tells
+the other, and from which it does so with exceptions."""
 _ZOOM_TOP = 12.0
 """Mean at the top of the zoomed figure: five patches of a 10x10 grid."""
 _ZOOM_BEFORE, _ZOOM_AFTER = 15, 12
@@ -95,9 +95,9 @@ def _counted(status: pd.Series, frames: Iterable[int]) -> tuple[int, int]:
     return int((there != UNKNOWN).sum()), int((there == OBSTACLE).sum())
 
 
-def agreement_with_distance(ranks: Iterable[float]) -> ClaimAgreement:
-    """Whether the mean value is a relative distance, by the worst correlation with 1 / distance."""
-    worst = min(ranks)
+def agreement_of_worst(shares: Iterable[float]) -> ClaimAgreement:
+    """What the worst of some correlations or shares comes to."""
+    worst = min(shares)
     if worst >= NEARLY_ALWAYS:
         return ClaimAgreement.YES
     return ClaimAgreement.PARTLY if worst >= GOES_WITH else ClaimAgreement.NO
@@ -377,7 +377,7 @@ def _distance_claim(curves: Curves, nearness: Nearness) -> Claim:
         why = "no distance is measured here to hold the curves against (no pairs, or nothing near)"
         return Claim(what, printed, "not measured", why)
     told = ", ".join(f"{curves.methods[n].title} {value:.2f}" for n, value in near.items())
-    agreement = agreement_with_distance(thesis.values())
+    agreement = agreement_of_worst(thesis.values())
     measured = int(curves.distance_m.notna().sum())
     why = (
         f"judged by the thesis's methods: agrees where each rank correlation is "

@@ -18,7 +18,6 @@ from scipy.stats import spearmanr
 from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.inference.frame import Frame
-from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.matching import Matches
 from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_MEAN_THRESHOLD, STATUS_WORDS
@@ -87,15 +86,15 @@ def disparity_figures(context: StudyContext) -> Exhibit:
     frames = evenly_spaced(context.textured_pairs, EXCHANGED_FRAMES)
     if len(frames) < 2:
         raise ToktError("needs two pairs with something in them")
-    rows = exchange(context, calibration, frames)
+    rows = exchange(context, frames)
     own = rows[rows.right == OWN].set_index("frame")
     best = int(own.ours_matched.idxmax())
     margins = pd.DataFrame(
         margin_of(_map(context.left(number), _right_of(context, number)))
         for number in evenly_spaced(context.open_water_pairs, OPEN_FRAMES)
     )
-    disparity, covered = _searched(context, calibration, evenly_spaced(frames, MATCHED_FRAMES))
-    shown = _shown(context, calibration, best, _partners(frames)[best])
+    disparity, covered = _searched(context, evenly_spaced(frames, MATCHED_FRAMES))
+    shown = _shown(context, best, _partners(frames)[best])
     nearest, farthest = own.near_m.min(), own.far_m.max()
     nearest = 1.0 if np.isnan(nearest) else nearest
     # Colours of depth: those that are there, and at least a factor of two.
@@ -128,9 +127,7 @@ def _partners(frames: Sequence[int]) -> dict[int, int]:
     return dict(zip(frames, [*frames[half:], *frames[:half]], strict=True))
 
 
-def exchange(
-    inputs: StudyInputs, calibration: StereoCalibration, frames: Sequence[int]
-) -> pd.DataFrame:
+def exchange(inputs: StudyInputs, frames: Sequence[int]) -> pd.DataFrame:
     """Judge left frames with their own right frame, another one's, and their own upside down.
 
     Every kind is a run of its own, with a detector of its own, as if the right camera gave nothing
@@ -150,7 +147,7 @@ def exchange(
     white: dict[int, Bools] = {}
     for kind, right in rights.items():
         pairs = (Frame(number, float(number), lefts[number], right[number]) for number in frames)
-        for ours in measure_depths(DisparityDetector(calibration, GRID), pairs):
+        for ours in measure_depths(DisparityDetector(inputs.needed_calibration(), GRID), pairs):
             now = cropped(_map(lefts[ours.frame], right[ours.frame]))
             with_its_own = white.setdefault(ours.frame, now > 0)
             rows.append(
@@ -185,15 +182,14 @@ def _map(left: U8, right: U8) -> U8:
     return disparity_map(np.asarray(small, np.uint8), np.asarray(other, np.uint8))
 
 
-def _searched(
-    context: StudyContext, calibration: StereoCalibration, frames: Sequence[int]
-) -> tuple[F64, Bools]:
+def _searched(context: StudyContext, frames: Sequence[int]) -> tuple[F64, Bools]:
     """Disparities of SIFT matches in the thesis's pictures, and which its search can find."""
-    found = [match_frame(context.mission, n, calibration.frame_size) for n in frames]
+    size = context.needed_calibration().frame_size
+    found = [match_frame(context.mission, n, size) for n in frames]
     matched = [one for one in found if one is not None]
     if not matched:
         return np.empty(0), np.empty(0, bool)
-    ratio = np.array(THESIS_FRAME_SIZE) / np.array(calibration.frame_size)
+    ratio = np.array(THESIS_FRAME_SIZE) / np.array(size)
     left, right = (
         (np.concatenate([getattr(one, side) for one in matched]) + 0.5) * ratio - 0.5
         for side in ("left", "right")
@@ -201,11 +197,9 @@ def _searched(
     return searched(left, right)
 
 
-def _shown(
-    context: StudyContext, calibration: StereoCalibration, number: int, other: int
-) -> _Shown:
+def _shown(context: StudyContext, number: int, other: int) -> _Shown:
     """One pair matched in every pixel, with the three right frames, and its cloud."""
-    detector = DisparityDetector(calibration, GRID, step=1)
+    detector = DisparityDetector(context.needed_calibration(), GRID, step=1)
     left, right = context.left(number), _right_of(context, number)
     rights = (right, _right_of(context, other), np.ascontiguousarray(right[::-1]))
     words = (OWN, f"that of frame {other}", TURNED)

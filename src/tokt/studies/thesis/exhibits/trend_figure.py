@@ -40,7 +40,7 @@ from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.methods.curves import Curves
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
 
-from .curve_figures import agreement_with_distance
+from .curve_figures import agreement_of_worst
 from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import new_figure, png_of
 
@@ -51,7 +51,6 @@ OTHER_RATES_S = (0.25, 0.5)
 """Tried beside it, as a trend looks at seconds and not at frames."""
 DISPARITY = "disparity"
 MIN_FRAMES = 12
-_AGREES, _PARTLY = 0.95, 0.7
 _FAR_OFF = 1.5
 _SPREAD = (10, 50, 90)
 _COLORS = {GROWING: "#c0392b", STEADY: "#4a8f4a", SHRINKING: "#2d6cb3", None: "0.75"}
@@ -67,8 +66,7 @@ Held = dict[str, pd.DataFrame]
 
 def trend_exhibit(context: StudyContext) -> Exhibit:
     """The exhibit of the trend; needs stereo depth of successive frames."""
-    calibration = context.needed_calibration()
-    curves = context.curves
+    calibration, curves = context.needed_calibration(), context.curves
     measured = curves.distance_m.dropna().index
     frames = [n for n in context.pairs if len(measured) and measured.min() <= n <= measured.max()]
     if len(frames) < MIN_FRAMES:
@@ -283,7 +281,7 @@ def _distance_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
     if not given:
         agreement, why = ClaimAgreement.UNCOMPARABLE, "too few frames have a mean and a depth"
     else:
-        agreement = agreement_with_distance(-value for value in given)
+        agreement = agreement_of_worst(-value for value in given)
         why = {
             ClaimAgreement.YES: "every method's mean falls with depth, nearly without fail",
             ClaimAgreement.PARTLY: "the nearer, the larger, with exceptions: what is near is cut "
@@ -312,16 +310,15 @@ def _sign_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
         )
         signed += both
     ours = [one for name, one in scores.items() if name in (TOKT_TEXTURE, DISPARITY)]
-    worst = min(one["sign_agreement"] or 0.0 for one in ours)
     if not signed:
         agreement, why = ClaimAgreement.UNCOMPARABLE, "no frame has a sign in both"
-    elif worst >= _AGREES:
-        agreement, why = ClaimAgreement.YES, "the sign of the trend is that of the depth's change"
-    elif worst >= _PARTLY:
-        agreement = ClaimAgreement.PARTLY
-        why = "mostly; where it is wrong, what is near leaves the picture or is no longer matched"
     else:
-        agreement, why = ClaimAgreement.NO, "too often the sign is not that of the depth's change"
+        agreement = agreement_of_worst(one["sign_agreement"] or 0.0 for one in ours)
+        why = {
+            ClaimAgreement.YES: "the sign of the trend is that of the depth's change",
+            ClaimAgreement.PARTLY: "mostly; where it is wrong, what is near leaves the picture or "
+            "is no longer matched",
+        }.get(agreement, "too often the sign is not that of the depth's change")
     return Claim(
         "a growing mean is a thing that comes nearer",
         "the mean value tells whether the distance grows or shrinks (sections 5.2.1 and 7.2)",

@@ -158,7 +158,10 @@ THESIS, COMPARED, OURS = "the thesis's", "compared with", "tokt's"
 
 @dataclass(frozen=True)
 class Method:
-    """One way of judging frames: what it is, whose (`kind`), and what it learnt from."""
+    """One way of judging frames, whose (`kind`), and in words what it is and what it learnt from.
+
+    A sampled one judged a sample of the frames only.
+    """
 
     title: str
     kind: str
@@ -249,7 +252,7 @@ def measure_curves(inputs: StudyInputs, superpixel_methods: SuperpixelMethods) -
 
 def _frame_tasks(
     inputs: StudyInputs,
-    slow: Mapping[int, Sequence[SuperpixelMethod]],
+    slow: Mapping[int, list[SuperpixelMethod]],
     settings: TrainingSettings | None,
 ) -> Iterator[FrameTask]:
     """What is to be done with each scored frame; `slow` are the methods of a sample of them."""
