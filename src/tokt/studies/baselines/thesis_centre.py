@@ -66,11 +66,6 @@ def outer_contours(mask: U8) -> Contours:
     return cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
 
 
-def without_area(contours: Contours) -> int:
-    """How many contours enclose no area: single pixels, and lines one pixel wide."""
-    return sum(cv2.contourArea(contour) == 0 for contour in contours)
-
-
 def thesis_centre(mask: U8) -> ThesisCentre:
     """Centre, box and message of a mask of uint8 0/255, shape (height, width).
 

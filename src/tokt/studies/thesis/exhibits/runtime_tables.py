@@ -326,17 +326,12 @@ def runtime_tables(context: StudyContext) -> Exhibit:
         measured = time_stages(methods, frames, context.progress)
     found = {one.method.key: one for one in measured}
     summary = _summary(found)
+    caption = "Median time of each stage, in ms, on one thread."
     return Exhibit(
         _words(context, frames),
         tuple(_claims(found)),
         tuple(_tables(found, summary, len(frames))),
-        (
-            Plot(
-                "run_times",
-                "Median time of each stage, in ms, on one thread.",
-                png_of(_chart(found)),
-            ),
-        ),
+        (Plot("run_times", caption, png_of(_chart(found))),),
         _numbers(found, summary, len(frames)),
     )
 
@@ -501,8 +496,8 @@ def _claim(found: Found, key: str, what: str) -> Claim:
         ClaimAgreement.PARTLY: "within twice the printed ratio, but not within a quarter",
     }.get(agreement, "more than twice off the printed ratio")
     why = f"judged by the median: {judged}; {_reason(found, key, agreement)}"
-    found_ratio = f"{ratio:.3g} ({low:.3g} to {high:.3g})"
-    return Claim(what, printed, found_ratio, why, agreement=agreement)
+    came_out = f"{ratio:.3g} ({low:.3g} to {high:.3g})"
+    return Claim(what, printed, came_out, why, agreement=agreement)
 
 
 def _reason(found: Found, key: str, agreement: ClaimAgreement) -> str:

@@ -90,7 +90,7 @@ def _compared(
 
 
 def _by_slic(slic: SlicTexture, left: U8) -> U8:
-    """The mask; its verdict takes time, too."""
+    """The mask; with the verdict made of it, as that takes time, too."""
     mask = slic.mask(left)
     verdict_from_mask(mask, slic.name)
     return mask
