@@ -50,9 +50,10 @@ def exhibit_json(exhibit: Exhibit) -> dict[str, Any]:
 
 def _table(exhibit: Exhibit, table: Table) -> dict[str, Any]:
     shown = table.frame.head(SHOWN_ROWS)
+    words = table.name.replace("_", " ").replace("-", " ")
     return {
         "name": table.name,
-        "title": table.heading,
+        "title": table.title or words[:1].upper() + words[1:],
         "caption": table.caption,
         "file": f"{exhibit.key}/{table.name}.csv",
         "columns": [str(name) for name in table.frame.columns],

@@ -56,12 +56,6 @@ class Table:
     frame: pd.DataFrame
     title: str = ""
 
-    @property
-    def heading(self) -> str:
-        """What stands above it in the report."""
-        words = self.name.replace("_", " ").replace("-", " ")
-        return self.title or words[:1].upper() + words[1:]
-
 
 @dataclass(frozen=True)
 class Plot:
