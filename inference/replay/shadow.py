@@ -75,13 +75,6 @@ class Challenger:
         if self.policy == "disparity":
             raise ToktError("policy disparity uses no model: a challenger cannot differ (--shadow)")
 
-    @classmethod
-    def of(
-        cls, bundle: Bundle, policy: str, stereo: StereoSetup | None = None, threads: int = 1
-    ) -> Challenger:
-        """A bundle as a challenger in a run of that policy."""
-        return cls(bundle.label, bundle.sha256, bundle.data, policy, stereo, threads)
-
     def assemble(self) -> Assembly:
         """The policy.
 
