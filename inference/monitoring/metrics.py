@@ -130,16 +130,16 @@ class RunCollector:
             yield _counter("log_lines_failed", "Lines that could not be logged.", self.log.failed)
 
     def _recorder(self) -> Iterator[Metric]:
-        recorder = self.recorder
-        if recorder is None:
+        if self.recorder is None:
             return
-        yield _counter("recorder_moments", "Moments opened.", recorder.clips)
-        yield _counter("recorder_frames", "Frames recorded.", recorder.frames)
-        yield _counter("recorder_frames_dropped", "Frames that could not be.", recorder.dropped)
-        yield _counter("recorder_bytes", "Bytes recorded.", recorder.written_bytes)
+        writer = self.recorder.writer
+        yield _counter("recorder_moments", "Moments opened.", self.recorder.clips)
+        yield _counter("recorder_frames", "Frames recorded.", writer.frames)
+        yield _counter("recorder_frames_dropped", "Frames that could not be.", writer.dropped)
+        yield _counter("recorder_bytes", "Bytes recorded.", writer.written_bytes)
         words = "Bytes removed to make room."
-        yield _counter("recorder_bytes_removed", words, recorder.removed_bytes)
-        yield _gauge("recorder_failing", "Frames are being left out.", bool(recorder.fault))
+        yield _counter("recorder_bytes_removed", words, writer.removed_bytes)
+        yield _gauge("recorder_failing", "Frames are being left out.", bool(writer.fault))
 
     def _cameras(self) -> Iterator[Metric]:
         if self.cameras is None:

@@ -158,11 +158,12 @@ def test_the_model_and_what_becomes_of_it(hand_clock, serve):
 def test_what_other_parts_count_is_asked_of_them(hand_clock, serve):
     left, right = CameraCounts(incomplete=2), CameraCounts(captured=5, unpaired=4, lost=1)
     state = DriftState(True, 60, 50, True, "lbp_3", 0.5, 0.25)
-    recorded = {"clips": 2, "frames": 30, "dropped": 1, "written_bytes": 5000}
+    counted = {"frames": 30, "dropped": 1, "written_bytes": 5000, "removed_bytes": 400}
+    writer = SimpleNamespace(**counted, fault="the disk is full")
     watched = {
         "cameras": SimpleNamespace(counts=[left, right]),
         "drift": SimpleNamespace(state=state, distances={"lbp_3": 0.5, "lbp_4": 0.1}),
-        "recorder": SimpleNamespace(**recorded, removed_bytes=400, fault="the disk is full"),
+        "recorder": SimpleNamespace(clips=2, writer=writer),
     }
     metrics = serve(RunCounts(hand_clock), hand_clock, **watched)
     found = scrape(metrics)
