@@ -1,7 +1,6 @@
 """A stereo calibration, checked before it is used."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -41,8 +40,6 @@ class CheckedCalibration:
         What is strange yet usable, and what was assumed or left out in reading it.
     refusals : list of str
         Why it cannot be used; empty for one that can.
-    notes : mapping of str to str
-        What its writer noted on how it was made.
     """
 
     path: Path
@@ -50,7 +47,6 @@ class CheckedCalibration:
     form: str
     oddities: list[str]
     refusals: list[str]
-    notes: Mapping[str, str] = field(default_factory=dict)
 
     def usable(self) -> StereoCalibration:
         """The calibration.
@@ -108,7 +104,7 @@ def check_calibration(numbers: CalibrationNumbers) -> CheckedCalibration:
     parts = {name: getattr(numbers, name).copy() for name in PARTS}
     parts["K1"][0, 1] = parts["K2"][0, 1] = 0.0
     plain = StereoCalibration(**parts, frame_size=numbers.frame_size)
-    return CheckedCalibration(numbers.path, plain, numbers.form, odd, reasons, numbers.notes)
+    return CheckedCalibration(numbers.path, plain, numbers.form, odd, reasons)
 
 
 def refusals(calibration: StereoCalibration) -> list[str]:

@@ -9,7 +9,7 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -106,8 +106,6 @@ class CalibrationNumbers(StereoCalibration):
         Rectifying rotations, where the file has them.
     remarks : sequence of str
         What was assumed or left out in reading it.
-    notes : mapping of str to str
-        What its writer noted on how it was made.
     """
 
     path: Path
@@ -115,7 +113,6 @@ class CalibrationNumbers(StereoCalibration):
     R1: F64 | None = None
     R2: F64 | None = None
     remarks: Sequence[str] = ()
-    notes: Mapping[str, str] = field(default_factory=dict)
 
 
 def read_numbers(path: Path | str) -> CalibrationNumbers:
@@ -167,7 +164,6 @@ def checked_numbers(
     values: Mapping[str, ArrayLike | None],
     frame_size: ArrayLike | None,
     remarks: Sequence[str] = (),
-    notes: Mapping[str, str] | None = None,
 ) -> CalibrationNumbers:
     """Put what was read into arrays of the right shape.
 
@@ -204,7 +200,7 @@ def checked_numbers(
         words = "the frame size is not a width and a height in pixels"
         raise ToktError(f"calibration {path}: {words}")
     parts: dict[str, Any] = {**arrays, "frame_size": (int(sides[0]), int(sides[1]))}
-    return CalibrationNumbers(**parts, path=path, form=form, remarks=remarks, notes=notes or {})
+    return CalibrationNumbers(**parts, path=path, form=form, remarks=remarks)
 
 
 def _finite(path: Path, name: str, value: ArrayLike) -> F64:
@@ -254,9 +250,7 @@ def _opencv_numbers(path: Path, storage: cv2.FileStorage) -> CalibrationNumbers:
         name: _first_array(storage, others) for name, others in _OPENCV_NAMES.items()
     }
     values["T_mm"] = _opencv_shift(path, storage, remarks)
-    return checked_numbers(
-        path, OPENCV_FORM, values, _opencv_size(storage), remarks, _opencv_notes(storage)
-    )
+    return checked_numbers(path, OPENCV_FORM, values, _opencv_size(storage), remarks)
 
 
 def _first_array(storage: cv2.FileStorage, names: Sequence[str]) -> F64 | None:
@@ -309,14 +303,6 @@ def _opencv_size(storage: cv2.FileStorage) -> ArrayLike | None:
         if all(side.isInt() or side.isReal() for side in sides):
             return [side.real() for side in sides]
     return _first_array(storage, ("image_size", "imageSize", "frame_size"))
-
-
-def _opencv_notes(storage: cv2.FileStorage) -> dict[str, str]:
-    noted = storage.getNode("provenance")
-    if not noted.isMap():
-        return {}
-    nodes = {name: noted.getNode(name) for name in noted.keys()}  # noqa: SIM118 - no mapping
-    return {name: node.string() for name, node in nodes.items() if node.isString()}
 
 
 # --- Bouguet's toolbox ---
