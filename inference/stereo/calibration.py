@@ -108,13 +108,7 @@ def check_calibration(numbers: CalibrationNumbers) -> CheckedCalibration:
 
 
 def refusals(calibration: StereoCalibration) -> list[str]:
-    """Reasons why a calibration cannot be that of two cameras side by side; empty where it can.
-
-    Parameters
-    ----------
-    calibration : StereoCalibration
-        Finite.
-    """
+    """Reasons why a finite calibration cannot be that of two cameras side by side."""
     width, height = calibration.frame_size
     if width < 1 or height < 1 or width * height > _MAX_PIXELS:
         return [f"the frame size is {width}x{height}"]
@@ -142,13 +136,7 @@ def refusals(calibration: StereoCalibration) -> list[str]:
 
 
 def oddities(calibration: StereoCalibration) -> list[str]:
-    """Warnings on a calibration: what is strange, yet usable.
-
-    Parameters
-    ----------
-    calibration : StereoCalibration
-        Finite.
-    """
+    """Warnings on a finite calibration: what is strange, yet usable."""
     found = []
     left = ("K1 (left)", calibration.K1, calibration.D1)
     right = ("K2 (right)", calibration.K2, calibration.D2)

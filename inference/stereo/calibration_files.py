@@ -95,24 +95,13 @@ class StereoCalibration:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationNumbers(StereoCalibration):
-    """A calibration as a file has it, finite, and what else stands there.
-
-    Parameters
-    ----------
-    path : Path
-    form : str
-        What kind of file it is, in words.
-    R1, R2 : array, or None
-        Rectifying rotations, where the file has them.
-    remarks : sequence of str
-        What was assumed or left out in reading it.
-    """
+    """A calibration as a file has it, finite, and what else stands there."""
 
     path: Path
-    form: str
-    R1: F64 | None = None
+    form: str  # what kind of file it is, in words
+    R1: F64 | None = None  # rectifying rotations, where the file has them
     R2: F64 | None = None
-    remarks: Sequence[str] = ()
+    remarks: Sequence[str] = ()  # what was assumed or left out in reading it
 
 
 def read_numbers(path: Path | str) -> CalibrationNumbers:
@@ -497,20 +486,9 @@ def distortion(k1: float, k2: float, p1: float, p2: float, k3: float = 0.0) -> F
 def folds_back_at_px(K: F64, D: F64, frame_size: tuple[int, int]) -> float | None:
     """Where, inside the frame, radial distortion stops moving outwards; None where it does not.
 
-    Parameters
-    ----------
-    K : array, shape (3, 3)
-        Camera matrix in pixels, with positive focal lengths.
-    D : array, shape (4..14,)
-        OpenCV's coefficients; of the longer models the rational part (k4, k5, k6) is looked at.
-    frame_size : (int, int)
-        Width and height in pixels.
-
-    Returns
-    -------
-    float or None
-        Distance from the principal point in pixels. Beyond it nothing can be undistorted: two
-        directions are seen at one place, and others nowhere.
+    In pixels from the principal point. Beyond it nothing can be undistorted: two directions are
+    seen at one place, and others nowhere. Of OpenCV's longer models the rational part (k4, k5, k6)
+    is looked at; focal lengths are positive.
     """
     width, height = frame_size
     x = max(abs(K[0, 2]), abs(width - 1 - K[0, 2])) / K[0, 0]
