@@ -97,13 +97,7 @@ def shape_fault(frame: U8) -> Fault:
 def pair_shape_fault(frame: Frame, frame_size: tuple[int, int]) -> Fault:
     """Why a pair cannot be matched: a picture is missing, or not of the calibration's size.
 
-    Empty where it can.
-
-    Parameters
-    ----------
-    frame : Frame
-    frame_size : (width, height) of int
-        Of the calibration, in pixels.
+    Empty where it can. `frame_size` is the calibration's width and height in pixels.
     """
     if frame.left is None:
         return frame.left_fault or Fault(Reason.MISSING, "there is no left frame")
@@ -288,11 +282,6 @@ class SuspendDetector:
     What was in a camera's or its driver's buffers when the computer was suspended is handed over
     afterwards as if it were new. From the first frame on that comes then, nothing is believed for
     as long as a frame may be old.
-
-    Parameters
-    ----------
-    clock : Clock
-    limits : Limits
     """
 
     def __init__(self, clock: Clock, limits: Limits) -> None:

@@ -25,12 +25,7 @@ _JOIN_S = 2.0
 
 
 class EveryFrame:
-    """Every frame, as soon as the loop asks for it.
-
-    Parameters
-    ----------
-    source : Source
-    """
+    """Every frame, as soon as the loop asks for it."""
 
     dropped = 0
     left_out = 0

@@ -25,11 +25,7 @@ BOUNDS_S = (
 class Histogram:
     """A histogram of durations over fixed buckets.
 
-    Attributes
-    ----------
-    counts : list of int
-        One for each of `BOUNDS_S`, and one for what is beyond.
-    sum_s : float
+    It counts one for each of `BOUNDS_S`, and one for what is beyond.
     """
 
     def __init__(self) -> None:

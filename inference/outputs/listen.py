@@ -59,16 +59,9 @@ class ReceivedDatagram:
 
 @dataclass(frozen=True)
 class Silence:
-    """Nothing came for longer than the time-out.
+    """Nothing came for longer than the time-out."""
 
-    Parameters
-    ----------
-    sender : str or None
-        From whom; None while there has been no sender at all.
-    seconds : float
-    """
-
-    sender: str | None
+    sender: str | None  # from whom; None while there has been no sender at all
     seconds: float
 
 

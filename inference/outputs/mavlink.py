@@ -61,13 +61,7 @@ class Lens:
 
     @classmethod
     def of_fov_deg(cls, fov_deg: float) -> Lens:
-        """A lens that sees so many degrees from the picture's left edge to its right one.
-
-        Raises
-        ------
-        ToktError
-            If it is not between `MIN_FOV_DEG` and `MAX_FOV_DEG`.
-        """
+        """A lens that sees so many degrees from edge to edge, `MIN_FOV_DEG` to `MAX_FOV_DEG`."""
         if not MIN_FOV_DEG <= fov_deg <= MAX_FOV_DEG:
             known = f"{MIN_FOV_DEG:g} to {MAX_FOV_DEG:g} degrees"
             raise ToktError(f"a camera's field of view is {known}, not {fov_deg:g}")
@@ -163,15 +157,7 @@ def ranges_of(verdict: Verdict, lens: Lens, assumed_m: float) -> Ranges | None:
     A clear is one of the sectors that are wholly in view. An obstacle is in every sector that its
     box touches, or in all of the view where the verdict does not say in which picture its box is;
     of the rest of that view nothing is said: an obstacle's verdict judged the frame, not each of
-    its columns.
-
-    Parameters
-    ----------
-    verdict : Verdict
-    lens : Lens
-        Of the camera whose picture the box is in.
-    assumed_m : float
-        Metres that are said where nothing was measured.
+    its columns. Where nothing was measured `assumed_m` is said.
     """
     if verdict.status == CLEAR:
         most = _cm(_reach_m(verdict.method, assumed_m))

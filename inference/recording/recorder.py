@@ -51,22 +51,12 @@ _NICENESS = 10
 
 @dataclass(frozen=True)
 class HeldFrame:
-    """A judged frame, as long as it may still be recorded.
-
-    Parameters
-    ----------
-    frame : Frame
-    judgement : Judgement
-        Without its arrays.
-    report : Report
-    judged : int
-        How many frames the run had judged with it.
-    """
+    """A judged frame, as long as it may still be recorded."""
 
     frame: Frame
-    judgement: Judgement
+    judgement: Judgement  # without its arrays
     report: Report
-    judged: int
+    judged: int  # how many frames the run had judged with it
 
     @property
     def memory_bytes(self) -> int:
@@ -89,25 +79,9 @@ class RecordingWriter:
     Two cores have the loop to run as well: it runs at a lower priority, and OpenCV encodes without
     holding Python's lock.
 
-    Parameters
-    ----------
-    folder : RecordingFolder
-    run : str
-    budget : DiskBudget
-    clock : Clock
-
-    Attributes
-    ----------
-    frames : int
-        On disk, those removed since included.
-    written_bytes, removed_bytes : int
-        What they took of the disk, and what was removed to make room.
-    dropped : int
-        Frames that did not get there.
-    fault : str
-        Why the last one did not; empty when one does.
-    held_bytes : int
-        Memory of the frames that wait, and of the one that is written.
+    `frames` and `written_bytes` are on disk, or were before they were removed to make room
+    (`removed_bytes`); those `dropped` did not get there, the last one for the reason in `fault`.
+    `held_bytes` of memory have those that wait, and the one that is written.
     """
 
     def __init__(self, folder: RecordingFolder, run: str, budget: DiskBudget, clock: Clock) -> None:

@@ -138,13 +138,7 @@ def send_frame(connection: Connection, frame: Frame) -> None:
 
 
 def receive_frame(connection: Connection) -> Frame:
-    """The next frame.
-
-    Raises
-    ------
-    EOFError, OSError
-        If the other end is gone.
-    """
+    """The next frame; raises EOFError or OSError if the other end is gone."""
     frame: Frame
     frame, looks = connection.recv()
     left, right = (None if look is None else _picture(connection, *look) for look in looks)

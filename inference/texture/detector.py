@@ -68,14 +68,9 @@ def min_mask_patches(grid: Grid, height: int, width: int) -> int:
 class MofNResult:
     """The rule's answer on one frame.
 
-    Parameters
-    ----------
-    patches : array of bool, shape (n_patches,), or None
-        What is white in the mask: nothing where the frame is clear; None where the frames before
-        are not known well enough to say.
-    note : str
-        Which frames the rule waits for or holds on to, in words; empty where this frame alone
-        decides.
+    The patches are white in the mask: nothing where the frame is clear; None where the frames
+    before are not known well enough to say. The note says which frames the rule waits for or holds
+    on to; empty where this frame alone decides.
     """
 
     patches: Bools | None
@@ -83,12 +78,7 @@ class MofNResult:
 
 
 class MofNRun:
-    """The operating point's M-of-N rule over one run's frames, in their order.
-
-    Parameters
-    ----------
-    rule : MofNRule
-    """
+    """The operating point's M-of-N rule over one run's frames, in their order."""
 
     def __init__(self, rule: MofNRule) -> None:
         self.rule = rule
@@ -101,16 +91,9 @@ class MofNRun:
         self._begun = 1
 
     def judge(self, scores: F64, patches: Bools, min_mask_patches: int) -> MofNResult:
-        """Judge the frame that was begun.
+        """Judge the frame that was begun, by its patches' obstacle scores and its obstacle patches.
 
-        Parameters
-        ----------
-        scores : array of float64, shape (n_patches,)
-            Its patches' obstacle scores.
-        patches : array of bool, shape (n_patches,)
-            Its obstacle patches.
-        min_mask_patches : int
-            Patches it takes to bring the mask's mean over the thesis's limit.
+        `min_mask_patches` are those it takes to bring the mask's mean over the thesis's limit.
         """
         self._begun = 0
         status = self._state.add(scores, min_mask_patches)
