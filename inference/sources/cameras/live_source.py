@@ -195,27 +195,13 @@ _NOTHING = Fault(Reason.MISSING, "no frame")
 
 @dataclass
 class CameraCounts:
-    """Counts of one camera's captures.
+    """Counts of one camera's captures."""
 
-    Parameters
-    ----------
-    captured : int
-        Captures delivered by the driver, incomplete ones among them.
-    incomplete : int
-        Captures without a usable picture.
-    left_out : int
-        Exposures that never arrived, by the camera's own numbers.
-    unpaired : int
-        Captures that the other camera has none to.
-    lost : int
-        Times that the camera was lost.
-    """
-
-    captured: int = 0
-    incomplete: int = 0
-    left_out: int = 0
-    unpaired: int = 0
-    lost: int = 0
+    captured: int = 0  # delivered by the driver, incomplete ones among them
+    incomplete: int = 0  # without a usable picture
+    left_out: int = 0  # exposures that never arrived, by the camera's own numbers
+    unpaired: int = 0  # to which the other camera has none
+    lost: int = 0  # times that the camera was lost
 
 
 @dataclass(eq=False)
