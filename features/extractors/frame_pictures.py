@@ -82,12 +82,7 @@ class FramePictures:
         """A gray picture for frame checks, made from what extractors of `images` need anyway.
 
         The plain one, or where no image is plain the 16-bit one rounded to whole grey levels: at
-        most a level apart, and not the cost of another resize.
-
-        Raises
-        ------
-        TypeError, ValueError
-            As `gray_picture`.
+        most a level apart, and not the cost of another resize. It raises as `gray_picture` does.
         """
         if None in images or None in self._made:
             return self.picture(None)
@@ -109,15 +104,8 @@ class FramePictures:
     def box_means(self, cells: int) -> I64:
         """Mean colour of each part of each patch, in 1/256 level.
 
-        Parameters
-        ----------
-        cells : int
-            A patch has cells x cells parts, each of one frame pixel at least.
-
-        Returns
-        -------
-        numpy.ndarray
-            int64, shape (grid.rows * cells, grid.cols * cells, channels).
+        A patch has cells x cells parts, each of one frame pixel at least: (grid.rows * cells,
+        grid.cols * cells, channels).
         """
         grid, (height, width) = self.grid, _picture_size(self._frame, self.grid)
         patch_height, patch_width = grid.patch_size(height, width)

@@ -69,12 +69,8 @@ class Extractor(ABC):
 class OnePicture(Extractor):
     """An extractor that works on one picture, each patch by itself.
 
-    Parameters
-    ----------
-    image : Quantization, optional
-        How that picture is prepared; the plain one if not given.
-    names : sequence of str
-        Of the features; another image than the plain one goes before them.
+    The image says how that picture is prepared; another than the plain one goes before the
+    features' names.
     """
 
     def __init__(self, image: Quantization | None, names: tuple[str, ...]) -> None:
@@ -216,13 +212,8 @@ class Lines(OnePicture):
     """For each number of samples: ridge contrast, energy of the strongest line, and its lead.
 
     The legs of a tower are long lines before they are anything else, while what drifts in the water
-    are dots: a mean along a line keeps the one and loses the other.
-
-    Parameters
-    ----------
-    samples : sequence of int
-        Samples a line has; increasing powers of 2, 2 to 64.
-    image : Quantization, optional
+    are dots: a mean along a line keeps the one and loses the other. A line has increasing powers of
+    2 samples, 2 to 64.
     """
 
     def __init__(self, samples: Sequence[int], image: Quantization | None = None) -> None:
@@ -389,20 +380,9 @@ STATISTICS: dict[str, Callable[[F64, Grid], F64]] = {
 
 
 def around(features: F64, grid: Grid, statistic: str) -> F64:
-    """A statistic of each patch's neighbours, up to eight, inside the grid.
+    """A statistic of each patch's neighbours, up to eight, inside the grid: (n_patches, dim).
 
-    Parameters
-    ----------
-    features : array of float64, shape (n_patches, dim)
-    grid : Grid
-        Of one patch: it is its own neighbour.
-    statistic : str
-        One of `STATISTICS`.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (n_patches, dim).
+    The one patch of a grid is its own neighbour.
     """
     if grid.n_patches == 1:
         # Not the features themselves: the range of one value is none.
@@ -411,14 +391,7 @@ def around(features: F64, grid: Grid, statistic: str) -> F64:
 
 
 class Context(Extractor):
-    """A part's features, followed by a statistic of the neighbours' ones.
-
-    Parameters
-    ----------
-    part : Extractor
-    statistic : str
-        One of `STATISTICS`.
-    """
+    """A part's features, followed by one of `STATISTICS` of the neighbours' ones."""
 
     def __init__(self, part: Extractor, statistic: str) -> None:
         self.part = part

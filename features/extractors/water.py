@@ -30,13 +30,8 @@ _NO_COLOUR_ENERGY = 0.01
 class Gradients(Extractor):
     """Logarithms of a patch's gradients at several smoothings: energy across and down, strong ones.
 
-    They are of the gray frame in 1/256 grey level, smoothed by a mean of n x n pixels; the
+    They are of the gray frame in 1/256 grey level, smoothed by a mean of n x n pixels, n odd; the
     strong one is that which 5 % of a patch's pixels exceed.
-
-    Parameters
-    ----------
-    smooth : sequence of int
-        Pixels, odd.
     """
 
     images = ()
@@ -70,14 +65,7 @@ class Gradients(Extractor):
 class Colour(Extractor):
     """A patch's mean colour in CIELAB, and how much a and b change within it, across and down.
 
-    Parameters
-    ----------
-    cells : int
-        A patch is looked at in cells x cells parts.
-
-    References
-    ----------
-    CIE 15:2004, for sRGB and D65.
+    It is looked at in cells x cells parts. Reference: CIE 15:2004, for sRGB and D65.
     """
 
     images = ()
@@ -96,13 +84,7 @@ class Colour(Extractor):
         return {"name": "colour", "version": SPEC_VERSION, "cells": self.cells}
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
-        """One row a patch.
-
-        Raises
-        ------
-        ToktError
-            If the frame has no colour.
-        """
+        """One row a patch; ToktError if the frame has no colour."""
         if not pictures.has_colour:
             raise ToktError("the model looks at colours, and the frame is gray")
         grid, cells = pictures.grid, self.cells
@@ -138,10 +120,7 @@ def _linear() -> F64:
 def lab_of(bgr16: I64) -> F64:
     """CIELAB of sRGB colours, float64, shape (..., 3).
 
-    Parameters
-    ----------
-    bgr16 : array of int64, shape (..., 3)
-        Blue, green, red in 1/256 level, 0 to 255 * 256.
+    These are blue, green and red in 1/256 level, 0 to 255 * 256.
     """
     xyz = _linear()[bgr16] @ _XYZ.T
     curved = np.where(xyz > _DARK, np.cbrt(xyz), _SLOPE * xyz + 16 / 116)
@@ -177,16 +156,9 @@ def _places(grid: Grid) -> F64:
 class Relative(Join):
     """Several extractors' features less those of the frame's own water.
 
-    The water is what the quietest patches show, those with the least energy of gradients and
-    colours: the median of each feature over them. Where a frame holds no water they are the
-    smoothest of what it does hold.
-
-    Parameters
-    ----------
-    parts : sequence of Extractor
-        At least one has energies.
-    quietest : float
-        Part of the patches that are taken for water.
+    The water is what the quietest patches show, so large a part of all, those with the least energy
+    of gradients and colours: the median of each feature over them. Where a frame holds no water
+    they are the smoothest of what it does hold. At least one of the parts has energies.
     """
 
     def __init__(self, parts: Sequence[Extractor], quietest: float) -> None:

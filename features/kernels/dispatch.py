@@ -361,17 +361,9 @@ def _reason(error: ImportError) -> str:
 
 
 def choose_kernels(wanted: str) -> Kernels:
-    """The kernels that `VARIABLE` asks for, or the fastest this machine has.
+    """The kernels that `VARIABLE` asks for, or, where it is empty, the fastest this machine has.
 
-    Parameters
-    ----------
-    wanted : str
-        The variable's value; empty for the fastest.
-
-    Raises
-    ------
-    ToktError
-        If the ones asked for are not known or not there.
+    ToktError if the ones asked for are not known or not there.
     """
     if wanted:
         try:

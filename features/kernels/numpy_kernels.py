@@ -80,14 +80,8 @@ def _runs(fractions: F64) -> list[tuple[int, int, float]]:
 class _Sampler:
     """Local binary patterns of n views of one size, each with zeros around it.
 
-    The views' rows lie side by side, so that a row's weight goes with many pixels. Its arrays
-    are used again for the next views.
-
-    Parameters
-    ----------
-    points, radius : int, float
-        P sampling points on a circle of R pixels.
-    height, n, width : int
+    The views' rows lie side by side, so that a row's weight goes with many pixels. Its arrays are
+    used again for the next views. P sampling points lie on a circle of R pixels.
     """
 
     def __init__(self, points: int, radius: float, height: int, n: int, width: int) -> None:
@@ -269,14 +263,8 @@ def _surprise(n: I64, total: I64) -> F64:
 class _Matrices:
     """Symmetric co-occurrence matrices as one list of their cells that are not zero.
 
-    Parameters
-    ----------
-    cells : array of int64
-        matrix number * 65536 + darker level * 256 + brighter level, sorted.
-    counts : array of int64
-        Pairs of neighbours in each of them.
-    n : int
-        Number of matrices.
+    The cells are matrix number * 65536 + darker level * 256 + brighter level, sorted, with the
+    pairs of neighbours in each of them.
     """
 
     def __init__(self, cells: I64, counts: I64, n: int) -> None:
