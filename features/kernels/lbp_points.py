@@ -23,9 +23,7 @@ class LbpPoints:
     reach: int  # whole pixels that a point reads beyond the centre, at most
     first: NDArray[np.int32]  # (n_columns + 1,): where each column offset's points begin in `point`
     point: NDArray[np.int32]  # (P,): places on the circle
-    row_floor: NDArray[
-        np.int32
-    ]  # (P,): upper of the two rows a point lies between, from the centre
+    row_floor: NDArray[np.int32]  # (P,): from the centre, the upper of the two rows it lies between
     row_fraction: F64  # (P, height): how far below that row, by the centre's row, px
     column_floor: NDArray[np.int32]  # (n_columns,)
     column_fraction: F64  # (n_columns, width)
