@@ -181,17 +181,14 @@ class PushbroomDetector:
         fault = pair_shape_fault(frame, self.calibration.frame_size)
         if frame.left is None or frame.right is None or fault:
             return self._unjudged(fault)
-        left, left_fault = self._picture(frame.left)
-        right, right_fault = self._picture(frame.right)
+        left, left_fault = self._picture(frame.left, "left")
+        right, right_fault = self._picture(frame.right, "right")
         views = self.rectifier.left_of(left), self.rectifier.right_of(right)
         evened = _normalized(views[0])
         seen = self._depths(evened, _normalized(views[1]))
         hits = self._at_full_size(seen)
         textured = bool((evened.edges > EDGE_GREY).mean() > TEXTURED_FRACTION)
-        unfit = left_fault.about("left") if left_fault else NO_FAULT
-        if right_fault and not unfit:
-            unfit = right_fault.about("right")
-        unfit = unfit or one_picture_fault(frame)
+        unfit = left_fault or right_fault or one_picture_fault(frame)
         doubt = self._doubt(*views, hits)
         if doubt is None or doubt.matches_stand:
             self._memory.add(seen)
@@ -207,8 +204,8 @@ class PushbroomDetector:
         Of each cell, along the view's axis; 0 where nothing was found. Cell (row, column) begins at
         pixel (`CELL_PX` * row, `CELL_PX` * column) of the rectifier's left view.
         """
-        left_view = self.rectifier.left_of(self._picture(left)[0])
-        right_view = self.rectifier.right_of(self._picture(right)[0])
+        left_view = self.rectifier.left_of(self._picture(left, "left")[0])
+        right_view = self.rectifier.right_of(self._picture(right, "right")[0])
         return self._depths(_normalized(left_view), _normalized(right_view))
 
     def _unjudged(self, fault: Fault, vetoes_clear: bool = False) -> Detection:
@@ -243,7 +240,7 @@ class PushbroomDetector:
         if pose is not None:
             self._since_pose = 0
 
-    def _picture(self, frame: U8) -> tuple[F32, Fault]:
+    def _picture(self, frame: U8, side: str) -> tuple[F32, Fault]:
         """The frame gray and scaled, in grey levels and fractions of them; and its fault."""
         width, height = self.rectifier.size
         # Averaged before rounding: the frames hold only a few grey levels of signal.
@@ -251,7 +248,8 @@ class PushbroomDetector:
         step = np.uint16(STEPS_PER_LEVEL)
         rounded = ((gray16 + step // np.uint16(2)) // step).astype(np.uint8)
         fault = frame_fault(frame, rounded, self._checked_grid)
-        return gray16.astype(np.float32) / np.float32(STEPS_PER_LEVEL), fault
+        scaled = gray16.astype(np.float32) / np.float32(STEPS_PER_LEVEL)
+        return scaled, fault.about(side) if fault else NO_FAULT
 
     def _depths(self, left: NormalizedView, right: NormalizedView) -> F32:
         """The depth in metres of each cell's obstacle, 0 where there is none; nearer ones win."""
