@@ -299,11 +299,6 @@ class MavlinkSender(DatagramSocket):
     clock : Clock
         Its `monotonic` stamps the messages, as time since boot; what day it is does not matter.
 
-    Attributes
-    ----------
-    unsaid : int
-        Unknown verdicts that were told by silence.
-
     Raises
     ------
     ToktError
@@ -319,7 +314,6 @@ class MavlinkSender(DatagramSocket):
         self._words: ModuleType = common
         super().__init__(host, port)
         self.options = options
-        self.unsaid = 0
         self._clock = clock
         self._heartbeat_due = -math.inf
         self._stamp_us = 0
@@ -360,8 +354,6 @@ class MavlinkSender(DatagramSocket):
         # DISTANCE_SENSOR is never sent: its quality "invalid" is read by no one but rangefinders.
         if by_message and self.options.messages is not Messages.DISTANCE_SENSOR:
             self._send_sectors(NOTHING_KNOWN, NEAREST_CM + 1)
-        else:
-            self.unsaid += 1
 
     def _send_sectors(self, sectors: tuple[int, ...], most_cm: int) -> None:
         words = self._words

@@ -234,11 +234,6 @@ class LinesApart:
         """Lines that could not be written."""
         return self._left_out + self._lines.failed
 
-    @property
-    def last_error(self) -> str:
-        """What went wrong last."""
-        return self._lines.last_error or _HANGS
-
     def write(self, value: dict[str, Any]) -> None:
         """Have one line added, or count why not."""
         keeps_up = self._written == self._given

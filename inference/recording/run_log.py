@@ -122,11 +122,6 @@ class RunLog(Observer):
         """Lines that could not be written."""
         return self._frames.failed + self._events.failed
 
-    @property
-    def last_error(self) -> str:
-        """What went wrong last."""
-        return self._frames.last_error or self._events.last_error
-
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
         """A frame's line."""
         self._seq = report.seq

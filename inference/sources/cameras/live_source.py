@@ -17,8 +17,7 @@ import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
@@ -228,7 +227,6 @@ class CameraSource:
 
     def __post_init__(self) -> None:
         self.counts = [CameraCounts() for _ in self.drivers]
-        self.overtaken = 0
         self._keepers = [
             CameraKeeper(camera, driver, self.clock, self, self.wait)
             for camera, driver in enumerate(self.drivers)
@@ -305,15 +303,6 @@ class CameraSource:
         finally:
             self.close()
 
-    def figures(self) -> dict[str, Any]:
-        """The counts so far, as plain JSON."""
-        with self._changed:
-            cameras = {
-                side: {**asdict(counts), "failures": keeper.driver.failures}
-                for side, counts, keeper in zip(SIDES, self.counts, self._keepers, strict=False)
-            }
-            return {"cameras": cameras, "overtaken": self.overtaken}
-
     # What the keepers tell, on their threads.
 
     def captured(self, capture: Capture) -> None:
@@ -370,7 +359,6 @@ class CameraSource:
                 camera = RIGHT if moment.left is None else LEFT
                 self.counts[camera].unpaired += not self._lost[1 - camera]
             if self._latest is not None:
-                self.overtaken += 1
                 self._skipped += 1
             self._latest = moment
         if moments:

@@ -397,11 +397,12 @@ at_sea.written(5)
 resource.setrlimit(resource.RLIMIT_FSIZE, (6000, unlimited[1]))  # no picture fits the disk
 at_sea.see(OBSTACLE, 5)
 at_sea.written(10)
-print(at_sea.recorder.writer.frames, at_sea.recorder.writer.dropped, at_sea.recorder.writer.fault, flush=True)
+writer = at_sea.recorder.writer
+print(writer.frames, writer.dropped, writer.fault, flush=True)
 resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
 at_sea.see(OBSTACLE, 5)
 at_sea.recorder.close()
-print(at_sea.recorder.writer.frames, at_sea.recorder.writer.dropped, at_sea.recorder.writer.fault)
+print(writer.frames, writer.dropped, writer.fault)
 """
 
 
