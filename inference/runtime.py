@@ -53,17 +53,8 @@ class LatestFrameBuffer:
                                       │
                                       └─ one that is overtaken is counted, and told as missed
 
-    Parameters
-    ----------
-    source : Source
-        Read by a thread of its own.
-
-    Attributes
-    ----------
-    dropped : int
-        Frames left out as newer ones had come.
-    left_out : int
-        Those of them just before the frame that was taken last.
+    `dropped` frames were left out as newer ones had come, `left_out` of them just before the frame
+    that was taken last.
     """
 
     def __init__(self, source: Source) -> None:

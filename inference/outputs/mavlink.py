@@ -47,17 +47,10 @@ class Lens:
             left    \   |   /   right             sector k: SECTOR_DEG wide, around k * SECTOR_DEG;
          of picture  \  |  /  of picture          its index is k % SECTORS, so that a thing at the
                       camera                      left has the highest indices
-
-    Parameters
-    ----------
-    focal : float
-        Focal length over the picture's width.
-    centre : float
-        Column of the optical axis over the picture's width: 0 its left edge, 1 its right one.
     """
 
-    focal: float
-    centre: float = 0.5
+    focal: float  # focal length over the picture's width
+    centre: float = 0.5  # the optical axis's column, over the width: 0 left edge, 1 right one
 
     @classmethod
     def of_fov_deg(cls, fov_deg: float) -> Lens:
@@ -132,20 +125,11 @@ class Ranges:
     verdict measured none, one has to be assumed, and the same figure serves both: an obstacle
     without a distance is said to be that near, and a clear without a range to reach no farther.
     Smaller is more careful either way.
-
-    Parameters
-    ----------
-    nearest : int
-        To the obstacle; `most` + 1 where there is none.
-    most : int
-        Up to where there would have been said to be one.
-    sectors : tuple of int, length `SECTORS`
-        For each sector `nearest`, or `UNKNOWN_CM` where nothing is said of it.
     """
 
-    nearest: int
-    most: int
-    sectors: tuple[int, ...]
+    nearest: int  # to the obstacle; `most` + 1 where there is none
+    most: int  # up to where there would have been said to be one
+    sectors: tuple[int, ...]  # `nearest`, or `UNKNOWN_CM` where nothing is said of a sector
 
 
 NOTHING_KNOWN = (UNKNOWN_CM,) * SECTORS

@@ -51,22 +51,10 @@ class CameraKeeper(threading.Thread):
             │                    ^
             └──> delivering ─────┘  the driver says so, or nothing has come for too long
 
-    Parameters
-    ----------
-    camera : int
-        `LEFT` or `RIGHT`.
-    driver : CameraDriver
-    clock : Clock
-    source : CameraSource
-        Told what becomes of the camera, on the camera's own threads: by `captured` what it
-        delivered, by `lost` why it delivers no more, at each attempt that fails.
-    wait : bool
-        Whether a camera that cannot be opened at first is tried again, as one that was lost is.
-
-    Attributes
-    ----------
-    tried : threading.Event
-        Set when the camera was opened or could not be; then `refused` says why.
+    The source is told what becomes of the camera, on the camera's own threads: by `captured` what
+    it delivered, by `lost` why it delivers no more, at each attempt that fails. With `wait` a
+    camera that cannot be opened at first is tried again, as one that was lost is. `tried` is set
+    when it was opened or could not be; then `refused` says why.
     """
 
     def __init__(
