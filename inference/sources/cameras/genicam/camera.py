@@ -92,7 +92,8 @@ def _incomplete(words: str) -> NoPictureError:
 def taken_s(buffer: Any, ticks_per_s: float | None) -> float | None:
     """When it was taken, in seconds of the camera's clock.
 
-    None where the producer does not say, or gives ticks of unknown length.
+    By its ticks where the producer gives these only. None where it does not say, or gives ticks of
+    unknown length.
     """
     # Nanoseconds are GenTL's; a time stamp of 0 is a camera's way to have none.
     nanoseconds = read_property(buffer, "timestamp_ns", 0)
@@ -222,7 +223,7 @@ def opened_camera(
 ) -> Iterator[GenicamCamera]:
     """Open a camera, set it and have it send frames; ToktError if that cannot be as asked.
 
-    `name` is how the user calls it, and `share` the part of the bandwidth that is its.
+    `name` is how the user calls it, and `share` its part of the bandwidth.
     """
     from genicam.genapi import GenericException as FeatureError
     from genicam.gentl import GenericException as ProducerError

@@ -41,7 +41,7 @@ class GenicamDriver:
     """A `CameraDriver` through harvesters, of the camera `capture.LEFT` or `capture.RIGHT`.
 
     Its `name` is as the user called it. Without a place it is looked for by that at each start.
-    `share` is the part of the bandwidth that is its, and `open_s` how long opening it may take.
+    `share` is its part of the bandwidth, and `open_s` how long opening it may take.
     """
 
     camera: int

@@ -39,8 +39,7 @@ class GenicamFeatures:
     def set_up(self, options: SourceConfig, share: float, link: str) -> None:
         """Set what a user asked for; ToktError if the camera cannot be set so.
 
-        `share` is the part of the bandwidth that is its, `link` how it is connected, as its
-        producer says.
+        `share` is its part of the bandwidth, `link` how it is connected, as its producer says.
         """
         self.give("AcquisitionMode", "Continuous")
         self._set_pixel_format(options.pixel_format)

@@ -130,7 +130,7 @@ class VimbaDriver:
     """One camera of the Vimba API, `LEFT` or `RIGHT`.
 
     Its `name` is how the user called it: its ID, serial number, IP or MAC address, or index;
-    `share` is the part of the bandwidth that it has. The system is the same for all cameras.
+    `share` is its part of the bandwidth. The system is the same for all cameras.
     """
 
     camera: int

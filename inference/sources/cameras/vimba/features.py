@@ -97,8 +97,8 @@ def set_features(
 ) -> tuple[float, float | None]:
     """Set an opened camera; ToktError if it cannot be set as asked.
 
-    `share` is the part of the bandwidth that it has. Gives the ticks a second of its time stamps,
-    and the seconds between exposures, None where no rate was asked for.
+    `share` is its part of the bandwidth. Gives the ticks a second of its time stamps, and the
+    seconds between exposures, None where no rate was asked for.
     """
     _set_pixel_format(features, options.pixel_format)
     _set_network(features, options, share)
