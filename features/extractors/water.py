@@ -6,7 +6,6 @@ quietest patches of its own frame does so much less.
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -42,11 +41,7 @@ class Gradients(Extractor):
         self.names = tuple(f"gradient_{n}_{kind}" for n in smooth for kind in kinds)
         self.dim = len(self.names)
         self.energies = (True, True, False) * len(self.smooth)
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        """The spec this was built from."""
-        return {"name": "gradients", "version": SPEC_VERSION, "smooth": list(self.smooth)}
+        self._spec = {"name": "gradients", "version": SPEC_VERSION, "smooth": list(smooth)}
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """One row a patch, natural logarithms of grey levels (squared) a pixel."""
@@ -77,11 +72,7 @@ class Colour(Extractor):
         self.names = tuple(f"colour_{kind}" for kind in ("lightness", "a", "b", *kinds))
         self.dim = len(self.names)
         self.energies = (False, False, False, True, True, True, True)
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        """The spec this was built from."""
-        return {"name": "colour", "version": SPEC_VERSION, "cells": self.cells}
+        self._spec = {"name": "colour", "version": SPEC_VERSION, "cells": cells}
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """One row a patch; ToktError if the frame has no colour."""
@@ -135,10 +126,8 @@ class PatchPlace(Extractor):
     names = ("place_row", "place_from_middle")
     dim = 2
 
-    @property
-    def spec(self) -> dict[str, Any]:
-        """The spec this was built from."""
-        return {"name": "place", "version": SPEC_VERSION}
+    def __init__(self) -> None:
+        self._spec = {"name": "place", "version": SPEC_VERSION}
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """One row a patch: -1/2 (top) to 1/2, and 0 to 1/2."""
@@ -167,17 +156,7 @@ class Relative(Join):
         self.names = tuple(f"relative.{name}" for name in self.names)
         self._energies: Bools = np.array(self.energies, bool)
         self.energies = (False,) * self.dim
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        """The spec this was built from."""
-        parts = [part.spec for part in self.parts]
-        return {
-            "name": "relative",
-            "version": SPEC_VERSION,
-            "parts": parts,
-            "quietest": self.quietest,
-        }
+        self._spec |= {"name": "relative", "quietest": quietest}
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """The parts' features, in order, each less its median over the quietest patches."""
