@@ -45,7 +45,7 @@ class Gradients(Extractor):
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """One row a patch, natural logarithms of grey levels (squared) a pixel."""
-        grid, gray16 = pictures.grid, pictures.gray16()
+        grid, gray16 = pictures.grid, pictures.gray16
         height, width = grid.patch_size(*gray16.shape)
         # Neighbours are two pixels apart: a difference is twice the gradient.
         step = 2.0 * STEPS_PER_LEVEL

@@ -21,7 +21,7 @@ from tokt.features.extractors.extractor import (
     build_extractor,
     extractor_named,
 )
-from tokt.features.extractors.frame_pictures import FramePictures, gray16_picture
+from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.extractors.water import lab_of
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 
@@ -49,7 +49,7 @@ POST = [7, 8]
 def test_gradients_are_those_of_the_smoothed_picture():
     frame = with_post(sea())
     found = Gradients((1, 5)).describe(frame, GRID)
-    gray = gray16_picture(frame, GRID).astype(np.float64) / 256
+    gray = FramePictures(frame, GRID).gray16.astype(np.float64) / 256
     for place, n in ((0, 1), (3, 5)):
         smooth = cv2.blur(gray, (n, n), borderType=cv2.BORDER_REPLICATE)
         down, across = (np.gradient(smooth, axis=axis) for axis in (0, 1))
