@@ -60,29 +60,14 @@ class LoggedFrame:
 
 @dataclass(frozen=True)
 class LoggedRun:
-    """One run of a log.
+    """One run of a log."""
 
-    Parameters
-    ----------
-    path : Path
-        The log file, or the recording's folder.
-    run : str
-        Its id.
-    start : RunStart
-    models : tuple of ModelName
-        All that judged in it, in their order.
-    n_frames : int
-        Lines of frames.
-    others : tuple of str
-        The log's other runs, in their order.
-    """
-
-    path: Path
+    path: Path  # the log file, or the recording's folder
     run: str
     start: RunStart
-    models: tuple[ModelName, ...]
-    n_frames: int
-    others: tuple[str, ...]
+    models: tuple[ModelName, ...]  # all that judged in it, in their order
+    n_frames: int  # lines of frames
+    others: tuple[str, ...]  # the log's other runs, in their order
 
     @property
     def recorded(self) -> bool:

@@ -27,37 +27,17 @@ _SINCE_2 = "signed_by"
 
 @dataclass(frozen=True)
 class Activation:
-    """One entry of the history.
+    """One entry of the history."""
 
-    Parameters
-    ----------
-    number : int
-        1 for the first activation of this store, and so on.
-    action : {"deploy", "rollback"}
-    sha256 : str
-        Of the bundle file.
-    name, version : str
-        Of the model.
-    time : str
-        UTC, ISO 8601.
-    who : str
-        The account that ran the command.
-    reason : str
-        What the person gave as the reason; may be empty.
-    signed_by : str
-        Id of the trusted key whose signature was found right then; empty in a store that asks
-        for no signature.
-    """
-
-    number: int
-    action: str
-    sha256: str
-    name: str
+    number: int  # 1 for the first activation of this store, and so on
+    action: str  # deploy, rollback
+    sha256: str  # of the bundle file
+    name: str  # of the model
     version: str
-    time: str
-    who: str
-    reason: str
-    signed_by: str = ""
+    time: str  # UTC, ISO 8601
+    who: str  # the account that ran the command
+    reason: str  # what the person gave as the reason; may be empty
+    signed_by: str = ""  # trusted key whose signature was found then; empty where none is asked for
 
     @property
     def label(self) -> str:
