@@ -12,17 +12,10 @@ from skimage.color import rgb2lab
 
 from tests.calls import refuses
 from tests.tiers import scaled
-from tokt.features.extractors.extractor import (
-    Colour,
-    Context,
-    Gradients,
-    PatchPlace,
-    Relative,
-    build_extractor,
-    extractor_named,
-)
+from tokt.features.extractors.extractor import build_extractor, extractor_named
 from tokt.features.extractors.frame_pictures import FramePictures
-from tokt.features.extractors.water import lab_of
+from tokt.features.extractors.textures import Context
+from tokt.features.extractors.water import Colour, Gradients, PatchPlace, Relative, lab_of
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 
 GRID = Grid(4, 5, 180)
