@@ -97,7 +97,13 @@ def shape_fault(frame: U8) -> Fault:
 def pair_shape_fault(frame: Frame, frame_size: tuple[int, int]) -> Fault:
     """Why a pair cannot be matched: a picture is missing, or not of the calibration's size.
 
-    Empty where it can. `frame_size` is the calibration's width and height in pixels.
+    Empty where it can.
+
+    Parameters
+    ----------
+    frame : Frame
+    frame_size : (width, height) of int
+        Of the calibration, in pixels.
     """
     if frame.left is None:
         return frame.left_fault or Fault(Reason.MISSING, "there is no left frame")

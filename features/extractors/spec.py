@@ -170,7 +170,13 @@ _BORDERS = {"patch": "within each patch", "frame": "across patch edges"}
 
 
 def extractor_summary(spec: Mapping[str, Any]) -> str:
-    """Say what an extractor computes, of which picture; of an unknown name, the JSON itself."""
+    """Say what an extractor computes, of which picture.
+
+    Parameters
+    ----------
+    spec : mapping
+        As `Extractor.spec` gives it; of a name that is not known here, the JSON itself.
+    """
     parts = spec["parts"] if spec.get("name") == "join" else [spec]
     by_picture: dict[str, list[str]] = {}
     for part in parts:

@@ -15,7 +15,13 @@ REFUSED_S = 1.0
 class ReceiverWatch(Observer):
     """Tell when a receiver gets nothing any more as the system refuses it, and when it does again.
 
-    The events are ``receiver_refused`` and ``receiver_back``.
+    Parameters
+    ----------
+    senders : mapping of str to Sender
+        By receiver.
+    clock : Clock
+    tell : callable
+        Given an `Event` named ``receiver_refused`` or ``receiver_back``.
     """
 
     def __init__(

@@ -32,7 +32,10 @@ FORMATS = {"v1": 1, "v2": 2}
 def encode_v1(verdict: Verdict) -> bytes | None:
     """One ASCII datagram of eight comma-separated fields, or None for what v1 cannot say.
 
-    That is an unknown verdict, and a mean that is not finite.
+    Returns
+    -------
+    bytes or None
+        None for an unknown verdict, and for a mean that is not finite.
     """
     if verdict.status not in (OBSTACLE, CLEAR) or verdict.x is None or verdict.y is None:
         return None

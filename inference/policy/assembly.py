@@ -95,7 +95,14 @@ class Assembly:
     grid: Grid  # which disparity's mask is as wide as
 
     def misfit(self, model: Bundle, frame: Frame | None = None) -> str:
-        """Why a model cannot take the place of the one there is, and judge a frame; or empty."""
+        """Why a model cannot take the place of the one there is, or an empty string.
+
+        Parameters
+        ----------
+        model : Bundle
+        frame : Frame, optional
+            One that it has to judge.
+        """
         if self.texture is None:
             return "the policy uses no model"
         if self.stereo is not None:

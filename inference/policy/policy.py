@@ -106,7 +106,11 @@ def _not_clear(judgement: Judgement) -> Judgement:
 class SinglePolicy:
     """One detector alone.
 
-    The note says what is not as it should be throughout, for the health of every verdict.
+    Parameters
+    ----------
+    detector : Detector
+    note : str
+        What is not as it should be throughout, for the health of every verdict.
     """
 
     detector: Detector

@@ -202,11 +202,22 @@ class TrendEstimator:
         self._last_s = self._seen_s = -math.inf
 
     def add(self, t_s: float, mean: float | None, whole: bool = True) -> Trend:
-        """Take the mean of the 0/255 mask, and whether what is seen lies wholly in the picture.
+        """Take the mean at one moment.
 
-        The moment is in seconds of any clock that goes evenly. A frame that could not be judged,
-        without a mean, and one in which nothing is seen, has no trend itself and leaves the means
-        before it standing for `GAP_S`.
+        Parameters
+        ----------
+        t_s : float
+            Moment of capture in seconds, of any clock that goes evenly.
+        mean : float or None
+            Mean of the 0/255 mask, 0..255; None where nothing could be judged. Such a frame, and
+            one in which nothing is seen, has no trend itself and leaves the means before it
+            standing for `GAP_S`.
+        whole : bool
+            Whether what is seen lies wholly in the picture.
+
+        Returns
+        -------
+        Trend
         """
         # Written so that what is not a number is no time, and no mean that was seen.
         timed = abs(t_s) < END_S

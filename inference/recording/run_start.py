@@ -41,7 +41,13 @@ class UsedFile:
 
 
 def used_file(path: Path) -> UsedFile:
-    """A file as it is now; ToktError if it cannot be read."""
+    """A file as it is now.
+
+    Raises
+    ------
+    ToktError
+        If it cannot be read.
+    """
     with os_errors_as(f"cannot read {path}"):
         return UsedFile(str(path.absolute()), hashlib.sha256(path.read_bytes()).hexdigest())
 

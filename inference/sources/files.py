@@ -152,9 +152,19 @@ def open_source(
     stereo: bool = True,
     pixel_format: str | None = None,
 ) -> MissionSource:
-    """Open what a user named as the source, a folder or a video file, as a `MissionSource`.
+    """Open what a user named as the source: a folder or a video file.
 
-    ToktError if it is neither, or `MissionSource` refuses the rest.
+    Parameters
+    ----------
+    text : str
+        Its path.
+    clock, frames, rate, stereo, pixel_format
+        As in `MissionSource`.
+
+    Raises
+    ------
+    ToktError
+        If it is neither, or `MissionSource` refuses the rest.
     """
     if not Path(text).exists():
         raise ToktError(f"unknown source {text!r}: not a folder of frames and not a video file")

@@ -199,10 +199,13 @@ class PushbroomDetector:
         return self._unjudged(doubt.fault, doubt.vetoes_clear or textured)
 
     def look(self, left: U8, right: U8) -> F32:
-        """Depths in metres of what stands at the distances in one pair of frames.
+        """What stands at the distances in one pair of frames of the calibration's size.
 
-        Of each cell, along the view's axis; 0 where nothing was found. Cell (row, column) begins at
-        pixel (`CELL_PX` * row, `CELL_PX` * column) of the rectifier's left view.
+        Returns
+        -------
+        array of float32, shape (rows, columns) of cells
+            Depth along the view's axis in metres, 0 where nothing was found. Cell (row, column)
+            begins at pixel (`CELL_PX` * row, `CELL_PX` * column) of the rectifier's left view.
         """
         left_view = self.rectifier.left_of(self._picture(left, "left")[0])
         right_view = self.rectifier.right_of(self._picture(right, "right")[0])

@@ -161,9 +161,18 @@ class Rectifier:
         return np.asarray(seen, np.float64).reshape(-1, 2)
 
     def points_m(self, disparity_px: NDArray[Any], valid: Bools) -> F64:
-        """The points seen where `valid`, in the left camera's own axes, shape (n, 3), row by row.
+        """The points seen, in the left camera's own axes.
 
-        Metres: x right, y down, z along the left camera's axis.
+        Parameters
+        ----------
+        disparity_px : array of float, shape (height, width) of `size`
+        valid : array of bool, same shape
+            Which pixels to take.
+
+        Returns
+        -------
+        array of float64, shape (n, 3)
+            Metres: x right, y down, z along the left camera's axis; row by row of `valid`.
         """
         row, column = np.nonzero(valid)
         depth = self.focal_baseline_px_m / disparity_px[row, column].astype(np.float64)

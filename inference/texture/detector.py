@@ -78,7 +78,12 @@ class MofNResult:
 
 
 class MofNRun:
-    """The operating point's M-of-N rule over one run's frames, in their order."""
+    """The operating point's M-of-N rule over one run's frames, in their order.
+
+    Parameters
+    ----------
+    rule : MofNRule
+    """
 
     def __init__(self, rule: MofNRule) -> None:
         self.rule = rule
@@ -91,9 +96,16 @@ class MofNRun:
         self._begun = 1
 
     def judge(self, scores: F64, patches: Bools, min_mask_patches: int) -> MofNResult:
-        """Judge the frame that was begun, by its patches' obstacle scores and its obstacle patches.
+        """Judge the frame that was begun.
 
-        `min_mask_patches` are those it takes to bring the mask's mean over the thesis's limit.
+        Parameters
+        ----------
+        scores : array of float64, shape (n_patches,)
+            Its patches' obstacle scores.
+        patches : array of bool, shape (n_patches,)
+            Its obstacle patches.
+        min_mask_patches : int
+            Patches it takes to bring the mask's mean over the thesis's limit.
         """
         self._begun = 0
         status = self._state.add(scores, min_mask_patches)

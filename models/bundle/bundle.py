@@ -362,7 +362,13 @@ def bundle_bytes(content: BundleContent) -> bytes:
 
 
 def unzip(data: bytes, where: str) -> dict[str, bytes]:
-    """The members of a zip; ToktError if one is compressed, encrypted, repeated or huge."""
+    """The members of a zip, none of them compressed, encrypted, repeated or huge.
+
+    Raises
+    ------
+    ToktError
+        If one is, or it is no zip.
+    """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             infos = archive.infolist()
@@ -386,7 +392,10 @@ def unzip(data: bytes, where: str) -> dict[str, bytes]:
 def signed_parts(data: bytes, where: str) -> tuple[bytes, Signature | None]:
     """The raw manifest of a bundle file and its signature, if any; nothing else is looked at.
 
-    ToktError if the file is not a zip with a manifest, or the signature cannot be read.
+    Raises
+    ------
+    ToktError
+        If the file is not a zip with a manifest, or the signature cannot be read.
     """
     members = unzip(data, where)
     return _manifest_of(members, where), _signature_of(members, where)
@@ -463,7 +472,10 @@ def arrays_of(
 ) -> dict[str, Any]:
     """The arrays in npy files, by name, of just the names and dtypes expected.
 
-    ToktError if they are others, or one is no plain array.
+    Raises
+    ------
+    ToktError
+        If they are others, or one is no plain array.
     """
     try:
         # numpy warns of headers as Python 2 wrote them, and of shapes beyond any number.
