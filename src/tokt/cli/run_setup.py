@@ -427,20 +427,22 @@ def _observers(
     keep(counts)
     keep(ReceiverWatch(senders, SYSTEM_CLOCK, events.put))
     if config.monitoring.metrics is not None:
-        from tokt.inference.monitoring.metrics import Metrics, MetricSources, parse_metrics
+        from tokt.inference.monitoring.metrics import Metrics, RunCollector, parse_metrics
         from tokt.inference.sources.cameras.live_source import CameraSource
 
         cameras = source if isinstance(source, CameraSource) else None
-        watched = MetricSources(senders, log, recorder, cameras, drift)
+        parts = senders, log, recorder, cameras, drift
         address = parse_metrics(config.monitoring.metrics)
-        opened.callback(Metrics(*address, counts, watched, SYSTEM_CLOCK).close)
+        metrics = Metrics(*address, RunCollector(counts, SYSTEM_CLOCK, *parts))
+        opened.callback(metrics.close)
     if model.shadow is not None and model.shadow_log is not None:
         from tokt.inference.replay.replay import model_named
         from tokt.inference.replay.shadow import Challenger, Shadow
 
         lines = (LinesApart if source.live else JsonLines)(model.shadow_log, rotation)
         other = model_named(model.shadow)
-        challenger = Challenger.of(other, config.policy.policy, pairs, model.threads)
+        named = other.label, other.sha256, other.data
+        challenger = Challenger(*named, config.policy.policy, pairs, model.threads)
         # After the others: in a replay without a rate it waits for its challenger.
         keep(Shadow(challenger, lines, run, source.live, SYSTEM_CLOCK, events.put))
     return _Observers(observers, log, recorder, drift, counts)
