@@ -1,12 +1,11 @@
 """Labels of the left frame's patches carried to the right frame, where a patch is found again."""
 
-from collections import Counter
 from collections.abc import Collection, Sequence
 
 import cv2
 import numpy as np
 
-from tokt.features.common.arrays import F32, F64, I64, U8, Bools
+from tokt.features.common.arrays import F32, F64, I64, U8
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 
@@ -16,22 +15,21 @@ from .rectify import Rectifier, rectified
 
 _BLUR_PX = 1.5  # of the views, against noise, which no two cameras share
 _AROUND_PX = 8  # of the views; what stands beside a patch tells it from its like
-_LEAST_PX = 20
+_MIN_PX = 20
 _LIKE = 0.6  # correlation from which a patch is found
 _LEAD = 0.05  # over any place further than `_SAME_PX` from it
 _SAME_PX = 12
 _BACK_PX = 3  # between a patch and where its place in the other view leads back to
 _POINTS = 16  # across a patch, and down it, at which it is asked what lies there
-_HALF = 0.5
+_MIN_SHARE = 0.5  # of a right patch, from which it has the label that lies there
 
 
 class LabelCarrier:
     """Carries a left frame's labels to the right frame of the same moment.
 
-    A patch that is labelled anything but clear is looked for in the right view, from
-    `matching.NEAREST_M` on: by normalised correlation, and only where the way back leads to it. One
-    that is not found, or has no label, may lie anywhere on its stretch of the row, and what the
-    left camera does not see may be anything: nothing is said of these places. The others are clear.
+    A patch is looked for in the right view, from `matching.NEAREST_M` on: by normalised
+    correlation, and only where the way back leads to it. Clear is carried nowhere: the right camera
+    may see what is hidden from the left one, or beside its view, and open water is like itself.
 
     Parameters
     ----------
@@ -58,11 +56,6 @@ class LabelCarrier:
         corners = views.from_frame(_points(*ends, np.array([0.0, 1.0])))
         corners = corners.reshape(grid.n_patches, -1, 2)
         self._boxes = np.hstack([np.floor(corners.min(1)), np.ceil(corners.max(1))]).astype(int)
-        # Where all that a place of the right view can be lies in the left one.
-        stretch, border = np.ones((1, self._reach + 1), np.uint8), cv2.BORDER_CONSTANT
-        seen = views.left_inside.view(np.uint8)
-        within = cv2.erode(seen, stretch, anchor=(0, 0), borderType=border, borderValue=0)
-        self._known: Bools = (within > 0) & views.right_inside
 
     def carry(
         self, left: U8, right: U8, labels: Sequence[str | None], clear: Collection[str]
@@ -76,7 +69,7 @@ class LabelCarrier:
         labels : sequence of str or None
             Of the left frame's patches.
         clear : collection of str
-            The labels that are no obstacle.
+            The labels that are no obstacle, and are not carried.
 
         Raises
         ------
@@ -89,37 +82,19 @@ class LabelCarrier:
                 raise ToktError(f"the calibration is for {width}x{height}, not {wide}x{high}")
         views = self._views.left(left), self._views.right(right)
         even = [np.asarray(cv2.GaussianBlur(view, (0, 0), _BLUR_PX), np.float32) for view in views]
-        water = Counter(label for label in labels if label in clear).most_common(1)
-        names = [None, water[0][0] if water else None, *sorted({*labels} - {*clear, None}, key=str)]
-        lies_there = self._paint(even, labels, names, clear)
-        x, y = self._places[..., 0], self._places[..., 1]
-        asked = cv2.remap(lies_there, x, y, cv2.INTER_NEAREST, borderValue=0)
-        shares = np.stack([(asked == code).mean(axis=1) for code in range(len(names))], axis=1)
-        least = np.full(len(names), _HALF)
-        least[:2] = 0, 1  # clear is only what is clear all over
-        return [names[int(code)] for code in np.where(shares >= least, shares, -1).argmax(axis=1)]
-
-    def _paint(
-        self,
-        views: list[F32],
-        labels: Sequence[str | None],
-        names: list[str | None],
-        clear: Collection[str],
-    ) -> U8:
-        """The right view with an index into `names` at each pixel."""
-        painted, found = self._known.astype(np.uint8), []
+        names = [None, *sorted({label for label in labels if label and label not in clear})]
+        found = []
         for box, label in zip(self._boxes, labels, strict=True):
-            if label in clear:
-                continue
-            shift = None if label is None else self._shift(views, box)
-            x0, y0, x1, y1 = box.clip(0)
-            if shift is None:
-                painted[y0:y1, max(x0 - self._reach, 0) : x1] = 0
-            else:
-                found.append((shift, x0, y0, x1, y1, names.index(label)))
+            if label in names[1:] and (shift := self._shift(even, box)) is not None:
+                found.append((shift, *box.clip(0), names.index(label)))
+        painted = np.zeros(views[1].shape, np.uint8)
         for shift, x0, y0, x1, y1, code in sorted(found):  # the nearest hides what is behind it
             painted[y0:y1, max(x0 - shift, 0) : max(x1 - shift, 0)] = code
-        return painted
+        x, y = self._places[..., 0], self._places[..., 1]
+        asked = cv2.remap(painted, x, y, cv2.INTER_NEAREST, borderValue=0)
+        shares = np.stack([(asked == code).mean(axis=1) for code in range(len(names))], axis=1)
+        shares[:, 0] = _MIN_SHARE
+        return [names[int(code)] for code in shares.argmax(axis=1)]
 
     def _shift(self, views: list[F32], box: I64) -> int | None:
         """How many pixels further left a patch of the left view lies in the right one."""
@@ -135,7 +110,7 @@ class LabelCarrier:
         """By how many pixels what is in a box of one view is moved in the other; None if unsure."""
         height, width = view.shape
         x0, y0, x1, y1 = box.clip(0, [width, height, width, height])
-        if min(x1 - x0, y1 - y0) < _LEAST_PX:
+        if min(x1 - x0, y1 - y0) < _MIN_PX:
             return None
         start, end = (x0 - self._reach, x1) if to_left else (x0, x1 + self._reach)
         start = max(start, 0)

@@ -17,7 +17,7 @@ _VOID = (
     "Which classes are obstacles was changed after training: figures of obstacle patches and of "
     "frames, and the operating point chosen for them, do not hold and were left out."
 )
-_OF_STATUSES = ("frames", "frames_at_zero", "fold_rules", "stress")
+_OF_STATUSES = ("frames", "frames_at_zero", "fold_rules", "stress", "right_by_margin")
 _OBSTACLE_FIGURES = ("precision", "recall", "f1", "average_precision")
 
 

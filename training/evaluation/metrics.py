@@ -1,6 +1,7 @@
 """Figures of merit for patches and frames, from decision values and true labels."""
 
 from collections.abc import Mapping
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from sklearn.metrics import (
 from tokt.features.common.arrays import F64, I64, Bools
 
 BINS = 5
+_MARGINS = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, None)
+MIN_PATCHES = 30
 BOUND_CONFIDENCE = 0.95
 
 
@@ -168,6 +171,36 @@ def reliability(truth: Bools, score: F64) -> list[dict[str, Any]]:
         }
         for part in bins
     ]
+
+
+def right_by_margin(truth: Bools, score: F64) -> list[dict[str, Any]]:
+    """How often patches are what a model calls them, by how far from its threshold they are.
+
+    Parameters
+    ----------
+    truth, score
+        As for `obstacle_metrics`, of patches that were not learnt from.
+
+    Returns
+    -------
+    list of dict
+        obstacle (what they are called), low and high (of the margin; None: no end), n, right (the
+        share) and at_least (its lower bound, were patches independent); none of fewer than
+        `MIN_PATCHES` patches.
+    """
+    found = []
+    for obstacle, (low, high) in product((False, True), pairwise(_MARGINS)):
+        called = np.abs(score) >= low
+        called &= (score > 0) == obstacle
+        called &= np.abs(score) < (np.inf if high is None else high)
+        n, wrong = int(called.sum()), int((truth[called] != obstacle).sum())
+        if n >= MIN_PATCHES:
+            shares = {
+                "right": 1 - wrong / n,
+                "at_least": 1 - upper_bound(wrong, n, BOUND_CONFIDENCE),
+            }
+            found.append({"obstacle": obstacle, "low": low, "high": high, "n": n, **shares})
+    return found
 
 
 def upper_bound(exceeding: int, n: int, confidence: float) -> float:

@@ -34,7 +34,7 @@ from tokt.training.evaluation.metrics import (
     metrics_by,
     obstacle_metrics,
     over_dives,
-    reliability,
+    right_by_margin,
 )
 from tokt.training.parallel import mapped
 
@@ -450,7 +450,7 @@ def held_out_metrics(
             dataset, all_scores, held_out.fold, [MofNRule()] * len(held_out.rules)
         ),
         "fold_rules": [rule.to_json() for rule in held_out.rules],
-        "reliability": reliability(truth, score),
+        "right_by_margin": right_by_margin(truth, score),
         "patches_tested": int(tested.sum()),
     }
 

@@ -36,7 +36,7 @@ def get_classes(session: SessionOf, who: Who | None = None) -> Response:
     """The classes in force, and how often each is used; to the blind, how often by themselves."""
     who = who or session.annotator
     used = _used(session, who)
-    ever = {*used} if who in session.blind else session.store.labels_ever()
+    ever = {*+used} if who in session.blind else session.store.labels_ever()
     classes = [
         {**vars(known), "labels": used[known.name], "given": known.name in ever}
         for known in session.taxonomy.classes

@@ -75,7 +75,7 @@ def get_carried(session: SessionOf, frame: Frame, who: Who | None = None) -> Res
         check_frame(session, camera, frame)
     left, right = (read_frame(session.mission, camera, frame) for camera in (LEFT, RIGHT))
     labels = session.board.labels(who or session.annotator, LEFT, frame)
-    clear = [known.name for known in session.taxonomy.classes if not known.obstacle]
+    clear = {known.name for known in session.taxonomy.classes if not known.obstacle}
     return json_response({"labels": session.carry(left, right, labels, clear)})
 
 

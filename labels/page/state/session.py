@@ -2,9 +2,11 @@
 
 import hashlib
 import json
+import math
 import re
 import shutil
 import threading
+import zlib
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -36,6 +38,7 @@ from .review_sheet import ReviewSheet
 
 CACHE = "cache"
 Carry = Callable[[U8, U8, Sequence[str | None], Collection[str]], list[str | None]]
+_MAX_ROWS = 20
 _MAX_NAME = 60  # an audit's name has the dataset's hash, too
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9]+")
 LITTLE_BYTES = 20_000_000
@@ -193,7 +196,7 @@ class Session:
             "classes": list(classes),
             "obstacle": list(bundle.model.obstacle),
             "learnt": _learnt(bundle),
-            "reliability": _reliability(bundle),
+            "right": _right_by_margin(bundle),
             **(self.progress() or {}),
         }
 
@@ -284,16 +287,20 @@ def _learnt(bundle: Bundle) -> dict[str, int]:
     return {name: n for name, n in items if isinstance(n, int)}
 
 
-def _reliability(bundle: Bundle) -> list[tuple[float, float]]:
-    """Up to which obstacle score what share of held-out patches were obstacles, by rising score.
+def _right_by_margin(bundle: Bundle) -> list[list[float | None]]:
+    """Obstacle (1 or 0), least and greatest margin, at least so many right of a hundred.
 
-    Nothing where nobody measured it, or of several classes: a margin is no obstacle score then.
+    Nothing where nobody measured it, or what the bundle says of it is no such table.
     """
-    if len(bundle.model.classes) == 2:
-        with suppress(KeyError, TypeError, ValueError):  # what a bundle says of it may be anything
-            bins = bundle.content.metrics["reliability"]
-            return [(float(one["high"]), float(one["obstacle"])) for one in bins]
-    return []
+    found = []
+    with suppress(KeyError, TypeError, ValueError, OverflowError):
+        for one in bundle.content.metrics["right_by_margin"][:_MAX_ROWS]:
+            high = math.inf if one["high"] is None else float(one["high"])
+            low, share = float(one["low"]), float(one["at_least"])
+            if 0 <= low < high and 0 <= share <= 1:
+                end = None if high == math.inf else high
+                found.append([int(one["obstacle"] is True), low, end, min(99, int(100 * share))])
+    return found if len(bundle.model.classes) == 2 else []
 
 
 def _head(head: ActionHead | None) -> dict[str, Any] | None:
@@ -302,7 +309,9 @@ def _head(head: ActionHead | None) -> dict[str, Any] | None:
 
 def own_model_file(workspace: Path, mission: Mission) -> Path:
     """The bundle of the model that is trained of a mission's labels through the page."""
-    name = _NOT_IN_NAMES.sub("-", mission.name)[:_MAX_NAME].strip("-") or "mission"
+    name = _NOT_IN_NAMES.sub("-", mission.name)[:_MAX_NAME].strip("-")
+    if name != mission.name:  # another mission's would be called the same
+        name = f"{name or 'mission'}-{zlib.crc32(mission.name.encode('utf-8', 'replace')):08x}"
     return workspace / "models" / f"{name}.tokt"
 
 

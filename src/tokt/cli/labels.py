@@ -103,7 +103,7 @@ def label(
     calibration: Annotated[
         Path | None,
         Option(
-            metavar="FILE", help="Carry labels of the left camera to the right one through this."
+            metavar="FILE", help="Carry labels from the left camera to the right one by this."
         ),
     ] = None,
     no_browser: Annotated[
@@ -168,7 +168,10 @@ def _suggesting(model: str | None, frames: Mission, grid: Grid, workspace: Path)
     except ToktError as error:
         say(f"no suggestions: {error}")
         return None
-    return bundle if bundle is not None and bundle.grid == grid else None
+    if bundle is not None and bundle.grid != grid:
+        say(f"no suggestions: model {bundle.label} has the grid {bundle.grid}")
+        return None
+    return bundle
 
 
 def _user() -> str:

@@ -8,13 +8,14 @@ from itertools import product
 import cv2
 import numpy as np
 import pytest
+from scipy import stats
 
 from tests.conftest import taxonomy_toml
 from tokt.features.frames.mission import open_mission
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.models.operating_point import MofNRule, OperatingPoint
 from tokt.training.evaluation.evaluate import first_detection
-from tokt.training.evaluation.metrics import reliability
+from tokt.training.evaluation.metrics import reliability, right_by_margin
 
 SEVERAL = taxonomy_toml(ocean=False, subsea_installation=True, kelp=True)
 
@@ -335,6 +336,20 @@ def test_ready_cut_patches(done, refused, cut_patches, tiny_bundle, tmp_path):
     refused("has no images", *command, other.parent)
     (other / "reef" / "1.png").write_bytes(b"no image")
     refused("1.png", *command, other)
+
+
+def test_how_often_patches_are_what_they_are_called_by_margin():
+    score = np.concatenate([np.full(100, -0.05), np.full(40, -4.0), np.full(60, 0.3), [0.6] * 29])
+    truth = np.concatenate([np.arange(100) < 55, np.zeros(40), np.arange(60) >= 3, np.ones(29)]) > 0
+    close, far, hit = right_by_margin(truth, score)  # 29 patches say nothing
+    assert close == {"obstacle": False, "low": 0.0, "high": 0.1, "n": 100} | {
+        "right": pytest.approx(0.45),
+        "at_least": pytest.approx(stats.beta.ppf(0.05, 45, 56)),
+    }
+    assert (far["low"], far["high"], far["right"]) == (3.0, None, 1.0)
+    assert far["at_least"] == pytest.approx(0.05 ** (1 / 40))
+    assert (hit["obstacle"], hit["low"], hit["n"]) == (True, 0.25, 60)
+    assert right_by_margin(truth[:0], score[:0]) == []
 
 
 # --- reliability -------------------------------------------------------------------------------

@@ -31,11 +31,18 @@ const [onChange, changed] = signal();
  */
 export async function loadMission() {
   const asked = person;
+  const heard = settingsHeard;
   const answer = await get("/api/mission");
   // What was asked before another person came, or blind, is not for their eyes.
-  if (asked === person && (!mission.loaded || sameMission(answer))) takeMission(answer);
+  if (asked === person && (!mission.loaded || sameMission(answer))) {
+    // It may have been put together before what was heard meanwhile.
+    if (heard !== settingsHeard) answer.settings = mission.settings;
+    takeMission(answer);
+  }
   return answer;
 }
+
+let settingsHeard = 0;
 
 /**
  * What to say where the server that answers now shows something else.
@@ -89,7 +96,10 @@ export function takeNews(news) {
   if (news.states || news.counts) changed("states");
   if (news.fault !== undefined) mission.fault = news.fault;
   if (news.model && mission.model) mission.model = { ...mission.model, ...news.model };
-  if (news.settings) mission.settings = news.settings;
+  if (news.settings) {
+    mission.settings = news.settings;
+    settingsHeard += 1;
+  }
   if (news.job !== undefined) mission.job = news.job;
   if (news.fault !== undefined || news.model || news.settings) changed("status");
 }

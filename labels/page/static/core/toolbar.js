@@ -101,9 +101,9 @@ function showPainters(root, choose, chosen) {
   const text = JSON.stringify(rows);
   if (root.dataset.shown === text) return;
   root.dataset.shown = text;
-  const focused = [...root.children].indexOf(document.activeElement);
+  const focused = root.contains(document.activeElement) && document.activeElement.ariaLabel;
   root.replaceChildren(...rows.map((row) => painterButton(row, () => choose(row.name))));
-  root.children[focused]?.focus();
+  if (focused) [...root.children].find(({ ariaLabel }) => ariaLabel === focused)?.focus();
 }
 
 // All classes with their depth, each below what it is a kind of; a group that is no class stands
@@ -180,8 +180,8 @@ function showSlider(input) {
 
 // The least of both sides: what is as sure as that was right so often in training.
 function surePercent() {
-  const [clear, obstacle] = [false, true].map((side) => percentRight(side, setting("confidence")));
-  return clear === null ? null : Math.min(clear, obstacle);
+  const sides = [false, true].map((side) => percentRight(side, setting("confidence")));
+  return sides.includes(null) ? null : Math.min(...sides);
 }
 
 const NO_MODEL =

@@ -59,7 +59,7 @@ function exporting() {
   const told = el("div", { role: "status" });
   const download = link("Download", "#");
   const slow = "The folder of patches is being made; the browser saves it when it is there.";
-  download.addEventListener("click", () => form.value === "patches" && say(slow, { stays: true }));
+  download.addEventListener("click", () => form.value === "patches" && say(slow));
   async function check() {
     const only = whose.value === EVERYBODY ? null : whose.value;
     const wanted = { format: form.value, only, full: full.checked ? 1 : null };

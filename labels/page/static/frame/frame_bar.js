@@ -7,6 +7,7 @@ import { frameIndex, frames, mission, setSetting, setting, stateOf } from "../co
 import { disagree } from "./cell_drawing.js";
 import { cellName } from "./patch_grid.js";
 import { countPassing, filterChoices, filterName } from "./steps.js";
+import { kindOf } from "./suggest.js";
 import { STATES } from "./timeline.js";
 
 /**
@@ -125,8 +126,9 @@ export function describeInfo(said) {
   return Object.entries(parts).filter(known).map(([words]) => words).join(", ");
 }
 
-function surety({ strong, percent }) {
-  return (strong ? "sure" : "unsure") + (percent === null ? "" : ` (${percent} %)`);
+function surety({ strong, percent, said }) {
+  const kind = kindOf(said) ? "an obstacle" : "clear";
+  return (strong ? "sure" : "unsure") + (percent === null ? "" : ` (${kind}: ${percent} %)`);
 }
 
 /**

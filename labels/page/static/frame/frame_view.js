@@ -6,7 +6,7 @@ import { announce, el, endToast, focusView, say, setAttribute } from "../core/do
 import { showProgress } from "../core/header.js";
 import {
   blind, frameIndex, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting,
-  setting,
+  setting, who,
 } from "../core/mission.js";
 import { addView, noteAddress } from "../core/router.js";
 import { buildDrawer, buildToolbar } from "../core/toolbar.js";
@@ -47,7 +47,7 @@ const ACTIONS = [
     "Accept the sure suggestions; go to the next frame that is not done"],
   ["rest", "", "Label all patches that have no label, but for obstacles"],
   ["copy", "Same as previous frame", "Suggest the labels of the frame before, to be accepted"],
-  ["carry", "Same as left camera", "Suggest the left camera's labels where they lie here"],
+  ["carry", "Same as left camera", "Suggest the left camera's obstacles where they are found here"],
   ["unlabelled", "Next unlabelled", "Go to the next frame without a label of yours"],
   ["uncertain", "Next uncertain", "Go where the model is least sure and has seen least"],
   ["note", "Note", "Write a note on the patch at the cursor, or on the frame"],
@@ -560,13 +560,17 @@ async function copyPrevious() {
 
 async function carryLeft() {
   const { camera, frame } = page.show;
-  const refusal = cannotDo(0).carry;
+  const asked = who();
+  const away = AWAY.has(state()) && "The server is away: try again when it is back.";
+  const refusal = away || cannotDo(0).carry;
   if (refusal) return void say(refusal);
+  if (!mayPaint()) return;
   await whenIdle();
   const explain = ({ message }) => say(`Not carried: ${message}`, { bad: true });
   const answer = await get("/api/carried", { frame }).catch(onFailure(explain));
-  if (!answer || !page || !isHere(camera, frame)) return;
-  propose(camera, frame, answer.labels, `the left camera's frame ${frame}`);
+  if (!answer || !page || !isHere(camera, frame) || asked !== who()) return;
+  const none = "No obstacle that you labelled in the left picture can be found in this one.";
+  propose(camera, frame, answer.labels, "the left camera", none);
 }
 
 // Accepting may have made this frame done already: it is passed in any case.

@@ -110,7 +110,7 @@ export function copyFrom(camera, from, frame) {
     say(`Frame ${from} is not loaded yet.`, { bad: true });
     return;
   }
-  propose(camera, frame, before.mine, `frame ${from}`);
+  propose(camera, frame, before.mine, `frame ${from}`, `You have no labels on frame ${from}.`);
 }
 
 /**
@@ -119,15 +119,16 @@ export function copyFrom(camera, from, frame) {
  * @param {number} frame
  * @param {(?string)[]} labels
  * @param {string} whose Where they come from, in words.
+ * @param {string} none What to say where there are none.
  */
-export function propose(camera, frame, labels, whose) {
+export function propose(camera, frame, labels, whose, none) {
   const { mine } = labelsOf(camera, frame);
   const copies = labels.map((label, cell) => (mine[cell] === null ? label : null));
   const count = copies.filter((label) => label !== null).length;
   if (!count) {
     say(
       labels.every((label) => label === null)
-        ? `You have no labels on ${whose}.`
+        ? none
         : "Every patch with a label there has one here already.",
     );
     return;

@@ -102,18 +102,16 @@ export function suggestedLabels(camera, frame) {
 }
 
 /**
- * How many of a hundred patches of which a model said the same were what it said: of those that it
- * had not learnt from when it was trained.
+ * How many of a hundred patches, at least, that a model called obstacle (or clear) with such a
+ * decision value were so: of patches that it had not learnt from when it was trained.
  * @param {boolean} obstacle What it says.
  * @param {number} value The decision value.
  * @returns {?number} Null where that was not measured.
  */
 export function percentRight(obstacle, value) {
-  const { reliability } = mission.model;
-  const score = obstacle ? value : -value;
-  const share = (reliability.find(([high]) => score <= high) ?? reliability.at(-1))?.[1];
-  // Those of the training's dives: of no other patch one is that sure.
-  return share === undefined ? null : Math.min(99, Math.floor(100 * (obstacle ? share : 1 - share)));
+  const holds = ([of, low, high]) =>
+    Boolean(of) === obstacle && value >= low && value < (high ?? Infinity);
+  return mission.model.right.find(holds)?.[3] ?? null;
 }
 
 // What the model alone says: {label, value, named} a patch; `named`: by a class of the taxonomy.

@@ -371,6 +371,7 @@ def test_filters_lead_the_steps(view, server):
     view.wait(36)
     view.open(34)
     view.label("3", 7)
+    view.saved()
     view.page.locator(".filter").select_option(label="with sand of mine")
     view.page.locator(".frame-canvas").focus()
     view.shows(".matches", f"{len(server.get('/api/frames_with', **SAND)['cameras']['left'])} ")
