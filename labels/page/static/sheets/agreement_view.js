@@ -16,20 +16,12 @@ import { selectionKeys } from "./tile_grid.js";
 import { DecisionSheet, settle, settledOf, sheetRow } from "./tile_sheet.js";
 
 /**
- * @typedef {{camera: string, frame: number, cell: number, a: string, b: string, sure: boolean,
- *   settled: ?string, settled_by: ?string}} Conflict
- */
-
-/**
- * The conflicts of one comparison. Of the view, `only`: {a, b}, the labels that conflicts must
- * have; `unsure`: also those where one was not sure, null while nobody chose.
+ * The conflicts of one comparison, as the server names them: {camera, frame, cell, a, b, sure,
+ * settled, settled_by}. Of the view, `only`: {a, b}, the labels that conflicts must have;
+ * `unsure`: also those where one was not sure, null while nobody chose.
  */
 class ConflictSheet extends DecisionSheet {
-  /**
-   * @param {{a: string, b: string}} people Names of the annotators.
-   * @param {?Object} place Where the person was, from `place()`.
-   * @param {() => void} onChoice Other labels were chosen to look at.
-   */
+  /** `people`: {a, b}, names; `onChoice()`: other labels were chosen to look at. */
   constructor(people, place, onChoice) {
     super({
       label: "patches on which they differ",
@@ -50,12 +42,7 @@ class ConflictSheet extends DecisionSheet {
     );
   }
 
-  /**
-   * Take what the server found.
-   * @param {Conflict[]} conflicts
-   * @param {{anew: boolean}} options `anew`: show them from where the person was; else the tiles
-   *   stay as they are.
-   */
+  /** Take what the server found; `anew`: show it from where the person was, else tiles stay. */
   take(conflicts, { anew }) {
     this.patches = conflicts;
     this.view.unsure ??= !conflicts.some((conflict) => conflict.sure);
@@ -68,10 +55,7 @@ class ConflictSheet extends DecisionSheet {
     this.choose({ unsure: !this.view.unsure });
   }
 
-  /**
-   * Show only the conflicts of two labels; of the same two again: all.
-   * @param {?{a: string, b: string}} only
-   */
+  /** Show `only` the conflicts of two labels, {a, b}; of the same two again, or of null: all. */
   choosePair(only) {
     const { only: now } = this.view;
     const again = only && now?.a === only.a && now?.b === only.b;
@@ -80,10 +64,7 @@ class ConflictSheet extends DecisionSheet {
     this.grid.focus();
   }
 
-  /**
-   * Settle the selected conflicts, or the one under the cursor and go on to the next.
-   * @param {?string} label Null takes settlements back.
-   */
+  /** Settle the selected conflicts, or the one under the cursor and go on; null takes it back. */
   settle(label) {
     const targets = this.targets();
     if (targets.length === 0) return;
@@ -114,10 +95,7 @@ class ConflictSheet extends DecisionSheet {
   }
 
   opinions({ a, b }) {
-    return [
-      ["A", a, `${this.people.a} ${a}`],
-      ["B", b, `${this.people.b} ${b}`],
-    ];
+    return [["A", a, `${this.people.a} ${a}`], ["B", b, `${this.people.b} ${b}`]];
   }
 
   decisionWords(settled) {
@@ -234,9 +212,8 @@ function build() {
   const words = el("p", { class: "agreement-words", role: "status" });
   const same = last?.pair.a === pair.a && last.pair.b === pair.b;
   const sheet = new ConflictSheet(pair, same ? last.place : null, showNumbers);
-  const section = el(
-    "section",
-    { class: "agreement tiles-view", "aria-label": "agreement of two annotators" },
+  const options = { class: "agreement tiles-view", "aria-label": "agreement of two annotators" };
+  const section = el("section", options,
     el("div", { class: "bar" },
       person("a"),
       button("⇄", swap, { title: "exchange them (s)", "aria-label": "exchange them" }),
@@ -290,7 +267,7 @@ function showFault({ status, message }) {
   parts.words.textContent = "";
   parts.numbers.replaceChildren(
     el("p", { class: "empty-state", text: words, role: "status" }),
-    ...(yet ? [el("p", { class: "empty-state", text: hint })] : []),
+    yet ? el("p", { class: "empty-state", text: hint }) : "",
   );
 }
 
