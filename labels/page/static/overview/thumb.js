@@ -13,12 +13,9 @@ import { labelsOf } from "../saving/labels.js";
 
 /**
  * What a frame shows and what of it waits for a decision.
- * @param {string} camera
- * @param {number} frame
  * @returns {?{mine: (?string)[], hints: (?Object)[], waits: boolean, fault: string,
- *   noted: boolean}}
- *   Null while it is not loaded; `hints`: as `hintsOf` gives them; `waits`: the model has not come
- *   to this frame.
+ *   noted: boolean}} Null while it is not loaded; `hints`: as `hintsOf` gives them; `waits`: the
+ *   model has not come to this frame.
  */
 export function contentOf(camera, frame) {
   const labels = labelsOf(camera, frame);
@@ -37,11 +34,8 @@ export function suggesting() {
 /** A thumbnail. */
 export class Thumb {
   /**
-   * @param {string} camera
-   * @param {number} frame
-   * @param {{id: string, width: number, height: number, onShape: Function,
-   *   onPicture: Function}} plan Size in CSS pixels; `onShape`: the picture has another shape than
-   *   was believed; `onPicture`: the picture is there, or cannot be had.
+   * Size in CSS pixels; `onShape`: the picture has another shape than was believed; `onPicture`:
+   * it is there, or cannot be had.
    */
   constructor(camera, frame, { id, width, height, onShape, onPicture }) {
     Object.assign(this, { camera, frame, size: { width, height } });
@@ -52,9 +46,8 @@ export class Thumb {
     const title = "leave this frame out, or no longer (x)";
     this.leave = el("span", { class: "thumb-leave", text: "×", title });
     this.picture = el("div", { class: "thumb-picture" }, this.image, this.canvas);
-    this.element = el(
-      "div",
-      { class: "thumb", role: "option", id, "data-camera": camera, "data-frame": frame },
+    const names = { "data-camera": camera, "data-frame": frame };
+    this.element = el("div", { class: "thumb", role: "option", id, ...names },
       this.picture,
       el("div", { class: "thumb-caption" }, this.number, this.state, this.leave),
     );
@@ -69,15 +62,11 @@ export class Thumb {
     });
     this.image.addEventListener("error", () => {
       this.seen = false;
-      this.#unreadable();
+      this.picture.classList.add("unreadable");
+      this.picture.dataset.words = "This frame cannot be shown.";
       onPicture();
     });
-    this.load(width);
-  }
-
-  /** Fetch the picture, enhanced as the person set it. */
-  load(width) {
-    this.image.src = thumbAddress(this.camera, this.frame, width);
+    this.image.src = thumbAddress(camera, frame, width);
   }
 
   /** The cell under a point of the window; -1 if it is not over the picture. */
@@ -122,41 +111,25 @@ export class Thumb {
     this.state.title = words;
     this.element.setAttribute("aria-label", name);
   }
-
-  #unreadable() {
-    this.picture.classList.add("unreadable");
-    this.picture.dataset.words = "This frame cannot be shown.";
-  }
 }
 
 function shownCells({ mine, hints }, painted) {
-  return mine.map((own, cell) => shownCell(painted?.has(cell) ? painted.get(cell) : own, hints[cell]));
+  const labelOf = (cell) => (painted?.has(cell) ? painted.get(cell) : mine[cell]);
+  return mine.map((_, cell) => shownCell(labelOf(cell), hints[cell]));
 }
 
-/**
- * Draw the areas.
- * @param {HTMLCanvasElement} canvas
- * @param {{width: number, height: number}} size Of the picture below it, in CSS pixels.
- * @param {ShownCell[]} cells Row by row.
- * @param {?number} cursor Cell of the keyboard's cursor.
- */
+// Draws `ShownCell`s, row by row, and the cursor over a picture of a size in CSS pixels.
 function drawAreas(canvas, { width, height }, cells, cursor) {
-  const context = fresh(canvas, width, height);
+  const scale = Math.min(2, window.devicePixelRatio || 1);
+  canvas.width = Math.round(width * scale);
+  canvas.height = Math.round(height * scale);
+  const ctx = canvas.getContext("2d");
+  ctx.scale(scale, scale);
   const patch = patchSize(width, height);
   const boxOf = (index) => {
     const [row, col] = rowCol(index);
     return { x: col * patch.width, y: row * patch.height, ...patch };
   };
-  const plan = { ctx: context, boxOf };
-  if (cells.length) drawCells(plan, cells);
-  drawCursor(plan, cursor, []);
-}
-
-function fresh(canvas, width, height) {
-  const scale = Math.min(2, window.devicePixelRatio || 1);
-  canvas.width = Math.round(width * scale);
-  canvas.height = Math.round(height * scale);
-  const context = canvas.getContext("2d");
-  context.scale(scale, scale);
-  return context;
+  if (cells.length) drawCells({ ctx, boxOf }, cells);
+  drawCursor({ ctx, boxOf }, cursor, []);
 }
