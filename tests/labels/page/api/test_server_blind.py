@@ -90,7 +90,7 @@ def test_labels(server):
 
 
 def test_what_is_only_for_the_seeing_is_refused(server):
-    for query in (f"agreement?a=anna&b={OTHERS}", "history?camera=left&frame=1&cell=0"):
+    for query in (f"agreement?a=anna&b={OTHERS}", "audits?"):
         answer = _see(server, blind=True).request("GET", f"/api/{query}&who=anna&blind=0")
         assert answer.status == 403
         _check(answer.json)
