@@ -2,7 +2,7 @@
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,14 +21,11 @@ class Listener:
     status: dict[str, Any] | None = None
     wake: asyncio.Event = field(default_factory=asyncio.Event)
 
-    def add_change(self, changed: LabelChanges) -> None:
-        """Something was said; a slow page gets several changes as one."""
-        self.changed = changed if self.changed is None else self.changed.merged(changed)
-        self.wake.set()
-
-    def set_status(self, status: dict[str, Any]) -> None:
-        """The server's own state; only the newest counts."""
-        self.status = status
+    def hear(self, changed: LabelChanges | None, status: dict[str, Any] | None) -> None:
+        """A slow page gets several changes as one; of the server's states the newest counts."""
+        if changed is not None:
+            self.changed = changed if self.changed is None else self.changed.merged(changed)
+        self.status = status or self.status
         self.wake.set()
 
     def take(self) -> tuple[LabelChanges | None, dict[str, Any] | None]:
@@ -59,11 +56,11 @@ class Broadcaster:
 
     def publish(self, changed: LabelChanges) -> None:
         """Send a change to every page."""
-        self._to_all(lambda listener: listener.add_change(changed))
+        self._to_all(changed, None)
 
     def publish_status(self, status: dict[str, Any]) -> None:
         """Send the server's own state to every page."""
-        self._to_all(lambda listener: listener.set_status(status))
+        self._to_all(None, status)
 
     async def listen(self) -> AsyncIterator[tuple[LabelChanges | None, dict[str, Any] | None]]:
         """Yield what is to be told, or (None, None) every `ALIVE_S`, until the server ends."""
@@ -82,10 +79,10 @@ class Broadcaster:
         finally:
             self._listeners.discard(listener)
 
-    def _to_all(self, send: Callable[[Listener], None]) -> None:
+    def _to_all(self, changed: LabelChanges | None, status: dict[str, Any] | None) -> None:
         def deliver() -> None:
             for listener in self._listeners:
-                send(listener)
+                listener.hear(changed, status)
 
         if self._loop is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(deliver)
