@@ -29,7 +29,13 @@ from tokt.training.datasets.splits import (
     some_units,
 )
 from tokt.training.evaluation.frame_scores import frame_figures
-from tokt.training.evaluation.metrics import class_metrics, metrics_by, obstacle_metrics, over_dives
+from tokt.training.evaluation.metrics import (
+    class_metrics,
+    metrics_by,
+    obstacle_metrics,
+    over_dives,
+    reliability,
+)
 from tokt.training.parallel import mapped
 
 from .choose_operating_point import (
@@ -486,6 +492,7 @@ def held_out_metrics(
             dataset, all_scores, held_out.fold, [MofNRule()] * len(held_out.rules)
         ),
         "fold_rules": [rule.to_json() for rule in held_out.rules],
+        "reliability": reliability(truth, score),
         "patches_tested": int(tested.sum()),
     }
 

@@ -9,7 +9,8 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response, StreamingResponse
 
 from tokt.features.common.errors import ToktError
-from tokt.features.frames.mission import parse_frames
+from tokt.features.frames.mission import LEFT, RIGHT, parse_frames
+from tokt.labels.page.frames import read_frame
 from tokt.labels.page.state.board import LabelChanges
 from tokt.labels.page.state.live import ALIVE, event_text
 from tokt.labels.page.state.session import Session
@@ -21,6 +22,7 @@ from .messages import (
     ActionBody,
     Blind,
     Camera,
+    Frame,
     NoteBody,
     SessionOf,
     StepBody,
@@ -62,6 +64,19 @@ def get_labels(
         suggestions = _suggestions(session, camera, number) if suggest and not blind else None
         found.append({**said, "suggestions": suggestions})
     return json_response({"event": event, "frames": found})
+
+
+@router.get("/carried")
+def get_carried(session: SessionOf, frame: Frame, who: Who | None = None) -> Response:
+    """A person's labels of a left frame, as they lie in the right one; nothing is written."""
+    if session.carry is None:
+        raise refuse(400, "no calibration was given: start tokt label with --calibration")
+    for camera in (LEFT, RIGHT):
+        check_frame(session, camera, frame)
+    left, right = (read_frame(session.mission, camera, frame) for camera in (LEFT, RIGHT))
+    labels = session.board.labels(who or session.annotator, LEFT, frame)
+    clear = [known.name for known in session.taxonomy.classes if not known.obstacle]
+    return json_response({"labels": session.carry(left, right, labels, clear)})
 
 
 @router.post("/actions")
@@ -247,12 +262,12 @@ async def _stream(session: Session, who: str, since: int | None) -> AsyncIterato
         if since is not None:
             missed = await run_in_threadpool(session.board.changed_since, since)
             changed, since = missed if changed is None else missed.merged(changed), None
-        if status is not None:
-            yield event_text("status", _status(status, who))
+        if status:
+            yield event_text("status", _status(session.status(), who))
         heard = changed.seen_by(who, who in session.blind) if changed else None
         if heard:
             yield event_text("change", await run_in_threadpool(_news, session, who, heard))
-        elif status is None:
+        elif not status:
             yield ALIVE
 
 

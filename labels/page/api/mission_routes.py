@@ -70,6 +70,7 @@ def get_mission(session: SessionOf, blind: Blind, who: Who | None = None) -> Res
             "settings": {} if blind else session.settings,
             "job": None if blind else session.status()["job"],
             "depths": _depth_bands(session),
+            "carries": session.carry is not None,
             "formats": {name: kind.title for name, kind in FORMATS.items()},
         }
     )
@@ -88,7 +89,7 @@ def post_setting(session: SessionOf, body: SettingBody) -> Response:
     if not any(known.obstacle and known.name == body.value for known in session.taxonomy.classes):
         raise refuse(400, f"{body.name}: {body.value!r} is no class of obstacles")
     session.set_setting(body.name, body.value, body.who)
-    return json_response({"settings": {} if body.who in session.blind else session.settings})
+    return json_response({})
 
 
 @router.get("/labelled")

@@ -18,20 +18,21 @@ class Listener:
     """One open stream and what it has not been told yet."""
 
     changed: LabelChanges | None = None
-    status: dict[str, Any] | None = None
+    status: bool = False
     wake: asyncio.Event = field(default_factory=asyncio.Event)
 
-    def hear(self, changed: LabelChanges | None, status: dict[str, Any] | None) -> None:
-        """A slow page gets several changes as one; of the server's states the newest counts."""
-        if changed is not None:
+    def hear(self, changed: LabelChanges | None) -> None:
+        """A slow page gets several changes as one. None: the server's own state is another one."""
+        if changed is None:
+            self.status = True  # it is asked when it is told
+        else:
             self.changed = changed if self.changed is None else self.changed.merged(changed)
-        self.status = status or self.status
         self.wake.set()
 
-    def take(self) -> tuple[LabelChanges | None, dict[str, Any] | None]:
-        """What is to be told now."""
+    def take(self) -> tuple[LabelChanges | None, bool]:
+        """What is to be told now, and whether the server's own state is."""
         taken = self.changed, self.status
-        self.changed = self.status = None
+        self.changed, self.status = None, False
         self.wake.clear()
         return taken
 
@@ -54,38 +55,36 @@ class Broadcaster:
         for listener in self._listeners:
             listener.wake.set()
 
-    def publish(self, changed: LabelChanges) -> None:
-        """Send a change to every page."""
-        self._to_all(changed, None)
+    def publish(self, changed: LabelChanges | None) -> None:
+        """Send a change to every page; None as `publish_status`."""
 
-    def publish_status(self, status: dict[str, Any]) -> None:
-        """Send the server's own state to every page."""
-        self._to_all(None, status)
+        def deliver() -> None:
+            for listener in self._listeners:
+                listener.hear(changed)
 
-    async def listen(self) -> AsyncIterator[tuple[LabelChanges | None, dict[str, Any] | None]]:
-        """Yield what is to be told, or (None, None) every `ALIVE_S`, until the server ends."""
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(deliver)
+
+    def publish_status(self) -> None:
+        """Send the server's own state, as it is then, to every page: never an older one later."""
+        self.publish(None)
+
+    async def listen(self) -> AsyncIterator[tuple[LabelChanges | None, bool]]:
+        """Yield what is to be told, or (None, False) every `ALIVE_S`, until the server ends."""
         listener = Listener()
         self._listeners.add(listener)
         try:
-            yield None, None  # from here on nothing is missed
+            yield None, False  # from here on nothing is missed
             while not self._closed:
                 try:
                     await asyncio.wait_for(listener.wake.wait(), ALIVE_S)
                 except TimeoutError:
-                    yield None, None
+                    yield None, False
                     continue
                 if not self._closed:
                     yield listener.take()
         finally:
             self._listeners.discard(listener)
-
-    def _to_all(self, changed: LabelChanges | None, status: dict[str, Any] | None) -> None:
-        def deliver() -> None:
-            for listener in self._listeners:
-                listener.hear(changed, status)
-
-        if self._loop is not None and not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(deliver)
 
 
 def event_text(name: str, value: dict[str, Any]) -> str:

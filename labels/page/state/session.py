@@ -4,11 +4,14 @@ import hashlib
 import json
 import shutil
 import threading
+from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import Mission
@@ -31,6 +34,7 @@ from .pictures import PatchPictures
 from .review_sheet import ReviewSheet
 
 CACHE = "cache"
+Carry = Callable[[U8, U8, Sequence[str | None], Collection[str]], list[str | None]]
 LITTLE_BYTES = 20_000_000
 
 
@@ -61,6 +65,9 @@ class Session:
     browser they use. The store knows it, and no page is asked."""
     taxonomy_file: Path | None = None
     """Where the classes come from, if not from the workspace."""
+    carry: Carry | None = None
+    """Gives a right frame its labels from both frames, the left one's labels and the names of what
+    is clear."""
     changing: threading.Lock = field(default_factory=threading.Lock)
     """Held by who changes the classes."""
     jobs: Jobs = field(default_factory=Jobs)
@@ -127,7 +134,7 @@ class Session:
         """Put other classes in force, and tell all pages."""
         self.board.use_classes(taxonomy.names)
         self.taxonomy = taxonomy
-        self.live.publish_status(self.status())
+        self.live.publish_status()
 
     def use_model(self, bundle: Bundle) -> None:
         """Suggest what another model says, and tell all pages.
@@ -141,7 +148,7 @@ class Session:
         fresh = Suggester(bundle, self.mission, self.grid, workspace / CACHE)
         before, self.suggester = self.suggester, fresh
         fresh.start()
-        self.live.publish_status(self.status())
+        self.live.publish_status()
         if before is not None:
             before.close()
 
@@ -163,6 +170,7 @@ class Session:
             "classes": list(classes),
             "obstacle": list(bundle.model.obstacle),
             "learnt": _learnt(bundle),
+            "reliability": _reliability(bundle),
             **(self.progress() or {}),
         }
 
@@ -190,7 +198,7 @@ class Session:
 
     def _tell(self) -> None:
         self.refresh()
-        self.live.publish_status(self.status())
+        self.live.publish_status()
 
     def start(self) -> None:
         """Begin what is computed beside the page."""
@@ -251,6 +259,18 @@ def _learnt(bundle: Bundle) -> dict[str, int]:
     counts = bundle.content.provenance.get("label_counts")
     items = counts.items() if isinstance(counts, dict) else ()
     return {name: n for name, n in items if isinstance(n, int)}
+
+
+def _reliability(bundle: Bundle) -> list[tuple[float, float]]:
+    """Up to which obstacle score what share of held-out patches were obstacles, by rising score.
+
+    Nothing where nobody measured it, or of several classes: a margin is no obstacle score then.
+    """
+    if len(bundle.model.classes) == 2:
+        with suppress(KeyError, TypeError, ValueError):  # what a bundle says of it may be anything
+            bins = bundle.content.metrics["reliability"]
+            return [(float(one["high"]), float(one["obstacle"])) for one in bins]
+    return []
 
 
 def _head(head: ActionHead | None) -> dict[str, Any] | None:

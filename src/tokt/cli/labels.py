@@ -16,7 +16,13 @@ from tokt.features.common.errors import ToktError, printable
 from tokt.labels.formats import NAMES
 
 from .interrupts import interrupt_ends
-from .options import DEFAULT_WORKSPACE, JsonOption, TaxonomyOption, WorkspaceOption
+from .options import (
+    DEFAULT_WORKSPACE,
+    JsonOption,
+    TaxonomyOption,
+    WorkspaceOption,
+    read_calibration_file,
+)
 from .output import answer, print_json, progress, say
 from .output import print_line as print
 
@@ -90,6 +96,12 @@ def label(
             metavar="NAME", help="Name proposed to who opens the page. Default: the user's name."
         ),
     ] = None,
+    calibration: Annotated[
+        Path | None,
+        Option(
+            metavar="FILE", help="Carry labels of the left camera to the right one through this."
+        ),
+    ] = None,
     no_browser: Annotated[
         bool, Option("--no-browser", help="Print the address and open no browser.")
     ] = False,
@@ -119,10 +131,18 @@ def label(
             from tokt.models.registry.load import load_model
 
             bundle = load_model(model, workspace)
+        carry = None
+        if calibration is not None:
+            from tokt.inference.stereo.carried_labels import LabelCarrier
+
+            if len(frames.cameras) < 2:
+                raise ToktError(f"--calibration: {frames.name} has the frames of one camera only")
+            carry = LabelCarrier(read_calibration_file(calibration), patches).carry
         address = listen(host, port, None if no_token else token or kept_token(workspace))
         session = open_session(
             frames, workspace, patches, annotator or _user(), __version__, taxonomy, bundle
         )
+        session.carry = carry
 
         def ready() -> None:
             print(f"labelling {frames.name} at {address.url} (Ctrl-C ends)")

@@ -218,7 +218,14 @@ class Watched:
             self._faults.append(f"console: {message.text} ({where['url']}:{where['lineNumber']})")
 
 
-def knows(who):
+def knows(page, what):
+    """Whether a page knows this of its mission; `wait_for_function` waits for no promise."""
+    return page.evaluate(
+        f"() => import('/static/core/mission.js').then(({{ mission }}) => mission.{what})"
+    )
+
+
+def remembers(who):
     """A script by which a browser knows who works there, unless a person says otherwise."""
     identity = json.dumps(json.dumps({"who": who}))
     return f"if (origin !== 'null') localStorage['tokt.identity'] ??= {identity};"
@@ -257,7 +264,7 @@ def browsing(browser):
         if context is None:
             context = browser.new_context(**options)
             if who is not None:
-                context.add_init_script(knows(who))
+                context.add_init_script(remembers(who))
             context.set_default_timeout(500 * MAX_S)
             watched = Watched(server.url)
             watched.context(context)

@@ -4,7 +4,7 @@
 import { asksObstacleClass, obstacleClass, obstacleClasses } from "../frame/suggest.js";
 import { onFailure, post } from "./api.js";
 import { backAfterMouse, button, el, say, setAttribute } from "./dom.js";
-import { classes, colourOf, mission, signOf, takeNews } from "./mission.js";
+import { classes, colourOf, mission, signOf } from "./mission.js";
 
 /** Patch of colour with the class's key in it, so that colour is never the only sign. */
 export function swatch(name) {
@@ -105,8 +105,8 @@ export function obstacleChoice() {
 
 async function setObstacleClass(value) {
   const explain = ({ message }) => say(`Not kept: ${message}`, { bad: true, stays: true });
-  const body = { name: "obstacle_as", value };
-  takeNews((await post("/api/settings", body).catch(onFailure(explain))) ?? {});
+  // All pages hear of it, this one too: its answer may be here before what was so until then.
+  await post("/api/settings", { name: "obstacle_as", value }).catch(onFailure(explain));
 }
 
 /**

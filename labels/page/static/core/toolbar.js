@@ -2,7 +2,7 @@
 // undo, which goes where it changed something.
 
 import { proposeAgain } from "../frame/painting.js";
-import { needsObstacleClass, obstacleClass } from "../frame/suggest.js";
+import { needsObstacleClass, obstacleClass, percentRight } from "../frame/suggest.js";
 import { nextSteps, redo, undo } from "../saving/saver.js";
 import { allow, commandButtons, nothingYet, obstacleChoice } from "./controls.js";
 import { backAfterMouse, button, el, say, setAttribute, setText } from "./dom.js";
@@ -148,9 +148,18 @@ function slider(name, label, min, max, step) {
 }
 
 function showSlider(input) {
-  const value = String(setting(input.dataset.setting));
+  const name = input.dataset.setting;
+  const value = String(setting(name));
   if (input.value !== value) input.value = value;
-  setText(input.nextElementSibling, value);
+  const percent = name === "confidence" && mission.model ? surePercent() : null;
+  setText(input.nextElementSibling, percent === null ? value : `${percent} %`);
+  if (percent !== null) input.parentElement.title = `decision value ${value}`;
+}
+
+// The least of both sides: what is as sure as that was right so often in training.
+function surePercent() {
+  const [clear, obstacle] = [false, true].map((side) => percentRight(side, setting("confidence")));
+  return clear === null ? null : Math.min(clear, obstacle);
 }
 
 const NO_MODEL =

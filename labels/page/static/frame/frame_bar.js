@@ -125,6 +125,10 @@ export function describeInfo(said) {
   return Object.entries(parts).filter(known).map(([words]) => words).join(", ");
 }
 
+function surety({ strong, percent }) {
+  return (strong ? "sure" : "unsure") + (percent === null ? "" : ` (${percent} %)`);
+}
+
 /**
  * A patch in words.
  * @param {number} cell
@@ -138,9 +142,9 @@ export function describeCell(cell, labels, hint) {
   if (version) words.push(`accepted from ${version}`);
   if (labels.pending.has(cell)) words.push("not saved yet");
   if (hint) {
-    if (hint.text === "copy") words.push(`${hint.label} as in the previous frame`);
+    if (hint.text === "copy") words.push(`${hint.label}, copied`);
     else if (hint.kept) words.push(`${hint.label} kept from the frame before`);
-    else words.push(`model suggests ${hint.label}, ${hint.strong ? "sure" : "unsure"}`);
+    else words.push(`model suggests ${hint.label}, ${surety(hint)}`);
     if (hint.against) words.push(`the model says ${hint.said}`);
   }
   const said = [labels.mine[cell]];

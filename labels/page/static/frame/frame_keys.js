@@ -33,6 +33,7 @@ const TABLE = [
   ["row", ["r"], PAINT, "paint the cursor's row"],
   ["rest", ["o"], PAINT, "the rest of this frame is clear (the class that is no obstacle)"],
   ["copy", ["p"], PAINT, "same as the frame before, to be accepted"],
+  ["carry", ["P"], PAINT, "the labels of the left camera, to be accepted"],
   ["accept", ["Enter"], PAINT, "accept the copies and the sure suggestions"],
   ["acceptAll", ["Shift+Enter"], PAINT, "accept all suggestions"],
   ["acceptNext", ["g", "Ctrl+Enter"], PAINT, "accept as Enter does; next frame not done"],

@@ -11,7 +11,7 @@ import {
 import { addView, noteAddress } from "../core/router.js";
 import { buildDrawer, buildToolbar } from "../core/toolbar.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
-import { onState, pending, state } from "../saving/saver.js";
+import { onState, pending, state, whenIdle } from "../saving/saver.js";
 import { Beside } from "./beside.js";
 import { buildBar, describeCell, describeFrame, describeInfo } from "./frame_bar.js";
 import { FrameCanvas } from "./frame_canvas.js";
@@ -20,7 +20,7 @@ import { FrameShow } from "./frame_show.js";
 import { listenToPointer } from "./gestures.js";
 import { noteWords, writeNote } from "./notes.js";
 import {
-  accept, copyFrom, dropAllCopies, hintsOf, paint, paintRest, restOf,
+  accept, copyFrom, dropAllCopies, hintsOf, paint, paintRest, propose, restOf,
 } from "./painting.js";
 import { ARROWS, PatchCursor, cellName, cellsOfRow, rowCol } from "./patch_grid.js";
 import { Player } from "./play.js";
@@ -47,6 +47,7 @@ const ACTIONS = [
     "Accept the sure suggestions; go to the next frame that is not done"],
   ["rest", "", "Label all patches that have no label, but for obstacles"],
   ["copy", "Same as previous frame", "Suggest the labels of the frame before, to be accepted"],
+  ["carry", "Same as left camera", "Suggest the left camera's labels where they lie here"],
   ["unlabelled", "Next unlabelled", "Go to the next frame without a label of yours"],
   ["uncertain", "Next uncertain", "Go where the model is least sure and has seen least"],
   ["note", "Note", "Write a note on the patch at the cursor, or on the frame"],
@@ -77,7 +78,9 @@ function build(root) {
     tabindex: 0, role: "slider", "aria-label": "Frame of the mission",
   });
   const second = el("canvas", { class: "other-canvas", role: "img", hidden: true });
-  const tools = buildToolbar(commands, keyForCommand, TOOLS, ACTIONS);
+  const pairs = Object.keys(mission.cameras).length > 1;
+  const actions = ACTIONS.filter(([name]) => name !== "carry" || pairs);
+  const tools = buildToolbar(commands, keyForCommand, TOOLS, actions);
   const bar = buildBar(commands, keyForCommand, status);
   const command = commandButtons(commands, keyForCommand);
   const toggles = TOGGLES.map(([name, text, does]) => command(text, name, does));
@@ -330,6 +333,8 @@ function cannotDo(strong) {
     acceptNext: lost || no(labels && !strong, "Nothing sure is suggested here."),
     rest: lost || no(done, "No patch is left for it."),
     copy: lost || no(before === null, "This is the first frame."),
+    carry: lost || no(camera !== "right", "Labels go from the left camera to the right one.") ||
+      no(!mission.carries, "No calibration was given: start tokt label with --calibration."),
     blink: no(before === null, "This is the first frame."),
     previous: no(stepFrom(camera, frame, -1) === null, "No frame before (of this filter)."),
     next: no(stepFrom(camera, frame, 1) === null, "No further frame (of this filter)."),
@@ -501,6 +506,7 @@ const commands = {
   row: () => mayPaint() && apply(cellsOfRow(rowCol(cursor.cell)[0]), tool, "row"),
   rest: () => mayPaint() && paintRest(page.show.camera, page.show.frame),
   copy: copyPrevious,
+  carry: carryLeft,
   accept: () => acceptOr("Nothing sure is suggested here."),
   acceptAll: () => acceptOr("No suggestions to accept here.", { all: true }),
   acceptNext: (event) => {
@@ -550,6 +556,17 @@ async function copyPrevious() {
   }
   await prefetch(camera, [before]);
   if (page && isHere(camera, frame)) copyFrom(camera, before, frame);
+}
+
+async function carryLeft() {
+  const { camera, frame } = page.show;
+  const refusal = cannotDo(0).carry;
+  if (refusal) return void say(refusal);
+  await whenIdle();
+  const explain = ({ message }) => say(`Not carried: ${message}`, { bad: true });
+  const answer = await get("/api/carried", { frame }).catch(onFailure(explain));
+  if (!answer || !page || !isHere(camera, frame)) return;
+  propose(camera, frame, answer.labels, `the left camera's frame ${frame}`);
 }
 
 // Accepting may have made this frame done already: it is passed in any case.

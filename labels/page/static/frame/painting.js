@@ -110,13 +110,24 @@ export function copyFrom(camera, from, frame) {
     say(`Frame ${from} is not loaded yet.`, { bad: true });
     return;
   }
+  propose(camera, frame, before.mine, `frame ${from}`);
+}
+
+/**
+ * Propose labels for the patches that have none.
+ * @param {string} camera
+ * @param {number} frame
+ * @param {(?string)[]} labels
+ * @param {string} whose Where they come from, in words.
+ */
+export function propose(camera, frame, labels, whose) {
   const { mine } = labelsOf(camera, frame);
-  const copies = before.mine.map((label, cell) => (mine[cell] === null ? label : null));
+  const copies = labels.map((label, cell) => (mine[cell] === null ? label : null));
   const count = copies.filter((label) => label !== null).length;
   if (!count) {
     say(
-      before.mine.every((label) => label === null)
-        ? `You have no labels on frame ${from}.`
+      labels.every((label) => label === null)
+        ? `You have no labels on ${whose}.`
         : "Every patch with a label there has one here already.",
     );
     return;
@@ -128,7 +139,7 @@ export function copyFrom(camera, from, frame) {
   labelsChanged(camera, frame);
   const copied = hintsOf(camera, frame).filter((hint) => hint?.text === COPY.text).length;
   const words = leftWords(count - copied);
-  say(`${copied} labels of frame ${from} copied: Enter accepts, Escape drops them. ${words}`);
+  say(`${copied} labels of ${whose} copied: Enter accepts, Escape drops them. ${words}`);
 }
 
 /**
@@ -149,10 +160,10 @@ export function dropAllCopies(camera, frame) {
  * suggestion, but a clear class is not copied over what the model calls an obstacle.
  * @param {string} camera
  * @param {number} frame
- * @returns {(?{label: string, text: string, strong: boolean, kept: boolean, model: ?string,
- *   said: string, against: boolean})[]} `strong`: taken by "accept the confident ones"; `kept`:
- *   from the frame before; `model`: the version to record; `said`: what the model says; `against`:
- *   the proposal is of another kind.
+ * @returns {(?{label: string, text: string, percent: ?number, strong: boolean, kept: boolean,
+ *   model: ?string, said: string, against: boolean})[]} `strong`: taken by "accept the confident
+ *   ones"; `kept`: from the frame before; `model`: the version to record; `said`: what the model
+ *   says; `against`: the proposal is of another kind.
  */
 export function hintsOf(camera, frame) {
   const labels = labelsOf(camera, frame);
@@ -170,11 +181,11 @@ export function hintsOf(camera, frame) {
       return { ...COPY, label: copies[cell], said, against };
     }
     if (!suggestion) return null;
-    const { label: suggested, value, confident, against } = suggestion;
+    const { label: suggested, value, percent, confident, against } = suggestion;
     const kept = suggested !== said;
     const text = kept ? "→" : value.toFixed(2);
     const model = kept ? null : mission.model.label;
-    return { label: suggested, text, strong: confident, kept, model, said, against };
+    return { label: suggested, text, percent, strong: confident, kept, model, said, against };
   });
 }
 

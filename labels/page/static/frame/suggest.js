@@ -82,10 +82,10 @@ export function modelObstacles(camera, frame) {
  * The suggestion for each patch of a frame.
  * @param {string} camera
  * @param {number} frame
- * @returns {?({label: string, value: number, confident: boolean, said: string,
+ * @returns {?({label: string, value: number, percent: ?number, confident: boolean, said: string,
  *   against: boolean})[]} Null where there are none (no model, blind, not computed yet, or the
- *   frame cannot be judged). `value` and `said` are the model's, also where the suggestion was kept
- *   from the frame before; `against`: it is of another kind than `said`.
+ *   frame cannot be judged). `value`, `percent` and `said` are the model's, also where the
+ *   suggestion was kept from the frame before; `against`: it is of another kind than `said`.
  */
 export function suggestedLabels(camera, frame) {
   const own = setting("suggestions") ? modelSays(camera, frame) : null;
@@ -96,8 +96,24 @@ export function suggestedLabels(camera, frame) {
     const { label } = followed(says, before?.[cell]);
     const against = kindOf(label) !== kindOf(says.label);
     const confident = !against && says.value >= threshold;
-    return { label, value: says.value, confident, said: says.label, against };
+    const { value, percent } = says;
+    return { label, value, percent, confident, said: says.label, against };
   });
+}
+
+/**
+ * How many of a hundred patches of which a model said the same were what it said: of those that it
+ * had not learnt from when it was trained.
+ * @param {boolean} obstacle What it says.
+ * @param {number} value The decision value.
+ * @returns {?number} Null where that was not measured.
+ */
+export function percentRight(obstacle, value) {
+  const { reliability } = mission.model;
+  const score = obstacle ? value : -value;
+  const share = (reliability.find(([high]) => score <= high) ?? reliability.at(-1))?.[1];
+  // Those of the training's dives: of no other patch one is that sure.
+  return share === undefined ? null : Math.min(99, Math.floor(100 * (obstacle ? share : 1 - share)));
 }
 
 // What the model alone says: {label, value, named} a patch; `named`: by a class of the taxonomy.
@@ -113,6 +129,7 @@ function modelSays(camera, frame) {
   return suggestions.classes.map((index, cell) => ({
     ...words[index],
     value: suggestions.values[cell],
+    percent: percentRight(model.obstacle[index], suggestions.values[cell]),
   }));
 }
 

@@ -165,7 +165,7 @@ def test_jobs_settings_and_the_store_are_for_the_seeing(server):
     with server.events(who="anna") as stream:
         for told in (stream.next("status"), server.get("/api/mission", who="anna")):
             assert told["job"] is None and told["settings"] == {}
-    assert server.post("/api/settings", **setting) == {"settings": {}}
+    assert server.post("/api/settings", **setting) == {}
     for path in ("/api/job", "/api/backup"):
         assert server.request("GET", f"{path}?who=anna").status == 403
     for path, body in posts:

@@ -56,8 +56,8 @@ def test_a_setting_of_the_mission_is_everybodys_also_after_a_restart(server):
 
     with server.events(who="ben") as ben:
         assert ben.next("status")["settings"] == {}
-        said = server.post("/api/settings", who="anna", name="obstacle_as", value="reef")
-        assert said["settings"] == ben.next("status")["settings"] == {"obstacle_as": "reef"}
+        server.post("/api/settings", who="anna", name="obstacle_as", value="reef")
+        assert ben.next("status")["settings"] == {"obstacle_as": "reef"}
         with LabelStore(server.workspace / FILE_NAME) as store:  # another server's
             store.set_setting("tiny", "obstacle_as", "sand", "carl", utc_now())
         assert until(lambda: ben.next("status")["settings"] == {"obstacle_as": "sand"})

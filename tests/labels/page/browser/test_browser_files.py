@@ -5,6 +5,8 @@ import io
 
 import pytest
 
+from tests.labels.page.conftest import knows
+from tests.waiting import until
 from tokt.labels.store.store import LabelStore
 
 pytestmark = pytest.mark.xdist_group("browser_files")  # what they share is made once
@@ -101,10 +103,7 @@ def test_a_model_of_the_labels_is_trained_and_suggests_and_labels_are_audited(
     card.get_by_role("button", name="Train a model").click()
     card.get_by_text("The model. Done.").wait_for()
     page.locator("#views a", has_text="Label").first.click()
-    page.wait_for_function(  # without loading the page again
-        "() => import('/static/core/mission.js')"
-        ".then(({ mission }) => mission.model?.label === 'tiny/1')"
-    )
+    until(lambda: knows(page, "model?.label === 'tiny/1'"))  # without loading the page again
     page.go_back()
     card.get_by_role("button", name="Look for labels").click()
     card.get_by_role("button", name="Look at them").click()

@@ -11,6 +11,8 @@ import pytest
 from skimage.color import deltaE_ciede2000, rgb2lab
 
 from tests.conftest import draw_tiny_frame
+from tests.labels.page.conftest import knows
+from tests.waiting import until
 from tokt.labels.taxonomy import Taxonomy
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 
@@ -210,10 +212,7 @@ def test_which_obstacle_is_asked_once_where_several_were_learnt(
     assert view.stored(30) == {}
     answers.first.click()
     view.page.wait_for_selector("#question:not([open])", state="attached")
-    view.page.wait_for_function(
-        "() => import('/static/core/mission.js').then("
-        "({ mission }) => mission.settings.obstacle_as === 'reef')"
-    )
+    until(lambda: knows(view.page, "settings.obstacle_as === 'reef'"))
     view.press("Shift+Enter")
     view.saved()
     assert {"ocean", "reef"} == set(view.stored(30).values())
@@ -385,11 +384,7 @@ def test_filters_lead_the_steps(view, server):
 
 def test_the_frames_that_the_model_learns_most_from_stay_until_they_are_done(view, server):
     [total] = {server.get("/api/queue")["total"]}
-    view.page.wait_for_function(
-        "total => import('/static/core/mission.js')"
-        ".then(({ mission }) => mission.model.done === total)",
-        arg=total,
-    )
+    until(lambda: knows(view.page, f"model.done === {total}"))
     queue = [one["frame"] for one in server.get("/api/queue", who="anna", n=5)["frames"]]
     view.open(1)
     view.page.locator(".filter").select_option("next")

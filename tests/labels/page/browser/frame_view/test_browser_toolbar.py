@@ -1,6 +1,13 @@
 """The toolbar, the drawer and where the page opens, in a real browser."""
 
+import math
+
+import cv2
 import pytest
+
+from tests.inference.stereo.plain_rig import PLAIN
+from tests.inference.stereo.test_carried_labels import coverage, pair
+from tokt.inference.stereo.calibration_writer import write_calibration
 
 pytestmark = pytest.mark.xdist_group("browser_toolbar")  # what they share is made once
 
@@ -105,7 +112,12 @@ def test_the_one_main_button_accepts_what_is_sure_and_goes_on(open_frame, server
     assert main.all_inner_texts() == ["Accept and next"]
     view.point(min(sure))
     said = view.page.locator("#status span")
-    assert said.inner_text().endswith(", sure")
+    reliability = server.get("/api/mission", who="anna")["model"]["reliability"]
+    clear = suggested["suggestions"]["classes"][min(sure)] == 0
+    score = suggested["suggestions"]["values"][min(sure)] * (-1 if clear else 1)
+    share = next((share for high, share in reliability if score <= high), reliability[-1][1])
+    percent = min(99, math.floor(100 * (1 - share if clear else share)))
+    assert percent > 50 and said.inner_text().endswith(f", sure ({percent} %)")
     assert "decision value" in said.get_attribute("title")
     main.click()
     view.wait(25)
@@ -113,3 +125,37 @@ def test_the_one_main_button_accepts_what_is_sure_and_goes_on(open_frame, server
     view.press("Control+z")
     view.wait(24)
     assert view.stored(24) == {}
+
+
+def test_labels_of_the_left_camera_are_proposed_where_they_lie_in_the_right(
+    page_server, browse, tmp_path
+):
+    dive = tmp_path / "dive"
+    for camera, picture in zip(("Left", "Right"), pair(700, 350, 200), strict=True):
+        (dive / camera).mkdir(parents=True)
+        cv2.imwrite(str(dive / camera / f"dive_{camera[0]}_1.png"), picture)
+    server = page_server("--annotator", "anna", mission=dive, workspace=tmp_path / "ws")
+    page = browse(server, "#/label/right/1")
+    page.wait_for_selector("[data-command=carry][title*='No calibration']")
+    page.close()
+    server.kill()
+    write_calibration(tmp_path / "calibration.yml", PLAIN, {})
+    server.arguments += ("--calibration", str(tmp_path / "calibration.yml"))
+    server.start()
+    labels = ["other" if share >= 0.1 else "ocean" for share in coverage(700, 350)]
+    for label in ("ocean", "other"):
+        cells = [cell for cell, known in enumerate(labels) if known == label]
+        server.paint(f"paint-{label}", 1, cells, label)
+    page = browse(server, "#/label/left/1")
+    page.wait_for_selector("[data-command=carry][title^='Labels go from the left']")
+    page.keyboard.press("s")
+    page.click("[data-command=carry]:not([aria-disabled])")
+    page.wait_for_function("() => document.querySelector('#toast').textContent.includes('copied')")
+    page.keyboard.press("Enter")
+    page.wait_for_selector('#save-state[data-state="saved"]')
+    (stored,) = server.get("/api/labels", who="anna", camera="right", frames=1)["frames"]
+    there = coverage(500, 350)
+    assert stored["mine"].count("ocean") > 20 and stored["mine"].count("other") >= 4
+    for label, share in zip(stored["mine"], there, strict=True):
+        assert label in (None, "other") if share >= 0.1 else True
+        assert label == "other" if share >= 0.9 else True
