@@ -1,6 +1,6 @@
 // Agreement of two annotators: figures, the patches on which they differ, and blind labelling.
 
-import { get, onFailure } from "../core/api.js";
+import { onFailure } from "../core/api.js";
 import { choice, classButtons } from "../core/controls.js";
 import { button, el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
@@ -13,7 +13,7 @@ import { patchesAre } from "../saving/saver.js";
 import { classTable, confusionTable, figures } from "./agreement_tables.js";
 import { blindForm, blindProgress, continueBlind } from "./blind_panel.js";
 import { selectionKeys } from "./tile_grid.js";
-import { DecisionSheet, settle, settledOf, sheetRow } from "./tile_sheet.js";
+import { Asking, DecisionSheet, settle, settledOf, sheetRow } from "./tile_sheet.js";
 
 /**
  * The conflicts of one comparison, as the server names them: {camera, frame, cell, a, b, sure,
@@ -125,15 +125,11 @@ class ConflictSheet extends DecisionSheet {
 
 // ---- The view
 
-const COMPARE_AGAIN_MS = 1000;
-
 let root = null; // null while another view is shown
 let parts = null; // the elements of a comparison; null while there is none
 let pair = null; // {a, b}: names
 let found = null; // the last answer of /api/agreement
-let event = 0; // up to which the figures are
-let asked = 0;
-let timer = 0;
+const asking = new Asking();
 let last = null; // {pair, place}: where the person was, to come back to
 
 async function show(element, [a, b]) {
@@ -151,8 +147,7 @@ async function show(element, [a, b]) {
 
 function leave() {
   if (found) last = { pair, place: parts.sheet.place() };
-  clearTimeout(timer);
-  asked += 1;
+  asking.stop();
   parts?.sheet.close();
   parts = null;
   found = null;
@@ -243,14 +238,10 @@ function swap() {
 }
 
 async function compare({ anew }) {
-  const mine = (asked += 1);
-  const upTo = mission.event;
   if (!found) parts.words.textContent = "Comparing …";
-  const failed = (error) => mine === asked && showFault(error);
-  const answer = await get("/api/agreement", pair).catch(onFailure(failed));
-  if (!answer || mine !== asked) return;
+  const answer = await asking.get("/api/agreement", pair, showFault);
+  if (!answer) return;
   found = answer;
-  event = upTo;
   parts.words.textContent = "";
   parts.root.classList.remove("not-compared");
   parts.sheet.take(found.conflicts, { anew });
@@ -276,13 +267,6 @@ function showNumbers() {
   const { only } = sheet.view;
   const confusion = confusionTable(found, only, (chosen) => sheet.choosePair(chosen));
   numbers.replaceChildren(figures(found), confusion, classTable(found));
-}
-
-/** Labels changed somewhere: figures are computed anew, and the tiles stay where they are. */
-function compareSoon() {
-  if (!found || event === mission.event) return;
-  clearTimeout(timer);
-  timer = setTimeout(() => found && compare({ anew: false }), COMPARE_AGAIN_MS);
 }
 
 // ---- Keys
@@ -322,7 +306,8 @@ onChange((what) => {
   if (found && what === "all") compare({ anew: false });
   else if (root && what === "all") show(root, pair ? [pair.a, pair.b] : []);
   else if (root && blind()) showBlind();
-  else compareSoon();
+  // Figures are computed anew, and the tiles stay where they are.
+  else if (found) asking.soon(() => compare({ anew: false }));
 });
 onReload(() => {
   if (root) leave();

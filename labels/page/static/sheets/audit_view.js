@@ -1,20 +1,20 @@
 // Label audit: patches whose label a model that did not learn it contradicts, the worst first.
 // Each is confirmed or relabelled by a person; nothing changes by itself.
 
-import { get, onFailure } from "../core/api.js";
 import { classButtons, nothingYet } from "../core/controls.js";
 import { button, el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
-import { blind, mission, onChange, onReload, onSetting } from "../core/mission.js";
+import { blind, onChange, onReload, onSetting } from "../core/mission.js";
 import { lookAtShapes } from "../core/pictures.js";
 import { addView } from "../core/router.js";
 import { onLabels } from "../saving/labels.js";
 import { CONFIRM, patchesAre } from "../saving/saver.js";
 import { selectionKeys } from "./tile_grid.js";
 import { nameOf } from "./tile_pictures.js";
-import { DecisionSheet, mineOf, relabel, settle, settledOf, sheetRow, tab } from "./tile_sheet.js";
+import {
+  Asking, DecisionSheet, mineOf, relabel, settle, settledOf, sheetRow, tab,
+} from "./tile_sheet.js";
 
-const LEARN_MS = 1000;
 const NONE = "No audit doubts a label of this mission.";
 const LOOK = "Look for labels that may be wrong";
 
@@ -126,9 +126,7 @@ class AuditSheet extends DecisionSheet {
 let parts = null; // the elements on show; null while another view is
 let sheet = null; // an AuditSheet; null while there is nothing to show
 let name = "";
-let event = 0; // up to which the decisions are known
-let asked = 0;
-let timer = 0;
+const asking = new Asking();
 const places = new Map(); // audit -> where the person was, to come back to
 
 async function show(root, [wanted]) {
@@ -142,8 +140,7 @@ async function show(root, [wanted]) {
 
 function leave() {
   if (sheet) places.set(name, sheet.place());
-  asked += 1;
-  clearTimeout(timer);
+  asking.stop();
   sheet?.close();
   sheet = null;
   parts = null;
@@ -159,25 +156,19 @@ function build() {
 }
 
 async function load(wanted) {
-  const mine = (asked += 1);
+  asking.stop();
   if (blind()) return void (parts.words.textContent = "Not while labelling blind.");
   parts.words.textContent = "Loading ...";
-  const explain = ({ message }) => {
-    if (mine === asked) parts.words.textContent = `It could not be loaded: ${message}.`;
-  };
-  await loadAudit(wanted, mine).catch(onFailure(explain));
-}
-
-async function loadAudit(wanted, mine) {
-  const { audits } = await get("/api/audits");
-  if (mine !== asked) return;
+  const failed = ({ message }) => (parts.words.textContent = `It could not be loaded: ${message}.`);
+  const listed = await asking.get("/api/audits", {}, failed);
+  if (!listed) return;
+  const { audits } = listed;
   const chosen = audits.find((one) => one.name === wanted) ?? audits[0];
   name = chosen?.name ?? "";
   showTabs(audits);
   if (!chosen) return parts.words.replaceChildren(nothingYet(NONE, LOOK, "#/files"));
-  event = mission.event;
-  const audit = await get("/api/audit", { name });
-  if (mine === asked) showAudit(audit);
+  const audit = await asking.get("/api/audit", { name }, failed);
+  if (audit) showAudit(audit);
 }
 
 function showTabs(audits) {
@@ -203,18 +194,10 @@ function showAudit({ of, rule, total, patches }) {
 }
 
 /** Labels changed somewhere, maybe in frames that are not shown: tiles stay where they are. */
-function learnSoon() {
-  if (!sheet || event === mission.event) return;
-  clearTimeout(timer);
-  timer = setTimeout(learn, LEARN_MS);
-}
-
 async function learn() {
-  const mine = asked;
-  event = mission.event;
   // Where the server is away the page says so; what was decided meanwhile is learnt with the next.
-  const audit = await get("/api/audit", { name }).catch(onFailure());
-  if (audit && mine === asked) sheet.learn(audit.patches);
+  const audit = await asking.get("/api/audit", { name });
+  if (audit) sheet.learn(audit.patches);
 }
 
 const row = sheetRow(() => sheet);
@@ -243,7 +226,7 @@ addView("audit", {
 onLabels(soon(() => sheet?.refresh()));
 onChange((what) => {
   if (parts && !sheet && what === "all") load(name);
-  else learnSoon();
+  else if (sheet) asking.soon(learn);
 });
 onReload(() => {
   places.clear();

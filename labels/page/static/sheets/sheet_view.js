@@ -1,6 +1,5 @@
 // The review sheet: all patches of a class, odd ones first, many relabelled at once.
 
-import { get, onFailure } from "../core/api.js";
 import { classButtons, classTag, nothingYet, pager, sizeButtons } from "../core/controls.js";
 import { button, el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
@@ -13,7 +12,7 @@ import { onLabels, prefetchOf } from "../saving/labels.js";
 import { patchesAre } from "../saving/saver.js";
 import { selectionKeys } from "./tile_grid.js";
 import { nameOf } from "./tile_pictures.js";
-import { PAGE, TileSheet, mineOf, relabel, sheetRow, tab } from "./tile_sheet.js";
+import { Asking, PAGE, TileSheet, mineOf, relabel, sheetRow, tab } from "./tile_sheet.js";
 
 const ASK_AGAIN_MS = 2000;
 const SIZES = [48, 64, 84, 112, 150];
@@ -26,7 +25,7 @@ class ReviewSheet extends TileSheet {
     this.label = label;
     /** {offset, total, by, ready, done, of, tiles}; null until it is loaded. */
     this.page = null;
-    this.asked = 0;
+    this.asking = new Asking();
     this.tabs = el("nav", { class: "sheet-tabs", "aria-label": "classes" });
     this.words = el("p", { class: "sheet-words", role: "status" });
     this.range = el("span", { class: "sheet-range" });
@@ -73,7 +72,7 @@ class ReviewSheet extends TileSheet {
 
   close() {
     clearTimeout(this.timer);
-    this.asked += 1;
+    this.asking.stop();
     super.close();
   }
 
@@ -81,14 +80,12 @@ class ReviewSheet extends TileSheet {
 
   /** Load the page that begins with the patch at `offset`. */
   async load(offset, { quietly = false } = {}) {
-    const mine = (this.asked += 1);
     clearTimeout(this.timer);
     if (!quietly) this.words.textContent = "Loading ...";
     const answer = await this.#ask(offset, PAGE, ({ message }) => {
-      if (mine !== this.asked) return;
       this.words.textContent = `The patches could not be loaded: ${message}.`;
     });
-    if (!answer || mine !== this.asked) return;
+    if (!answer) return;
     // Somebody began to choose patches meanwhile: other tiles must not take their places.
     if (quietly && !this.#untouched()) {
       this.page.newOrder = true;
@@ -100,22 +97,19 @@ class ReviewSheet extends TileSheet {
     }
   }
 
-  #ask(offset, limit, explain) {
-    return get("/api/sheet", { class: this.label, offset, limit }).catch(onFailure(explain));
+  #ask(offset, limit, failed) {
+    return this.asking.get("/api/sheet", { class: this.label, offset, limit }, failed);
   }
 
   /** While features are being computed, ask how far they are; order anew only untouched pages. */
   async #askAgain() {
-    const mine = this.asked;
     // Where the server is away the page says so; the question is asked again.
-    const answer = await this.#ask(this.page.offset, 1);
-    if (mine !== this.asked) return;
-    if (answer) {
-      const { done, of, ready } = answer;
-      Object.assign(this.page, { done, of });
-      if (ready && this.#untouched()) return void this.load(this.page.offset, { quietly: true });
-      this.page.newOrder = ready;
-    }
+    const answer = await this.#ask(this.page.offset, 1, () => this.#showState());
+    if (!answer) return;
+    const { done, of, ready } = answer;
+    Object.assign(this.page, { done, of });
+    if (ready && this.#untouched()) return void this.load(this.page.offset, { quietly: true });
+    this.page.newOrder = ready;
     this.#showState();
   }
 

@@ -1,8 +1,10 @@
-// What the three sheets of patches share: tiles with a preview of the one under the cursor; and, of
-// the two on which people decide, the filters, the pages and the settling.
+// What the three sheets of patches share: tiles with a preview of the one under the cursor, and how
+// the server is asked; of the two on which people decide, filters, pages and settling.
 
+import { get, onFailure } from "../core/api.js";
 import { pager, swatch } from "../core/controls.js";
 import { button, el, say } from "../core/dom.js";
+import { mission } from "../core/mission.js";
 import { go } from "../core/router.js";
 import { labelsOf, prefetchOf } from "../saving/labels.js";
 import { actOn } from "../saving/saver.js";
@@ -15,6 +17,41 @@ export const PAGE = 200;
 const OPEN = "open";
 const ALL = "all";
 const TILE_WIDTH = 110;
+const AGAIN_MS = 1000;
+
+/** What a sheet asks of the server, one thing at a time. */
+export class Asking {
+  #asked = 0;
+  #busy = 0;
+  #event = 0; // up to which the last answer knows
+  #timer = 0;
+
+  /** The answer; null if it fails, which `failed` hears of, or something was asked meanwhile. */
+  async get(path, params, failed) {
+    const mine = (this.#asked += 1);
+    const event = mission.event;
+    this.#busy += 1;
+    const explain = (error) => mine === this.#asked && failed?.(error);
+    const request = get(path, params).finally(() => (this.#busy -= 1));
+    const answer = await request.catch(onFailure(explain));
+    if (!answer || mine !== this.#asked) return null;
+    this.#event = event;
+    return answer;
+  }
+
+  /** Ask again by `work` in a while, if labels changed somewhere since the last answer. */
+  soon(work) {
+    if (this.#event === mission.event) return;
+    clearTimeout(this.#timer);
+    this.#timer = setTimeout(() => (this.#busy ? this.soon(work) : work()), AGAIN_MS);
+  }
+
+  /** Take no answer any more, nor ask again. */
+  stop() {
+    clearTimeout(this.#timer);
+    this.#asked += 1;
+  }
+}
 
 /**
  * A grid of tiles and what stands beside it. A sheet says of its tiles `describe(tile)` (as
