@@ -1,10 +1,10 @@
 """The workspace's classes: read, and written as a whole.
 
 ``GET /api/classes`` answers ``classes`` in order (name, obstacle, color, key, description, parent,
-and ``labels``, how many patches of the workspace have it), ``setup``, and why they are ``fixed``.
-``POST /api/classes`` takes the list without ``labels``, and the ``setup`` it was made from; a class
-that was ever given stays, and stays an obstacle or clear: an undo may bring its labels back. All
-pages then load the mission anew.
+``labels``, how many patches of the workspace have it, and whether it was ever ``given``),
+``setup``, and why they are ``fixed``. ``POST /api/classes`` takes the list without ``labels`` and
+``given``, and the ``setup`` it was made from; a class that was ever given stays, and stays an
+obstacle or clear: an undo may bring its labels back. All pages then load the mission anew.
 """
 
 from collections import Counter
@@ -34,8 +34,13 @@ class ClassesBody(Body):
 @router.get("/classes")
 def get_classes(session: SessionOf, who: Who | None = None) -> Response:
     """The classes in force, and how often each is used; to the blind, how often by themselves."""
-    used = _used(session, who or session.annotator)
-    classes = [{**vars(known), "labels": used[known.name]} for known in session.taxonomy.classes]
+    who = who or session.annotator
+    used = _used(session, who)
+    ever = {*used} if who in session.blind else session.store.labels_ever()
+    classes = [
+        {**vars(known), "labels": used[known.name], "given": known.name in ever}
+        for known in session.taxonomy.classes
+    ]
     return json_response({"classes": classes, "setup": session.setup, "fixed": _fixed(session)})
 
 

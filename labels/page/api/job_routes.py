@@ -6,7 +6,6 @@ answers how it goes, with the last lines that were printed; so does ``job`` of t
 without them. ``POST /api/job/cancel``.
 """
 
-import re
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -14,15 +13,13 @@ from fastapi import APIRouter
 from starlette.responses import Response
 
 from tokt.labels.page.state.review_sheet import BLOCK
-from tokt.labels.page.state.session import Session
+from tokt.labels.page.state.session import Session, own_model_file
 from tokt.models.bundle.bundle import read_bundle
 
 from .messages import Blind, Body, Name, SessionOf, json_response, refuse_blind
 
 router = APIRouter(prefix="/api")
 _BLOCKS = 5
-_MAX_NAME = 60  # an audit's name has the dataset's hash, too
-_NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9]+")
 
 
 class CancelBody(Body):
@@ -49,10 +46,9 @@ def post_job(session: SessionOf, body: JobBody) -> Response:
     """Start a job; one at a time."""
     refuse_blind((body.who or session.annotator) in session.blind)
     workspace, mission = session.store.path.parent, session.mission
-    name = _NOT_IN_NAMES.sub("-", mission.name)[:_MAX_NAME].strip("-") or "mission"
-    path = mission.path.resolve()
+    file = own_model_file(workspace, mission)
+    name, path = file.stem, mission.path.resolve()
     named = str(path) if mission.name in (path.name, path.stem) else f"{mission.name}={path}"
-    file = workspace / "models" / f"{name}.tokt"
     own = ("--taxonomy", str(session.taxonomy_file)) if session.taxonomy_file else ()
     numbers = [number for frames in session.board.frames.values() for number in frames]
     # Cross-validation keeps blocks of frames together: a short mission has five shorter ones.

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import shutil
 import threading
 from collections.abc import Callable, Collection, Sequence
@@ -35,6 +36,8 @@ from .review_sheet import ReviewSheet
 
 CACHE = "cache"
 Carry = Callable[[U8, U8, Sequence[str | None], Collection[str]], list[str | None]]
+_MAX_NAME = 60  # an audit's name has the dataset's hash, too
+_NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9]+")
 LITTLE_BYTES = 20_000_000
 
 
@@ -275,6 +278,12 @@ def _reliability(bundle: Bundle) -> list[tuple[float, float]]:
 
 def _head(head: ActionHead | None) -> dict[str, Any] | None:
     return None if head is None else vars(head)
+
+
+def own_model_file(workspace: Path, mission: Mission) -> Path:
+    """The bundle of the model that is trained of a mission's labels through the page."""
+    name = _NOT_IN_NAMES.sub("-", mission.name)[:_MAX_NAME].strip("-") or "mission"
+    return workspace / "models" / f"{name}.tokt"
 
 
 def open_session(

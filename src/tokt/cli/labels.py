@@ -27,12 +27,15 @@ from .output import answer, print_json, progress, say
 from .output import print_line as print
 
 if TYPE_CHECKING:
+    from tokt.features.frames.grid import Grid
+    from tokt.features.frames.mission import Mission
     from tokt.labels.agreement import Agreement, ClassAgreement
     from tokt.labels.formats.audit_csv import Audit
     from tokt.labels.formats.images import MissionImages
     from tokt.labels.record import LabelRecord
     from tokt.labels.store.store import LabelStore
     from tokt.labels.taxonomy import Taxonomy
+    from tokt.models.bundle.bundle import Bundle
 
 labels_app = typer.Typer(
     help="Import, export and back up labels, count them, compare annotators.",
@@ -87,7 +90,8 @@ def label(
     model: Annotated[
         str | None,
         Option(
-            metavar="BUNDLE", help="Show this model's suggestions: a .tokt file or a model's name."
+            metavar="BUNDLE",
+            help="Model that suggests: a .tokt file or name. Default: the one trained in the page.",
         ),
     ] = None,
     annotator: Annotated[
@@ -126,11 +130,7 @@ def label(
             raise ToktError("--token and --no-token exclude each other")
         patches = Grid.parse(grid)
         frames = open_mission(mission)
-        bundle = None
-        if model is not None:
-            from tokt.models.registry.load import load_model
-
-            bundle = load_model(model, workspace)
+        bundle = _suggesting(model, frames, patches, workspace)
         carry = None
         if calibration is not None:
             from tokt.inference.stereo.carried_labels import LabelCarrier
@@ -151,6 +151,24 @@ def label(
 
         serve(session, address.socket, address.rules, ready)
         session.close()
+
+
+def _suggesting(model: str | None, frames: Mission, grid: Grid, workspace: Path) -> Bundle | None:
+    """The model asked for, else the one that was trained through the page, if it still fits."""
+    from tokt.labels.page.state.session import own_model_file
+    from tokt.models.bundle.bundle import read_bundle
+
+    if model is not None:
+        from tokt.models.registry.load import load_model
+
+        return load_model(model, workspace)
+    trained = own_model_file(workspace, frames)
+    try:
+        bundle = read_bundle(trained) if trained.is_file() else None
+    except ToktError as error:
+        say(f"no suggestions: {error}")
+        return None
+    return bundle if bundle is not None and bundle.grid == grid else None
 
 
 def _user() -> str:

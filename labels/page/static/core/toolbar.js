@@ -87,8 +87,10 @@ export function buildToolbar(commands, keyFor, tools, actions) {
 }
 
 function showPainters(root, choose, chosen) {
-  const rows = classes().map(({ name, key, obstacle, description }) => ({
+  const rows = classTree().map(({ name, key, obstacle, description, depth, group }) => ({
     name,
+    depth,
+    group,
     on: name === chosen,
     colour: colourOf(name),
     sign: signOf(name),
@@ -104,11 +106,31 @@ function showPainters(root, choose, chosen) {
   root.children[focused]?.focus();
 }
 
-function painterButton({ name, on, colour, sign, title, disabled }, run) {
+// All classes with their depth, each below what it is a kind of; a group that is no class stands
+// above its first one.
+function classTree() {
+  const all = classes();
+  const rows = [];
+  const add = (row, depth) => {
+    rows.push({ ...row, depth });
+    for (const known of all) if (known.parent === row.name) add(known, depth + 1);
+  };
+  for (const known of all) {
+    const { parent = "" } = known;
+    const isThere = [...all, ...rows].some(({ name }) => name === parent);
+    if (!parent) add(known, 0);
+    else if (!isThere) add({ name: parent, group: true }, 0);
+  }
+  return rows;
+}
+
+function painterButton({ name, group, depth, on, colour, sign, title, disabled }, run) {
+  if (group) return el("span", { class: "group", text: name });
   const attributes = { class: "painter", title: title.filter(Boolean).join(" · "), disabled };
   const made = button("", run, { ...attributes, "aria-pressed": String(on), "aria-label": name });
   const mark = el("span", { class: "sign", text: sign });
   mark.style.borderColor = colour;
+  made.style.marginInlineStart = `${depth}em`;
   made.append(mark, el("span", { class: "name", text: name }));
   return made;
 }

@@ -25,9 +25,9 @@ function showClasses(root, { classes, setup, fixed }, load) {
     body.lastChild.querySelector("input").focus();
   };
   const save = async () => {
-    const given = rows.map(({ labels, ...one }) => one);
+    const changed = rows.map(({ labels, given, ...one }) => one);
     const explain = ({ message }) => say(`Not saved: ${message}`, { bad: true });
-    const answer = await post("/api/classes", { setup, classes: given }).catch(onFailure(explain));
+    const answer = await post("/api/classes", { setup, classes: changed }).catch(onFailure(explain));
     if (answer) say("The classes are saved.");
     if (answer) load();
   };
@@ -61,9 +61,9 @@ function rowOf(row, at, rows, draw) {
     draw();
   };
   const named = row.name || "the new class";
-  const used = row.labels > 0;
+  const used = row.given;
   return el("tr", {},
-    input("name", "name", { maxlength: 60, disabled: used, title: used ? "It has labels: its name stays." : "" }),
+    input("name", "name", { maxlength: 60, disabled: used, title: used ? "It was given: its name stays." : "" }),
     input("color", `colour of ${named}`, { type: "color" }),
     input("key", `key of ${named}`, { maxlength: 1, size: 2 }),
     input("obstacle", `${named} is an obstacle`, { type: "checkbox", disabled: used }),

@@ -58,6 +58,8 @@ function exporting() {
   const full = el("input", { type: "checkbox", checked: true, on: { change: check } });
   const told = el("div", { role: "status" });
   const download = link("Download", "#");
+  const slow = "The folder of patches is being made; the browser saves it when it is there.";
+  download.addEventListener("click", () => form.value === "patches" && say(slow, { stays: true }));
   async function check() {
     const only = whose.value === EVERYBODY ? null : whose.value;
     const wanted = { format: form.value, only, full: full.checked ? 1 : null };

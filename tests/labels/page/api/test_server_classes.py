@@ -19,7 +19,8 @@ def change(server, classes, setup=None):
 
 def plain(server):
     found = server.get("/api/classes")["classes"]
-    return [{key: said for key, said in one.items() if key != "labels"} for one in found]
+    told = {"labels", "given"}
+    return [{key: said for key, said in one.items() if key not in told} for one in found]
 
 
 def test_classes_are_added_ordered_and_told(server):
@@ -49,6 +50,8 @@ def test_a_class_with_labels_stays_what_it_is(server):
     server.paint("c-2", 1, [3], "reef")
     server.paint("c-3", 1, [3], "ocean", base="reef")
     classes = plain(server)
+    known = server.get("/api/classes")["classes"]
+    assert {one["name"] for one in known if one["given"]} == {"ocean", "sand", "reef"}
     without = [one for one in classes if one["name"] != "sand"]
     clear = [{**one, "obstacle": one["obstacle"] and one["name"] != "sand"} for one in classes]
     (reef,) = (one for one in classes if one["name"] == "reef")

@@ -66,14 +66,20 @@ def test_classes_are_added_saved_and_in_use_at_once(page, server):
     row = page.locator(".classes tbody tr").last
     row.get_by_label("name", exact=True).fill("giant kelp")
     row.get_by_label("key of").fill("9")
-    row.get_by_label("is a kind of").fill("reef")
+    row.get_by_label("is a kind of").fill("kelp")
     page.get_by_role("button", name="earlier").last.click()
+    page.get_by_label("sand is a kind of").fill("reef")
     page.get_by_role("button", name="Save the classes").click()
     page.wait_for_function("() => /are saved/.test(document.querySelector('#toast').textContent)")
     names = [known["name"] for known in server.get("/api/classes")["classes"]]
     assert names[-2:] == ["giant kelp", "subsea_installation"]
     page.locator("#views a", has_text="Label").first.click()
     page.wait_for_selector("text=giant kelp")
+    palette = page.locator(".painters").inner_text().split("\n")
+    words = [word for word in palette if len(word) > 1]
+    assert words[2:6] == ["reef", "sand", "kelp", "giant kelp"]  # kelp is a group, no class
+    left = [page.get_by_role("button", name=name).bounding_box()["x"] for name in words[2:4]]
+    assert left[0] < left[1]
     page.go_back()
     page.wait_for_selector(".classes")
     page.locator(".classes tbody tr").last.get_by_label("key of").fill("9")  # taken already
@@ -108,3 +114,7 @@ def test_a_model_of_the_labels_is_trained_and_suggests_and_labels_are_audited(
     card.get_by_role("button", name="Look for labels").click()
     card.get_by_role("button", name="Look at them").click()
     page.wait_for_selector(".tab:has-text('Audit tiny')")
+    page.close()
+    server.interrupt()
+    server.start()
+    assert server.get("/api/mission")["model"]["label"] == "tiny/1"
