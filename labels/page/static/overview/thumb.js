@@ -1,7 +1,7 @@
 // One frame of the overview: its picture, its labels and suggestions, and its state in words.
 // Labels are drawn as in the view of one frame.
 
-import { el } from "../core/dom.js";
+import { el, setAttribute } from "../core/dom.js";
 import { blind, mission, setting, stateOf } from "../core/mission.js";
 import { learnShape, thumbAddress } from "../core/pictures.js";
 import { hintsOf } from "../frame/painting.js";
@@ -33,12 +33,9 @@ export function suggesting() {
 
 /** A thumbnail. */
 export class Thumb {
-  /**
-   * Size in CSS pixels; `onShape`: the picture has another shape than was believed; `onPicture`:
-   * it is there, or cannot be had.
-   */
-  constructor(camera, frame, { id, width, height, onShape, onPicture }) {
-    Object.assign(this, { camera, frame, size: { width, height } });
+  /** `onShape`: the picture has another shape than was believed; `onPicture`: it is there, or not. */
+  constructor(camera, frame, { onShape, onPicture }) {
+    Object.assign(this, { camera, frame });
     this.image = el("img", { alt: "", draggable: "false" });
     this.canvas = el("canvas", { "aria-hidden": "true" });
     this.number = el("span", { class: "thumb-number", text: String(frame) });
@@ -47,12 +44,10 @@ export class Thumb {
     this.leave = el("span", { class: "thumb-leave", text: "×", title });
     this.picture = el("div", { class: "thumb-picture" }, this.image, this.canvas);
     const names = { "data-camera": camera, "data-frame": frame };
-    this.element = el("div", { class: "thumb", role: "option", id, ...names },
+    this.element = el("div", { class: "thumb", role: "option", ...names },
       this.picture,
       el("div", { class: "thumb-caption" }, this.number, this.state, this.leave),
     );
-    this.element.style.width = `${width}px`;
-    this.picture.style.height = `${height}px`;
     /** Whether the picture is on the screen; null while it is loading. */
     this.seen = null;
     this.image.addEventListener("load", () => {
@@ -66,7 +61,15 @@ export class Thumb {
       this.picture.dataset.words = "This frame cannot be shown.";
       onPicture();
     });
-    this.image.src = thumbAddress(camera, frame, width);
+  }
+
+  /** Take a place and a size in CSS pixels; a picture that is there stays until a better one is. */
+  place(id, width, height) {
+    this.element.id = id;
+    this.size = { width, height };
+    this.element.style.width = `${width}px`;
+    this.picture.style.height = `${height}px`;
+    setAttribute(this.image, "src", thumbAddress(this.camera, this.frame, width));
   }
 
   /** The cell under a point of the window; -1 if it is not over the picture. */
@@ -92,7 +95,7 @@ export class Thumb {
 
   // Drawing takes much longer than finding out that nothing is to be drawn.
   #drawOnce(cells, cursor) {
-    const drawn = JSON.stringify([setting("tint"), cursor, cells]);
+    const drawn = JSON.stringify([setting("tint"), this.size, cursor, cells]);
     if (drawn === this.drawn) return;
     this.drawn = drawn;
     drawAreas(this.canvas, this.size, cells, cursor);

@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from tests.waiting import until
 from tokt.features.frames.grid import Grid
 from tokt.labels.agreement import agreement
 from tokt.labels.formats.audit_csv import Audit, AuditedPatch, write_audit
@@ -377,6 +378,22 @@ def test_strokes_and_rectangles_in_thumbnails_paint_as_one_action_each(open_page
     for left in (stroke, {}):
         undo(page)
         assert changes() == left
+
+
+QUIET = """() => new Promise((resolve) => {
+  const list = document.querySelector(".thumbs");
+  new MutationObserver(() => resolve(false)).observe(list, { childList: true });
+  setTimeout(() => resolve(!list.querySelector(".loading")), 500);
+})"""
+
+
+def test_the_overview_comes_to_rest_also_where_its_words_take_two_lines(open_page):
+    page = open_page("#/overview/left/18", ".thumb")
+    page.wait_for_selector("text=suggestions sure")
+    for width in (600, 640, 680):
+        page.set_viewport_size({"width": width, "height": 700})
+        until(lambda: page.evaluate(QUIET))
+        assert "suggestions sure" in page.inner_text(".overview-words")
 
 
 def test_a_double_click_on_a_picture_opens_the_frame_and_writes_nothing(open_page, server, changes):
