@@ -12,7 +12,7 @@ from tokt.inference.policy.policy import judge_image
 from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.taxonomy import Taxonomy
 from tokt.models.store.store import Store
-from tokt.training.evaluation.pictures import beside_labels, draw
+from tokt.training.evaluation.pictures import beside_labels
 
 
 def main(out: Path) -> None:
@@ -27,8 +27,8 @@ def main(out: Path) -> None:
         image = mission.read(entry["frame"])
         said = [record for record in records if record.frame == entry["frame"]]
         judged = judge_image(bundle, image)
-        shown = beside_labels(bundle, image, judged.decision_values, judged.verdict, said, taxonomy)
-        views.append(draw(shown, bundle.grid))
+        values, verdict = judged.decision_values, judged.verdict
+        views.append(beside_labels(bundle, image, values, verdict, said, taxonomy))
     picture = cv2.resize(np.vstack(views), None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
     cv2.imwrite(str(Path(__file__).parent / "demo.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, 82])
 

@@ -66,12 +66,7 @@ def awake_s(clock: Clock) -> float:
 
 
 class ClockStopwatch:
-    """Times calls by a clock.
-
-    Parameters
-    ----------
-    clock : Clock
-    """
+    """Times calls by a clock."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -84,12 +79,9 @@ class ClockStopwatch:
 
 
 class FixedStopwatch:
-    """Says of each call that it took so long, however long it does take.
+    """Says of each call that it took `seconds`, however long it does take.
 
-    Attributes
-    ----------
-    seconds : float
-        0 until it is set: never late.
+    They are 0 until they are set: never late.
     """
 
     seconds = 0.0

@@ -288,11 +288,6 @@ class SuspendDetector:
     What was in a camera's or its driver's buffers when the computer was suspended is handed over
     afterwards as if it were new. From the first frame on that comes then, nothing is believed for
     as long as a frame may be old.
-
-    Parameters
-    ----------
-    clock : Clock
-    limits : Limits
     """
 
     def __init__(self, clock: Clock, limits: Limits) -> None:

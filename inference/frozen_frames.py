@@ -266,12 +266,7 @@ class _Camera:
 
 
 class StuckFrameDetector:
-    """Remove the pictures that a camera has given before, so that no detector judges them.
-
-    Parameters
-    ----------
-    limits : Limits
-    """
+    """Remove the pictures that a camera has given before, so that no detector judges them."""
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
@@ -280,10 +275,7 @@ class StuckFrameDetector:
     def remove(self, frame: Frame) -> Frame:
         """The same frame, without a picture where a camera has frozen.
 
-        Parameters
-        ----------
-        frame : Frame
-            The next one of the run; its pictures are kept until others come.
+        Its pictures are kept until the next ones of the run come.
         """
         for side, camera in self._cameras.items():
             picture = getattr(frame, side)

@@ -75,13 +75,7 @@ def mark_overloaded(verdict: Verdict, left_out: int) -> Verdict:
 class ReportPublisher:
     """Number the reports and send each to every sender.
 
-    Parameters
-    ----------
-    senders : sequence of Sender
-    clock : Clock
-    limits : Limits
-    live : bool
-        Whether frames come in real time: only then are they stale or late.
+    Only where frames come in real time, live, are they stale or late.
     """
 
     senders: Sequence[Sender]
@@ -104,15 +98,7 @@ class ReportPublisher:
             self._judging_since = self.clock.monotonic()
 
     def publish(self, frame: Frame, judgement: Judgement, left_out: int = 0) -> Report:
-        """Send the report of the frame that `begin` was called for.
-
-        Parameters
-        ----------
-        frame : Frame
-        judgement : Judgement
-        left_out : int
-            Frames since the one before that there was no time for.
-        """
+        """Send the report of the frame that `begin` was called for."""
         with self._lock:
             now = self.clock.monotonic()
             since = now if self._judging_since is None else self._judging_since

@@ -25,12 +25,7 @@ _JOIN_S = 2.0
 
 
 class EveryFrame:
-    """Every frame, as soon as the loop asks for it.
-
-    Parameters
-    ----------
-    source : Source
-    """
+    """Every frame, as soon as the loop asks for it."""
 
     dropped = 0
     left_out = 0
@@ -58,17 +53,8 @@ class LatestFrameBuffer:
                                       │
                                       └─ one that is overtaken is counted, and told as missed
 
-    Parameters
-    ----------
-    source : Source
-        Read by a thread of its own.
-
-    Attributes
-    ----------
-    dropped : int
-        Frames left out as newer ones had come.
-    left_out : int
-        Those of them just before the frame that was taken last.
+    `dropped` frames were left out as newer ones had come, `left_out` of them just before the frame
+    that was taken last.
     """
 
     def __init__(self, source: Source) -> None:
@@ -143,39 +129,23 @@ TICK_S = 0.05
 class Summary:
     """A run in numbers, as it ends.
 
-    Parameters
-    ----------
-    frames, obstacle, clear, unknown : int
-        Frames judged, and how.
-    heartbeats : int
-        Times that unknown was said without a frame.
-    dropped : int
-        Frames that there was no time for.
-    reasons : dict of str to int
-        How many frames' verdicts had each reason.
-    seconds : float
-        From the first frame asked for to the last verdict.
-    latency_ms_mean, latency_ms_max : float
-        From when a frame was taken up to its verdict, in milliseconds.
-    sent, send_failures : int
-        Datagrams over all receivers; a failure is one the operating system refused.
-    log_failures : int
-        Lines that could not be logged.
+    Its seconds go from the first frame asked for to the last verdict, latencies from when a frame
+    was taken up to its verdict.
     """
 
     frames: int = 0
     obstacle: int = 0
     clear: int = 0
     unknown: int = 0
-    heartbeats: int = 0
-    dropped: int = 0
-    reasons: Counter[str] = field(default_factory=Counter)
+    heartbeats: int = 0  # times that unknown was said without a frame
+    dropped: int = 0  # frames that there was no time for
+    reasons: Counter[str] = field(default_factory=Counter)  # of frames' verdicts
     seconds: float = 0.0
     latency_ms_mean: float = 0.0
     latency_ms_max: float = 0.0
-    sent: int = 0
-    send_failures: int = 0
-    log_failures: int = 0
+    sent: int = 0  # datagrams over all receivers
+    send_failures: int = 0  # those that the operating system refused
+    log_failures: int = 0  # lines that could not be logged
 
     def add(self, report: Report) -> None:
         """Count one frame's report."""

@@ -34,23 +34,11 @@ whole grey levels. The second keeps 1/256 grey level until the end: see
 `tokt.features.kernels.quantization`.
 """
 
-from tokt.features.kernels.quantization import Quantization as Quantization
-
 from .frame_pictures import gray_picture as gray_picture
-from .named_extractors import NAMED as NAMED
 from .named_extractors import extractor_named as extractor_named
 from .spec import build_extractor as build_extractor
 from .textures import HARALICK_NAMES as HARALICK_NAMES
-from .textures import PLAIN_IMAGE as PLAIN_IMAGE
-from .textures import Context as Context
 from .textures import Extractor as Extractor
 from .textures import Haralick as Haralick
 from .textures import Join as Join
 from .textures import Lbp as Lbp
-from .textures import Lines as Lines
-from .textures import Moments as Moments
-from .textures import Structure as Structure
-from .water import Colour as Colour
-from .water import Gradients as Gradients
-from .water import PatchPlace as PatchPlace
-from .water import Relative as Relative

@@ -41,12 +41,6 @@ def gray_picture(frame: U8, grid: Grid, threads: int = 1) -> U8:
     return KERNELS.resized_gray(frame, *_picture_size(frame, grid), threads)
 
 
-def gray16_picture(frame: U8, grid: Grid, threads: int = 1) -> NDArray[np.uint16]:
-    """The frame resized and gray in 1/256 grey level; arguments and errors as in `gray_picture`."""
-    frame = check_frame(frame, threads)
-    return KERNELS.resized_gray16(frame, *_picture_size(frame, grid), threads)
-
-
 def _box_ends(size: int, covered: int, of: int, n: int) -> I64:
     """First pixel, and one past the last, of `n` boxes over `covered` / `of` of `size` pixels."""
     edges = np.arange(n + 1) * size * covered // (of * n)
@@ -68,7 +62,6 @@ class FramePictures:
         self.grid = grid
         self.threads = threads
         self._frame = frame
-        self._gray16: NDArray[np.uint16] | None = None
         self._made: dict[Quantization | None, U8] = {}
 
     def picture(self, image: Quantization | None) -> U8:
@@ -82,16 +75,11 @@ class FramePictures:
         """A gray picture for frame checks, made from what extractors of `images` need anyway.
 
         The plain one, or where no image is plain the 16-bit one rounded to whole grey levels: at
-        most a level apart, and not the cost of another resize.
-
-        Raises
-        ------
-        TypeError, ValueError
-            As `gray_picture`.
+        most a level apart, and not the cost of another resize. It raises as `gray_picture` does.
         """
         if None in images or None in self._made:
             return self.picture(None)
-        rounded = self.gray16() + np.uint16(STEPS_PER_LEVEL // 2)
+        rounded = self.gray16 + np.uint16(STEPS_PER_LEVEL // 2)
         rounded >>= np.uint16(STEPS_PER_LEVEL.bit_length() - 1)
         return rounded.astype(np.uint8)
 
@@ -109,15 +97,8 @@ class FramePictures:
     def box_means(self, cells: int) -> I64:
         """Mean colour of each part of each patch, in 1/256 level.
 
-        Parameters
-        ----------
-        cells : int
-            A patch has cells x cells parts, each of one frame pixel at least.
-
-        Returns
-        -------
-        numpy.ndarray
-            int64, shape (grid.rows * cells, grid.cols * cells, channels).
+        A patch has cells x cells parts, each of one frame pixel at least: (grid.rows * cells,
+        grid.cols * cells, channels).
         """
         grid, (height, width) = self.grid, _picture_size(self._frame, self.grid)
         patch_height, patch_width = grid.patch_size(height, width)
@@ -128,13 +109,13 @@ class FramePictures:
         pixels = np.diff(rows)[:, None] * np.diff(columns)[None]
         return np.asarray((sums * STEPS_PER_LEVEL + pixels // 2) // pixels, np.int64)
 
+    @cached_property
     def gray16(self) -> NDArray[np.uint16]:
-        """The frame resized and gray in 1/256 grey level, uint16."""
-        if self._gray16 is None:
-            self._gray16 = gray16_picture(self._frame, self.grid, self.threads)
-        return self._gray16
+        """The frame resized and gray in 1/256 grey level."""
+        frame = check_frame(self._frame, self.threads)
+        return KERNELS.resized_gray16(frame, *_picture_size(frame, self.grid), self.threads)
 
     def _prepared(self, image: Quantization | None) -> U8:
         if image is None:
             return gray_picture(self._frame, self.grid, self.threads)
-        return KERNELS.quantize(self.gray16(), image, self.threads)
+        return KERNELS.quantize(self.gray16, image, self.threads)

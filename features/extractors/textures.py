@@ -5,6 +5,7 @@ Those of one picture come first, then what is made of several: a join, a patch w
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from math import prod
 from typing import Any
 
@@ -44,11 +45,12 @@ class Extractor(ABC):
     images: tuple[Quantization | None, ...]
     needs_colour = False
     energies: tuple[bool, ...] = ()
+    _spec: dict[str, Any]
 
     @property
-    @abstractmethod
     def spec(self) -> dict[str, Any]:
-        """The JSON spec that describes this extractor whole."""
+        """The JSON spec that describes this extractor whole, and that it can be built from."""
+        return deepcopy(self._spec)
 
     def describe(self, frame: U8, grid: Grid) -> F64:
         """Features of every patch: float64, shape (grid.n_patches, dim), row by row.
@@ -69,28 +71,27 @@ class Extractor(ABC):
 class OnePicture(Extractor):
     """An extractor that works on one picture, each patch by itself.
 
-    Parameters
-    ----------
-    image : Quantization, optional
-        How that picture is prepared; the plain one if not given.
-    names : sequence of str
-        Of the features; another image than the plain one goes before them.
+    The image says how that picture is prepared; another than the plain one goes before the
+    features' names. With one of the `later` options, which version 1 does not know, a spec is of
+    version 2.
     """
 
-    def __init__(self, image: Quantization | None, names: tuple[str, ...]) -> None:
+    def __init__(
+        self,
+        name: str,
+        options: dict[str, Any],
+        image: Quantization | None,
+        names: Sequence[str],
+        **later: str | None,
+    ) -> None:
         self.image = image
         self.images = (image,)
-        self.names = names if image is None else tuple(f"{image.label}.{name}" for name in names)
-        self.dim = len(names)
-
-    def _spec(
-        self, name: str, options: dict[str, Any] | None = None, later: dict[str, Any] | None = None
-    ) -> dict[str, Any]:
-        """A spec of version 1; of version 2 with `later` options, which version 1 does not know."""
-        image = dict(PLAIN_IMAGE) if self.image is None else self.image.to_json()
-        version = SPEC_VERSION if later is None else 2
-        spec = {"name": name, "version": version, **(options or {}), "image": image}
-        return spec | (later or {})
+        self.names = tuple(names if image is None else (f"{image.label}.{each}" for each in names))
+        self.dim = len(self.names)
+        newer = {key: value for key, value in later.items() if value is not None}
+        version = 2 if newer else SPEC_VERSION
+        shown = PLAIN_IMAGE if image is None else image.to_json()
+        self._spec = {"name": name, "version": version, **options, "image": shown, **newer}
 
 
 BILINEAR, NEAREST = "bilinear", "nearest"
@@ -118,22 +119,15 @@ class Lbp(OnePicture):
         image: Quantization | None = None,
         sampling: str | None = None,
     ) -> None:
-        bins = [*range(points + 1), "other"]
+        options = {"points": points, "radius": radius, "border": border}
         kind = "lbp_nearest" if sampling == NEAREST else "lbp"
-        super().__init__(
-            image, tuple(f"{kind}_{points}_{radius}_{border}_{pattern}" for pattern in bins)
-        )
+        bins = [*range(points + 1), "other"]
+        names = [f"{kind}_{points}_{radius}_{border}_{pattern}" for pattern in bins]
+        super().__init__("lbp", options, image, names, sampling=sampling)
         self.sampling = sampling
         self.points = points
         self.radius = radius
         self.border = border
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        """The spec this was built from; version 1 knows no sampling."""
-        options = {"points": self.points, "radius": self.radius, "border": self.border}
-        later = None if self.sampling is None else {"sampling": self.sampling}
-        return self._spec("lbp", options, later)
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """Fraction of a patch's pixels with each pattern; rows sum to 1."""
@@ -173,16 +167,10 @@ class Haralick(OnePicture):
         self, ignore_zeros: bool, image: Quantization | None = None, scale: str | None = None
     ) -> None:
         shown = _LOG_NAMES if scale == LOG else {}
-        names = (f"haralick_{name}{shown.get(name, '')}" for name in HARALICK_NAMES)
-        super().__init__(image, tuple(names))
+        names = [f"haralick_{name}{shown.get(name, '')}" for name in HARALICK_NAMES]
+        super().__init__("haralick", {"ignore_zeros": ignore_zeros}, image, names, scale=scale)
         self.ignore_zeros = ignore_zeros
         self.scale = scale
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        """The spec this was built from; version 1 knows no scale."""
-        later = None if self.scale is None else {"scale": self.scale}
-        return self._spec("haralick", {"ignore_zeros": self.ignore_zeros}, later)
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """The 13 features of each patch's grey-level co-occurrence matrices (GLCM)."""
@@ -216,24 +204,15 @@ class Lines(OnePicture):
     """For each number of samples: ridge contrast, energy of the strongest line, and its lead.
 
     The legs of a tower are long lines before they are anything else, while what drifts in the water
-    are dots: a mean along a line keeps the one and loses the other.
-
-    Parameters
-    ----------
-    samples : sequence of int
-        Samples a line has; increasing powers of 2, 2 to 64.
-    image : Quantization, optional
+    are dots: a mean along a line keeps the one and loses the other. A line has increasing powers of
+    2 samples, 2 to 64.
     """
 
     def __init__(self, samples: Sequence[int], image: Quantization | None = None) -> None:
         kinds = ("ridge", "strongest", "one_way")
-        super().__init__(image, tuple(f"lines_{n}_{kind}" for n in samples for kind in kinds))
+        names = [f"lines_{n}_{kind}" for n in samples for kind in kinds]
+        super().__init__("lines", {"samples": list(samples)}, image, names)
         self.samples = tuple(samples)
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        """The spec this was built from."""
-        return self._spec("lines", {"samples": list(self.samples)})
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """One row a patch."""
@@ -258,12 +237,7 @@ class Moments(OnePicture):
 
     def __init__(self, image: Quantization | None = None) -> None:
         names = ("mean", "std", "min", "max", *(f"percentile_{part}" for part in PERCENTS))
-        super().__init__(image, tuple(f"moments_{name}" for name in names))
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        """The spec this was built from."""
-        return self._spec("moments")
+        super().__init__("moments", {}, image, [f"moments_{name}" for name in names])
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """One row a patch, in levels."""
@@ -304,12 +278,8 @@ class Structure(OnePicture):
     """
 
     def __init__(self, image: Quantization | None = None) -> None:
-        super().__init__(image, ("structure_strong", "structure_weak", "structure_coherence"))
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        """The spec this was built from."""
-        return self._spec("structure")
+        names = ("structure_strong", "structure_weak", "structure_coherence")
+        super().__init__("structure", {}, image, names)
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """One row a patch."""
@@ -336,12 +306,8 @@ class Join(Extractor):
         self.needs_colour = any(part.needs_colour for part in self.parts)
         energies = (part.energies or (False,) * part.dim for part in self.parts)
         self.energies = tuple(flag for flags in energies for flag in flags)
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        """The spec this was built from."""
-        parts = [part.spec for part in self.parts]
-        return {"name": "join", "version": SPEC_VERSION, "parts": parts}
+        specs = [part.spec for part in self.parts]
+        self._spec = {"name": "join", "version": SPEC_VERSION, "parts": specs}
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """The parts' features, in order."""
@@ -389,20 +355,9 @@ STATISTICS: dict[str, Callable[[F64, Grid], F64]] = {
 
 
 def around(features: F64, grid: Grid, statistic: str) -> F64:
-    """A statistic of each patch's neighbours, up to eight, inside the grid.
+    """A statistic of each patch's neighbours, up to eight, inside the grid: (n_patches, dim).
 
-    Parameters
-    ----------
-    features : array of float64, shape (n_patches, dim)
-    grid : Grid
-        Of one patch: it is its own neighbour.
-    statistic : str
-        One of `STATISTICS`.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (n_patches, dim).
+    The one patch of a grid is its own neighbour.
     """
     if grid.n_patches == 1:
         # Not the features themselves: the range of one value is none.
@@ -411,14 +366,7 @@ def around(features: F64, grid: Grid, statistic: str) -> F64:
 
 
 class Context(Extractor):
-    """A part's features, followed by a statistic of the neighbours' ones.
-
-    Parameters
-    ----------
-    part : Extractor
-    statistic : str
-        One of `STATISTICS`.
-    """
+    """A part's features, followed by one of `STATISTICS` of the neighbours' ones."""
 
     def __init__(self, part: Extractor, statistic: str) -> None:
         self.part = part
@@ -427,16 +375,8 @@ class Context(Extractor):
         self.statistic = statistic
         self.dim = 2 * part.dim
         self.names = part.names + tuple(f"around_{statistic}.{name}" for name in part.names)
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        """The spec this was built from."""
-        return {
-            "name": "context",
-            "version": SPEC_VERSION,
-            "part": self.part.spec,
-            "statistic": self.statistic,
-        }
+        made = {"part": part.spec, "statistic": statistic}
+        self._spec = {"name": "context", "version": SPEC_VERSION, **made}
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """The part's features, then the neighbours'."""

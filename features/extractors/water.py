@@ -6,7 +6,6 @@ quietest patches of its own frame does so much less.
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -30,13 +29,8 @@ _NO_COLOUR_ENERGY = 0.01
 class Gradients(Extractor):
     """Logarithms of a patch's gradients at several smoothings: energy across and down, strong ones.
 
-    They are of the gray frame in 1/256 grey level, smoothed by a mean of n x n pixels; the
+    They are of the gray frame in 1/256 grey level, smoothed by a mean of n x n pixels, n odd; the
     strong one is that which 5 % of a patch's pixels exceed.
-
-    Parameters
-    ----------
-    smooth : sequence of int
-        Pixels, odd.
     """
 
     images = ()
@@ -47,15 +41,11 @@ class Gradients(Extractor):
         self.names = tuple(f"gradient_{n}_{kind}" for n in smooth for kind in kinds)
         self.dim = len(self.names)
         self.energies = (True, True, False) * len(self.smooth)
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        """The spec this was built from."""
-        return {"name": "gradients", "version": SPEC_VERSION, "smooth": list(self.smooth)}
+        self._spec = {"name": "gradients", "version": SPEC_VERSION, "smooth": list(smooth)}
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """One row a patch, natural logarithms of grey levels (squared) a pixel."""
-        grid, gray16 = pictures.grid, pictures.gray16()
+        grid, gray16 = pictures.grid, pictures.gray16
         height, width = grid.patch_size(*gray16.shape)
         # Neighbours are two pixels apart: a difference is twice the gradient.
         step = 2.0 * STEPS_PER_LEVEL
@@ -70,14 +60,7 @@ class Gradients(Extractor):
 class Colour(Extractor):
     """A patch's mean colour in CIELAB, and how much a and b change within it, across and down.
 
-    Parameters
-    ----------
-    cells : int
-        A patch is looked at in cells x cells parts.
-
-    References
-    ----------
-    CIE 15:2004, for sRGB and D65.
+    It is looked at in cells x cells parts. Reference: CIE 15:2004, for sRGB and D65.
     """
 
     images = ()
@@ -89,20 +72,10 @@ class Colour(Extractor):
         self.names = tuple(f"colour_{kind}" for kind in ("lightness", "a", "b", *kinds))
         self.dim = len(self.names)
         self.energies = (False, False, False, True, True, True, True)
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        """The spec this was built from."""
-        return {"name": "colour", "version": SPEC_VERSION, "cells": self.cells}
+        self._spec = {"name": "colour", "version": SPEC_VERSION, "cells": cells}
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
-        """One row a patch.
-
-        Raises
-        ------
-        ToktError
-            If the frame has no colour.
-        """
+        """One row a patch; ToktError if the frame has no colour."""
         if not pictures.has_colour:
             raise ToktError("the model looks at colours, and the frame is gray")
         grid, cells = pictures.grid, self.cells
@@ -138,10 +111,7 @@ def _linear() -> F64:
 def lab_of(bgr16: I64) -> F64:
     """CIELAB of sRGB colours, float64, shape (..., 3).
 
-    Parameters
-    ----------
-    bgr16 : array of int64, shape (..., 3)
-        Blue, green, red in 1/256 level, 0 to 255 * 256.
+    These are blue, green and red in 1/256 level, 0 to 255 * 256.
     """
     xyz = _linear()[bgr16] @ _XYZ.T
     curved = np.where(xyz > _DARK, np.cbrt(xyz), _SLOPE * xyz + 16 / 116)
@@ -156,10 +126,8 @@ class PatchPlace(Extractor):
     names = ("place_row", "place_from_middle")
     dim = 2
 
-    @property
-    def spec(self) -> dict[str, Any]:
-        """The spec this was built from."""
-        return {"name": "place", "version": SPEC_VERSION}
+    def __init__(self) -> None:
+        self._spec = {"name": "place", "version": SPEC_VERSION}
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """One row a patch: -1/2 (top) to 1/2, and 0 to 1/2."""
@@ -177,16 +145,9 @@ def _places(grid: Grid) -> F64:
 class Relative(Join):
     """Several extractors' features less those of the frame's own water.
 
-    The water is what the quietest patches show, those with the least energy of gradients and
-    colours: the median of each feature over them. Where a frame holds no water they are the
-    smoothest of what it does hold.
-
-    Parameters
-    ----------
-    parts : sequence of Extractor
-        At least one has energies.
-    quietest : float
-        Part of the patches that are taken for water.
+    The water is what the quietest patches show, so large a part of all, those with the least energy
+    of gradients and colours: the median of each feature over them. Where a frame holds no water
+    they are the smoothest of what it does hold. At least one of the parts has energies.
     """
 
     def __init__(self, parts: Sequence[Extractor], quietest: float) -> None:
@@ -195,17 +156,7 @@ class Relative(Join):
         self.names = tuple(f"relative.{name}" for name in self.names)
         self._energies: Bools = np.array(self.energies, bool)
         self.energies = (False,) * self.dim
-
-    @property
-    def spec(self) -> dict[str, Any]:
-        """The spec this was built from."""
-        parts = [part.spec for part in self.parts]
-        return {
-            "name": "relative",
-            "version": SPEC_VERSION,
-            "parts": parts,
-            "quietest": self.quietest,
-        }
+        self._spec |= {"name": "relative", "quietest": quietest}
 
     def describe_pictures(self, pictures: FramePictures) -> F64:
         """The parts' features, in order, each less its median over the quietest patches."""

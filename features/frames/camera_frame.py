@@ -30,11 +30,7 @@ _MIN_MOSAIC_PX = 3
 
 
 def frame_from_camera(
-    data: bytes | bytearray | memoryview | U8,
-    height: int,
-    width: int,
-    pixel_format: str,
-    out: U8 | None = None,
+    data: bytes | bytearray | memoryview | U8, height: int, width: int, pixel_format: str
 ) -> U8:
     """Copy a camera's pixel data into a frame, with its mosaic interpolated (bilinear).
 
@@ -47,21 +43,17 @@ def frame_from_camera(
         In pixels.
     pixel_format : str
         One of `PIXEL_FORMATS`.
-    out : array of uint8, optional
-        What to write the frame into, of the shape that is returned, C-contiguous and apart from
-        `data`.
 
     Returns
     -------
     numpy.ndarray
-        uint8, shape (height, width) for Mono8, otherwise (height, width, 3) in BGR order; `out`
-        where it was given.
+        uint8, shape (height, width) for Mono8, otherwise (height, width, 3) in BGR order.
 
     Raises
     ------
     ValueError
-        If the format is not known, the data are not of exactly the size that it says, a mosaic
-        is under 3 pixels high or wide, or `out` does not fit.
+        If the format is not known, the data are not of exactly the size that it says, or a mosaic
+        is under 3 pixels high or wide.
     """
     if pixel_format not in PIXEL_FORMATS:
         known = ", ".join(PIXEL_FORMATS)
@@ -70,17 +62,11 @@ def frame_from_camera(
     if min(height, width) < least:
         raise ValueError(f"a {pixel_format} frame of {width}x{height} is too small ({least} px)")
     raw = _pixels(data, height, width, pixel_format)
-    shape = (height, width) if pixel_format == "Mono8" else (height, width, 3)
-    if out is None:
-        out = np.empty(shape, np.uint8)
-    _check_out(out, raw, shape)
     if pixel_format in _BAYER:
-        cv2.cvtColor(raw, _BAYER[pixel_format], dst=out)
-    elif pixel_format.startswith("RGB8"):
-        cv2.cvtColor(raw, cv2.COLOR_RGB2BGR, dst=out)
-    else:
-        np.copyto(out, raw)
-    return out
+        return np.asarray(cv2.cvtColor(raw, _BAYER[pixel_format]), np.uint8)
+    if pixel_format.startswith("RGB8"):
+        return np.asarray(cv2.cvtColor(raw, cv2.COLOR_RGB2BGR), np.uint8)
+    return raw.copy()
 
 
 def _pixels(
@@ -96,13 +82,3 @@ def _pixels(
             f"a {pixel_format} frame of {width}x{height} has {np.prod(shape)} bytes, not {raw.size}"
         )
     return np.ascontiguousarray(raw).reshape(shape)
-
-
-def _check_out(out: U8, raw: U8, shape: tuple[int, ...]) -> None:
-    # Into anything else OpenCV would not write: it would return another array.
-    if out.dtype != np.uint8 or out.shape != shape or not out.flags.c_contiguous:
-        raise ValueError(
-            f"the frame is contiguous uint8 of shape {shape}, not {out.dtype} of {out.shape}"
-        )
-    if not out.flags.writeable or np.may_share_memory(out, raw):
-        raise ValueError("a frame is written into memory of its own")

@@ -130,17 +130,7 @@ def _decoded(data: bytes, name: str, way: int) -> NDArray[Any]:
 def check_bits(brightest: int, name: str) -> None:
     """Refuse a picture of 16 bits that is nearly black by its upper 8: others may hold it.
 
-    Parameters
-    ----------
-    brightest : int
-        Its brightest grey level of 0 to 255.
-    name : str
-        What to call it in an error.
-
-    Raises
-    ------
-    FrameError
-        If that is what 12 bits can reach.
+    FrameError if its brightest grey level, of 0 to 255, is what 12 bits can reach.
     """
     if brightest <= _FEW_BITS_GREY:
         words = "leave the upper bits empty, and would be nearly black"

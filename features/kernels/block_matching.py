@@ -81,10 +81,7 @@ class BlockMatching:
 def check_views(left: Any, right: Any, wanted: Any) -> tuple[U8, U8, U8]:
     """The arguments of ``block_disparity``, in C order.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If they are not three arrays of uint8 of one two-dimensional shape.
+    TypeError or ValueError if they are not three arrays of uint8 of one two-dimensional shape.
     """
     for array in (left, right, wanted):
         if not isinstance(array, np.ndarray) or array.dtype != np.uint8:

@@ -36,12 +36,7 @@ def _check_array(array: Any, threads: int, dtype: type = np.uint8) -> None:
 def check_gray(gray: Any, threads: int = 1) -> U8:
     """A gray picture in C order, copied only if it is not in C order yet.
 
-    Raises
-    ------
-    TypeError
-        If it is not an array of uint8.
-    ValueError
-        If it does not have two dimensions, or `threads` is not a number of threads.
+    TypeError if it is not an array of uint8, ValueError if it does not have two dimensions.
     """
     _check_array(gray, threads)
     if gray.ndim != 2:
@@ -70,12 +65,7 @@ def check_frame(frame: Any, threads: int = 1) -> U8:
 def check_gray16(gray16: Any, threads: int = 1) -> NDArray[np.uint16]:
     """A 16-bit gray picture in C order, copied only if it is not in C order yet.
 
-    Raises
-    ------
-    TypeError
-        If it is not an array of uint16.
-    ValueError
-        If it does not have two dimensions or no pixel, or `threads` is not a number of threads.
+    TypeError if it is not an array of uint16, ValueError if it has another shape or no pixel.
     """
     _check_array(gray16, threads, np.uint16)
     if gray16.ndim != 2 or not gray16.size:
@@ -105,12 +95,8 @@ def check_box(box: int) -> None:
 def check_ranges(ranges: I64, length: int) -> I64:
     """Ranges of a frame's rows or columns in C order, copied only if they are not in C order yet.
 
-    Raises
-    ------
-    TypeError
-        If they are not an array of int64.
-    ValueError
-        If there are none, or one is empty or leaves the frame.
+    TypeError or ValueError if they are not int64, there are none, or one is empty or leaves the
+    frame.
     """
     if not isinstance(ranges, np.ndarray) or ranges.dtype != np.int64:
         raise TypeError(f"ranges are an array of int64, not {getattr(ranges, 'dtype', ranges)!r}")
@@ -125,10 +111,7 @@ def check_ranges(ranges: I64, length: int) -> I64:
 def check_weights(weights: U64, width: int) -> None:
     """Check that rows of that width have as many words of 8 pixels as there are weights.
 
-    Raises
-    ------
-    ValueError
-        If not, or if there are none.
+    ValueError if not, or if there are none.
     """
     fits = weights.ndim == 2 and 0 < weights.size <= width // 8
     if weights.dtype != np.uint64 or not fits or not weights.flags.c_contiguous:
@@ -136,13 +119,7 @@ def check_weights(weights: U64, width: int) -> None:
 
 
 def check_signs(signs: U64, others: U64) -> None:
-    """Check that pictures' signs are of one size.
-
-    Raises
-    ------
-    ValueError
-        If not.
-    """
+    """Check that pictures' signs are of one size; ValueError if not."""
     shapes = signs.ndim == 3 and len(signs) == 2 and others.shape[1:] == signs.shape
     in_order = signs.flags.c_contiguous and others.flags.c_contiguous
     if {signs.dtype, others.dtype} != {np.dtype(np.uint64)} or not shapes or not in_order:
@@ -165,13 +142,7 @@ def check_samples(samples: Sequence[int], middle: int) -> None:
 
 
 def check_lbp(points: int, radius: float, border: str) -> None:
-    """Check that the kernels know these LBP options.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If not.
-    """
+    """Check that the kernels know these LBP options; TypeError or ValueError if not."""
     if type(points) is not int or type(radius) not in (int, float):
         raise TypeError(f"points and radius are numbers, not {points!r} and {radius!r}")
     if not 1 <= points <= MAX_POINTS:
@@ -198,13 +169,7 @@ if hasattr(os, "register_at_fork"):
 def over_rows(work: Callable[[int, int], None], rows: int, threads: int) -> None:
     """Call ``work(first, last)`` so that all rows are done, in equal parts, one a thread.
 
-    Parameters
-    ----------
-    work : callable
-        Writes the results of rows first..last where they belong; whatever it raises is raised
-        here.
-    rows, threads : int
-        At least 1 each.
+    It writes the results of rows first..last where they belong; whatever it raises is raised here.
     """
     threads = min(threads, rows)
     if threads == 1:

@@ -67,6 +67,16 @@ def _do_rows(use: str, kernel: Any, rows: int, threads: int, *arguments: Any) ->
     over_rows(lambda first, last: kernel(*arguments, first, last, SCRATCH.of[use]), rows, threads)
 
 
+def _by_patch(
+    use: str, kernel: Any, picture: NDArray[Any], grid: Grid, threads: int, n: Any, *options: Any
+) -> I64:
+    """The whole numbers that a kernel has for each patch, `n` of them: a number, or a shape."""
+    found = np.zeros((grid.n_patches, *np.atleast_1d(n)), np.int64)
+    size = grid.patch_size(*picture.shape)
+    _do_rows(use, kernel, grid.rows, threads, picture, grid.cols, *size, *options, found)
+    return found
+
+
 @lru_cache(maxsize=16)
 def _lbp_tables(points: int, radius: float, height: int, width: int) -> Any:
     made: LbpPoints = lbp_points(points, radius, height, width)
@@ -88,9 +98,7 @@ def lbp_counts(
     """`Kernels.lbp_counts`, to the last integer."""
     size, whole = grid.patch_size(*gray.shape), border == "frame"
     count = _lbp_tables(points, radius, *(gray.shape if whole else size)).count_rows
-    counts = np.zeros((grid.n_patches, points + 2), np.int64)
-    _do_rows("lbp", count, grid.rows, threads, gray, grid.cols, *size, whole, counts)
-    return counts
+    return _by_patch("lbp", count, gray, grid, threads, points + 2, whole)
 
 
 @lru_cache(maxsize=4)
@@ -174,31 +182,20 @@ def lbp_nearest_counts(
     gray: U8, grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> I64:
     """`Kernels.lbp_nearest_counts`."""
-    size = grid.patch_size(*gray.shape)
     moves = nearest_points(points, radius)
-    reach, across = int(np.abs(moves).max()), border == "frame"
-    counts = np.empty((grid.n_patches, points + 2), np.int64)
-    options = grid.cols, *size, moves, reach, across
-    _do_rows("nearest", _native.nearest_counts, grid.rows, threads, gray, *options, counts)
-    return counts
+    options = moves, int(np.abs(moves).max()), border == "frame"
+    kernel = _native.nearest_counts
+    return _by_patch("nearest", kernel, gray, grid, threads, points + 2, *options)
 
 
 def structure_sums(gray: U8, grid: Grid, threads: int = 1) -> I64:
     """`Kernels.structure_sums`."""
-    size = grid.patch_size(*gray.shape)
-    sums = np.empty((grid.n_patches, 3), np.int64)
-    kernel = _native.structure_sums
-    _do_rows("structure", kernel, grid.rows, threads, gray, grid.cols, *size, sums)
-    return sums
+    return _by_patch("structure", _native.structure_sums, gray, grid, threads, 3)
 
 
 def gradient_sums(gray16: NDArray[np.uint16], grid: Grid, box: int, threads: int = 1) -> I64:
     """`Kernels.gradient_sums`."""
-    size = grid.patch_size(*gray16.shape)
-    sums = np.empty((grid.n_patches, 3), np.int64)
-    kernel = _native.gradient_sums
-    _do_rows("gradient", kernel, grid.rows, threads, gray16, grid.cols, *size, box, sums)
-    return sums
+    return _by_patch("gradient", _native.gradient_sums, gray16, grid, threads, 3, box)
 
 
 def box_sums(frame: U8, rows: I64, columns: I64, threads: int = 1) -> I64:
@@ -211,12 +208,9 @@ def box_sums(frame: U8, rows: I64, columns: I64, threads: int = 1) -> I64:
 
 def line_sums(gray: U8, grid: Grid, middle: int, samples: Sequence[int], threads: int = 1) -> I64:
     """`Kernels.line_sums`."""
-    size = grid.patch_size(*gray.shape)
     numbers = np.array(samples, np.int32)
-    sums = np.empty((grid.n_patches, len(numbers), 9), np.int64)
-    options = grid.cols, *size, middle, numbers
-    _do_rows("lines", _native.line_sums, grid.rows, threads, gray, *options, sums)
-    return sums
+    shape = len(numbers), 9
+    return _by_patch("lines", _native.line_sums, gray, grid, threads, shape, middle, numbers)
 
 
 _MAX_SUM = (1 << 31) - 1

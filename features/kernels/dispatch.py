@@ -48,8 +48,8 @@ class Kernels:
     What it is given is checked here: a TypeError or ValueError says what an argument must be. The
     rows of a picture are shared among `threads`, where the implementation knows any; what comes
     out does not depend on it. Where nothing else is said a `gray` picture is an array of uint8 of
-    shape (height, width), the resized gray frame, and a `frame` one of shape (rows, columns) or
-    (rows, columns, 3), gray or BGR.
+    shape (height, width), the resized gray frame with the patches of `grid`, and a `frame` one of
+    shape (rows, columns) or (rows, columns, 3), gray or BGR, as the camera gave it.
 
     Parameters
     ----------
@@ -76,8 +76,6 @@ class Kernels:
 
         Parameters
         ----------
-        gray, grid, threads
-            The picture, its patches, and how many threads.
         points, radius : int, float
             P sampling points on a circle of R pixels.
         border : {"patch", "frame"}
@@ -111,8 +109,6 @@ class Kernels:
 
         Parameters
         ----------
-        gray, grid, threads
-            The picture, its patches, and how many threads.
         ignore_zeros : bool
             Leave grey level 0 out of the co-occurrence counts, as the thesis does. A patch with no
             pair left in one of the directions has no such features; it gets those with the zeros
@@ -211,8 +207,6 @@ class Kernels:
         ----------
         gray16 : array of uint16, shape (height, width)
             As `resized_gray16` gives it.
-        grid, threads
-            Its patches, and how many threads.
         box : int
             Pixels, odd, 1 to 15.
 
@@ -232,8 +226,6 @@ class Kernels:
 
         Parameters
         ----------
-        frame, threads
-            The frame as the camera gave it, and how many threads.
         rows, columns : array of int64, shape (n, 2)
             First pixel and one past the last of each range. Ranges may overlap and stand in any
             order.
@@ -258,8 +250,6 @@ class Kernels:
 
         Parameters
         ----------
-        gray, grid, threads
-            The picture, its patches, and how many threads.
         middle : int
             The level that counts as nothing.
         samples : sequence of int
@@ -280,8 +270,6 @@ class Kernels:
 
         Parameters
         ----------
-        gray
-            The rows.
         weights : array of uint64, shape (pieces, words), in C order
             Of each 8 pixels of a row's pieces, at least one of each; as many as a row has.
         lag, largest : int
@@ -361,17 +349,9 @@ def _reason(error: ImportError) -> str:
 
 
 def choose_kernels(wanted: str) -> Kernels:
-    """The kernels that `VARIABLE` asks for, or the fastest this machine has.
+    """The kernels that `VARIABLE` asks for, or, where it is empty, the fastest this machine has.
 
-    Parameters
-    ----------
-    wanted : str
-        The variable's value; empty for the fastest.
-
-    Raises
-    ------
-    ToktError
-        If the ones asked for are not known or not there.
+    ToktError if the ones asked for are not known or not there.
     """
     if wanted:
         try:

@@ -16,31 +16,17 @@ class LbpPoints:
     """P sampling points on a circle of R pixels, over a view of some height and width.
 
     A point's position is split into a whole pixel and a fraction. The fraction is taken of the
-    absolute position, as scikit-image does: its last bits depend on the row and the column.
-
-    Parameters
-    ----------
-    reach : int
-        Whole pixels that a point reads beyond the centre, at most.
-    first : array of int32, shape (n_columns + 1,)
-        Where the points of each distinct column offset begin in `point`.
-    point : array of int32, shape (P,)
-        Places on the circle, grouped by column offset.
-    row_floor : array of int32, shape (P,)
-        By place on the circle: the upper of the two rows a point lies between, from the centre's.
-    row_fraction : array of float64, shape (P, height)
-        By place on the circle and the centre's row: how far the point lies below that row, px.
-    column_floor : array of int32, shape (n_columns,)
-    column_fraction : array of float64, shape (n_columns, width)
+    absolute position, as scikit-image does: its last bits depend on the row and the column. Points
+    go by their place on the circle, in `point` grouped by distinct column offset.
     """
 
-    reach: int
-    first: NDArray[np.int32]
-    point: NDArray[np.int32]
-    row_floor: NDArray[np.int32]
-    row_fraction: F64
-    column_floor: NDArray[np.int32]
-    column_fraction: F64
+    reach: int  # whole pixels that a point reads beyond the centre, at most
+    first: NDArray[np.int32]  # (n_columns + 1,): where each column offset's points begin in `point`
+    point: NDArray[np.int32]  # (P,): places on the circle
+    row_floor: NDArray[np.int32]  # (P,): from the centre, the upper of the two rows it lies between
+    row_fraction: F64  # (P, height): how far below that row, by the centre's row, px
+    column_floor: NDArray[np.int32]  # (n_columns,)
+    column_fraction: F64  # (n_columns, width)
 
 
 def _fractions(offsets: F64, size: int) -> F64:
@@ -71,10 +57,7 @@ def lbp_points(points: int, radius: float, height: int, width: int) -> LbpPoints
 def nearest_points(points: int, radius: float) -> NDArray[np.int32]:
     """The sampling points of (P, R) moved to the nearest whole pixel, half ones to even.
 
-    Returns
-    -------
-    numpy.ndarray
-        int32, shape (points, 2): rows and columns from the centre, in the order of `lbp_points`.
+    Rows and columns from the centre, (points, 2), in the order of `lbp_points`.
     """
     angles = 2 * np.pi * np.arange(points, dtype=np.float64) / points
     offsets = np.stack([-radius * np.sin(angles), radius * np.cos(angles)], axis=1)

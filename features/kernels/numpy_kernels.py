@@ -21,6 +21,7 @@ from .block_matching import block_disparity as block_disparity
 from .checks import over_rows
 from .lbp_points import lbp_points, nearest_points
 from .numpy_pictures import box_sums as box_sums
+from .numpy_pictures import histograms
 from .numpy_pictures import level_counts as level_counts
 from .numpy_pictures import quantize as quantize
 from .numpy_pictures import resized_gray as resized_gray
@@ -42,7 +43,7 @@ def lbp_counts(
     """`Kernels.lbp_counts`, to the last integer."""
     if border == "frame":
         codes = _sampler(points, radius, len(gray), 1, gray.shape[1]).codes(gray[:, None, :])
-        return _histograms(grid.cells(codes[:, 0]).reshape(grid.n_patches, -1), points + 2)
+        return histograms(grid.cells(codes[:, 0]).reshape(grid.n_patches, -1), points + 2)
     patches = grid.cells(gray)
     counts = np.empty((grid.n_patches, points + 2), np.int64)
     at_once = max(1, _CACHED_VALUES // patches[0].size)
@@ -53,16 +54,10 @@ def lbp_counts(
             some = patches[begin : min(begin + at_once, end)].swapaxes(0, 1)
             codes = _sampler(points, radius, *some.shape).codes(some).swapaxes(0, 1)
             flat = codes.reshape(len(codes), -1)
-            counts[begin : begin + len(codes)] = _histograms(flat, points + 2)
+            counts[begin : begin + len(codes)] = histograms(flat, points + 2)
 
     over_rows(work, grid.rows, threads)
     return counts
-
-
-def _histograms(codes: U8, bins: int) -> I64:
-    """One histogram a row of codes."""
-    flat = codes + (bins * np.arange(len(codes)))[:, None]
-    return np.bincount(flat.ravel(), minlength=len(codes) * bins).reshape(-1, bins)
 
 
 _WHOLE_PIXEL: list[tuple[int, int, float]] = []
@@ -85,14 +80,8 @@ def _runs(fractions: F64) -> list[tuple[int, int, float]]:
 class _Sampler:
     """Local binary patterns of n views of one size, each with zeros around it.
 
-    The views' rows lie side by side, so that a row's weight goes with many pixels. Its arrays
-    are used again for the next views.
-
-    Parameters
-    ----------
-    points, radius : int, float
-        P sampling points on a circle of R pixels.
-    height, n, width : int
+    The views' rows lie side by side, so that a row's weight goes with many pixels. Its arrays are
+    used again for the next views. P sampling points lie on a circle of R pixels.
     """
 
     def __init__(self, points: int, radius: float, height: int, n: int, width: int) -> None:
@@ -274,14 +263,8 @@ def _surprise(n: I64, total: I64) -> F64:
 class _Matrices:
     """Symmetric co-occurrence matrices as one list of their cells that are not zero.
 
-    Parameters
-    ----------
-    cells : array of int64
-        matrix number * 65536 + darker level * 256 + brighter level, sorted.
-    counts : array of int64
-        Pairs of neighbours in each of them.
-    n : int
-        Number of matrices.
+    The cells are matrix number * 65536 + darker level * 256 + brighter level, sorted, with the
+    pairs of neighbours in each of them.
     """
 
     def __init__(self, cells: I64, counts: I64, n: int) -> None:
@@ -370,7 +353,6 @@ def lbp_nearest_counts(
     gray: U8, grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> I64:
     """`Kernels.lbp_nearest_counts`."""
-    size = grid.patch_size(*gray.shape)
     views = gray[None] if border == "frame" else grid.cells(gray)
     reach = int(np.ceil(radius))
     padded = np.pad(views, ((0, 0), (reach, reach), (reach, reach)))
@@ -386,11 +368,7 @@ def lbp_nearest_counts(
         before = now
     np.copyto(ones, points + 1, where=changes > 2)
     codes = grid.cells(ones[0]) if border == "frame" else ones
-    flat = codes.reshape(grid.n_patches, size[0] * size[1]).astype(np.int64)
-    flat += (points + 2) * np.arange(grid.n_patches)[:, None]
-    return np.bincount(flat.ravel(), minlength=grid.n_patches * (points + 2)).reshape(
-        -1, points + 2
-    )
+    return histograms(codes.reshape(grid.n_patches, -1), points + 2)
 
 
 def structure_sums(gray: U8, grid: Grid, threads: int = 1) -> I64:

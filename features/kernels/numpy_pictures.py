@@ -26,14 +26,9 @@ def overlaps(source: int, target: int) -> tuple[I64, I64]:
     """Which of `source` pixels a pixel of `target` lies over, and how much of each it covers.
 
     With each source pixel `target` units long and each target pixel `source` units, both lengths
-    are the same whole number, and so is every overlap.
-
-    Returns
-    -------
-    first : array of int64, shape (target,)
-        The first source pixel.
-    weight : array of int64, shape (most, target)
-        Units of that and the following ones; a column sums to `source`. Beyond the last it is 0.
+    are the same whole number, and so is every overlap. Gives the first source pixel, and the units
+    of that and the following ones, shape (most, target): a column sums to `source`, 0 beyond the
+    last.
     """
     start = np.arange(target, dtype=np.int64) * source
     first = start // target

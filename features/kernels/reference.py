@@ -6,6 +6,7 @@ them. They know no threads. What is taken and given stands with `dispatch.Kernel
 
 from collections.abc import Sequence
 from importlib.metadata import version
+from typing import Any
 
 import mahotas.features
 import numpy as np
@@ -23,6 +24,11 @@ from .quantization import Quantization
 DETAIL = ", ".join(f"{name} {version(name)}" for name in ("scikit-image", "mahotas"))
 
 
+def _histograms(patches: NDArray[Any], bins: int) -> I64:
+    whole = patches.astype(np.int64)
+    return np.stack([np.bincount(patch.ravel(), minlength=bins) for patch in whole])
+
+
 def lbp_counts(
     gray: U8, grid: Grid, points: int, radius: float, border: str, threads: int = 1
 ) -> I64:
@@ -34,10 +40,7 @@ def lbp_counts(
         codes = np.stack(
             [local_binary_pattern(patch, points, radius, method="uniform") for patch in patches]
         )
-    flat = codes.reshape(grid.n_patches, -1).astype(np.int64)
-    bins = points + 2
-    offset = np.arange(grid.n_patches)[:, None] * bins
-    return np.bincount((flat + offset).ravel(), minlength=grid.n_patches * bins).reshape(-1, bins)
+    return _histograms(codes, points + 2)
 
 
 def haralick_features(gray: U8, grid: Grid, ignore_zeros: bool, threads: int = 1) -> F64:
@@ -104,7 +107,7 @@ def quantize(gray16: NDArray[np.uint16], quantization: Quantization, threads: in
 
 def level_counts(gray: U8, grid: Grid, threads: int = 1) -> I64:
     """`Kernels.level_counts`."""
-    return np.stack([np.bincount(patch.ravel(), minlength=256) for patch in grid.cells(gray)])
+    return _histograms(grid.cells(gray), 256)
 
 
 def lbp_nearest_counts(
@@ -124,7 +127,7 @@ def lbp_nearest_counts(
         uniform = np.diff(patterns, axis=0).sum(axis=0) <= 2 if points > 1 else True
         codes.append(np.where(uniform, np.sum(patterns, axis=0), points + 1))
     cells = grid.cells(codes[0]) if border == "frame" else np.stack(codes)
-    return np.stack([np.bincount(cell.ravel(), minlength=points + 2) for cell in cells])
+    return _histograms(cells, points + 2)
 
 
 def structure_sums(gray: U8, grid: Grid, threads: int = 1) -> I64:

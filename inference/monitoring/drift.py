@@ -41,29 +41,15 @@ MAX_WORST = 5
 
 @dataclass(frozen=True)
 class DriftState:
-    """The drift at this moment.
+    """The drift at this moment."""
 
-    Parameters
-    ----------
-    known : bool
-        Whether the model's bundle holds a training distribution; without one nothing is ever out.
-    frames, window_frames : int
-        Frames in the window, and how many it takes until anything can be said.
-    out : bool
-        Whether drift was told and is not over.
-    worst : str or None
-        The feature that is furthest out, against its limit; None until the window is full.
-    distance, limit : float or None
-        Its distance from training, 0 to 1, and where it is out of range.
-    """
-
-    known: bool = False
-    frames: int = 0
-    window_frames: int = 0
-    out: bool = False
-    worst: str | None = None
-    distance: float | None = None
-    limit: float | None = None
+    known: bool = False  # whether the bundle holds a training distribution
+    frames: int = 0  # in the window
+    window_frames: int = 0  # it takes until anything can be said
+    out: bool = False  # whether drift was told and is not over
+    worst: str | None = None  # the feature furthest out; None until the window is full
+    distance: float | None = None  # its own from training, 0 to 1
+    limit: float | None = None  # where it is out of range
 
 
 class DriftMonitor(Observer):

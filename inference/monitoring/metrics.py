@@ -52,27 +52,6 @@ Values = float | Mapping[tuple[str, ...], float]
 """One, or several by the values of the metric's labels."""
 
 
-@dataclass(frozen=True)
-class MetricSources:
-    """The parts of a run that count by themselves.
-
-    Parameters
-    ----------
-    senders : mapping of str to Sender
-        By receiver.
-    log : RunLog or None
-    recorder : Recorder or None
-    cameras : CameraSource or None
-    drift : DriftMonitor or None
-    """
-
-    senders: Mapping[str, Sender] = field(default_factory=dict)
-    log: RunLog | None = None
-    recorder: Recorder | None = None
-    cameras: CameraSource | None = None
-    drift: DriftMonitor | None = None
-
-
 def parse_metrics(text: str) -> tuple[str, int]:
     """Read ``PORT``, for this computer only, or ``HOST:PORT``.
 
@@ -86,18 +65,15 @@ def parse_metrics(text: str) -> tuple[str, int]:
 
 @dataclass(eq=False)
 class RunCollector:
-    """Turn counts into metrics when asked.
-
-    Parameters
-    ----------
-    counts : RunCounts
-    sources : MetricSources
-    clock : Clock
-    """
+    """Turn counts into metrics when asked: those of the run, and of its parts that count."""
 
     counts: RunCounts
-    sources: MetricSources
     clock: Clock
+    senders: Mapping[str, Sender] = field(default_factory=dict)  # by receiver
+    log: RunLog | None = None
+    recorder: Recorder | None = None
+    cameras: CameraSource | None = None
+    drift: DriftMonitor | None = None
 
     def collect(self) -> Iterator[Metric]:
         """All metrics, as they are now, one after the other."""
@@ -143,33 +119,32 @@ class RunCollector:
         yield _gauge("start_time_seconds", words, counts.started_t)
 
     def _senders(self) -> Iterator[Metric]:
-        senders = self.sources.senders.items()
+        senders = self.senders.items()
         sent = _by_name({name: sender.sent for name, sender in senders})
         failed = _by_name({name: sender.failed for name, sender in senders})
         yield _counter("datagrams_sent", "Datagrams the system took.", sent, "receiver")
         yield _counter("datagrams_failed", "Datagrams it refused.", failed, "receiver")
 
     def _log(self) -> Iterator[Metric]:
-        log = self.sources.log
-        if log is not None:
-            yield _counter("log_lines_failed", "Lines that could not be logged.", log.failed)
+        if self.log is not None:
+            yield _counter("log_lines_failed", "Lines that could not be logged.", self.log.failed)
 
     def _recorder(self) -> Iterator[Metric]:
-        recorder = self.sources.recorder
-        if recorder is None:
+        if self.recorder is None:
             return
-        yield _counter("recorder_moments", "Moments opened.", recorder.clips)
-        yield _counter("recorder_frames", "Frames recorded.", recorder.frames)
-        yield _counter("recorder_frames_dropped", "Frames that could not be.", recorder.dropped)
-        yield _counter("recorder_bytes", "Bytes recorded.", recorder.written_bytes)
+        writer = self.recorder.writer
+        yield _counter("recorder_moments", "Moments opened.", self.recorder.clips)
+        yield _counter("recorder_frames", "Frames recorded.", writer.frames)
+        yield _counter("recorder_frames_dropped", "Frames that could not be.", writer.dropped)
+        yield _counter("recorder_bytes", "Bytes recorded.", writer.written_bytes)
         words = "Bytes removed to make room."
-        yield _counter("recorder_bytes_removed", words, recorder.removed_bytes)
-        yield _gauge("recorder_failing", "Frames are being left out.", bool(recorder.fault))
+        yield _counter("recorder_bytes_removed", words, writer.removed_bytes)
+        yield _gauge("recorder_failing", "Frames are being left out.", bool(writer.fault))
 
     def _cameras(self) -> Iterator[Metric]:
-        if self.sources.cameras is None:
+        if self.cameras is None:
             return
-        sides = list(zip(("left", "right"), self.sources.cameras.counts, strict=False))
+        sides = list(zip(("left", "right"), self.cameras.counts, strict=False))
         for name, words in _CAMERA_COUNTS.items():
             values = _by_name({side: getattr(counts, name) for side, counts in sides})
             yield _counter(f"camera_{name}", words, values, "camera")
@@ -177,7 +152,7 @@ class RunCollector:
         yield _counter("camera_reconnects", "Lost cameras that came back.", back)
 
     def _drift(self) -> Iterator[Metric]:
-        drift = self.sources.drift
+        drift = self.drift
         if drift is None:
             return
         state, distances = drift.state, _by_name(drift.distances)
@@ -233,10 +208,7 @@ class Metrics:
     host : str
     port : int
         0 takes any that is free.
-    counts : RunCounts
-        An observer of the run.
-    sources : MetricSources
-    clock : Clock
+    collector : RunCollector
 
     Attributes
     ----------
@@ -249,16 +221,14 @@ class Metrics:
         If prometheus-client is not installed, or the address cannot be listened on.
     """
 
-    def __init__(
-        self, host: str, port: int, counts: RunCounts, sources: MetricSources, clock: Clock
-    ) -> None:
+    def __init__(self, host: str, port: int, collector: RunCollector) -> None:
         try:
             from prometheus_client import CollectorRegistry, ProcessCollector, make_wsgi_app
         except ModuleNotFoundError:
             wanted = "pip install 'tokt[metrics]'"
             raise ToktError(f"metrics need the extra 'metrics': {wanted}") from None
         registry = CollectorRegistry()
-        registry.register(RunCollector(counts, sources, clock))
+        registry.register(collector)
         ProcessCollector(registry=registry)
         family, address = resolve(host, port)
         with os_errors_as(f"metrics cannot be served on {host}:{port}"):

@@ -47,18 +47,10 @@ gives at its start; ten are over in a second or two."""
 
 @dataclass(frozen=True)
 class BundleCheck:
-    """The child process's answer on the active bundle.
+    """The child process's answer on the active bundle."""
 
-    Parameters
-    ----------
-    sha256 : str
-        Of the bundle that was checked; empty where it is not known.
-    fault : str
-        Why it did not pass; empty where it did.
-    """
-
-    sha256: str
-    fault: str
+    sha256: str  # of the one that was checked; empty where it is not known
+    fault: str  # why it did not pass; empty where it did
 
 
 def check_in_child(store: Store) -> BundleCheck:

@@ -25,11 +25,7 @@ BOUNDS_S = (
 class Histogram:
     """A histogram of durations over fixed buckets.
 
-    Attributes
-    ----------
-    counts : list of int
-        One for each of `BOUNDS_S`, and one for what is beyond.
-    sum_s : float
+    It counts one for each of `BOUNDS_S`, and one for what is beyond.
     """
 
     def __init__(self) -> None:
@@ -45,48 +41,24 @@ class Histogram:
 class RunCounts(Observer):
     """Count frames, heartbeats and events.
 
-    Parameters
-    ----------
-    clock : Clock
-
-    Attributes
-    ----------
-    frames, heartbeats : int
-    verdicts : Counter
-        Frames by (status, reason), in words.
-    heartbeat_reasons : Counter
-        Heartbeats by reason.
-    events : Counter
-        Events by name.
-    missed : int
-        Frames that were not delivered, where it is known how many: overload's and the cameras'.
-    left_out : int
-        Those of them that the loop had no time for.
-    latency, age : Histogram
-        From when a frame was taken up to its verdict; from its arrival to its datagram.
-    last_report : Report or None
-        Of a frame, or a heartbeat.
-    last_report_s, started_s : float
-        The clock's `monotonic` when that was, and at the start.
-    started_t : float
-        Seconds since 1970 (UTC) at the start.
-    model : ModelName or None
-    warnings : dict
-        What is wrong at present, in words, by its kind: a lost camera, a refused receiver, drift.
+    Frames are `missed` that were not delivered, where it is known how many: overload's and the
+    cameras'. Those of them that the loop had no time for are `left_out`. Times that end in ``_s``
+    are the clock's `monotonic`, the others seconds since 1970 (UTC).
     """
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self.frames = self.heartbeats = self.missed = self.left_out = 0
-        self.verdicts: Counter[tuple[str, ...]] = Counter()
+        self.verdicts: Counter[tuple[str, ...]] = Counter()  # by status and reason, in words
         self.heartbeat_reasons: Counter[str] = Counter()
-        self.events: Counter[str] = Counter()
-        self.latency, self.age = Histogram(), Histogram()
-        self.last_report: Report | None = None
+        self.events: Counter[str] = Counter()  # by name
+        self.latency = Histogram()  # from when a frame was taken up to its verdict
+        self.age = Histogram()  # from its arrival to its datagram
+        self.last_report: Report | None = None  # of a frame, or a heartbeat
         self.started_t = clock.time()
         self.last_report_s = self.started_s = clock.monotonic()
         self.model: ModelName | None = None
-        self.warnings: dict[str, str] = {}
+        self.warnings: dict[str, str] = {}  # what is wrong at present: camera, receiver, drift
 
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
         """Count a frame."""

@@ -135,8 +135,8 @@ class StatusLine(Observer):
         line.append(f"  {self._rate(now):.1f} fps  {self._tally()}")
         line.append(f"  {'no model' if counts.model is None else counts.model.label}")
         if self.recorder is not None:
-            fault = self.recorder.fault
-            words = f"NOT recording: {fault}" if fault else f"{self.recorder.frames} recorded"
+            fault, frames = self.recorder.writer.fault, self.recorder.writer.frames
+            words = f"NOT recording: {fault}" if fault else f"{frames} recorded"
             line.append(f"  {words}", "yellow" if fault else "")
         if verdict.reason is not Reason.OK:
             line.append(f"  {verdict.health}")

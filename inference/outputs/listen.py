@@ -30,45 +30,21 @@ MAX_SENDERS = 256
 
 @dataclass(frozen=True)
 class ReceivedDatagram:
-    """A datagram that came, and what its number and time tell of its sender.
+    """A datagram that came, and what its number and time tell of its sender."""
 
-    Parameters
-    ----------
-    sender : str
-        ``ADDRESS:PORT``.
-    fields : dict
-        As `decode` gives them, or ``{"error", "bytes"}`` of what is no datagram of tokt's.
-    lost : int or None
-        Datagrams of this sender that are missing between the one before and this one; None where
-        it does not number them (v1).
-    restarted : bool
-        Whether the sender began to count anew.
-    overtaken : bool
-        Whether it came after one sent later, or twice: what it says is old.
-    after_s : float or None
-        Seconds of silence that it ends, where that silence was told.
-    """
-
-    sender: str
-    fields: dict[str, Any]
-    lost: int | None = None
-    restarted: bool = False
-    overtaken: bool = False
-    after_s: float | None = None
+    sender: str  # ``ADDRESS:PORT``
+    fields: dict[str, Any]  # `decode`'s; ``error`` and ``bytes`` of what is no datagram of tokt's
+    lost: int | None = None  # sent before it and missing; None where they are not numbered (v1)
+    restarted: bool = False  # whether the sender began to count anew
+    overtaken: bool = False  # came after one sent later, or twice: what it says is old
+    after_s: float | None = None  # seconds of silence that it ends, where that silence was told
 
 
 @dataclass(frozen=True)
 class Silence:
-    """Nothing came for longer than the time-out.
+    """Nothing came for longer than the time-out."""
 
-    Parameters
-    ----------
-    sender : str or None
-        From whom; None while there has been no sender at all.
-    seconds : float
-    """
-
-    sender: str | None
+    sender: str | None  # from whom; None while there has been no sender at all
     seconds: float
 
 

@@ -47,27 +47,14 @@ class Lens:
             left    \   |   /   right             sector k: SECTOR_DEG wide, around k * SECTOR_DEG;
          of picture  \  |  /  of picture          its index is k % SECTORS, so that a thing at the
                       camera                      left has the highest indices
-
-    Parameters
-    ----------
-    focal : float
-        Focal length over the picture's width.
-    centre : float
-        Column of the optical axis over the picture's width: 0 its left edge, 1 its right one.
     """
 
-    focal: float
-    centre: float = 0.5
+    focal: float  # focal length over the picture's width
+    centre: float = 0.5  # the optical axis's column, over the width: 0 left edge, 1 right one
 
     @classmethod
     def of_fov_deg(cls, fov_deg: float) -> Lens:
-        """A lens that sees so many degrees from the picture's left edge to its right one.
-
-        Raises
-        ------
-        ToktError
-            If it is not between `MIN_FOV_DEG` and `MAX_FOV_DEG`.
-        """
+        """A lens that sees so many degrees from edge to edge, `MIN_FOV_DEG` to `MAX_FOV_DEG`."""
         if not MIN_FOV_DEG <= fov_deg <= MAX_FOV_DEG:
             known = f"{MIN_FOV_DEG:g} to {MAX_FOV_DEG:g} degrees"
             raise ToktError(f"a camera's field of view is {known}, not {fov_deg:g}")
@@ -138,20 +125,11 @@ class Ranges:
     verdict measured none, one has to be assumed, and the same figure serves both: an obstacle
     without a distance is said to be that near, and a clear without a range to reach no farther.
     Smaller is more careful either way.
-
-    Parameters
-    ----------
-    nearest : int
-        To the obstacle; `most` + 1 where there is none.
-    most : int
-        Up to where there would have been said to be one.
-    sectors : tuple of int, length `SECTORS`
-        For each sector `nearest`, or `UNKNOWN_CM` where nothing is said of it.
     """
 
-    nearest: int
-    most: int
-    sectors: tuple[int, ...]
+    nearest: int  # to the obstacle; `most` + 1 where there is none
+    most: int  # up to where there would have been said to be one
+    sectors: tuple[int, ...]  # `nearest`, or `UNKNOWN_CM` where nothing is said of a sector
 
 
 NOTHING_KNOWN = (UNKNOWN_CM,) * SECTORS
@@ -163,15 +141,7 @@ def ranges_of(verdict: Verdict, lens: Lens, assumed_m: float) -> Ranges | None:
     A clear is one of the sectors that are wholly in view. An obstacle is in every sector that its
     box touches, or in all of the view where the verdict does not say in which picture its box is;
     of the rest of that view nothing is said: an obstacle's verdict judged the frame, not each of
-    its columns.
-
-    Parameters
-    ----------
-    verdict : Verdict
-    lens : Lens
-        Of the camera whose picture the box is in.
-    assumed_m : float
-        Metres that are said where nothing was measured.
+    its columns. Where nothing was measured `assumed_m` is said.
     """
     if verdict.status == CLEAR:
         most = _cm(_reach_m(verdict.method, assumed_m))
@@ -313,11 +283,6 @@ class MavlinkSender(DatagramSocket):
     clock : Clock
         Its `monotonic` stamps the messages, as time since boot; what day it is does not matter.
 
-    Attributes
-    ----------
-    unsaid : int
-        Unknown verdicts that were told by silence.
-
     Raises
     ------
     ToktError
@@ -333,7 +298,6 @@ class MavlinkSender(DatagramSocket):
         self._words: ModuleType = common
         super().__init__(host, port)
         self.options = options
-        self.unsaid = 0
         self._clock = clock
         self._heartbeat_due = -math.inf
         self._stamp_us = 0
@@ -374,8 +338,6 @@ class MavlinkSender(DatagramSocket):
         # DISTANCE_SENSOR is never sent: its quality "invalid" is read by no one but rangefinders.
         if by_message and self.options.messages is not Messages.DISTANCE_SENSOR:
             self._send_sectors(NOTHING_KNOWN, NEAREST_CM + 1)
-        else:
-            self.unsaid += 1
 
     def _send_sectors(self, sectors: tuple[int, ...], most_cm: int) -> None:
         words = self._words

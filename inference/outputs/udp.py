@@ -221,11 +221,6 @@ class UdpSender(DatagramSocket):
         As of `DatagramSocket`.
     version : {1, 2}
 
-    Attributes
-    ----------
-    unsaid : int
-        Reports that the format cannot say: unknown verdicts in v1.
-
     Raises
     ------
     ToktError
@@ -235,12 +230,9 @@ class UdpSender(DatagramSocket):
     def __init__(self, host: str, port: int, version: int) -> None:
         super().__init__(host, port)
         self.version = version
-        self.unsaid = 0
 
     def send(self, report: Report) -> None:
-        """Send one datagram, or count why not."""
+        """Send one datagram, or count why not; of what the format cannot say, none."""
         data = encode_v1(report.verdict) if self.version == 1 else encode_v2(report)
-        if data is None:
-            self.unsaid += 1
-        else:
+        if data is not None:
             self.write(data)

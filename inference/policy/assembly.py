@@ -87,22 +87,12 @@ class StereoSetup:
 
 @dataclass(frozen=True)
 class Assembly:
-    """A policy, and the texture detector in it whose model can be exchanged.
-
-    Parameters
-    ----------
-    policy : Policy
-    texture : ReloadableTextureDetector or None
-        None where the policy has no model.
-    stereo : StereoSetup or None
-    grid : Grid
-        Which disparity's mask is as wide as.
-    """
+    """A policy, and the texture detector in it whose model can be exchanged."""
 
     policy: Policy
-    texture: ReloadableTextureDetector | None
+    texture: ReloadableTextureDetector | None  # None where the policy has no model
     stereo: StereoSetup | None
-    grid: Grid
+    grid: Grid  # which disparity's mask is as wide as
 
     def misfit(self, model: Bundle, frame: Frame | None = None) -> str:
         """Why a model cannot take the place of the one there is, or an empty string.

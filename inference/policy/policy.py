@@ -157,12 +157,6 @@ class FallbackPolicy:
 
     Where texture alarmed and only its frame rule keeps it from a status, disparity's *clear* is
     unknown (`Detection.vetoes_clear`).
-
-    Parameters
-    ----------
-    texture, disparity : Detector
-    stopwatch : Stopwatch
-        What lateness is measured with.
     """
 
     texture: Detector
@@ -202,17 +196,12 @@ class FallbackPolicy:
 
 @dataclass(eq=False)
 class EitherPolicy:
-    """Both detectors: an obstacle where either sees one.
+    """Both detectors, with masks of one size: an obstacle where either sees one.
 
-    The masks of those that judged are joined, and the verdict is that of the joined mask: its
-    mean is at least that of each, so it is an obstacle whenever one of them is. Where one could
-    not judge, the other's answer stands, and health says so; but a clear one is unknown when the
+    The masks of those that judged are joined, and the verdict is that of the joined mask: its mean
+    is at least that of each, so it is an obstacle whenever one of them is. Where one could not
+    judge, the other's answer stands, and health says so; but a clear one is unknown when the
     first's reason is itself a sign of danger (`Detection.vetoes_clear`).
-
-    Parameters
-    ----------
-    texture, disparity : Detector
-        With masks of one size.
     """
 
     texture: Detector

@@ -25,15 +25,11 @@ nothing is seen, up to a picture that is full."""
 
 
 class AnchorErrors(NamedTuple):
-    """Errors of the object from where it is wanted; None where none is seen.
+    """Errors of the object from where it is wanted, to three decimals; None where none is seen.
 
-    Parameters
-    ----------
-    x, y : float or None
-        Its centre from the picture's, -1..1: right and down are positive; three decimals.
-    size : float or None
-        ln(sqrt(share / wanted share)), which is ln(wanted distance / distance) of an object wholly
-        in view: positive too near, negative too far; three decimals.
+    Its centre from the picture's, -1..1: right and down are positive. Its size as ln(sqrt(share /
+    wanted share)), which is ln(wanted distance / distance) of an object wholly in view: positive
+    too near, negative too far.
     """
 
     x: float | None = None
@@ -135,18 +131,11 @@ _MIN_INVERSE = 255**-0.5
 class Trend(NamedTuple):
     """The trend of the last means.
 
-    Parameters
-    ----------
-    trend : {"growing", "steady", "shrinking"} or None
-        Of the mean; None where it is not known. What leaves the picture at its edge shrinks as
-        well, and is no farther away.
-    confidence : float or None
-        0.5..1, to three decimals: the probability of `trend`, given the means and equal chances
-        of any slope before.
-    contact_s : float or None
-        Seconds until the thing is reached, to two decimals; None unless it grows with
-        `CONTACT_CONFIDENCE` and was wholly in view all the while. It holds for one thing at a
-        constant speed.
+    `trend` is the mean's, growing, steady or shrinking; None where it is not known. What leaves the
+    picture at its edge shrinks as well, and is no farther away. `confidence`, 0.5..1 to three
+    decimals, is its probability, given the means and equal chances of any slope before.
+    `contact_s`, to two decimals, holds for one thing at a constant speed; None unless it grows with
+    `CONTACT_CONFIDENCE` and was wholly in view all the while.
     """
 
     trend: str | None = None
@@ -383,18 +372,9 @@ def wholly_in_view(verdict: Verdict, blind_m: float = 0.0) -> bool:
 class TemporalCues:
     """Another policy's verdicts, with their trend over time and the anchor's errors.
 
-    A trend is that of one method and one model: where another one judges, it begins anew. It
-    needs frames with times (`Frame.timed`).
-
-    Parameters
-    ----------
-    policy : Policy
-    texture : ReloadableTextureDetector or None
-        Where the policy's model may be exchanged.
-    anchor : Anchor or None
-        What is to be held, if anything is.
-    blind_m : float
-        As in `wholly_in_view`.
+    A trend is that of one method and one model: where another one judges, as the policy's may be
+    exchanged, it begins anew. It needs frames with times (`Frame.timed`). `blind_m` is as in
+    `wholly_in_view`.
     """
 
     policy: Policy

@@ -63,19 +63,9 @@ class ClipPadding:
 class ClipTrigger:
     """Decide frame by frame which ones belong to a clip.
 
-    Parameters
-    ----------
-    padding : ClipPadding
-
-    Attributes
-    ----------
-    clip : int
-        Number of the present clip, or of the last one; 0 before the first. One that goes on for
-        longer than `MAX_S` becomes the next.
-    cause : str
-        Of that clip.
-    opened : bool
-        Whether it was the last frame looked at that opened it.
+    `clip` is the number of the present clip, or of the last one; 0 before the first. One that goes
+    on for longer than `MAX_S` becomes the next. `opened` is whether it was the last frame looked at
+    that opened it, for its `cause`.
     """
 
     def __init__(self, padding: ClipPadding) -> None:
@@ -96,11 +86,7 @@ class ClipTrigger:
     def should_keep(self, now_s: float, verdict: Verdict) -> bool:
         """Whether to keep this frame; called for each frame in its turn.
 
-        Parameters
-        ----------
-        now_s : float
-            When it arrived, by a clock that never steps back.
-        verdict : Verdict
+        `now_s` is when it arrived, by a clock that never steps back.
         """
         cause = self._cause(now_s, verdict)
         within = now_s <= self._until_s

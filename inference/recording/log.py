@@ -234,11 +234,6 @@ class LinesApart:
         """Lines that could not be written."""
         return self._left_out + self._lines.failed
 
-    @property
-    def last_error(self) -> str:
-        """What went wrong last."""
-        return self._lines.last_error or _HANGS
-
     def write(self, value: dict[str, Any]) -> None:
         """Have one line added, or count why not."""
         keeps_up = self._written == self._given
@@ -288,10 +283,7 @@ def older_file(path: Path, number: int) -> Path:
 def rotate_files(path: Path, keep: int) -> None:
     """Make `path` the newest of at most `keep` older files, so that it is free.
 
-    Raises
-    ------
-    OSError
-        If a file cannot be renamed. Then no line is lost, and the next call goes on.
+    Where OSError says that a file cannot be renamed no line is lost, and the next call goes on.
     """
     if not path.exists():
         return
@@ -304,18 +296,10 @@ def rotate_files(path: Path, keep: int) -> None:
 
 @dataclass(frozen=True)
 class LogGap:
-    """A place in a log where something is missing.
-
-    Parameters
-    ----------
-    file : Path
-    line : int
-        From 1.
-    words : str
-    """
+    """A place in a log where something is missing."""
 
     file: Path
-    line: int
+    line: int  # from 1
     words: str
 
     def __str__(self) -> str:

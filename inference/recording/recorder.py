@@ -51,22 +51,12 @@ _NICENESS = 10
 
 @dataclass(frozen=True)
 class HeldFrame:
-    """A judged frame, as long as it may still be recorded.
-
-    Parameters
-    ----------
-    frame : Frame
-    judgement : Judgement
-        Without its arrays.
-    report : Report
-    judged : int
-        How many frames the run had judged with it.
-    """
+    """A judged frame, as long as it may still be recorded."""
 
     frame: Frame
-    judgement: Judgement
+    judgement: Judgement  # without its arrays
     report: Report
-    judged: int
+    judged: int  # how many frames the run had judged with it
 
     @property
     def memory_bytes(self) -> int:
@@ -89,25 +79,9 @@ class RecordingWriter:
     Two cores have the loop to run as well: it runs at a lower priority, and OpenCV encodes without
     holding Python's lock.
 
-    Parameters
-    ----------
-    folder : RecordingFolder
-    run : str
-    budget : DiskBudget
-    clock : Clock
-
-    Attributes
-    ----------
-    frames : int
-        On disk, those removed since included.
-    written_bytes, removed_bytes : int
-        What they took of the disk, and what was removed to make room.
-    dropped : int
-        Frames that did not get there.
-    fault : str
-        Why the last one did not; empty when one does.
-    held_bytes : int
-        Memory of the frames that wait, and of the one that is written.
+    `frames` and `written_bytes` are on disk, or were before they were removed to make room
+    (`removed_bytes`); those `dropped` did not get there, the last one for the reason in `fault`.
+    `held_bytes` of memory have those that wait, and the one that is written.
     """
 
     def __init__(self, folder: RecordingFolder, run: str, budget: DiskBudget, clock: Clock) -> None:
@@ -254,6 +228,7 @@ class Recorder(Observer):
     ----------
     clips : int
         How many were opened.
+    writer : RecordingWriter
 
     Raises
     ------
@@ -286,32 +261,7 @@ class Recorder(Observer):
         budget = DiskBudget(
             self.folder, self.disk or DiskLimits(RecordingConfig.record_mb, RESERVE_MB)
         )
-        self._writer = RecordingWriter(recording, self.run, budget, self.clock)
-
-    @property
-    def frames(self) -> int:
-        """Frames on disk, those removed since included."""
-        return self._writer.frames
-
-    @property
-    def written_bytes(self) -> int:
-        """Bytes of disk that these took."""
-        return self._writer.written_bytes
-
-    @property
-    def removed_bytes(self) -> int:
-        """Bytes of disk that were removed to make room."""
-        return self._writer.removed_bytes
-
-    @property
-    def dropped(self) -> int:
-        """Frames of clips that are not on disk: no memory, no room, or a failing disk."""
-        return self._writer.dropped
-
-    @property
-    def fault(self) -> str:
-        """Why frames are being left out at present, or an empty string."""
-        return self._writer.fault
+        self.writer = RecordingWriter(recording, self.run, budget, self.clock)
 
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
         """Keep the frame, or remember it for a while."""
@@ -325,7 +275,7 @@ class Recorder(Observer):
         held = HeldFrame(frame, bare, report, self._judged)
         if frame.number <= self._last_number:
             # It would take an earlier one's name.
-            keep = keep and self._writer.leave_out(REPEATED)
+            keep = keep and self.writer.leave_out(REPEATED)
         elif keep:
             self._keep(held)
         else:
@@ -352,11 +302,11 @@ class Recorder(Observer):
         if self._before:
             self._before.append((self._before[-1][0], line))  # keeps its place among the frames
         else:
-            self._writer.tell(line)
+            self.writer.tell(line)
 
     def close(self) -> None:
         """Write what waits, for some seconds at most."""
-        self._writer.close()
+        self.writer.close()
         self._opened.close()
 
     def _keep(self, held: HeldFrame) -> None:
@@ -364,9 +314,9 @@ class Recorder(Observer):
         while self._before:
             self._forget_oldest(flushed)
         if self._fits(held.memory_bytes):
-            self._writer.put(held, self._trigger.clip)
+            self.writer.put(held, self._trigger.clip)
         else:
-            self._writer.leave_out(BEHIND)
+            self.writer.leave_out(BEHIND)
 
     def _remember(self, now: float, held: HeldFrame) -> None:
         self._before.append((now, held))
@@ -378,24 +328,24 @@ class Recorder(Observer):
         """Pass what waits longest on: events in any case, a frame if there is a clip for it."""
         _, item = self._before.popleft()
         if not isinstance(item, HeldFrame):
-            self._writer.tell(item)
+            self.writer.tell(item)
             return
         self._before_bytes -= item.memory_bytes
         if clip is not None:
-            self._writer.put(item, clip)
+            self.writer.put(item, clip)
 
     def _fits(self, more: int = 0) -> bool:
-        return self._before_bytes + self._writer.held_bytes + more <= 1e6 * self.memory_mb
+        return self._before_bytes + self.writer.held_bytes + more <= 1e6 * self.memory_mb
 
     def _say_fault(self) -> None:
         """Tell that frames are left out, or no more, once it has changed."""
-        fault = self._writer.fault
+        fault = self.writer.fault
         now = self.clock.monotonic()
         if fault == self._told_fault or now - self._told_s < _TELL_S:
             return
         self._told_fault, self._told_s = fault, now
         words = f"frames are not recorded: {fault}" if fault else "frames are recorded again"
-        self._say(words, {"fault": fault, "dropped": self.dropped})
+        self._say(words, {"fault": fault, "dropped": self.writer.dropped})
 
     def _say(self, words: str, fields: dict[str, Any]) -> None:
         if self.tell is not None:

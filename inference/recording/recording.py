@@ -63,18 +63,7 @@ class DiskLimits:
 
 
 class DiskBudget:
-    """Keep count of a folder that one process writes to.
-
-    Parameters
-    ----------
-    folder : Path
-    limits : DiskLimits
-
-    Attributes
-    ----------
-    used_bytes : int
-    most_bytes : float
-    """
+    """Keep count of a folder that one process writes to."""
 
     def __init__(self, folder: Path, limits: DiskLimits) -> None:
         self._folder = folder
@@ -95,13 +84,7 @@ class DiskBudget:
         return self.used_bytes + size + _MARGIN_BYTES - self.most_bytes
 
     def keeps_reserve(self, size: int) -> bool:
-        """Whether the disk has its reserve after so many more bytes.
-
-        Raises
-        ------
-        OSError
-            If the folder is gone.
-        """
+        """Whether the disk has its reserve after so many more; OSError if the folder is gone."""
         return shutil.disk_usage(self._folder).free - size >= 1e6 * self._limits.reserve_mb
 
 
@@ -119,23 +102,12 @@ SIDES = {"left": ("Left", "L"), "right": ("Right", "R")}
 
 @dataclass(frozen=True)
 class EncodedFrame:
-    """A frame as files.
-
-    Parameters
-    ----------
-    clip : int
-    files : mapping of str to bytes
-        PNGs by their names within the folder.
-    lines : bytes
-        The events before it and its own line.
-    told : int
-        How many events were told before these.
-    """
+    """A frame as files."""
 
     clip: int
-    files: Mapping[str, bytes]
-    lines: bytes
-    told: int
+    files: Mapping[str, bytes]  # PNGs by their names within the folder
+    lines: bytes  # the events before it and its own line
+    told: int  # how many events were told before these
 
     @property
     def disk_bytes(self) -> int:
@@ -154,20 +126,9 @@ class _WrittenFrame(NamedTuple):
 
 
 class RecordingFolder:
-    """One run's recording, as it grows and as its oldest clips make room.
+    """One run's recording, ``DIR/<run>``, as it grows and as its oldest clips make room.
 
     The folder appears with the first frame.
-
-    Parameters
-    ----------
-    folder : Path
-        ``DIR/<run>``.
-    run : str
-
-    Attributes
-    ----------
-    lines_bytes : int
-        Size of the file of lines.
     """
 
     def __init__(self, folder: Path, run: str) -> None:
@@ -187,23 +148,10 @@ class RecordingFolder:
     def encode(
         self, number: int, clip: int, pictures: Mapping[str, U8], line: Mapping[str, Any]
     ) -> EncodedFrame:
-        """A frame as files, in memory.
+        """A frame as files, in memory; ValueError if a picture cannot be a PNG.
 
-        Parameters
-        ----------
-        number : int
-            Each frame of a recording has its own.
-        clip : int
-            Rising; frames of one clip are removed together.
-        pictures : mapping of str to array of uint8
-            By side, ``"left"`` and ``"right"``, those that are there.
-        line : mapping
-            JSON.
-
-        Raises
-        ------
-        ValueError
-            If a picture cannot be a PNG.
+        Each frame has a number of its own, and clips rise: frames of one are removed together.
+        Pictures go by side, ``"left"`` and ``"right"``, those that are there.
         """
         self._look()
         files = {}
@@ -216,13 +164,7 @@ class RecordingFolder:
         return EncodedFrame(clip, files, b"".join([*self._events[told:], whole]), told)
 
     def write(self, encoded: EncodedFrame) -> None:
-        """Put a frame on disk, whole or not at all.
-
-        Raises
-        ------
-        OSError
-            If the disk does not take it.
-        """
+        """Put a frame on disk, whole or not at all; OSError if the disk does not take it."""
         try:
             for name, data in encoded.files.items():
                 write_bytes(self.folder / name, data)
@@ -237,10 +179,7 @@ class RecordingFolder:
     def remove_oldest(self, wanted_bytes: float, clip: int) -> int:
         """Remove the oldest clips before `clip` until so much is free; what became free.
 
-        Raises
-        ------
-        OSError
-            If the lines cannot be written anew. Then nothing is removed.
+        Where OSError says that the lines cannot be written anew nothing is removed.
         """
         count = freed = 0
         for index, kept in enumerate(self._kept):

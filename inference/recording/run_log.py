@@ -23,16 +23,11 @@ _log_only = filler(LOG_ONLY)
 
 
 def frame_line(run: str, frame: Frame, judgement: Judgement, report: Report) -> dict[str, Any]:
-    """The line of a frame that was judged.
+    """The line of a frame that was judged: every one of `tokt.inference.report.FIELDS`.
 
     The fields of UDP v2 (docs/udp.md), and what a replay needs to judge the frame again: what the
-    policy saw of it, and how long the texture detector took.
-
-    Returns
-    -------
-    dict
-        Every one of `tokt.inference.report.FIELDS`; ``left`` and ``right`` are the `pixel_mark` of
-        a picture, or ``{"reason", "words"}`` where there is none.
+    policy saw of it, and how long the texture detector took. ``left`` and ``right`` are the
+    `pixel_mark` of a picture, or ``{"reason", "words"}`` where there is none.
     """
     left, right = _side(frame.left, frame.left_fault), _side(frame.right, frame.right_fault)
     known = SimpleNamespace(
@@ -126,11 +121,6 @@ class RunLog(Observer):
     def failed(self) -> int:
         """Lines that could not be written."""
         return self._frames.failed + self._events.failed
-
-    @property
-    def last_error(self) -> str:
-        """What went wrong last."""
-        return self._frames.last_error or self._events.last_error
 
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
         """A frame's line."""

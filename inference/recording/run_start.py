@@ -26,15 +26,7 @@ START, MODEL = "start", "model"
 
 @dataclass(frozen=True)
 class ModelName:
-    """A model and its bundle file.
-
-    Parameters
-    ----------
-    label : str
-        ``name/version``.
-    sha256 : str
-        Of the bundle file.
-    """
+    """A model, ``name/version``, and its bundle file."""
 
     label: str
     sha256: str
@@ -42,13 +34,7 @@ class ModelName:
 
 @dataclass(frozen=True)
 class UsedFile:
-    """A file that a run read when it began.
-
-    Parameters
-    ----------
-    path : str
-    sha256 : str
-    """
+    """A file that a run read when it began."""
 
     path: str
     sha256: str
@@ -82,61 +68,26 @@ def software() -> dict[str, str]:
 
 @dataclass(frozen=True)
 class RunStart:
-    """What a run began with.
+    """What a run began with."""
 
-    Parameters
-    ----------
-    source : str
-        As it was given to ``--source``.
-    policy : str
-    live : bool
-        Whether its frames came in real time.
-    limits : Limits
-    model : ModelName or None
-        What judged the first frame; None for policy ``disparity``, and where it could not be
-        loaded.
-    model_fault : str
-        Why it could not be loaded.
-    model_note : str
-        Why it is not the store's active one, where it is not.
-    models_from : str
-        The bundle file or the store that models come from; empty without.
-    stereo_way : str or None
-    stereo_scale : float or None
-        As in `tokt.inference.policy.assembly.StereoSetup`; None without a calibration.
-    calibration, odometry : UsedFile or None
-    pixel_format : str or None
-    threads : int
-    frame_rule : mapping or None
-        The model's, as JSON.
-    record : str or None
-        Where frames are recorded.
-    anchor : float or None
-        Share of the picture at which an object is to be held.
-    fixed_boundary : bool
-        Whether the boundary was left where training put it.
-    software : mapping
-        As `software` gives it.
-    """
-
-    source: str
+    source: str  # as it was given to ``--source``
     policy: str
-    live: bool = False
+    live: bool = False  # whether its frames came in real time
     limits: Limits = field(default_factory=Limits)
-    model: ModelName | None = None
-    model_fault: str = ""
-    model_note: str = ""
-    models_from: str = ""
-    stereo_way: str | None = None
+    model: ModelName | None = None  # of the first frame; None without, or if it failed to load
+    model_fault: str = ""  # why it could not be loaded
+    model_note: str = ""  # why it is not the store's active one, where it is not
+    models_from: str = ""  # the bundle file or the store; empty without
+    stereo_way: str | None = None  # as in `StereoSetup`; None without a calibration
     stereo_scale: float | None = None
     calibration: UsedFile | None = None
     odometry: UsedFile | None = None
     pixel_format: str | None = None
     threads: int = 1
-    frame_rule: Mapping[str, Any] | None = None
-    record: str | None = None
-    anchor: float | None = None
-    fixed_boundary: bool = False
+    frame_rule: Mapping[str, Any] | None = None  # the model's, as JSON
+    record: str | None = None  # where frames are recorded
+    anchor: float | None = None  # share of the picture at which an object is to be held
+    fixed_boundary: bool = False  # whether the boundary was left where training put it
     software: Mapping[str, str] = field(default_factory=software)
 
     @classmethod

@@ -35,81 +35,39 @@ VERDICT = tuple(each.name for each in sorted(FIELDS, key=_place) if each.replaye
 class LoggedFrame:
     """A frame's line.
 
-    Parameters
-    ----------
-    seq : int
-    number : int
-        The frame's number in its source.
-    t : float
-        Seconds since 1970; nan where it was no number.
-    timed : bool
-    missed : int
-        As in `tokt.inference.frame.Frame`.
-    left, right : str or Fault
-        A picture's mark, or why there was none.
-    texture_s, age_s, judging_s : float or None
-        Seconds that the texture detector took, from the frame's arrival to the datagram, and that
-        it was being judged.
-    left_out : int
-        Frames before it that there was no time for.
-    verdict : mapping
-        `VERDICT`, as JSON, without what an older tokt did not log.
-    has_values : bool
-    values : list or None
-        Whether decision values were logged, and these; None where the frame has none.
-    model : ModelName or None
-        What judged it, where there was a model.
-    exchanged : int
-        How often the model had been exchanged, even for the same one.
-    follows : bool
-        Whether the line before, if there is one, is that of the frame judged before; for the
-        first line, whether it is the run's first frame.
+    It follows where the line before, if there is one, is that of the frame judged before; the first
+    line, where it is the run's first frame.
     """
 
     seq: int
-    number: int
-    t: float
+    number: int  # in its source
+    t: float  # seconds since 1970; nan where it was no number
     timed: bool
-    missed: int
-    left: str | Fault
+    missed: int  # as in `tokt.inference.frame.Frame`
+    left: str | Fault  # a picture's mark, or why there was none
     right: str | Fault
-    texture_s: float | None
-    age_s: float | None
-    judging_s: float | None
-    left_out: int
-    verdict: Mapping[str, Any]
-    has_values: bool
-    values: list[Any] | None
-    model: ModelName | None
-    exchanged: int
+    texture_s: float | None  # that the texture detector took
+    age_s: float | None  # from the frame's arrival to the datagram
+    judging_s: float | None  # that it was being judged
+    left_out: int  # frames before it that there was no time for
+    verdict: Mapping[str, Any]  # `VERDICT`, as JSON, without what an older tokt did not log
+    has_values: bool  # whether decision values were logged
+    values: list[Any] | None  # these; None where the frame has none
+    model: ModelName | None  # what judged it
+    exchanged: int  # how often the model had been, even for the same one
     follows: bool
 
 
 @dataclass(frozen=True)
 class LoggedRun:
-    """One run of a log.
+    """One run of a log."""
 
-    Parameters
-    ----------
-    path : Path
-        The log file, or the recording's folder.
-    run : str
-        Its id.
-    start : RunStart
-    models : tuple of ModelName
-        All that judged in it, in their order.
-    n_frames : int
-        Lines of frames.
-    others : tuple of str
-        The log's other runs, in their order.
-    """
-
-    path: Path
+    path: Path  # the log file, or the recording's folder
     run: str
     start: RunStart
-    models: tuple[ModelName, ...]
-    n_frames: int
-    others: tuple[str, ...]
+    models: tuple[ModelName, ...]  # all that judged in it, in their order
+    n_frames: int  # lines of frames
+    others: tuple[str, ...]  # the log's other runs, in their order
 
     @property
     def recorded(self) -> bool:

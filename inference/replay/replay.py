@@ -181,35 +181,20 @@ class Replay:
 
 @dataclass(frozen=True)
 class Compared:
-    """One frame, then and now.
-
-    Parameters
-    ----------
-    logged : LoggedFrame
-    replayed : mapping or None
-        `VERDICT`'s fields; None where the frame could not be shown again.
-    differs : tuple of str or None
-        Names of the fields that are not the same to the last bit; `VALUES` among them.
-    why_not : str
-        Why the frame is not counted; empty where it is.
-    """
+    """One frame, then and now."""
 
     logged: LoggedFrame
-    replayed: Mapping[str, Any] | None
-    differs: tuple[str, ...] | None
-    why_not: str = ""
+    replayed: Mapping[str, Any] | None  # `VERDICT`'s fields; None where it could not be shown again
+    differs: tuple[str, ...] | None  # fields not the same to the last bit; `VALUES` among them
+    why_not: str = ""  # why the frame is not counted; empty where it is
 
 
 class _History:
     """What is known of what came before a frame, which is counted in places.
 
-    Attributes
-    ----------
-    since_start, for_texture, for_trend : bool
-        Whether every frame of the run is known; as many as the model's frame rule looks at; as
-        many as a trend looks at.
-    broken : bool
-        Whether it is the first one after frames that are not known.
+    That is every frame of the run (`since_start`), as many as the model's frame rule looks at
+    (`for_texture`), or as a trend does (`for_trend`). It is `broken` for the first one after frames
+    that are not known.
     """
 
     def __init__(self, window: int) -> None:
@@ -243,28 +228,15 @@ def _window(assembly: Assembly) -> int:
 
 @dataclass
 class ReplayStretch:
-    """Frames in a row that differ alike.
-
-    Parameters
-    ----------
-    first, last : int
-        Frame numbers.
-    frames : int
-    logged, replayed : (int, str)
-        Status and reason, then and now.
-    fields : list of str
-        What differs in at least one of them.
-    example : mapping
-        Of the first frame: what differs, then and now.
-    """
+    """Frames in a row that differ alike, by their statuses and reasons then and now."""
 
     first: int
     last: int
     frames: int
     logged: tuple[int, str]
     replayed: tuple[int, str]
-    fields: list[str]
-    example: dict[str, list[Any]]
+    fields: list[str]  # what differs in at least one of them
+    example: dict[str, list[Any]]  # of the first frame: what differs, then and now
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form, statuses in words."""
@@ -277,32 +249,15 @@ class ReplayStretch:
 
 @dataclass
 class Tally:
-    """Counts over a replay's frames.
+    """Counts over a replay's frames."""
 
-    Parameters
-    ----------
-    statuses : Counter of (int, int)
-        Logged and replayed status of the frames that are compared.
-    same, status_differs, figures_differ : int
-        Compared frames with the same verdict to the last bit, with another status, and with the
-        same status and another figure or word.
-    not_compared : Counter of str
-        Frames that are not, by why not.
-    alike_all_the_same : int
-        Those of them that came out the same.
-    gaps : int
-        Frames before which some are missing, of which nothing is known: lines that are lost, or
-        frames that were not recorded.
-    stretches : list of ReplayStretch
-    """
-
-    statuses: Counter[tuple[int, int]] = field(default_factory=Counter)
-    same: int = 0
-    status_differs: int = 0
-    figures_differ: int = 0
-    not_compared: Counter[str] = field(default_factory=Counter)
-    alike_all_the_same: int = 0
-    gaps: int = 0
+    statuses: Counter[tuple[int, int]] = field(default_factory=Counter)  # logged, replayed
+    same: int = 0  # to the last bit
+    status_differs: int = 0  # another status
+    figures_differ: int = 0  # the same status, another figure or word
+    not_compared: Counter[str] = field(default_factory=Counter)  # by why not
+    alike_all_the_same: int = 0  # of those not compared
+    gaps: int = 0  # frames before which lines or frames are missing
     stretches: list[ReplayStretch] = field(default_factory=list)
     _open: bool = False
 

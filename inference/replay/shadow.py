@@ -75,13 +75,6 @@ class Challenger:
         if self.policy == "disparity":
             raise ToktError("policy disparity uses no model: a challenger cannot differ (--shadow)")
 
-    @classmethod
-    def of(
-        cls, bundle: Bundle, policy: str, stereo: StereoSetup | None = None, threads: int = 1
-    ) -> Challenger:
-        """A bundle as a challenger in a run of that policy."""
-        return cls(bundle.label, bundle.sha256, bundle.data, policy, stereo, threads)
-
     def assemble(self) -> Assembly:
         """The policy.
 
@@ -145,13 +138,7 @@ def send_frame(connection: Connection, frame: Frame) -> None:
 
 
 def receive_frame(connection: Connection) -> Frame:
-    """The next frame.
-
-    Raises
-    ------
-    EOFError, OSError
-        If the other end is gone.
-    """
+    """The next frame; raises EOFError or OSError if the other end is gone."""
     frame: Frame
     frame, looks = connection.recv()
     left, right = (None if look is None else _picture(connection, *look) for look in looks)

@@ -28,16 +28,7 @@ SIDES = ("champion", "challenger")
 
 @dataclass
 class ShadowStretch:
-    """Compared frames in a row on which the two differ alike.
-
-    Parameters
-    ----------
-    first, last : int
-        Frame numbers.
-    frames : int
-    champion, challenger : int
-        Statuses.
-    """
+    """Compared frames in a row, from number to number, on which the two differ alike."""
 
     first: int
     last: int
@@ -52,59 +43,27 @@ class ShadowStretch:
 
 @dataclass
 class Episode:
-    """A time in which one of the two says obstacle, with short gaps.
-
-    Parameters
-    ----------
-    first, last : int
-        Frame numbers.
-    begins, ends : int
-        Which compared frames these are.
-    """
+    """A time in which one of the two says obstacle, with short gaps."""
 
     first: int
     last: int
-    begins: int
+    begins: int  # which compared frame that is
     ends: int
 
 
 @dataclass
 class ShadowReport:
-    """A run's comparison.
-
-    Parameters
-    ----------
-    run : str
-    policy : str
-    challenger : mapping
-        ``label`` and ``sha256``.
-    champions : list of str
-        Models whose verdicts were sent.
-    live : bool
-    frames, dropped : int
-        Compared, and those that the challenger was too slow for.
-    fault : str
-        Why the challenger judged no more; empty where it did to the end.
-    lost_lines : int
-        Places of the log that cannot be read.
-    statuses : Counter of (int, int)
-        The champion's and the challenger's status.
-    stretches : list of ShadowStretch
-    episodes : mapping of str to list of Episode
-        By side.
-    latency_ms : mapping of str to list of float
-        By side.
-    """
+    """A run's comparison; statuses are the champion's, then the challenger's."""
 
     run: str
     policy: str
-    challenger: Mapping[str, str]
+    challenger: Mapping[str, str]  # ``label`` and ``sha256``
     live: bool
-    champions: list[str] = field(default_factory=list)
-    frames: int = 0
-    dropped: int = 0
-    fault: str = ""
-    lost_lines: int = 0
+    champions: list[str] = field(default_factory=list)  # models whose verdicts were sent
+    frames: int = 0  # compared
+    dropped: int = 0  # those that the challenger was too slow for
+    fault: str = ""  # why it judged no more
+    lost_lines: int = 0  # places of the log that cannot be read
     statuses: Counter[tuple[int, int]] = field(default_factory=Counter)
     stretches: list[ShadowStretch] = field(default_factory=list)
     episodes: dict[str, list[Episode]] = field(default_factory=lambda: {side: [] for side in SIDES})

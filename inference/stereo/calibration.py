@@ -1,7 +1,6 @@
 """A stereo calibration, checked before it is used."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -41,8 +40,6 @@ class CheckedCalibration:
         What is strange yet usable, and what was assumed or left out in reading it.
     refusals : list of str
         Why it cannot be used; empty for one that can.
-    notes : mapping of str to str
-        What its writer noted on how it was made.
     """
 
     path: Path
@@ -50,7 +47,6 @@ class CheckedCalibration:
     form: str
     oddities: list[str]
     refusals: list[str]
-    notes: Mapping[str, str] = field(default_factory=dict)
 
     def usable(self) -> StereoCalibration:
         """The calibration.
@@ -108,17 +104,11 @@ def check_calibration(numbers: CalibrationNumbers) -> CheckedCalibration:
     parts = {name: getattr(numbers, name).copy() for name in PARTS}
     parts["K1"][0, 1] = parts["K2"][0, 1] = 0.0
     plain = StereoCalibration(**parts, frame_size=numbers.frame_size)
-    return CheckedCalibration(numbers.path, plain, numbers.form, odd, reasons, numbers.notes)
+    return CheckedCalibration(numbers.path, plain, numbers.form, odd, reasons)
 
 
 def refusals(calibration: StereoCalibration) -> list[str]:
-    """Reasons why a calibration cannot be that of two cameras side by side; empty where it can.
-
-    Parameters
-    ----------
-    calibration : StereoCalibration
-        Finite.
-    """
+    """Reasons why a finite calibration cannot be that of two cameras side by side."""
     width, height = calibration.frame_size
     if width < 1 or height < 1 or width * height > _MAX_PIXELS:
         return [f"the frame size is {width}x{height}"]
@@ -146,13 +136,7 @@ def refusals(calibration: StereoCalibration) -> list[str]:
 
 
 def oddities(calibration: StereoCalibration) -> list[str]:
-    """Warnings on a calibration: what is strange, yet usable.
-
-    Parameters
-    ----------
-    calibration : StereoCalibration
-        Finite.
-    """
+    """Warnings on a finite calibration: what is strange, yet usable."""
     found = []
     left = ("K1 (left)", calibration.K1, calibration.D1)
     right = ("K2 (right)", calibration.K2, calibration.D2)

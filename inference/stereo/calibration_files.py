@@ -9,7 +9,7 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -95,27 +95,13 @@ class StereoCalibration:
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationNumbers(StereoCalibration):
-    """A calibration as a file has it, finite, and what else stands there.
-
-    Parameters
-    ----------
-    path : Path
-    form : str
-        What kind of file it is, in words.
-    R1, R2 : array, or None
-        Rectifying rotations, where the file has them.
-    remarks : sequence of str
-        What was assumed or left out in reading it.
-    notes : mapping of str to str
-        What its writer noted on how it was made.
-    """
+    """A calibration as a file has it, finite, and what else stands there."""
 
     path: Path
-    form: str
-    R1: F64 | None = None
+    form: str  # what kind of file it is, in words
+    R1: F64 | None = None  # rectifying rotations, where the file has them
     R2: F64 | None = None
-    remarks: Sequence[str] = ()
-    notes: Mapping[str, str] = field(default_factory=dict)
+    remarks: Sequence[str] = ()  # what was assumed or left out in reading it
 
 
 def read_numbers(path: Path | str) -> CalibrationNumbers:
@@ -167,7 +153,6 @@ def checked_numbers(
     values: Mapping[str, ArrayLike | None],
     frame_size: ArrayLike | None,
     remarks: Sequence[str] = (),
-    notes: Mapping[str, str] | None = None,
 ) -> CalibrationNumbers:
     """Put what was read into arrays of the right shape.
 
@@ -204,7 +189,7 @@ def checked_numbers(
         words = "the frame size is not a width and a height in pixels"
         raise ToktError(f"calibration {path}: {words}")
     parts: dict[str, Any] = {**arrays, "frame_size": (int(sides[0]), int(sides[1]))}
-    return CalibrationNumbers(**parts, path=path, form=form, remarks=remarks, notes=notes or {})
+    return CalibrationNumbers(**parts, path=path, form=form, remarks=remarks)
 
 
 def _finite(path: Path, name: str, value: ArrayLike) -> F64:
@@ -254,9 +239,7 @@ def _opencv_numbers(path: Path, storage: cv2.FileStorage) -> CalibrationNumbers:
         name: _first_array(storage, others) for name, others in _OPENCV_NAMES.items()
     }
     values["T_mm"] = _opencv_shift(path, storage, remarks)
-    return checked_numbers(
-        path, OPENCV_FORM, values, _opencv_size(storage), remarks, _opencv_notes(storage)
-    )
+    return checked_numbers(path, OPENCV_FORM, values, _opencv_size(storage), remarks)
 
 
 def _first_array(storage: cv2.FileStorage, names: Sequence[str]) -> F64 | None:
@@ -309,14 +292,6 @@ def _opencv_size(storage: cv2.FileStorage) -> ArrayLike | None:
         if all(side.isInt() or side.isReal() for side in sides):
             return [side.real() for side in sides]
     return _first_array(storage, ("image_size", "imageSize", "frame_size"))
-
-
-def _opencv_notes(storage: cv2.FileStorage) -> dict[str, str]:
-    noted = storage.getNode("provenance")
-    if not noted.isMap():
-        return {}
-    nodes = {name: noted.getNode(name) for name in noted.keys()}  # noqa: SIM118 - no mapping
-    return {name: node.string() for name, node in nodes.items() if node.isString()}
 
 
 # --- Bouguet's toolbox ---
@@ -511,20 +486,9 @@ def distortion(k1: float, k2: float, p1: float, p2: float, k3: float = 0.0) -> F
 def folds_back_at_px(K: F64, D: F64, frame_size: tuple[int, int]) -> float | None:
     """Where, inside the frame, radial distortion stops moving outwards; None where it does not.
 
-    Parameters
-    ----------
-    K : array, shape (3, 3)
-        Camera matrix in pixels, with positive focal lengths.
-    D : array, shape (4..14,)
-        OpenCV's coefficients; of the longer models the rational part (k4, k5, k6) is looked at.
-    frame_size : (int, int)
-        Width and height in pixels.
-
-    Returns
-    -------
-    float or None
-        Distance from the principal point in pixels. Beyond it nothing can be undistorted: two
-        directions are seen at one place, and others nowhere.
+    In pixels from the principal point. Beyond it nothing can be undistorted: two directions are
+    seen at one place, and others nowhere. Of OpenCV's longer models the rational part (k4, k5, k6)
+    is looked at; focal lengths are positive.
     """
     width, height = frame_size
     x = max(abs(K[0, 2]), abs(width - 1 - K[0, 2])) / K[0, 0]

@@ -35,9 +35,8 @@ def write_calibration(
         Written as K1 D1 K2 D2 R T_mm image_width image_height, with the R1 and R2 that
         ``cv2.stereoRectify`` derives from them, and ``format_version``.
     notes : mapping of str to str
-        How it was made: written under ``provenance`` and read back as `CheckedCalibration.notes`.
-        Keys are words of letters, digits and underscores; line breaks become spaces, quotes
-        around it are left out.
+        How it was made: written under ``provenance``, for people. Keys are words of letters,
+        digits and underscores; line breaks become spaces, quotes around it are left out.
 
     Raises
     ------

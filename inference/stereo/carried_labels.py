@@ -22,7 +22,7 @@ _LEAD = 0.05  # over any place further than `_SAME_PX` from it
 _SAME_PX = 12
 _BACK_PX = 3  # between a patch and where its place in the other view leads back to
 _POINTS = 16  # across a patch, and down it, at which it is asked what lies there
-_HALF, _NEARLY_ALL = 0.5, 0.9
+_HALF = 0.5
 
 
 class LabelCarrier:
@@ -96,7 +96,7 @@ class LabelCarrier:
         asked = cv2.remap(lies_there, x, y, cv2.INTER_NEAREST, borderValue=0)
         shares = np.stack([(asked == code).mean(axis=1) for code in range(len(names))], axis=1)
         least = np.full(len(names), _HALF)
-        least[0], least[1] = 0, _NEARLY_ALL
+        least[:2] = 0, 1  # clear is only what is clear all over
         return [names[int(code)] for code in np.where(shares >= least, shares, -1).argmax(axis=1)]
 
     def _paint(

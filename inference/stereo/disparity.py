@@ -215,18 +215,10 @@ MIN_CLOSING_M_S = 0.05
 
 
 class Closing(NamedTuple):
-    """Closing speed and time to contact, as far as the last distances tell.
+    """Closing speed and time to contact, as far as the last distances tell."""
 
-    Parameters
-    ----------
-    closing_m_s : float or None
-        Metres per second by which the distance shrinks, negative while it grows; None unknown.
-    contact_s : float or None
-        Seconds until the distance is 0 at that speed; None unless it shrinks.
-    """
-
-    closing_m_s: float | None = None
-    contact_s: float | None = None
+    closing_m_s: float | None = None  # by which the distance shrinks, negative while it grows
+    contact_s: float | None = None  # until it is 0 at that speed; None unless it shrinks
 
 
 class ClosingSpeed:
@@ -253,19 +245,10 @@ class ClosingSpeed:
         self._last_s = -math.inf
 
     def add(self, t_s: float, distance_m: float | None) -> Closing:
-        """Take the distance at one moment.
+        """Take the distance in metres at one moment, in seconds of any clock that goes evenly.
 
-        Parameters
-        ----------
-        t_s : float
-            Moment of capture in seconds, of any clock that goes evenly.
-        distance_m : float or None
-            None where nothing was seen or measured. A gap shorter than `GAP_S` leaves the
-            distances before it standing, and gives no speed itself.
-
-        Returns
-        -------
-        Closing
+        It is None where nothing was seen or measured. A gap shorter than `GAP_S` leaves the
+        distances before it standing, and gives no speed itself.
         """
         if not self._last_s < t_s < math.inf:
             self._start_anew()

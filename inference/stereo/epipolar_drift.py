@@ -83,27 +83,13 @@ STILL_PX = 0.5
 
 @dataclass(frozen=True)
 class EpipolarOffset:
-    """The vertical offset of one pair's views, which rectification should have removed.
+    """The vertical offset of one pair's views, which rectification should have removed."""
 
-    Parameters
-    ----------
-    px : float
-        Pixels of the full resolution by which the right view stands too high; median.
-    spread_px : float
-        Median deviation from it.
-    turn_deg : float
-        Angle in degrees by which the right view is turned against the left one, clockwise.
-    turn_error_deg : float
-        Standard error of the angle.
-    agreeing : float
-        Part of the points looked at whose patch is found again within the rows searched.
-    """
-
-    px: float
-    spread_px: float
-    turn_deg: float
-    turn_error_deg: float
-    agreeing: float
+    px: float  # pixels of the full resolution by which the right view stands too high; median
+    spread_px: float  # median deviation from it
+    turn_deg: float  # by which the right view is turned against the left one, clockwise
+    turn_error_deg: float  # its standard error
+    agreeing: float  # part of the points whose patch is found again within the rows searched
 
     @property
     def turned(self) -> bool:
@@ -117,19 +103,8 @@ def epipolar_offset(
 ) -> EpipolarOffset | None:
     """Measure how the rows of a pair lie to each other, from its block matches.
 
-    Parameters
-    ----------
-    left_view, right_view : array of float32, shape (height, width)
-        Rectified views in grey levels.
-    matches : Matches
-        What block matching found in them.
-    scale : float
-        Width of the views over the frames' width.
-
-    Returns
-    -------
-    EpipolarOffset or None
-        None with fewer than `MIN_POINTS` clear points.
+    None with fewer than `MIN_POINTS` clear points. `scale` is the width of the views over the
+    frames'.
     """
     points = _clear_points(left_view, matches)
     if points is None:
@@ -278,15 +253,7 @@ class EpipolarDriftCorrection:
     def add(self, left: F32, right: F32, matches: Matches, scale: float) -> EpipolarOffset | None:
         """Measure a pair whose right view has the present correction, and follow it.
 
-        Parameters
-        ----------
-        left, right, matches, scale
-            As in `epipolar_offset`, the views first.
-
-        Returns
-        -------
-        EpipolarOffset or None
-            What is left of the offset beside the correction that these views have.
+        Gives what is left of the offset beside that correction; None where it cannot be measured.
         """
         offset = epipolar_offset(left, right, matches, scale)
         self.deviation_px = None

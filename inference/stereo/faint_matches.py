@@ -59,40 +59,21 @@ _SAMPLES = 20
 class _Faint(NamedTuple):
     """What the last frames come to.
 
-    Parameters
-    ----------
-    matched, alone : {1, 0, -1}
-        Whether matches stay, and whether texture without a match does; unknown where the frames
-        before are not known and could have shown it.
-    patches : array of bool, shape (`PATCHES`, `PATCHES`)
-        Of the left frame, where matches stay.
-    disparity_px : float or None
-        The largest median disparity of this frame's matches in one of these patches.
+    `matched` and `alone` are 1, 0 or -1: unknown where the frames before are not known and could
+    have shown it.
     """
 
-    matched: int
-    alone: int
-    patches: Bools
-    disparity_px: float | None
+    matched: int  # whether matches stay
+    alone: int  # whether texture without a match does
+    patches: Bools  # of the left frame, where matches stay: (`PATCHES`, `PATCHES`)
+    disparity_px: float | None  # largest median of this frame's matches in one of these patches
 
 
 class FaintMatches:
     """Follow faint matches over the pairs of one run, in their order.
 
-    Parameters
-    ----------
-    calibration : StereoCalibration
-    scale : float
-        Of the views that are given, over the frames' size.
-    kernels : Kernels
-    mask_size : (height, width) of int
-    method : str
-        Of the detector that asks.
-
-    Attributes
-    ----------
-    rectifier : Rectifier
-        Of the smaller views that are matched.
+    The views that are given are `scale` times the frames' size; the rectifier is of the smaller
+    ones that are matched.
     """
 
     def __init__(
@@ -128,13 +109,8 @@ class FaintMatches:
     ) -> Detection:
         """What a pair comes to that shows no obstacle by itself.
 
-        Parameters
-        ----------
-        frame : Frame
-        left, right : array of float32, shape (height, width)
-            Its rectified views in grey levels.
-        distance_m : float or None
-            Of the few matches that were found in it.
+        `left` and `right` are its rectified views, `distance_m` that of the few matches found in
+        it.
         """
         faint = self._look(left, right)
         water = open_water_fault(left, right)

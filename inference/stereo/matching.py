@@ -41,20 +41,7 @@ _MIDDLE = 128.0
 
 
 def local_mean_and_sigma(view: F32, window_px: int) -> tuple[F32, F32]:
-    """Mean and standard deviation around each pixel.
-
-    Parameters
-    ----------
-    view : array of float32, shape (height, width)
-        Grey levels.
-    window_px : int
-        Height and width in pixels of what counts as around.
-
-    Returns
-    -------
-    (mean, sigma) : arrays of float32, shape (height, width)
-        Grey levels.
-    """
+    """Mean and standard deviation of a view in grey levels, around each pixel."""
     window = (window_px, window_px)
     mean = cv2.boxFilter(view, cv2.CV_32F, window)
     variance = cv2.sqrBoxFilter(view, cv2.CV_32F, window)
@@ -69,14 +56,8 @@ def even_contrast(
 ) -> U8:
     """The view with the same local contrast everywhere, 128 being the local mean.
 
-    Parameters
-    ----------
-    view, mean, sigma : arrays of float32, shape (height, width)
-        A view, and what `local_mean_and_sigma` says of it.
-    gain : float
-        Grey levels that one local standard deviation becomes.
-    least_sigma : float
-        What a smaller deviation counts as, in grey levels.
+    `gain` is the grey levels that one local standard deviation becomes; a smaller one than
+    `least_sigma` grey levels counts as that much.
     """
     even = cv2.subtract(view, mean)
     cv2.divide(even, np.maximum(sigma, least_sigma), dst=even, scale=gain)
@@ -118,21 +99,11 @@ _MIN_SEARCHED = 0.5
 
 
 class Contrast(NamedTuple):
-    """How little of a thing is looked for.
+    """How little of a thing is looked for."""
 
-    Parameters
-    ----------
-    local_sigma : float
-        Grey levels of local contrast that a pixel needs in both views.
-    least_sigma : float
-        Grey levels. A local deviation below counts as this much.
-    blob_px : int
-        Fewest pixels of a patch of matches, of a view `SETTINGS_WIDTH` wide.
-    """
-
-    local_sigma: float = LOCAL_SIGMA_GREY
-    least_sigma: float = MIN_SIGMA_GREY
-    blob_px: int = BLOB_PX
+    local_sigma: float = LOCAL_SIGMA_GREY  # grey levels that a pixel needs in both views
+    least_sigma: float = MIN_SIGMA_GREY  # grey levels that a smaller local deviation counts as
+    blob_px: int = BLOB_PX  # fewest pixels of a patch of matches, of a view `SETTINGS_WIDTH` wide
 
 
 CLEAR_CONTRAST = Contrast()

@@ -22,32 +22,19 @@ FARTHEST_M = 1e6
 
 @dataclass(frozen=True)
 class Pose:
-    """The left camera's pose in axes that do not move.
+    """The left camera's pose in axes that do not move."""
 
-    Parameters
-    ----------
-    t : float
-        Seconds, of whatever clock the odometry has.
-    position_m : array of float64, shape (3,)
-    rotation : array of float64, shape (3, 3)
-        From the camera's axes (x right, y down, z forward) to the fixed ones.
-    """
-
-    t: float
+    t: float  # seconds, of whatever clock the odometry has
     position_m: F64
-    rotation: F64
+    rotation: F64  # from the camera's axes (x right, y down, z forward) to the fixed ones
 
 
 @dataclass(frozen=True)
 class Motion:
     """The rigid motion of things that stand still, seen from a camera that moves.
 
-    Parameters
-    ----------
-    rotation : array of float64, shape (3, 3)
-    translation_m : array of float64, shape (3,)
-        ``rotation @ point + translation_m`` takes a point from the axes of the camera before to
-        those of the camera after.
+    ``rotation @ point + translation_m`` takes a point from the axes of the camera before to those
+    of the camera after.
     """
 
     rotation: F64

@@ -122,17 +122,10 @@ OUT_OF_STEP = "the rows of the two views do not agree: another moment, or a came
 class PairFault:
     """Why a pair is not to be believed.
 
-    Parameters
-    ----------
-    reason : str
-    vetoes_clear : bool
-        Whether something may be there: see `tokt.inference.verdict.Detection`. Always when
-        it is the left camera, which other detectors look through, too; when the right one alone is
-        lost, only where the left view has texture.
-    matches_stand : bool
-        Whether what was matched all the same is there: a view that is dark in part still shows
-        truly what it shows.
-    code : Reason
+    It always vetoes a clear (`tokt.inference.verdict.Detection`) when it is the left camera, which
+    other detectors look through, too; when the right one alone is lost, only where the left view
+    has texture. Matches stand where what was matched all the same is there: a view that is dark in
+    part still shows truly what it shows.
     """
 
     reason: str
@@ -149,17 +142,7 @@ class PairFault:
 def pair_fault(
     left_view: F32, right_view: F32, matches: Matches, offset: EpipolarOffset | None
 ) -> PairFault | None:
-    """The fault that one pair shows without those before it, or None.
-
-    Parameters
-    ----------
-    left_view, right_view : array of float32, shape (height, width)
-        Rectified views in grey levels.
-    matches : Matches
-        What block matching found in them.
-    offset : EpipolarOffset or None
-        What `tokt.inference.stereo.epipolar_drift` measured.
-    """
+    """The fault that one pair's rectified views show without those before it, or None."""
     misfit = None
     if _something_there(matches) and _matched_of_textured(matches) < MATCHED_OF_TEXTURED:
         misfit = PairFault(MISFIT, vetoes_clear=True)
@@ -191,13 +174,8 @@ def no_detail_fault(frame: Frame) -> Fault:
 def open_water_fault(left_view: F32, right_view: F32) -> PairFault | None:
     """Why two views in which nothing was found are not to be taken for open water, or None.
 
-    Open water gives no match, so that the light alone tells whether both views are what they
-    should be.
-
-    Parameters
-    ----------
-    left_view, right_view : array of float32, shape (height, width)
-        Rectified views in grey levels.
+    Open water gives no match, so that the light alone tells whether both views are what they should
+    be.
     """
     left, right = (_light(view) for view in (left_view, right_view))
     for side, light in (("left", left), ("right", right)):
@@ -330,13 +308,7 @@ def _turned(frame: U8) -> U8:
 
 
 class PairHealth:
-    """Judge the pairs of one run in their order.
-
-    Notes
-    -----
-    Between pairs it keeps a few rows of each view, how often both were the same, and which cause
-    of a misfit was tried last.
-    """
+    """Judge the pairs of one run in their order."""
 
     def __init__(self) -> None:
         self._before: tuple[F32, F32] | None = None
@@ -354,13 +326,8 @@ class PairHealth:
     ) -> PairFault | None:
         """Why this pair is not to be believed, or None.
 
-        Parameters
-        ----------
-        left_view, right_view, matches, offset
-            As in `pair_fault`.
-        drift : EpipolarDriftCorrection or None
-            What `offset` was added to, and what `right_view` was moved by; None where rows are
-            not followed.
+        `drift` is what `offset` was added to, and `right_view` moved by; None where rows are not
+        followed.
         """
         fault = (
             self._frozen_fault(left_view, right_view, matches)
@@ -399,17 +366,8 @@ class PairHealth:
     ) -> PairFault:
         """The same fault with its cause where that can be found; other faults as they are.
 
-        Tries one of `CAUSES` a call, so that a pair costs at most one more matching, and none
-        once a cause is found, until a pair fits.
-
-        Parameters
-        ----------
-        fault : PairFault
-            What `judge` gave for this pair.
-        left, right : array of uint8
-            The frames that do not match.
-        match : callable
-            Rectifies and matches two frames, the left one first.
+        Tries one of `CAUSES` a call, so that a pair costs at most one more matching, and none once
+        a cause is found, until a pair fits. `match` rectifies and matches two frames.
         """
         if fault.reason != MISFIT:
             return fault

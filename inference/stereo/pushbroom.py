@@ -104,34 +104,18 @@ KEPT_FRAMES_WITH_ODOMETRY = 60
 
 @dataclass(frozen=True)
 class Slice:
-    """One distance.
+    """One distance."""
 
-    Parameters
-    ----------
-    shifts_px : sequence of int
-        The disparities at which obstacles are looked for.
-    checks_px : sequence of int
-        The disparities beside them at which those must not match as well.
-    """
-
-    shifts_px: tuple[int, ...]
-    checks_px: tuple[int, ...]
+    shifts_px: tuple[int, ...]  # disparities at which obstacles are looked for
+    checks_px: tuple[int, ...]  # those beside them at which they must not match as well
 
 
 @dataclass(frozen=True)
 class NormalizedView:
-    """A view made ready for matching.
+    """A view made ready for matching."""
 
-    Parameters
-    ----------
-    pixels : array of uint8, shape (height, width)
-        Even contrast, in `EVEN_STEPS` to a local standard deviation.
-    edges : array of float32, shape (rows, columns) of cells
-        Grey levels a pixel.
-    """
-
-    pixels: U8
-    edges: F32
+    pixels: U8  # even contrast, in `EVEN_STEPS` to a local standard deviation
+    edges: F32  # of each cell, grey levels a pixel
 
     def rows(self, first: int, last: int) -> NormalizedView:
         """The part from one row of cells to before another."""
@@ -197,17 +181,14 @@ class PushbroomDetector:
         fault = pair_shape_fault(frame, self.calibration.frame_size)
         if frame.left is None or frame.right is None or fault:
             return self._unjudged(fault)
-        left, left_fault = self._picture(frame.left)
-        right, right_fault = self._picture(frame.right)
+        left, left_fault = self._picture(frame.left, "left")
+        right, right_fault = self._picture(frame.right, "right")
         views = self.rectifier.left_of(left), self.rectifier.right_of(right)
         evened = _normalized(views[0])
         seen = self._depths(evened, _normalized(views[1]))
         hits = self._at_full_size(seen)
         textured = bool((evened.edges > EDGE_GREY).mean() > TEXTURED_FRACTION)
-        unfit = left_fault.about("left") if left_fault else NO_FAULT
-        if right_fault and not unfit:
-            unfit = right_fault.about("right")
-        unfit = unfit or one_picture_fault(frame)
+        unfit = left_fault or right_fault or one_picture_fault(frame)
         doubt = self._doubt(*views, hits)
         if doubt is None or doubt.matches_stand:
             self._memory.add(seen)
@@ -226,8 +207,8 @@ class PushbroomDetector:
             Depth along the view's axis in metres, 0 where nothing was found. Cell (row, column)
             begins at pixel (`CELL_PX` * row, `CELL_PX` * column) of the rectifier's left view.
         """
-        left_view = self.rectifier.left_of(self._picture(left)[0])
-        right_view = self.rectifier.right_of(self._picture(right)[0])
+        left_view = self.rectifier.left_of(self._picture(left, "left")[0])
+        right_view = self.rectifier.right_of(self._picture(right, "right")[0])
         return self._depths(_normalized(left_view), _normalized(right_view))
 
     def _unjudged(self, fault: Fault, vetoes_clear: bool = False) -> Detection:
@@ -262,7 +243,7 @@ class PushbroomDetector:
         if pose is not None:
             self._since_pose = 0
 
-    def _picture(self, frame: U8) -> tuple[F32, Fault]:
+    def _picture(self, frame: U8, side: str) -> tuple[F32, Fault]:
         """The frame gray and scaled, in grey levels and fractions of them; and its fault."""
         width, height = self.rectifier.size
         # Averaged before rounding: the frames hold only a few grey levels of signal.
@@ -270,7 +251,8 @@ class PushbroomDetector:
         step = np.uint16(STEPS_PER_LEVEL)
         rounded = ((gray16 + step // np.uint16(2)) // step).astype(np.uint8)
         fault = frame_fault(frame, rounded, self._checked_grid)
-        return gray16.astype(np.float32) / np.float32(STEPS_PER_LEVEL), fault
+        scaled = gray16.astype(np.float32) / np.float32(STEPS_PER_LEVEL)
+        return scaled, fault.about(side) if fault else NO_FAULT
 
     def _depths(self, left: NormalizedView, right: NormalizedView) -> F32:
         """The depth in metres of each cell's obstacle, 0 where there is none; nearer ones win."""
@@ -419,20 +401,8 @@ _GROWTH = 0.05
 class ObstacleMemory:
     """Points of obstacles in the left camera's present axes, at most one for each cell of the view.
 
-    Parameters
-    ----------
-    rectifier : Rectifier
-    cell_px : int
-        Width and height in pixels of the view's cells.
-    oldest : int
-        Age in frames up to which a point is kept.
-
-    Attributes
-    ----------
-    points_m : array of float64, shape (n, 3)
-        x right, y down, z forward.
-    ages : array of int64, shape (n,)
-        Frames since each point was seen.
+    `points_m` has x right, y down and z forward, `ages` the frames since each point was seen,
+    `oldest` at most.
     """
 
     def __init__(self, rectifier: Rectifier, cell_px: int, oldest: int) -> None:
@@ -453,18 +423,11 @@ class ObstacleMemory:
         self._cells = np.empty(0, np.int64)
 
     def advance(self, frames: int, motion: Motion | None, moving: int = 1) -> None:
-        """Let time pass, and move the camera.
+        """Let `frames` frames pass, and move the camera.
 
-        Parameters
-        ----------
-        frames : int
-            How many frames later it is.
-        motion : Motion, optional
-            Of the camera; None where it is not known: the points stay in view where they are, at
-            the distance they were seen at.
-        moving : int
-            How many frames the motion took. A point that is younger was seen on the way: it
-            takes only the part of the motion that came after, as of an even one.
+        Where its motion is not known the points stay in view where they are, at the distance they
+        were seen at. The motion took `moving` frames: a point that is younger was seen on the way,
+        and takes only the part of the motion that came after, as of an even one.
         """
         self.ages += frames
         self._keep(self.ages <= self._oldest)
@@ -486,10 +449,7 @@ class ObstacleMemory:
     def add(self, depth_m: NDArray[np.floating]) -> None:
         """Remember what is seen now, in place of what was there before.
 
-        Parameters
-        ----------
-        depth_m : array of float, shape (rows, columns) of cells
-            Along the view's axis, in metres; 0 where nothing is seen.
+        `depth_m` is each cell's along the view's axis, in metres; 0 where nothing is seen.
         """
         seen = np.flatnonzero(depth_m)
         depth = depth_m.ravel()[seen].astype(np.float64)

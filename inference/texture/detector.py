@@ -68,14 +68,9 @@ def min_mask_patches(grid: Grid, height: int, width: int) -> int:
 class MofNResult:
     """The rule's answer on one frame.
 
-    Parameters
-    ----------
-    patches : array of bool, shape (n_patches,), or None
-        What is white in the mask: nothing where the frame is clear; None where the frames before
-        are not known well enough to say.
-    note : str
-        Which frames the rule waits for or holds on to, in words; empty where this frame alone
-        decides.
+    The patches are white in the mask: nothing where the frame is clear; None where the frames
+    before are not known well enough to say. The note says which frames the rule waits for or holds
+    on to; empty where this frame alone decides.
     """
 
     patches: Bools | None

@@ -19,10 +19,7 @@ _ARRAYS = {"StandardScaler": ("mean_", "scale_"), "LinearSVC": ("coef_", "interc
 def pipeline_arrays(data: bytes, where: str) -> dict[str, F64]:
     """``coef_`` and ``intercept_``, and ``mean_`` and ``scale_`` where features are scaled.
 
-    Raises
-    ------
-    ToktError
-        If it is no skops file of such a pipeline.
+    ToktError if it is no skops file of such a pipeline.
     """
     members = unzip(data, where)
     try:

@@ -52,13 +52,7 @@ class PublicKey:
         return hashlib.sha256(self.raw).hexdigest()[:KEY_ID_DIGITS]
 
     def signed(self, manifest: bytes, signature: Signature) -> bool:
-        """Whether the signature is this key's, of exactly this manifest.
-
-        Raises
-        ------
-        ToktError
-            If the package cryptography is missing.
-        """
+        """Whether the signature is this key's, of this manifest; ToktError without cryptography."""
         return self.made(signature, signed_message(manifest))
 
     def made(self, signature: Signature, message: bytes) -> bool:
@@ -115,21 +109,12 @@ def read_public_key(path: Path) -> PublicKey:
 
 @dataclass(frozen=True)
 class KeyPair:
-    """The files of a new pair of keys.
-
-    Parameters
-    ----------
-    private_file, public_file : Path
-    public : PublicKey
-    exposed : bool
-        Whether others on this machine can read the private file, as on a USB stick, whose file
-        system knows no owners.
-    """
+    """The files of a new pair of keys."""
 
     private_file: Path
     public_file: Path
     public: PublicKey
-    exposed: bool
+    exposed: bool  # whether others here can read the private one, as on a stick without owners
 
 
 def write_key_pair(name: Path, passphrase: str = "") -> KeyPair:

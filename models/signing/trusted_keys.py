@@ -27,32 +27,15 @@ MIN_ID_DIGITS = 8
 
 @dataclass(frozen=True)
 class KeyEvent:
-    """A decision about a store's keys.
+    """A decision about a store's keys."""
 
-    Parameters
-    ----------
-    action : {"trust", "distrust", "accept unsigned"}
-    key_id : str
-        Empty for "accept unsigned".
-    public_key : str
-        The key itself, 64 hexadecimal digits; for "trust" only.
-    name : str
-        Of the key's file, for people; for "trust" and "distrust".
-    time : str
-        UTC, ISO 8601.
-    who : str
-        The account that ran the command.
-    reason : str
-        May be empty.
-    """
-
-    action: str
-    key_id: str
-    public_key: str
-    name: str
-    time: str
-    who: str
-    reason: str
+    action: str  # trust, distrust, accept unsigned
+    key_id: str  # empty for "accept unsigned"
+    public_key: str  # the key itself, 64 hexadecimal digits; for "trust" only
+    name: str  # of the key's file, for people; for "trust" and "distrust"
+    time: str  # UTC, ISO 8601
+    who: str  # the account that ran the command
+    reason: str  # may be empty
 
 
 class DamagedKeysError(ToktError):

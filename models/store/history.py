@@ -27,37 +27,17 @@ _SINCE_2 = "signed_by"
 
 @dataclass(frozen=True)
 class Activation:
-    """One entry of the history.
+    """One entry of the history."""
 
-    Parameters
-    ----------
-    number : int
-        1 for the first activation of this store, and so on.
-    action : {"deploy", "rollback"}
-    sha256 : str
-        Of the bundle file.
-    name, version : str
-        Of the model.
-    time : str
-        UTC, ISO 8601.
-    who : str
-        The account that ran the command.
-    reason : str
-        What the person gave as the reason; may be empty.
-    signed_by : str
-        Id of the trusted key whose signature was found right then; empty in a store that asks
-        for no signature.
-    """
-
-    number: int
-    action: str
-    sha256: str
-    name: str
+    number: int  # 1 for the first activation of this store, and so on
+    action: str  # deploy, rollback
+    sha256: str  # of the bundle file
+    name: str  # of the model
     version: str
-    time: str
-    who: str
-    reason: str
-    signed_by: str = ""
+    time: str  # UTC, ISO 8601
+    who: str  # the account that ran the command
+    reason: str  # what the person gave as the reason; may be empty
+    signed_by: str = ""  # trusted key whose signature was found then; empty where none is asked for
 
     @property
     def label(self) -> str:
@@ -79,12 +59,7 @@ class DamagedError(ToktError):
 def activation_from_bytes(text: bytes, where: str) -> Activation:
     """Read an entry.
 
-    Raises
-    ------
-    DamagedError
-        If it is none.
-    ToktError
-        If a newer tokt wrote it.
+    DamagedError if it is none, another ToktError if a newer tokt wrote it.
     """
     damaged = DamagedError(f"{where} is damaged (the next deployment sets it aside)")
     try:
@@ -110,14 +85,9 @@ def activation_from_bytes(text: bytes, where: str) -> Activation:
 class RollbackStack:
     """The models that rolling back can return to, as the history has them.
 
-    Parameters
-    ----------
-    entries : list of Activation
-        What is active, last, and before it what each rollback would make active again, as far as
-        that is known.
-    left : set of str
-        SHA-256 of the bundles that a person rolled back from and nobody activated again. A person
-        may go back to one; nothing else may.
+    The last of the entries is active, and before it stands what each rollback would make active
+    again, as far as that is known. `left` are the SHA-256 of the bundles that a person rolled back
+    from and nobody activated again. A person may go back to one; nothing else may.
     """
 
     entries: list[Activation] = field(default_factory=list)
@@ -165,16 +135,8 @@ def _go_back(found: RollbackStack, entry: Activation, known: bool) -> None:
 def named_entry(entries: Sequence[Activation], to: str) -> Activation:
     """The newest entry of the model that a person named.
 
-    Parameters
-    ----------
-    entries : sequence of Activation
-    to : str
-        An entry's number, the first digits of a bundle's SHA-256, or ``name/version``.
-
-    Raises
-    ------
-    ToktError
-        If it names no entry, or different bundles.
+    By an entry's number, the first digits of a bundle's SHA-256, or ``name/version``; ToktError if
+    that names no entry, or different bundles.
     """
     if "/" in to:
         found = [entry for entry in entries if entry.label == to]

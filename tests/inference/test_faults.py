@@ -603,7 +603,7 @@ def test_a_disk_that_hangs_under_the_log(tmp_path, monkeypatch):
     with dive.fault_between():
         for _ in range(20):
             dive.give("clear")
-    assert log.failed == 4 and log.last_error == "the disk hangs"
+    assert log.failed == 4
     with (tmp_path / "log.jsonl").open("rb") as disk:  # it is back
         written = [json.loads(disk.readline()) for _ in range(20)]
         assert [line["seq"] for line in written] == list(range(1, 21))

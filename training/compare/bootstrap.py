@@ -24,27 +24,15 @@ _MAX_THRESHOLDS = 4096
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of two models' F1 on the same patches, first less second.
-
-    Parameters
-    ----------
-    f1_first, f1_second, difference : float
-        On all patches.
-    low, high : float
-        Bounds of the difference at `CONFIDENCE`.
-    blocks : int
-        How many independent blocks that rests on.
-    verdict : {"better", "worse", "cannot tell"}
-        Of the first against the second.
-    """
+    """Difference of two models' F1 on the same patches, first less second."""
 
     f1_first: float
     f1_second: float
     difference: float
-    low: float
+    low: float  # bounds of the difference at `CONFIDENCE`
     high: float
-    blocks: int
-    verdict: str
+    blocks: int  # how many independent blocks that rests on
+    verdict: str  # of the first against the second: better, worse or cannot tell
 
 
 def block_numbers(groups: NDArray[np.object_]) -> tuple[list[str], I64]:
@@ -137,8 +125,8 @@ def spread_of_ap(draws: F64, counts: F64) -> F64:
     return np.concatenate(parts)
 
 
-def interval(spread: F64, blocks: int) -> tuple[float, float] | None:
-    """Bounds at `CONFIDENCE` from a figure's resampled values; None where there are too few.
+def interval(spread: F64, blocks: int) -> dict[str, float] | None:
+    """Low and high bound at `CONFIDENCE` from a figure's resampled values; None of too few blocks.
 
     Percentiles, further out the fewer blocks there are, as few blocks vary too little.
 
@@ -153,11 +141,11 @@ def interval(spread: F64, blocks: int) -> tuple[float, float] | None:
     quantile = t.ppf((1 - CONFIDENCE) / 2, blocks - 1)
     tail = 100 * norm.cdf(quantile * np.sqrt(blocks / (blocks - 1)))
     low, high = np.percentile(found, [tail, 100 - tail])
-    return float(low), float(high)
+    return {"low": float(low), "high": float(high)}
 
 
 def compare_f1(
-    truth: Bools, said_first: Bools, said_second: Bools, groups: NDArray[np.object_], seed: int = 0
+    truth: Bools, said_first: Bools, said_second: Bools, groups: NDArray[np.object_]
 ) -> Difference:
     """Compare two models' obstacle F1 on the same patches.
 
@@ -167,8 +155,6 @@ def compare_f1(
         Labels, and what each model said of patches it did not learn from.
     groups : array, shape (n_patches,)
         The block of each patch.
-    seed : int
-        Of the resampling.
 
     Returns
     -------
@@ -182,11 +168,9 @@ def compare_f1(
     names, block = block_numbers(groups)
     first = obstacle_counts(truth, said_first, block, len(names))
     second = obstacle_counts(truth, said_second, block, len(names))
-    draws = drawn_blocks(len(names), seed)
-    low, high = interval(f1(summed(draws, first)) - f1(summed(draws, second)), len(names)) or (
-        -1.0,
-        1.0,
-    )
+    draws = drawn_blocks(len(names))
+    bounds = interval(f1(summed(draws, first)) - f1(summed(draws, second)), len(names))
+    low, high = (-1.0, 1.0) if bounds is None else bounds.values()
     whole = f1(np.stack([first.sum(axis=0), second.sum(axis=0)]))
     verdict = "better" if low > 0 else "worse" if high < 0 else "cannot tell"
     difference = float(whole[0] - whole[1])
@@ -195,15 +179,9 @@ def compare_f1(
 
 @dataclass(frozen=True)
 class ComparisonMetric:
-    """F1 of the obstacles, or the mean F1 of several classes.
+    """F1 of the obstacles, or the mean F1 of several classes."""
 
-    Parameters
-    ----------
-    classes : int
-        Macro-F1 of so many classes; 0 for F1 of the obstacles.
-    """
-
-    classes: int = 0
+    classes: int = 0  # macro-F1 of so many classes; 0 for F1 of the obstacles
 
     @classmethod
     def of(cls, obstacle: Sequence[bool]) -> ComparisonMetric:
@@ -227,14 +205,8 @@ class ComparisonMetric:
     ) -> F64:
         """Counts of each block.
 
-        Parameters
-        ----------
-        targets, predicted : arrays of int, shape (n_patches,)
-            Index of the class that is labelled, and that the model says.
-        truth, said : arrays of bool, shape (n_patches,)
-            Whether these classes are obstacles.
-        block : array of int, shape (n_patches,)
-        blocks : int
+        Of each patch the class that is labelled, the one that the model says, and whether these
+        are obstacles.
         """
         if self.classes:
             return class_counts(targets, predicted, self.classes, block, blocks)

@@ -15,9 +15,8 @@ import pandas as pd
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from tokt.features.common.arrays import F32, F64, I64
-from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.datasets.dataset import FRAME_KEY, PATCH_KEY, DatasetVersion
 from tokt.training.datasets.splits import dive_weights
-from tokt.training.evaluation.frame_scores import KEYS
 from tokt.training.evaluation.metrics import class_metrics, obstacle_metrics
 
 from .learning import set_up
@@ -35,19 +34,8 @@ def ceilings(
 ) -> list[dict[str, Any]]:
     """Gradient boosting on the features of each model, and a small net on the patches' pixels.
 
-    Parameters
-    ----------
-    compared : ComparedModels
-        Held out.
-    models : sequence of ModelPredictions
-        Those of `compared` that learn from its dataset.
-    workspace : Path
-    progress : callable
-
-    Returns
-    -------
-    list of dict
-        learner, model (None for the net), and patch (figures) or missing (why there are none).
+    Of held-out comparisons, and those `models` of it that learn from its dataset. Each has learner,
+    model (None for the net), and patch (figures) or missing (why there are none).
     """
     dataset, tried = compared.dataset, list[tuple[dict[str, Any], _Learner]]()
     if dataset is None or not models:
@@ -66,9 +54,8 @@ def ceilings(
         net["missing"] = "not installed (pip install torch)"
     # Cut anew: the folds of `set_up` are thinned for a curve of many fits.
     folds = setting.split.cut(dataset.patches, setting.targets)
-    place = [*KEYS, "row", "col"]
-    every = pd.MultiIndex.from_frame(dataset.patches[place])
-    rows = every.get_indexer(pd.MultiIndex.from_frame(compared.patches[place]))
+    every = pd.MultiIndex.from_frame(dataset.patches[PATCH_KEY])
+    rows = every.get_indexer(pd.MultiIndex.from_frame(compared.patches[PATCH_KEY]))
     obstacle, targets = np.asarray(dataset.obstacle_flags()), setting.targets[rows]
     for about, learner in tried:
         found = np.full((len(every), len(obstacle)), np.nan)
@@ -99,9 +86,9 @@ def _boosting(tables: Sequence[F64], targets: I64, weight: F64, changed: float) 
 def _pixels(dataset: DatasetVersion, progress: Callable[..., Any]) -> F32:
     """Each patch's gray levels, and these by their own mean and spread: (n, 2, height, width)."""
     found = np.zeros((len(dataset.patches), 2, *PATCH_SIZE[::-1]), np.float32)
-    rows_of = dataset.patches.groupby(KEYS).indices
+    rows_of = dataset.patches.groupby(FRAME_KEY).indices
     place = (dataset.patches.row * dataset.grid.cols + dataset.patches.col).to_numpy()
-    keys = list(dataset.frames[KEYS].itertuples(index=False, name=None))
+    keys = list(dataset.frames[FRAME_KEY].itertuples(index=False, name=None))
     for index, key in enumerate(progress(keys, len(keys), "reading pixels")):
         frame = dataset.read_frame(index).astype(np.float32)
         gray = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY) if frame.ndim == 3 else frame

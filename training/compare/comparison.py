@@ -76,13 +76,7 @@ def _learns(predictions: ModelPredictions) -> bool:
 
 
 def _asked_for(compared: ComparedModels, wanted: str) -> str:
-    """The model whose learning curve is asked for, by ``name`` or ``name/version``.
-
-    Raises
-    ------
-    ToktError
-        If it is not one of those compared, or has no learning curve.
-    """
+    """The model whose learning curve is asked for, by ``name`` or ``name/version``."""
     for item in compared.models:
         if wanted in (item.label, item.bundle.name):
             if not _learns(item):
@@ -117,10 +111,8 @@ def compare_models(
 
     Parameters
     ----------
-    compared : ComparedModels
     workspace : Path
         Holds the features that the learning curve needs.
-    progress : callable
     curve_of : str, optional
         Name of the model to draw the learning curve of; by default the best.
     with_ceilings : bool
@@ -186,13 +178,7 @@ def measure_times(compared: ComparedModels) -> dict[str, Any]:
     """Time from a decoded frame to its verdict.
 
     Models take turns frame by frame, each beginning as often as the others, so that whatever else
-    the machine does falls on all alike.
-
-    Returns
-    -------
-    dict
-        how (in words), kernels, cpu, and models: {label: {median_ms, low_ms, high_ms, runs}} with
-        the 10th and the 90th percentile.
+    the machine does falls on all alike. Low and high are the 10th and the 90th percentile.
     """
     bundles = [predictions.bundle for predictions in compared.models]
     pictures, what = _pictures(compared)

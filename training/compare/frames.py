@@ -20,6 +20,7 @@ from tokt.models.operating_point import (
     frame_step,
     missed_before,
 )
+from tokt.training.datasets.dataset import FRAME_KEY
 from tokt.training.datasets.splits import block_of
 from tokt.training.evaluation.approaches import (
     NOTHING_STATED,
@@ -30,42 +31,23 @@ from tokt.training.evaluation.approaches import (
     false_status_per_hour,
 )
 from tokt.training.evaluation.evaluate import first_detection
-from tokt.training.evaluation.frame_scores import KEYS, frame_names
+from tokt.training.evaluation.frame_scores import frame_names
 
 OCEAN, OBSTACLE_FRAME, NEITHER = "ocean", "obstacle", "neither"
 
 
 @dataclass(frozen=True)
 class FrameSeries:
-    """The frames that are compared, dive by dive and camera by camera, in order.
+    """The frames that are compared, dive by dive and camera by camera, in order."""
 
-    Parameters
-    ----------
-    table : DataFrame
-        Columns mission, camera, frame, kind (ocean, obstacle or neither) and fold (-1 where
-        there are none).
-    starts : array of int
-        Rows at which another dive or camera begins.
-    gaps : array of int, shape (n_frames,)
-        Frames missing just before each one, in its own sequence.
-    """
-
-    table: pd.DataFrame
-    starts: I64
-    gaps: I64
+    table: pd.DataFrame  # mission, camera, frame, kind (as above), fold (-1 for none)
+    starts: I64  # rows at which another dive or camera begins
+    gaps: I64  # (n_frames,): frames missing just before each one, in its own sequence
 
     @classmethod
     def of(cls, table: pd.DataFrame, step: int | None = None) -> FrameSeries:
-        """Order the rows of a table of frames.
-
-        Parameters
-        ----------
-        table : DataFrame
-            As the attribute.
-        step : int, optional
-            In which the dives count their frames; by default as the frames themselves show.
-        """
-        table = table.sort_values(KEYS, ignore_index=True)
+        """Order the rows of a table; `step` is the dives' `frame_step`, or the frames show it."""
+        table = table.sort_values(FRAME_KEY, ignore_index=True)
         new = (table[["mission", "camera"]] != table[["mission", "camera"]].shift()).any(axis=1)
         starts = np.flatnonzero(new)
         missing: list[int] = []
@@ -97,13 +79,6 @@ class FrameSeries:
         return [slice(a, b) for a, b in pairwise([*self.starts.tolist(), len(self.table)])]
 
 
-def kind_of_frame(labels_clear: Bools, whole: bool) -> str:
-    """The kind of a frame by its labels; ocean only where every patch is labelled clear."""
-    if not labels_clear.all():
-        return OBSTACLE_FRAME
-    return OCEAN if whole else NEITHER
-
-
 def labelled_approaches(table: pd.DataFrame) -> list[tuple[int, int]]:
     """Of `approaches`, in the frames of one dive and camera, in order."""
     number, kind = table.frame, table.kind
@@ -116,18 +91,9 @@ def statuses(
 ) -> I64:
     """The status of each frame, as the runtime would give it frame after frame.
 
-    Parameters
-    ----------
-    series : FrameSeries
-    scores : array of float64, shape (n_frames, n_patches)
-        Of `LinearModel.obstacle_score`; -inf where a patch has none.
-    judged : array of bool, shape (n_frames,)
-        False where the runtime would not judge the picture.
-    rules : sequence of MofNRule
-        One for all frames, or one a fold: then a frame's own fold's rule looks back over the
-        frames before, whichever fold these are of.
-    white : int
-        Of `min_mask_patches`.
+    Scores, judged and white are as in `ModelPredictions`. There is one rule for all frames, or one
+    a fold: then a frame's own fold's rule looks back over the frames before, whichever fold these
+    are of.
     """
     found = np.full(len(scores), UNKNOWN)
     fold = series.table.fold.to_numpy() if len(rules) > 1 else np.zeros(len(scores), int)
@@ -149,20 +115,9 @@ def frame_figures(
 ) -> dict[str, Any]:
     """Statuses against what the labels say a frame holds.
 
-    Parameters
-    ----------
-    series : FrameSeries
-    status : array of int, shape (n_frames,)
-    ranges : mapping of str to KnownDistances, optional
-        By mission, of its left frames.
-    stated : AtSea
-
-    Returns
-    -------
-    dict
-        Counts as `tokt evaluate` gives them, `approaches` and `false_status_per_hour` too, and
-        `first_detection` for each dive and camera: its first obstacle frame, the first of three
-        frames in a row with status 1, and whether that came before any labelled obstacle.
+    Counts as `tokt evaluate` gives them, `approaches` and `false_status_per_hour` too, and in
+    `sequences`, for each dive and camera, its first obstacle frame, the first of three frames in a
+    row with status 1, and whether that came before any labelled obstacle.
     """
     ocean, obstacle = series.kind(OCEAN), series.kind(OBSTACLE_FRAME)
     said = status == OBSTACLE

@@ -1,6 +1,6 @@
 """Predictions of registered models on patches that their cross-validation held out."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +14,17 @@ from tokt.inference.texture.detector import min_mask_patches
 from tokt.models.bundle.bundle import SUFFIX, Bundle, read_bundle
 from tokt.models.operating_point import MofNRule
 from tokt.models.registry.registry import Registry
-from tokt.training.datasets.dataset import DatasetVersion, list_datasets
-from tokt.training.evaluation.frame_scores import KEYS
+from tokt.training.datasets.dataset import (
+    FRAME_KEY,
+    PATCH_COLUMNS,
+    PATCH_KEY,
+    DatasetVersion,
+    list_datasets,
+)
 
-from .frames import FrameSeries, kind_of_frame
+from .frames import NEITHER, OBSTACLE_FRAME, OCEAN, FrameSeries
 from .predictions import HELD_OUT, ComparedModels, ModelPredictions, error_margins
 
-_PLACE = [*KEYS, "row", "col"]
-_TABLE = [*_PLACE, "label", "group"]
 _ASK = "give --mission DIR and --labels CSV of a dive that neither learnt from"
 
 
@@ -58,7 +61,7 @@ def _check_same_folds(tables: Mapping[str, pd.DataFrame]) -> None:
     first = next(iter(tables))
     base = tables[first]
     for label, table in tables.items():
-        same = len(table) == len(base) and table[_TABLE].equals(base[_TABLE])
+        same = table[PATCH_COLUMNS].equals(base[PATCH_COLUMNS])
         both = (table.fold >= 0) & (base.fold >= 0) if same else None
         if both is None or not table.fold[both].equals(base.fold[both]):
             raise ToktError(f"{first} and {label} were cross-validated in other folds: {_ASK}")
@@ -67,18 +70,16 @@ def _check_same_folds(tables: Mapping[str, pd.DataFrame]) -> None:
 def _sorted(table: pd.DataFrame, label: str) -> pd.DataFrame:
     if "value_0" not in table:
         raise ToktError(f"model {label} was trained by an older tokt; train it again to compare it")
-    return table.sort_values(_PLACE, ignore_index=True)
+    return table.sort_values(PATCH_KEY, ignore_index=True)
 
 
 def _frames(table: pd.DataFrame, truth: Bools, grid: Grid) -> pd.DataFrame:
     """One row a frame, with its kind and its fold."""
-    groups = table.assign(clear=~truth).groupby(KEYS)
+    groups = table.assign(clear=~truth).groupby(FRAME_KEY)
     frames = groups.agg(n=("clear", "size"), clear=("clear", "all"), fold=("fold", "first"))
-    frames["kind"] = [
-        kind_of_frame(np.array([clear]), n == grid.n_patches)
-        for n, clear in zip(frames.n, frames.clear, strict=True)
-    ]
-    return frames.reset_index()[[*KEYS, "kind", "fold"]]
+    sides = [~frames.clear, frames.n == grid.n_patches]
+    frames["kind"] = np.select(sides, [OBSTACLE_FRAME, OCEAN], NEITHER)
+    return frames.reset_index()[[*FRAME_KEY, "kind", "fold"]]
 
 
 def _predictions(
@@ -178,7 +179,7 @@ def read_held_out(references: Sequence[str], workspace: Path) -> ComparedModels:
     truth = np.asarray(bundles[labels[0]].model.obstacle, bool)[first.target.to_numpy()]
     series = FrameSeries.of(_frames(first, truth, bundles[labels[0]].grid))
     # The table is sorted as the series is.
-    frame = first.groupby(KEYS).ngroup().to_numpy(np.int64)
+    frame = first.groupby(FRAME_KEY).ngroup().to_numpy(np.int64)
     known = (item for item in list_datasets(workspace / "datasets") if item.hash == wanted)
     dataset = next(known, None)
     # The thesis's models learn from a frame of a dive that they are tested on.
@@ -193,7 +194,7 @@ def read_held_out(references: Sequence[str], workspace: Path) -> ComparedModels:
         mode=HELD_OUT,
         what=f"dataset {recipes[labels[0]]['provenance']['dataset']}"
         + (" (UNGROUPED)" if bundles[labels[0]].grid.width is None else ""),
-        patches=first[_TABLE],
+        patches=first[PATCH_COLUMNS],
         truth=truth,
         models=[_predictions(bundles[x], recipes[x], kept[x], frame) for x in labels],
         series=series,
@@ -222,12 +223,6 @@ def check_different(labels: Sequence[str], hashes: Sequence[str] | None = None) 
         raise ToktError("compare needs at least two models")
 
 
-def _reader(dataset: DatasetVersion) -> Any:
-    index = {
-        key: row for row, key in enumerate(dataset.frames[KEYS].itertuples(index=False, name=None))
-    }
-
-    def read(mission: str, camera: str, frame: int) -> U8:
-        return dataset.read_frame(index[mission, camera, frame])
-
-    return read
+def _reader(dataset: DatasetVersion) -> Callable[[str, str, int], U8]:
+    index = pd.MultiIndex.from_frame(dataset.frames[FRAME_KEY])
+    return lambda *key: dataset.read_frame(int(index.get_loc(key)))

@@ -6,12 +6,13 @@ Nothing is chosen anew: each fold keeps the settings that its own training part 
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tokt.features.common.arrays import F64, I64
+from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.frames.mission import format_frames
 from tokt.models.registry.registry import Registry, fitting
 from tokt.training.datasets.dataset import DatasetVersion
@@ -31,28 +32,45 @@ _MAX_STRETCHES = 16
 _Fit = tuple[tuple[Any, ...], int, I64]
 """What a fit belongs to, its fold, and the blocks that it learns from."""
 _SMALL = 0.01  # a gain that is not worth a day of labelling
+_UNKNOWN: dict[str, Any] = {"low": None, "high": None}
 
 
 @dataclass(frozen=True)
 class _Setting:
-    """All that a fit needs.
-
-    `unit` is what each block is drawn with: its dive where there are several, else by itself.
-    """
+    """All that a fit needs; of the folds one training patch in `every` is left."""
 
     dataset: DatasetVersion
     features: F64
     augmented: list[F64]
-    targets: I64
     folds: list[Fold]
     choices: list[Hyperparameters]
     settings: TrainingSettings
-    measure: ComparisonMetric
-    block: I64
-    names: list[str]
-    unit: I64
     every: int
     split: Split
+
+    @cached_property
+    def targets(self) -> I64:
+        return self.dataset.targets()
+
+    @cached_property
+    def obstacle(self) -> Bools:
+        """For each class whether it is one."""
+        return np.asarray(self.dataset.obstacle_flags(), bool)
+
+    @cached_property
+    def measure(self) -> ComparisonMetric:
+        return ComparisonMetric.of(self.dataset.obstacle_flags())
+
+    @cached_property
+    def block(self) -> I64:
+        """The block of each patch."""
+        return block_numbers(self.dataset.patches.group.to_numpy())[1]
+
+    @cached_property
+    def unit(self) -> I64:
+        """What each block is drawn with: its dive where there are several, else by itself."""
+        of_patch = independent_units(self.dataset.patches)[1]
+        return of_patch[np.unique(self.block, return_index=True)[1]]
 
     @property
     def units(self) -> int:
@@ -66,10 +84,9 @@ class _Setting:
 
     def counts(self, predicted: I64, rows: I64) -> F64:
         """What predictions of some rows add to each block's counts."""
-        flags = np.asarray(self.dataset.obstacle_flags(), bool)
         targets = self.targets[rows]
-        sides = flags[targets], flags[predicted]
-        return self.measure.counts(targets, predicted, *sides, self.block[rows], len(self.names))
+        sides = self.obstacle[targets], self.obstacle[predicted]
+        return self.measure.counts(targets, predicted, *sides, self.block[rows], len(self.unit))
 
     def predict(self, index: int, blocks: I64) -> I64:
         """Predictions of a fold's test rows by a model of some of its training blocks."""
@@ -123,8 +140,7 @@ def set_up(
             Hyperparameters(float(fold["penalty"]), fold.get("class_weight"))
             for fold in recipe["metrics"]["folds"]
         ]
-        targets = dataset.targets()
-        folds = split.cut(dataset.patches, targets)
+        folds = split.cut(dataset.patches, dataset.targets())
         if len(folds) != len(choices):
             raise ValueError(f"{len(folds)} folds, choices of {len(choices)}")
     spec = dict(predictions.bundle.content.extractor_spec)
@@ -133,24 +149,7 @@ def set_up(
         for augmentation in ("", *settings.changes)
     )
     folds, every = _thinned(dataset, folds, features.shape[1] * (1 + len(augmented)))
-    names, block = block_numbers(dataset.patches.group.to_numpy())
-    unit = independent_units(dataset.patches)[1]
-    measure = ComparisonMetric.of(dataset.obstacle_flags())
-    return _Setting(
-        dataset=dataset,
-        features=features,
-        augmented=augmented,
-        targets=targets,
-        folds=folds,
-        choices=choices,
-        settings=settings,
-        measure=measure,
-        block=block,
-        names=names,
-        unit=unit[np.unique(block, return_index=True)[1]],
-        every=every,
-        split=split,
-    )
+    return _Setting(dataset, features, augmented, folds, choices, settings, every, split)
 
 
 def _order(setting: _Setting, fold: Fold, rng: np.random.Generator) -> I64:
@@ -180,8 +179,8 @@ def _stretches(setting: _Setting) -> list[I64]:
     """Blocks one by one, or neighbours together where there are many."""
     if setting.dataset.block_frames is None:
         return []
-    count = min(len(setting.names), _MAX_STRETCHES)
-    return list(np.array_split(np.arange(len(setting.names)), count))
+    blocks = len(setting.unit)
+    return list(np.array_split(np.arange(blocks), min(blocks, _MAX_STRETCHES)))
 
 
 def _fits_without(setting: _Setting, stretches: list[I64]) -> Iterator[_Fit]:
@@ -203,18 +202,10 @@ def _wrong_by_label(setting: _Setting, found: dict[tuple[float, int], I64]) -> l
     rows = []
     for label in sorted(set(labels)):
         mine = tested[labels == label]
-        shares = [
-            float(
-                np.mean(
-                    [
-                        (predicted[mine] != setting.targets[mine]).mean()
-                        for (part, _), predicted in found.items()
-                        if part == fraction
-                    ]
-                )
-            )
-            for fraction in FRACTIONS
-        ]
+        wrong: dict[float, list[float]] = defaultdict(list)
+        for (fraction, _), predicted in found.items():
+            wrong[fraction].append((predicted[mine] != setting.targets[mine]).mean())
+        shares = [float(np.mean(wrong[fraction])) for fraction in FRACTIONS]
         rows.append({"label": str(label), "n": len(mine), "wrong": shares})
     return rows
 
@@ -227,20 +218,10 @@ def learning_curve(
 ) -> dict[str, Any]:
     """Learn from growing parts of the training blocks, and from all but one stretch.
 
-    Parameters
-    ----------
-    predictions : ModelPredictions
-        Registered, and not of preset `thesis`, which learns from two images alone.
-    dataset : DatasetVersion
-    workspace : Path
-    progress : callable
-
-    Returns
-    -------
-    dict
-        model, measure, points (fraction, blocks, mean, least, most), gains (from, to,
-        difference, low, high), by_label, stretches (frames, obstacle, help, low, high; most
-        helpful first), words (list of str) and how.
+    The model is registered, and not of preset `thesis`, which learns from two images alone. Found
+    are model, measure, points (fraction, blocks, mean, least, most), gains (from, to, difference,
+    low, high), by_label, stretches (frames, obstacle, help, low, high; most helpful first), words
+    (list of str) and how.
     """
     setting = set_up(predictions, dataset, workspace, progress)
     stretches = _stretches(setting)
@@ -301,14 +282,9 @@ def _gain(
     spread = figure(summed(draws, whole)) - np.mean(
         [figure(summed(draws, item)) for item in fewer], axis=0
     )
-    bounds = interval(spread, setting.units)
+    bounds = interval(spread, setting.units) or _UNKNOWN
     difference = _value(setting, whole) - float(np.mean([_value(setting, x) for x in fewer]))
-    return {"from": part, "to": 1.0, "difference": difference, **_bounds(bounds)}
-
-
-def _bounds(found: tuple[float, float] | None) -> dict[str, float | None]:
-    low, high = found or (None, None)
-    return {"low": low, "high": high}
+    return {"from": part, "to": 1.0, "difference": difference, **bounds}
 
 
 def _helped(
@@ -321,7 +297,7 @@ def _helped(
     """How much worse the other blocks are judged when a stretch is not learnt from."""
     figure = setting.measure.figure
     patches = setting.dataset.patches
-    obstacle = np.asarray(setting.dataset.obstacle_flags(), bool)[setting.targets]
+    obstacle = setting.obstacle[setting.targets]
     found = []
     for number, parts in without.items():
         # Only of the folds that had the stretch to learn from.
@@ -331,7 +307,7 @@ def _helped(
         if setting.measure.name == "f1" and not obstacle[rows].any():
             continue  # the folds that are left hold no obstacle to find: no F1
         without_it = figure(summed(draws, other))
-        bounds = interval(figure(summed(draws, same)) - without_it, setting.units)
+        bounds = interval(figure(summed(draws, same)) - without_it, setting.units) or _UNKNOWN
         mine = np.isin(setting.block, stretches[number])
         found.append(
             {
@@ -340,7 +316,7 @@ def _helped(
                 "patches": int(mine.sum()),
                 "obstacle": int(obstacle[mine].sum()),
                 "help": _value(setting, same) - _value(setting, other),
-                **_bounds(bounds),
+                **bounds,
             }
         )
     return sorted(found, key=lambda row: -float(row["help"]))
@@ -360,13 +336,7 @@ def _how(setting: _Setting) -> str:
 
 
 def learning_words(result: dict[str, Any]) -> list[str]:
-    """What a learning curve says, a sentence each.
-
-    Parameters
-    ----------
-    result : dict
-        As `learning_curve` gives it.
-    """
+    """What a learning curve, as `learning_curve` gives it, says: a sentence each."""
     return [*_gain_words(result), *_label_words(result), *_stretch_words(result)]
 
 

@@ -18,17 +18,18 @@ from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.bundle.bundle import Bundle, frame_id
 from tokt.models.operating_point import MAX_WINDOW, frame_step, missed_before
+from tokt.training.datasets.dataset import FRAME_KEY, PATCH_COLUMNS
 from tokt.training.datasets.mission_source import LabelledMission
 from tokt.training.datasets.splits import BLOCK_FRAMES, block_of
 from tokt.training.evaluation.approaches import NOTHING_STATED, AtSea, known_distances
 from tokt.training.evaluation.evaluate import (
     classes_and_targets,
+    frame_kinds,
     mission_in_training,
     unjudged_values,
 )
-from tokt.training.evaluation.frame_scores import KEYS
 
-from .frames import FrameSeries, kind_of_frame, labelled_approaches
+from .frames import NEITHER, OBSTACLE_FRAME, OCEAN, FrameSeries, labelled_approaches
 from .predictions import MISSION, ComparedModels, ModelPredictions, error_margins
 
 
@@ -45,13 +46,7 @@ def _check_grids(bundles: Sequence[Bundle]) -> None:
 def check_unseen(
     bundles: Sequence[Bundle], mission: Mission, frames: Sequence[int], progress: Callable[..., Any]
 ) -> None:
-    """Refuse models that learnt from the very frames they would be compared on.
-
-    Raises
-    ------
-    ToktError
-        Saying which model, how many frames, and which.
-    """
+    """Refuse, by ToktError, models that learnt from the very frames they would be compared on."""
     known = {bundle.label: set(bundle.content.trained_on.tolist()) for bundle in bundles}
     seen: dict[str, list[int]] = {bundle.label: [] for bundle in bundles}
     for number in progress(frames, len(frames), "looking for frames that were learnt from"):
@@ -98,21 +93,18 @@ def _patches(records: Sequence[LabelRecord]) -> pd.DataFrame:
         (r.mission, r.camera, r.frame, r.row, r.col, str(r.label), block_of(r.mission, r.frame))
         for r in records
     ]
-    return pd.DataFrame(rows, columns=[*KEYS, "row", "col", "label", "group"])
+    return pd.DataFrame(rows, columns=PATCH_COLUMNS)
 
 
 def _frames(
     name: str, frames: Sequence[int], records: Sequence[LabelRecord], taxonomy: Taxonomy, n: int
 ) -> pd.DataFrame:
-    by_frame: dict[int, list[str]] = {number: [] for number in frames}
-    for record in records:
-        by_frame[record.frame].append(str(record.label))
-    rows = []
-    for number, said in by_frame.items():
-        sure = [label for label in said if label != UNSURE]
-        clear = np.array([not taxonomy.is_obstacle(label) for label in sure], bool)
-        rows.append((name, LEFT, number, kind_of_frame(clear, len(sure) == n), -1))
-    return pd.DataFrame(rows, columns=[*KEYS, "kind", "fold"])
+    kinds = dict.fromkeys(frames, NEITHER)
+    sides = frame_kinds(frames, records, taxonomy, n)
+    for kind, numbers in zip((OCEAN, OBSTACLE_FRAME), sides, strict=True):
+        kinds |= dict.fromkeys(numbers, kind)
+    rows = [(name, LEFT, number, kind, -1) for number, kind in kinds.items()]
+    return pd.DataFrame(rows, columns=[*FRAME_KEY, "kind", "fold"])
 
 
 def _predictions(
@@ -165,12 +157,10 @@ def predict_missions(
 
     Parameters
     ----------
-    bundles : sequence of Bundle
     missions : sequence of LabelledMission
         With labels in the models' grid; several annotators are merged.
     taxonomy : Taxonomy
         Says which labels are obstacles.
-    progress : callable
     frames : sequence of int, optional
         Compare on these frames only.
     stated : AtSea

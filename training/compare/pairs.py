@@ -52,6 +52,12 @@ class _Resampled:
     def change(self, first: str, second: str) -> F64:
         return self.spread[first] - self.spread[second]
 
+    def compared(self, first: str, second: str, blocks: int) -> dict[str, Any]:
+        return {
+            "difference": self.value(first) - self.value(second),
+            "interval": interval(self.change(first, second), blocks),
+        }
+
 
 def main_measure(compared: ComparedModels) -> ComparisonMetric:
     """Macro-F1 where all models tell the same several classes apart, else the obstacles' F1."""
@@ -85,11 +91,6 @@ def _ap_measure(compared: ComparedModels, draws: F64) -> _Resampled | None:
     return _Resampled("average_precision", "AP", average_precision, counts, spread)
 
 
-def _bounds(spread: F64, blocks: int) -> dict[str, float] | None:
-    found = interval(spread, blocks)
-    return None if found is None else {"low": found[0], "high": found[1]}
-
-
 def _detectable(spread: F64, questions: int) -> float | None:
     """The difference that would be called one in 4 of 5 repeats, from its standard error."""
     found = spread[np.isfinite(spread)]
@@ -99,8 +100,8 @@ def _detectable(spread: F64, questions: int) -> float | None:
     return float((norm.ppf(1 - alpha / 2) + norm.ppf(_POWER)) * found.std())
 
 
-def _verdict(difference: float, bounds: dict[str, float] | None, p: float) -> str:
-    if bounds is None or p > 1 - CONFIDENCE or bounds["low"] <= 0 <= bounds["high"]:
+def _verdict(p: float, difference: float, interval: dict[str, float] | None) -> str:
+    if interval is None or p > 1 - CONFIDENCE or interval["low"] <= 0 <= interval["high"]:
         return CANNOT_TELL
     return BETTER if difference > 0 else WORSE
 
@@ -177,7 +178,7 @@ def compare_pairs(compared: ComparedModels) -> dict[str, Any]:
         "measure_title": measure.title,
         "blocks": len(names),
         "intervals": {
-            label: {item.name: _bounds(item.spread[label], len(names)) for item in shown}
+            label: {item.name: interval(item.spread[label], len(names)) for item in shown}
             for label in labels
         },
         "pairs": _pairs(measure, ap, couples, len(names), compared.unit) if defined else [],
@@ -198,29 +199,23 @@ def _pairs(
     adjusted = holm([test.p for test in tests])
     pairs = []
     for (a, b), test, p in zip(couples, tests, adjusted, strict=True):
-        difference = measure.value(a) - measure.value(b)
-        bounds = _bounds(measure.change(a, b), blocks)
+        told = measure.compared(a, b, blocks)
         pair: dict[str, Any] = {
             "models": [a, b],
             "values": [measure.value(a), measure.value(b)],
-            "difference": difference,
-            "interval": bounds,
+            **told,
             "p": test.p,
             "p_adjusted": p,
             "swaps": test.swaps,
             "exact": test.exact,
             "differing_blocks": test.differing,
             "detectable": _detectable(measure.change(a, b), len(couples)),
-            "average_precision": None if ap is None else _ap_pair(ap, a, b, blocks),
-            "verdict": _verdict(difference, bounds, p),
+            "average_precision": ap and ap.compared(a, b, blocks),
+            "verdict": _verdict(p, **told),
         }
         pair["words"] = _said(pair, measure.title, test, len(couples), unit)
         pairs.append(pair)
     return pairs
-
-
-def _ap_pair(ap: _Resampled, a: str, b: str, blocks: int) -> dict[str, Any]:
-    return {"difference": ap.value(a) - ap.value(b), "interval": _bounds(ap.change(a, b), blocks)}
 
 
 def _method(blocks: int, unit: str, questions: int) -> str:
@@ -248,27 +243,13 @@ def _method(blocks: int, unit: str, questions: int) -> str:
 
 @dataclass(frozen=True)
 class PermutationTest:
-    """Result of a block permutation test.
+    """Result of a block permutation test."""
 
-    Parameters
-    ----------
-    p : float
-        Share of swaps with a difference at least as large, in either direction.
-    swaps : int
-        How many were looked at.
-    exact : bool
-        Whether these were all there are.
-    differing : int
-        Blocks in which the two models' counts differ; only swapping these changes anything.
-    least_p : float
-        The smallest p that so many blocks can give, however large the difference.
-    """
-
-    p: float
-    swaps: int
-    exact: bool
-    differing: int
-    least_p: float
+    p: float  # share of swaps with a difference at least as large, in either direction
+    swaps: int  # how many were looked at
+    exact: bool  # whether these were all there are
+    differing: int  # blocks in which the two models' counts differ: swapping others does nothing
+    least_p: float  # the smallest p that so many blocks can give, however large the difference
 
 
 def permutation_test(
@@ -278,16 +259,9 @@ def permutation_test(
 
     If the models are alike, it makes no difference which of them judged a block: the difference
     seen is then one of many that swapping their verdicts gives. Whole blocks are swapped, as
-    patches of a block are not independent.
-
-    Parameters
-    ----------
-    first, second : arrays of float64, shape (blocks, ...)
-        Counts of each block for each model.
-    figure : callable
-        From counts of shape (n, ...) to n figures.
-    seed : int
-        Of the swaps drawn where there are too many to look at all of them.
+    patches of a block are not independent; where there are too many swaps to look at all of them,
+    some are drawn. `first` and `second` are each model's counts, (blocks, ...); `figure` makes n
+    figures of counts (n, ...).
 
     References
     ----------
@@ -307,13 +281,11 @@ def permutation_test(
     differences = figure(first.sum(axis=0) + moved) - figure(second.sum(axis=0) - moved)
     seen = figure(first.sum(axis=0)[None]) - figure(second.sum(axis=0)[None])
     as_large = int((np.abs(differences) >= abs(float(seen[0])) - _ROUNDING).sum())
-    if exact:
-        return PermutationTest(
-            as_large / len(swaps), len(swaps), True, len(differing), 2 / 2 ** len(differing)
-        )
-    # The arrangement seen is one of those that could have been drawn.
-    p = (as_large + 1) / (len(swaps) + 1)
-    return PermutationTest(p, len(swaps), False, len(differing), 1 / (len(swaps) + 1))
+    # Of drawn swaps the arrangement seen is one more; of all swaps it and its mirror are there.
+    more, least = (0, 2) if exact else (1, 1)
+    every = len(swaps) + more
+    p = (as_large + more) / every
+    return PermutationTest(p, len(swaps), exact, len(differing), least / every)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -324,9 +296,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
     Holm (1979), A Simple Sequentially Rejective Multiple Test Procedure, Scandinavian Journal of
     Statistics 6.
     """
-    adjusted = [0.0] * len(p_values)
-    largest = 0.0
-    for rank, index in enumerate(np.argsort(p_values, kind="stable").tolist()):
-        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[index]))
-        adjusted[index] = largest
+    order = np.argsort(p_values, kind="stable")
+    steps = np.arange(len(order), 0, -1) * np.asarray(p_values)[order]
+    adjusted: list[float] = np.maximum.accumulate(steps).clip(max=1.0)[np.argsort(order)].tolist()
     return adjusted

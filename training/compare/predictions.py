@@ -26,46 +26,20 @@ HELD_OUT, MISSION = "held out", "mission"
 
 @dataclass(frozen=True)
 class ModelPredictions:
-    """One model, and what it says of every patch and frame that is compared.
-
-    Parameters
-    ----------
-    bundle : Bundle
-    targets : array of int, shape (n_patches,)
-        Index of each label among `classes`.
-    predicted : array of int, shape (n_patches,)
-    classes : tuple of str
-        The model's, and whatever else was labelled.
-    error_margin : array of float64, shape (n_patches,)
-        By how much the predicted class's value exceeds the labelled one's.
-    score : array of float64, shape (n_patches,)
-        Above 0 where the model says obstacle.
-    on_grid : array of float64, shape (n_frames, n_patches)
-        The scores of each frame; -inf where a patch has none.
-    white : int
-        Patches it takes to bring a mask's mean over the thesis's limit.
-    judged : array of bool, shape (n_frames,)
-        Whether the runtime would judge the frame at all.
-    fold_rules : list of MofNRule or None
-        Each fold's own rule, chosen without that fold; None outside of cross-validation.
-    split : str
-        How the model was cross-validated, in its own words.
-    recipe : mapping or None
-        As the registry has it, for a registered model.
-    """
+    """One model, and what it says of every patch and frame that is compared."""
 
     bundle: Bundle
-    targets: I64
-    predicted: I64
-    classes: tuple[str, ...]
-    error_margin: F64
-    score: F64
-    on_grid: F64
-    white: int
-    judged: Bools
-    fold_rules: list[MofNRule] | None
-    split: str
-    recipe: Mapping[str, Any] | None = None
+    targets: I64  # (n_patches,): index of each label among `classes`
+    predicted: I64  # (n_patches,)
+    classes: tuple[str, ...]  # the model's, and whatever else was labelled
+    error_margin: F64  # (n_patches,): of `error_margins`
+    score: F64  # (n_patches,): above 0 where the model says obstacle
+    on_grid: F64  # (n_frames, n_patches): the scores of each frame; -inf where a patch has none
+    white: int  # patches it takes to bring a mask's mean over the thesis's limit
+    judged: Bools  # (n_frames,): whether the runtime would judge the frame at all
+    fold_rules: list[MofNRule] | None  # each chosen without its fold; None of no cross-validation
+    split: str  # how the model was cross-validated, in its own words
+    recipe: Mapping[str, Any] | None = None  # as the registry has it, for a registered model
 
     @property
     def label(self) -> str:
@@ -105,41 +79,20 @@ def independent_units(patches: pd.DataFrame) -> tuple[list[str], I64]:
 
 @dataclass(frozen=True)
 class ComparedModels:
-    """Models on the same patches.
+    """Models on the same patches."""
 
-    Parameters
-    ----------
-    mode : {"held out", "mission"}
-    what : str
-        The dataset or mission, for people.
-    patches : DataFrame
-        Columns mission, camera, frame, row, col, label, group; one row a labelled patch.
-    truth : array of bool, shape (n_patches,)
-        Whether the label is an obstacle.
-    models : list of ModelPredictions
-    series : FrameSeries
-    read_frame : callable or None
-        ``read_frame(mission, camera, frame)`` gives the picture; None where it is not at hand.
-    dataset : DatasetVersion or None
-        What the models were cross-validated on.
-    notes : list of str
-        What a reader must know of how the figures came about.
-    stated : AtSea
-    ranges : mapping of str to KnownDistances
-        By mission, of its left frames.
-    """
-
-    mode: str
-    what: str
-    patches: pd.DataFrame
-    truth: Bools
+    mode: str  # `HELD_OUT` or `MISSION`
+    what: str  # the dataset or mission, for people
+    patches: pd.DataFrame  # mission, camera, frame, row, col, label, group of each labelled patch
+    truth: Bools  # (n_patches,): whether the label is an obstacle
     models: list[ModelPredictions]
     series: FrameSeries
+    # The picture of a mission, camera and frame; None where pictures are not at hand.
     read_frame: Callable[[str, str, int], U8] | None
-    dataset: DatasetVersion | None
-    notes: list[str]
+    dataset: DatasetVersion | None  # what the models were cross-validated on
+    notes: list[str]  # what a reader must know of how the figures came about
     stated: AtSea = NOTHING_STATED
-    ranges: Mapping[str, KnownDistances] = field(default_factory=dict)
+    ranges: Mapping[str, KnownDistances] = field(default_factory=dict)  # by mission, of left frames
 
     def of_dive(self, mission: str) -> "ComparedModels":
         """The same of one dive alone, whose blocks then count as independent."""
@@ -185,31 +138,28 @@ class ComparedModels:
         """Whether every model tells obstacles from what is none."""
         return all(bool(np.isfinite(item.score).all()) for item in self.models)
 
-    def status(self, predictions: ModelPredictions, rule: MofNRule | None = None) -> I64:
-        """The status of each frame: by the rules in force, or by one for all."""
-        rules = predictions.fold_rules if rule is None else [rule]
+    def status(self, predictions: ModelPredictions) -> I64:
+        """The status of each frame, by the rules in force."""
         return statuses(
             self.series,
             predictions.on_grid,
             predictions.judged,
-            rules or [predictions.rule],
+            predictions.fold_rules or [predictions.rule],
             predictions.white,
         )
 
     def figures(self, predictions: ModelPredictions) -> dict[str, Any]:
         """Patches at their thresholds, and frames at the operating point."""
+        said = predictions.score, predictions.targets, predictions.predicted, predictions.classes
+        dives = self.patches.mission.to_numpy()
         return {
             "patch": {
                 "n": len(self.truth),
                 **obstacle_metrics(self.truth, predictions.score),
                 **class_metrics(predictions.targets, predictions.predicted, predictions.classes),
             },
-            **({"dives": self._by_dive(predictions)} if self.unit == DIVES else {}),
+            **({"dives": metrics_by(dives, self.truth, *said)} if self.unit == DIVES else {}),
             "frames": frame_figures(self.series, self.status(predictions), self.ranges, self.stated)
             if self.has_frames
             else None,
         }
-
-    def _by_dive(self, predictions: ModelPredictions) -> dict[str, Any]:
-        said = predictions.targets, predictions.predicted, predictions.classes
-        return metrics_by(self.patches.mission.to_numpy(), self.truth, predictions.score, *said)

@@ -7,7 +7,7 @@ import pandas as pd
 
 from tokt.features.common.arrays import F64, Bools
 from tokt.models.operating_point import OBSTACLE
-from tokt.training.evaluation.frame_scores import KEYS
+from tokt.training.datasets.dataset import FRAME_KEY
 from tokt.training.evaluation.metrics import BOUND_CONFIDENCE, upper_bound
 
 from .bootstrap import CONFIDENCE, block_numbers, drawn_blocks, interval, summed
@@ -71,10 +71,9 @@ def _of_dive(part: ComparedModels, dive: str) -> list[dict[str, Any]]:
         counts = _by_block(part, obstacle)
         spread = summed(drawn_blocks(counts.shape[1]), counts.transpose(1, 0, 2))
         share = spread[..., 0] / spread[..., 1]
-        found = interval(share[:, 0] - share[:, 1], counts.shape[1])
-        bounds = None if found is None else {"low": found[0], "high": found[1]}
+        bounds = interval(share[:, 0] - share[:, 1], counts.shape[1])
         whole = counts.sum(axis=1)
-        rows.append(_row(dive, SEEN, counts.shape[1], (whole[:, 0] / whole[:, 1]), bounds))
+        rows.append(_row(dive, SEEN, counts.shape[1], whole[:, 0] / whole[:, 1], bounds))
     return rows + _false_statuses(part, dive)
 
 
@@ -111,8 +110,8 @@ def _row(
 
 def _by_block(part: ComparedModels, frames: Bools) -> F64:
     """Some labelled frames of each block: with status 1, and all; shape (models, blocks, 2)."""
-    group = part.patches.drop_duplicates(KEYS).set_index(KEYS).group
-    keys = pd.MultiIndex.from_frame(part.series.table.loc[frames, KEYS])
+    group = part.patches.drop_duplicates(FRAME_KEY).set_index(FRAME_KEY).group
+    keys = pd.MultiIndex.from_frame(part.series.table.loc[frames, FRAME_KEY])
     names, block = block_numbers(group.loc[keys].to_numpy(object))
     counts = [
         [np.bincount(block, weight, len(names)) for weight in (said[frames] == OBSTACLE, None)]

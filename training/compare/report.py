@@ -37,7 +37,6 @@ def report_html(compared: ComparedModels, result: dict[str, Any]) -> str:
 
     Parameters
     ----------
-    compared : ComparedModels
     result : dict
         As `compare_models` gives it; embedded in the page as it is.
     """

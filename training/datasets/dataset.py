@@ -28,7 +28,7 @@ import numpy as np
 import pandas as pd
 
 from tokt.features.common import atomic
-from tokt.features.common.arrays import I64, U8
+from tokt.features.common.arrays import I64, U8, Bools
 from tokt.features.common.canonical import canonical_json
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.frame_pictures import FramePictures
@@ -44,69 +44,41 @@ CLEAR, OBSTACLE = "clear", "obstacle"
 _HASH_CHARS = 16
 _HASHED_AT_ONCE = 1 << 18  # rows
 _VERSION_INFO = "[0-9a-f]" * _HASH_CHARS + "/dataset.json"  # never of a half-written folder
-_FRAME_KEY = ["mission", "camera", "frame"]
-_PATCH_COLUMNS = [*_FRAME_KEY, "row", "col", "label", "group"]
-_HASHED_FRAME_COLUMNS = [*_FRAME_KEY, "group", "digest"]
+FRAME_KEY = ["mission", "camera", "frame"]
+PATCH_KEY = [*FRAME_KEY, "row", "col"]
+PATCH_COLUMNS = [*PATCH_KEY, "label", "group"]
+_HASHED_FRAME_COLUMNS = [*FRAME_KEY, "group", "digest"]
 _FRAME_COLUMNS = [*_HASHED_FRAME_COLUMNS, "file", "height", "width"]
 _HASHED_INFO = ("format_version", "task", "grid", "taxonomy", "block_frames")
 
 
 @dataclass(frozen=True)
 class FrameSource:
-    """One frame to take into a dataset.
-
-    Parameters
-    ----------
-    mission, camera, frame
-        Its name.
-    group : str
-        Frames of one group are never split between training and test.
-    load : callable
-        Gives the frame's encoded file and suffix; called once.
-    """
+    """One frame to take into a dataset."""
 
     mission: str
     camera: str
     frame: int
-    group: str
-    load: Callable[[], tuple[bytes, str]]
+    group: str  # frames of one group are never split between training and test
+    load: Callable[[], tuple[bytes, str]]  # gives the frame's encoded file and suffix; called once
 
 
 @dataclass(frozen=True)
 class DatasetPlan:
-    """The content of a dataset that is to be built.
-
-    Parameters
-    ----------
-    name : str
-        The dataset's name.
-    task : {"binary", "classes"}
-    grid : Grid
-    taxonomy : Taxonomy
-    frames : sequence of FrameSource
-    patches : DataFrame
-        Columns mission, camera, frame, row, col, label; no `unsure` in it.
-    unsure : int
-        How many patches were left out as `unsure`.
-    block_frames : int or None
-        Consecutive frames a group; None where nothing says which patches belong together (a
-        folder of patches): figures from such a dataset are marked ungrouped.
-    sources : list of str
-        For people: what was read. Not part of the hash.
-    sites : dict of str to str
-        The site of each mission whose site is known. Not part of the hash.
-    """
+    """The content of a dataset that is to be built."""
 
     name: str
-    task: str
+    task: str  # of `TASKS`
     grid: Grid
     taxonomy: Taxonomy
     frames: Sequence[FrameSource]
-    patches: pd.DataFrame
-    unsure: int
+    patches: pd.DataFrame  # columns mission, camera, frame, row, col, label; no `unsure` in it
+    unsure: int  # how many patches were left out as `unsure`
+    # Consecutive frames a group; None where nothing says which patches belong together (a folder of
+    # patches): figures from such a dataset are marked ungrouped.
     block_frames: int | None
-    sources: list[str]
-    sites: dict[str, str] = field(default_factory=dict)
+    sources: list[str]  # for people: what was read; not part of the hash
+    sites: dict[str, str] = field(default_factory=dict)  # by mission, if known; not of the hash
 
 
 class DatasetVersion:
@@ -149,7 +121,7 @@ class DatasetVersion:
     @cached_property
     def patches(self) -> pd.DataFrame:
         """One row a labelled patch, sorted: mission, camera, frame, row, col, label, group."""
-        return self._table("patches.parquet", _PATCH_COLUMNS)
+        return self._table("patches.parquet", PATCH_COLUMNS)
 
     def _table(self, name: str, columns: list[str]) -> pd.DataFrame:
         try:
@@ -209,6 +181,10 @@ class DatasetVersion:
             return False, True
         return tuple(self.taxonomy.is_obstacle(name) for name in self.classes())
 
+    def obstacles(self) -> Bools:
+        """For each patch whether it is labelled as one."""
+        return np.asarray(self.obstacle_flags(), bool)[self.targets()]
+
 
 def thin_classes(dataset: DatasetVersion, wanted: int) -> list[str]:
     """A line for each class that stands in fewer than `wanted` groups of frames.
@@ -228,13 +204,7 @@ def thin_classes(dataset: DatasetVersion, wanted: int) -> list[str]:
 
 
 def read_stored_frame(path: Path, digest: str) -> U8:
-    """A dataset's frame file, checked against its pixel hash.
-
-    Raises
-    ------
-    ToktError
-        If it is missing, or not the frame the dataset was built from.
-    """
+    """A dataset's frame file; ToktError where it is not the frame the dataset was built from."""
     try:
         image = decode_image(path.read_bytes(), str(path))
     except OSError as error:
@@ -268,7 +238,7 @@ def _check_classes(plan: DatasetPlan) -> None:
 def _content_hash(info: dict[str, Any], patches: pd.DataFrame, frames: pd.DataFrame) -> str:
     header = {name: info[name] for name in _HASHED_INFO}
     digest = hashlib.sha256(canonical_json(header).encode())
-    for table in (patches[_PATCH_COLUMNS], frames[_HASHED_FRAME_COLUMNS]):
+    for table in (patches[PATCH_COLUMNS], frames[_HASHED_FRAME_COLUMNS]):
         for start in range(0, max(len(table), 1), _HASHED_AT_ONCE):
             some = table.iloc[start : start + _HASHED_AT_ONCE]
             text = some.to_csv(index=False, header=not start, lineterminator="\n")
@@ -322,7 +292,6 @@ def build_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -
 
     Parameters
     ----------
-    plan : DatasetPlan
     root : Path
         The workspace's ``datasets`` folder.
     progress : callable
@@ -348,11 +317,11 @@ def build_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -
     with atomic.scratch_folder(home) as folder:
         sources = progress(plan.frames, len(plan.frames), "reading frames")
         frames = _store_frames(folder / "frames", sources, plan.grid, plan.name)
-        frames = frames.sort_values(_FRAME_KEY, ignore_index=True)
+        frames = frames.sort_values(FRAME_KEY, ignore_index=True)
         # Copies of a picture must not stand on both sides of a split.
         frames = frames.assign(group=joined_names(frames.group, frames.digest, "min"))
-        patches = plan.patches.merge(frames[[*_FRAME_KEY, "group"]], on=_FRAME_KEY, how="left")
-        patches = patches[_PATCH_COLUMNS].sort_values(_PATCH_COLUMNS, ignore_index=True)
+        patches = plan.patches.merge(frames[[*FRAME_KEY, "group"]], on=FRAME_KEY, how="left")
+        patches = patches[PATCH_COLUMNS].sort_values(PATCH_COLUMNS, ignore_index=True)
         info = _summary(plan, patches, frames)
         content = _content_hash(info, patches, frames)
         target = home / content[:_HASH_CHARS]

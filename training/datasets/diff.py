@@ -4,9 +4,7 @@ from typing import Any
 
 import pandas as pd
 
-from .dataset import DatasetVersion
-
-_FRAME = ["mission", "camera", "frame"]
+from .dataset import FRAME_KEY, PATCH_KEY, DatasetVersion
 
 
 def diff_datasets(before: DatasetVersion, after: DatasetVersion) -> dict[str, Any]:
@@ -34,12 +32,11 @@ def diff_datasets(before: DatasetVersion, after: DatasetVersion) -> dict[str, An
     settings = _pairs(_settings(before), _settings(after), None)
     names = [set(one.frames.mission) for one in both]
     labels, sources = ([one.info[key] for one in both] for key in ("labels", "sources"))
-    frames = before.frames.merge(after.frames, "outer", on=_FRAME, indicator="side")
+    frames = before.frames.merge(after.frames, "outer", on=FRAME_KEY, indicator="side")
     other = {"with_other_pixels": "digest", "regrouped": "group"}
     counts, moved = [_changes(frames, "frames", other)], None
     if before.grid == after.grid:
-        place = [*_FRAME, "row", "col"]
-        patches = before.patches.merge(after.patches, "outer", on=place, indicator="side")
+        patches = before.patches.merge(after.patches, "outer", on=PATCH_KEY, indicator="side")
         counts.append(_changes(patches, "patches", {"relabelled": "label"}))
         changed = patches[(patches.side == "both") & (patches.label_x != patches.label_y)]
         pairs = changed.groupby(["label_x", "label_y"]).size().items()

@@ -19,7 +19,7 @@ from tokt.features.kernels.dispatch import KERNELS, LIBRARY
 from tokt.training.parallel import mapped
 
 from . import augmentations
-from .dataset import DatasetVersion, read_stored_frame
+from .dataset import FRAME_KEY, DatasetVersion, read_stored_frame
 
 _LIBRARIES = ("numpy", "opencv-python-headless")
 _REFERENCES = ("scikit-image", "mahotas")
@@ -94,7 +94,6 @@ def cached_features(
 
     Parameters
     ----------
-    dataset : DatasetVersion
     spec : dict
         The extractor's spec.
     cache : Path
@@ -137,13 +136,12 @@ def _tasks(
 ) -> list[tuple[I64, _DescribeTask]]:
     """The dataset's frames, each with the rows of its patches."""
     patches, frames, grid = dataset.patches, dataset.frames, dataset.grid
-    keys = ["mission", "camera", "frame"]
-    folder, columns = dataset.path.resolve() / "frames", frames[[*keys, "file", "digest"]]
+    folder, columns = dataset.path.resolve() / "frames", frames[[*FRAME_KEY, "file", "digest"]]
     stored = {
         tuple(key): (folder / file, digest)
         for *key, file, digest in columns.itertuples(index=False, name=None)
     }
-    groups = patches.groupby(keys).indices
+    groups = patches.groupby(FRAME_KEY).indices
     cells = (patches.row * grid.cols + patches.col).to_numpy()
     return [
         (rows, (*stored[key], cells[rows], spec, grid, augmentation))

@@ -27,26 +27,13 @@ _LISTS = ("labels", "cameras")
 
 @dataclass(frozen=True)
 class NamedMission:
-    """A mission as a user named it; not opened yet.
-
-    Parameters
-    ----------
-    path : Path
-    name : str or None
-        None where its folder's or file's own name is meant.
-    labels : tuple of Path
-        Its own label files.
-    cameras : tuple of str
-        The cameras whose labels count; empty for all.
-    site, date : str
-        Empty where not said.
-    """
+    """A mission as a user named it; not opened yet."""
 
     path: Path
-    name: str | None = None
-    labels: tuple[Path, ...] = ()
-    cameras: tuple[str, ...] = ()
-    site: str = ""
+    name: str | None = None  # None where its folder's or file's own name is meant
+    labels: tuple[Path, ...] = ()  # its own label files
+    cameras: tuple[str, ...] = ()  # the cameras whose labels count; empty for all
+    site: str = ""  # empty where not said, as the date
     date: str = ""
 
 

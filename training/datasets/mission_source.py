@@ -18,12 +18,12 @@ from tokt.labels.merge import merge_annotators
 from tokt.labels.record import MODEL, LabelRecord, NoLabelsError
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 
-from .dataset import DatasetPlan, DatasetVersion, FrameSource, read_stored_frame
+from .dataset import PATCH_KEY, DatasetPlan, DatasetVersion, FrameSource, read_stored_frame
 from .splits import BLOCK_FRAMES, block_of
 
 PATCH_GRID = Grid(1, 1, None)
 """Of ready-cut patches, which are frames of one patch at their own size."""
-_COLUMNS = ["mission", "camera", "frame", "row", "col", "label"]
+_COLUMNS = [*PATCH_KEY, "label"]
 
 
 def read_labels(files: Sequence[Path], taxonomy: Taxonomy, grid: Grid) -> list[LabelRecord]:
@@ -43,7 +43,6 @@ def labels_of_mission(
 
     Parameters
     ----------
-    mission : Mission
     records : iterable of LabelRecord
         Of any missions.
     grid : Grid
@@ -86,21 +85,12 @@ def labels_of_mission(
 
 @dataclass(frozen=True)
 class LabelledMission:
-    """A mission with its labels.
-
-    Parameters
-    ----------
-    mission : Mission
-    records : list of LabelRecord
-        Labels and settlements of this mission, of any annotators, in one grid; one at the least.
-    site, date : str
-        Where and when it was; empty where that was not said.
-    """
+    """A mission with its labels."""
 
     mission: Mission
-    records: list[LabelRecord]
-    site: str = ""
-    date: str = ""
+    records: list[LabelRecord]  # of this mission, any annotators, in one grid; one at the least
+    site: str = ""  # where it was; empty where that was not said
+    date: str = ""  # when
 
     @property
     def name(self) -> str:

@@ -30,13 +30,7 @@ MAX_HELD_OUT_ALONE = 10
 
 @dataclass(frozen=True)
 class Fold:
-    """Row indices of one fold.
-
-    Parameters
-    ----------
-    train, test : array of int
-        Rows of the table that was split; a row within the embargo of a test frame is in neither.
-    """
+    """Rows of a table that was split; one within the embargo of a test frame is in neither."""
 
     train: I64
     test: I64
@@ -57,7 +51,6 @@ def blocked_folds(
     patches : DataFrame
         Columns mission, frame, group.
     targets : array of int, shape (n_patches,)
-    n_folds : int
     embargo_frames : int
         Training rows this many frames or fewer from a test frame of the same mission are
         dropped.
@@ -144,12 +137,7 @@ def joined_names(
 ) -> NDArray[np.object_]:
     """For each row its name; of names that share something, directly or by others, one for all.
 
-    Parameters
-    ----------
-    names, shared : Series
-        Of each row its name, and what it may share with others.
-    join : callable or str
-        Makes one name of several in rising order, as for pandas' `transform`.
+    `join` makes one name of several in rising order, as for pandas' `transform`.
     """
     name, known = pd.factorize(names, sort=True)
     thing, things = pd.factorize(shared)
@@ -177,7 +165,6 @@ def dive_folds(
         As in `blocked_folds`.
     sites
         As in `held_out_together`.
-    n_folds : int
     refuse : bool
         Whether a fold whose training part lacks a class is refused, or left out.
 
@@ -281,7 +268,6 @@ def every_nth_block(patches: pd.DataFrame, targets: I64, n: int, embargo_frames:
     ----------
     patches, targets, embargo_frames
         As in `blocked_folds`; group names sort in time order, as `block_of` makes them.
-    n : int
 
     Raises
     ------

@@ -50,27 +50,16 @@ class LoggedDistance(NamedTuple):
 class AtSea:
     """What is stated of dives, beside their frames and labels.
 
-    Parameters
-    ----------
-    rate : float or None
-        Frames a second; by default that of the log, if it has times.
-    stopping_m : float or None
-        Distance in which the vehicle stops.
-    calibration : StereoCalibration or None
-        Of the cameras; distances are measured by it.
-    log : mapping of int to LoggedDistance
-        By frame number, of a run over the same frames; empty without.
-
     Raises
     ------
     ToktError
         If a number is out of its bounds, distances are to come from both or from nowhere.
     """
 
-    rate: float | None = None
-    stopping_m: float | None = None
-    calibration: StereoCalibration | None = None
-    log: Mapping[int, LoggedDistance] = field(default_factory=dict)
+    rate: float | None = None  # frames a second; by default that of the log, if it has times
+    stopping_m: float | None = None  # distance in which the vehicle stops
+    calibration: StereoCalibration | None = None  # of the cameras; distances are measured by it
+    log: Mapping[int, LoggedDistance] = field(default_factory=dict)  # by frame, of the same frames
 
     def __post_init__(self) -> None:
         if self.rate is not None and not 0 < self.rate < math.inf:
@@ -222,8 +211,6 @@ def approach_figures(
         As in `tokt.training.evaluation.evaluate.ScoredMission`.
     spans : iterable of (int, int)
         Of `approaches`. A status before an approach's first obstacle frame does not count for it.
-    ranges : KnownDistances
-    stopping_m : float or None
 
     Returns
     -------

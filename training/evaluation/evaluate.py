@@ -1,6 +1,6 @@
 """Score a model on a mission and its labels: patches, frames, and when it first warns."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -39,26 +39,13 @@ from .metrics import class_metrics, obstacle_metrics, reliability
 
 @dataclass(frozen=True)
 class ScoredMission:
-    """A model's values and verdicts of one mission, frame by frame.
+    """A model's values and verdicts of one mission, frame by frame."""
 
-    Parameters
-    ----------
-    frames : list of int
-        Frame numbers in order.
-    missed : list of int
-        Frames of the mission between the one scored before and this one.
-    values : array of float64, shape (n_frames, n_patches, n_outputs)
-    verdicts : list of Verdict
-        The runtime's own, at the operating point.
-    seen_in_training : list of int
-        Frames whose very pixels the model learnt from.
-    """
-
-    frames: list[int]
-    missed: list[int]
-    values: F64
-    verdicts: list[Verdict]
-    seen_in_training: list[int]
+    frames: list[int]  # frame numbers in order
+    missed: list[int]  # frames of the mission between the one scored before and this one
+    values: F64  # (n_frames, n_patches, n_outputs)
+    verdicts: list[Verdict]  # the runtime's own, at the operating point
+    seen_in_training: list[int]  # frames whose very pixels the model learnt from
 
     @property
     def status(self) -> list[int]:
@@ -147,22 +134,24 @@ def _held(bundle: Bundle, scored: ScoredMission, obstacle: set[int]) -> set[int]
     return held
 
 
-def _kinds(
-    bundle: Bundle, frames: list[int], labels: dict[int, list[LabelRecord]], taxonomy: Taxonomy
+def frame_kinds(
+    frames: Sequence[int], records: Iterable[LabelRecord], taxonomy: Taxonomy, n_patches: int
 ) -> tuple[list[int], list[int]]:
-    """Ocean frames and obstacle frames.
+    """Ocean frames and obstacle frames, by the merged labels of these frames.
 
     An *obstacle frame* has a patch labelled as an obstacle. An *ocean frame* has every patch
     labelled, all of them clear. A frame with neither (an `unsure` patch, or patches without a
     label, and no sure obstacle) is not judged.
     """
+    labels: dict[int, list[str | None]] = {number: [] for number in frames}
+    for record in records:
+        labels[record.frame].append(record.label)
     ocean, obstacle = [], []
-    for number in frames:
-        names = [record.label for record in labels.get(number, [])]
+    for number, names in labels.items():
         sides = [label != UNSURE and taxonomy.is_obstacle(str(label)) for label in names]
         if any(sides):
             obstacle.append(number)
-        elif len(names) == bundle.grid.n_patches and UNSURE not in names:
+        elif len(names) == n_patches and UNSURE not in names:
             ocean.append(number)
     return ocean, obstacle
 
@@ -170,7 +159,7 @@ def _kinds(
 def _frame_figures(
     bundle: Bundle, scored: ScoredMission, ocean: list[int], obstacle: list[int], mission: str
 ) -> dict[str, Any]:
-    """Statuses against what the labels say a frame holds (`_kinds`).
+    """Statuses against what the labels say a frame holds (`frame_kinds`).
 
     In an ocean frame that shows no patch over the margin the rule may still hold a status on to
     what the labels say was there up to n - 1 frames before: a *held* status, which is no false one.
@@ -259,13 +248,10 @@ def _part(
     sure = [record for record in merged.records if record.label != UNSURE]
     if not sure:
         raise ToktError(f"no labelled patch of mission {name!r} to evaluate on")
-    by_frame: dict[int, list[LabelRecord]] = {}
-    for record in merged.records:
-        by_frame.setdefault(record.frame, []).append(record)
     position = {number: index for index, number in enumerate(scored.frames)}
     frame = np.array([position[record.frame] for record in sure])
     cell = np.array([record.row * bundle.grid.cols + record.col for record in sure])
-    ocean, obstacle = _kinds(bundle, scored.frames, by_frame, taxonomy)
+    ocean, obstacle = frame_kinds(scored.frames, merged.records, taxonomy, bundle.grid.n_patches)
     figures = _frame_figures(bundle, scored, ocean, obstacle, name)
     spans = approaches(scored.frames, set(ocean), set(obstacle))
     ranges = known_distances(one.mission, spans, stated, progress)
@@ -357,12 +343,10 @@ def evaluate(
 
     Parameters
     ----------
-    bundle : Bundle
     missions : sequence of LabelledMission
         With labels in the model's grid; several annotators are merged.
     taxonomy : Taxonomy
         Says which labels are obstacles.
-    progress : callable
     frames : sequence of int, optional
         Judge these frames only.
     stated : AtSea

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -12,39 +13,21 @@ import pandas as pd
 from tokt.features.common.arrays import F64, I64, Bools
 from tokt.inference.texture.detector import min_mask_patches
 from tokt.models.operating_point import MAX_WINDOW, MofNRule, frame_step, missed_before
-from tokt.training.datasets.dataset import DatasetVersion
-
-KEYS = ["mission", "camera", "frame"]
+from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
 
 
 @dataclass(frozen=True)
 class FrameTable:
-    """The labelled frames of a dataset, by mission, camera and number.
+    """The labelled frames of a dataset, by mission, camera and number."""
 
-    Parameters
-    ----------
-    keys : DataFrame
-        Columns mission, camera, frame, group; one row a frame.
-    of_patch : array of int, shape (n_patches,)
-        Row of `keys` for each patch of the dataset.
-    obstacles : array of int, shape (n_frames,)
-        Patches labelled as an obstacle.
-    ocean : array of bool, shape (n_frames,)
-        Every patch is labelled, as clear. Never so in a dataset of single patches, whose
-        "frames" are patches.
-    min_mask_patches : array of int, shape (n_frames,)
-        Patches it takes to bring the mask's mean over the thesis's limit: 1, but for grids
-        of very small patches.
-    place : array of int, shape (n_frames,)
-        Counts frames as they followed each other: 1 more than the frame before where none is
-        missing in between, and far from it in another mission or camera.
-    """
-
-    keys: pd.DataFrame
-    of_patch: I64
-    obstacles: I64
+    keys: pd.DataFrame  # columns mission, camera, frame, group; one row a frame
+    of_patch: I64  # (n_patches,): row of `keys` for each patch of the dataset
+    obstacles: I64  # (n_frames,): patches labelled as an obstacle
+    # (n_frames,): every patch is labelled, as clear. Never so in a dataset of single patches.
     ocean: Bools
-    min_mask_patches: I64
+    min_mask_patches: I64  # (n_frames,): of the detector's function of that name
+    # (n_frames,): counts frames as they followed each other: 1 more than the frame before where
+    # none is missing in between, and far from it in another mission or camera.
     place: I64
 
     def __len__(self) -> int:
@@ -52,24 +35,23 @@ class FrameTable:
 
 
 def frame_names(frames: pd.DataFrame) -> list[str]:
-    """``mission:frame`` of rows with `KEYS`; with the camera where it is not the left one."""
+    """``mission:frame`` of rows with `FRAME_KEY`; with the camera where it is not the left one."""
     return [
         f"{mission}:{frame}" if camera == "left" else f"{mission}:{camera}:{frame}"
-        for mission, camera, frame in frames[KEYS].itertuples(index=False, name=None)
+        for mission, camera, frame in frames[FRAME_KEY].itertuples(index=False, name=None)
     ]
 
 
 def frame_table(dataset: DatasetVersion) -> FrameTable:
     """The frames of a dataset."""
-    flags = np.asarray(dataset.obstacle_flags(), bool)[dataset.targets()]
-    grouped = dataset.patches.assign(obstacle=flags).groupby(KEYS)
+    grouped = dataset.patches.assign(obstacle=dataset.obstacles()).groupby(FRAME_KEY)
     of_patch = grouped.ngroup().to_numpy(np.int64)
     found = grouped.agg(
         obstacles=("obstacle", "sum"), n=("obstacle", "size"), group=("group", "first")
     ).reset_index()
     whole = (found.n == dataset.grid.n_patches) & (dataset.block_frames is not None)
     return FrameTable(
-        found[[*KEYS, "group"]],
+        found[[*FRAME_KEY, "group"]],
         of_patch,
         found.obstacles.to_numpy(np.int64),
         (whole & (found.obstacles == 0)).to_numpy(bool),
@@ -79,14 +61,11 @@ def frame_table(dataset: DatasetVersion) -> FrameTable:
 
 
 def _min_mask_patches(dataset: DatasetVersion, found: pd.DataFrame) -> I64:
-    sizes = dataset.frames.drop_duplicates(KEYS).set_index(KEYS)
-    sizes = sizes.loc[pd.MultiIndex.from_frame(found[KEYS]), ["height", "width"]]
-    least = {}
-    for height, width in sizes.drop_duplicates().itertuples(index=False, name=None):
-        resized = dataset.grid.resized(height, width)
-        least[height, width] = min_mask_patches(dataset.grid, *resized)
-    pairs = zip(sizes.height, sizes.width, strict=True)
-    return np.array([least[pair] for pair in pairs], np.int64)
+    sizes = dataset.frames.drop_duplicates(FRAME_KEY).set_index(FRAME_KEY)
+    sizes = sizes.loc[pd.MultiIndex.from_frame(found[FRAME_KEY]), ["height", "width"]]
+    grid = dataset.grid
+    of_size = cache(lambda *size: min_mask_patches(grid, *grid.resized(*size)))
+    return np.array([of_size(*size) for size in sizes.itertuples(index=False, name=None)], np.int64)
 
 
 def _places(found: pd.DataFrame) -> I64:
@@ -103,19 +82,11 @@ def _places(found: pd.DataFrame) -> I64:
 
 @dataclass(frozen=True)
 class FrameScores:
-    """The obstacle scores of a dataset's patches, frame by frame.
-
-    Parameters
-    ----------
-    frames : FrameTable
-    scores : array of float64, shape (n_frames, n_patches)
-        By the patch's place in the grid; -inf where a patch was not tested (or is not labelled).
-    tested : array of bool, shape (n_frames,)
-    """
+    """The obstacle scores of a dataset's patches, frame by frame."""
 
     frames: FrameTable
-    scores: F64
-    tested: Bools
+    scores: F64  # (n_frames, n_patches), by place in the grid; -inf where a patch was not tested
+    tested: Bools  # (n_frames,)
 
     @classmethod
     def of(
@@ -153,18 +124,8 @@ class FrameScores:
 def windowed(values: F64, place: I64, hits: int, window: int) -> F64:
     """The `hits`-th largest of the values in each frame and the `window` - 1 places before it.
 
-    Parameters
-    ----------
-    values : array of float64, shape (n_frames, n_columns)
-        Column by column.
-    place : array of int, shape (n_frames,)
-        As in `FrameTable`, rising; places without a frame hold -inf.
-    hits, window : int
-
-    Returns
-    -------
-    numpy.ndarray
-        As `values`.
+    Column by column, of values (n_frames, n_columns). Places are those of `FrameTable`; where they
+    are without a frame they hold -inf.
     """
     if window == 1 or not len(values):
         return values
@@ -186,7 +147,6 @@ def frame_figures(
 
     Parameters
     ----------
-    dataset : DatasetVersion
     score : array of float64, shape (n_patches,)
         `LinearModel.obstacle_score`; not looked at where the fold is -1.
     fold : array of int, shape (n_patches,)
@@ -237,6 +197,6 @@ def _statuses(scores: FrameScores, of_frame: I64, rules: Sequence[MofNRule]) -> 
 
 def _first(frames: FrameTable, chosen: Bools) -> dict[str, int | None]:
     """The first chosen frame of each mission, of whichever camera."""
-    marked = frames.keys[KEYS].assign(number=frames.keys.frame.where(chosen))
+    marked = frames.keys[FRAME_KEY].assign(number=frames.keys.frame.where(chosen))
     first = marked.groupby("mission").number.min()
     return {str(name): None if np.isnan(at) else int(at) for name, at in first.items()}

@@ -5,15 +5,13 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import cv2
 import numpy as np
 
-from tokt.features.common.arrays import F64, U8, Bools
+from tokt.features.common.arrays import F64, U8
 from tokt.features.extractors.extractor import gray_picture
-from tokt.features.frames.grid import Grid
 from tokt.inference.verdict import OBSTACLE, Verdict
 from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
@@ -29,24 +27,9 @@ _UNSURE_BGR = (170, 170, 170)
 _BOX_BGR = (255, 220, 60)
 
 
-@dataclass(frozen=True)
-class AnnotatedFrame:
-    """One frame with everything that is drawn on it.
-
-    Parameters
-    ----------
-    image : array of uint8
-        As the camera gave it.
-    predicted, labelled, unsure : arrays of bool, shape (n_patches,)
-    verdict : Verdict
-        The runtime's, in a run over the frames before.
-    """
-
-    image: U8
-    predicted: Bools
-    labelled: Bools
-    unsure: Bools
-    verdict: Verdict
+def raise_contrast_gray(gray: U8) -> U8:
+    """A nearly black frame made visible by local contrast; for eyes only, never for features."""
+    return np.asarray(cv2.createCLAHE(6.0, (6, 6)).apply(gray), np.uint8)
 
 
 def beside_labels(
@@ -56,57 +39,41 @@ def beside_labels(
     verdict: Verdict,
     records: Iterable[LabelRecord],
     taxonomy: Taxonomy,
-) -> AnnotatedFrame:
-    """Put what the runtime said of a frame beside its labels.
-
-    Parameters
-    ----------
-    bundle : Bundle
-    image : array of uint8
-    values : array of float64, shape (n_patches, n_outputs)
-        Its decision values.
-    verdict : Verdict
-    records : iterable of LabelRecord
-        Of this frame, one a patch.
-    taxonomy : Taxonomy
-    """
-    grid = bundle.grid
-    labelled, unsure = np.zeros((2, grid.n_patches), bool)
-    for record in records:
-        cell = record.row * grid.cols + record.col
-        unsure[cell] = record.label == UNSURE
-        labelled[cell] = not unsure[cell] and taxonomy.is_obstacle(str(record.label))
-    return AnnotatedFrame(image, bundle.model.obstacle_patches(values), labelled, unsure, verdict)
-
-
-def raise_contrast_gray(gray: U8) -> U8:
-    """A nearly black frame made visible by local contrast; for eyes only, never for features."""
-    return np.asarray(cv2.createCLAHE(6.0, (6, 6)).apply(gray), np.uint8)
-
-
-def draw(judged: AnnotatedFrame, grid: Grid) -> U8:
-    """The frame, contrast-enhanced, beside its mask.
+) -> U8:
+    """The frame, contrast-enhanced, with its labels and what the model says, beside its mask.
 
     Left: thin green outlines are patches labelled as an obstacle, thin gray ones `unsure`, filled
     orange ones predicted. Right: the mask with its box and its centre; empty but where the status
     is 1.
+
+    Parameters
+    ----------
+    values : array of float64, shape (n_patches, n_outputs)
+        The frame's decision values.
+    verdict : Verdict
+        The runtime's, in a run over the frames before.
+    records : iterable of LabelRecord
+        Of this frame, one a patch.
     """
-    gray = gray_picture(judged.image, grid)
+    grid, gray = bundle.grid, gray_picture(image, bundle.grid)
     height, width = gray.shape
     size = (width * _SCALE, height * _SCALE)
     view = cv2.cvtColor(cv2.resize(raise_contrast_gray(gray), size), cv2.COLOR_GRAY2BGR)
     boxes = grid.boxes(height, width) * _SCALE
-    tint = view.copy()
-    for y0, y1, x0, x1 in boxes[judged.predicted]:
+    tint, predicted = view.copy(), bundle.model.obstacle_patches(values)
+    for y0, y1, x0, x1 in boxes[predicted]:
         cv2.rectangle(tint, (x0, y0), (x1 - 1, y1 - 1), _PREDICTED_BGR, -1)
     view = cv2.addWeighted(view, 0.65, tint, 0.35, 0)
-    for chosen, color in ((judged.unsure, _UNSURE_BGR), (judged.labelled, _LABEL_BGR)):
-        for y0, y1, x0, x1 in boxes[chosen]:
-            cv2.rectangle(view, (x0 + 1, y0 + 1), (x1 - 2, y1 - 2), color, 1)
-    white = judged.predicted & (judged.verdict.status == OBSTACLE)
+    for record in records:
+        y0, y1, x0, x1 = boxes[record.row * grid.cols + record.col]
+        if record.label == UNSURE:
+            cv2.rectangle(view, (x0 + 1, y0 + 1), (x1 - 2, y1 - 2), _UNSURE_BGR, 1)
+        elif taxonomy.is_obstacle(str(record.label)):
+            cv2.rectangle(view, (x0 + 1, y0 + 1), (x1 - 2, y1 - 2), _LABEL_BGR, 1)
+    white = predicted & (verdict.status == OBSTACLE)
     mask = cv2.resize(grid.paint(white, height, width), size, interpolation=cv2.INTER_NEAREST)
     right = np.asarray(cv2.cvtColor(np.asarray(mask // 2, np.uint8), cv2.COLOR_GRAY2BGR), np.uint8)
-    _draw_verdict(right, judged.verdict, width, height)
+    _draw_verdict(right, verdict, width, height)
     gap = np.full((size[1], 6, 3), 255, np.uint8)
     return np.hstack([view, gap, right]).astype(np.uint8)
 

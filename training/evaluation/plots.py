@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 from sklearn.metrics import average_precision_score, precision_recall_curve
 
 from tokt.features.common.arrays import F64, Bools
-from tokt.training.evaluation.pictures import figure_png, png_uri
+
+from .pictures import figure_png, png_uri
 
 Curve = tuple[Bools, F64]
 

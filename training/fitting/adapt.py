@@ -16,7 +16,7 @@ from tokt.labels.page.suggestions.suggester import suggestions
 from tokt.labels.page.suggestions.suggestion_table import MissionSuggestions
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.registry.registry import Registry, fitting
-from tokt.training.datasets.dataset import DatasetVersion, open_dataset
+from tokt.training.datasets.dataset import PATCH_KEY, DatasetVersion, open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import Fold
 from tokt.training.evaluation.metrics import obstacle_metrics
@@ -34,27 +34,12 @@ COUNTS = (1, 2, 3, 5, 8, 13, 21)
 _MIN_LAST, _MIN_STEPS = 3, 3  # labelled frames, and orders, that tell what the next ones bring
 _SMALL = 0.01  # of F1
 _MOST = 0.75  # of the orders
-_CELL = ["mission", "camera", "frame", "row", "col"]
 _FIGURES = ("f1", "average_precision", "precision", "recall", "false_positive", "false_negative")
 
 
 @dataclass(frozen=True)
 class KnownModel:
-    """A registered model with all that it was trained with.
-
-    Parameters
-    ----------
-    bundle : Bundle
-    dataset : DatasetVersion
-    extractor_name : str
-    target : FalseStatusTarget
-    settings : TrainingSettings
-    split : Split
-    choice : Hyperparameters
-    fold_choices : list of Hyperparameters
-    held_out : array of float64, shape (n_patches,)
-        Obstacle scores by models that did not learn from the patch; NaN where it was not tested.
-    """
+    """A registered model with all that it was trained with."""
 
     bundle: Bundle
     dataset: DatasetVersion
@@ -64,7 +49,7 @@ class KnownModel:
     split: Split
     choice: Hyperparameters
     fold_choices: list[Hyperparameters]
-    held_out: F64
+    held_out: F64  # (n_patches,): obstacle scores of patches not learnt from; NaN if not tested
 
 
 def known_model(registry: Registry, reference: str, datasets: Path) -> KnownModel:
@@ -90,7 +75,7 @@ def known_model(registry: Registry, reference: str, datasets: Path) -> KnownMode
         what = "two images" if settings.two_images else "a folder of patches"
         raise ToktError(f"model {version.label} learnt from {what}, not from dives: train another")
     table, bundle = registry.held_out(version.label), registry.bundle(version.label)
-    if not table[_CELL].equals(dataset.patches[_CELL]):
+    if not table[PATCH_KEY].equals(dataset.patches[PATCH_KEY]):
         raise ToktError(f"model {version.label}: its held_out.parquet is of another dataset")
     with fitting(version, "list of folds"):
         judged = split.cut(dataset.patches, dataset.targets())
@@ -107,7 +92,6 @@ def adapted_request(
 
     Parameters
     ----------
-    known : KnownModel
     dataset : DatasetVersion
         The model's, with the new dive.
     by, sites
@@ -156,7 +140,7 @@ class _NewDive:
     ) -> None:
         self.known, self.dataset = known, request.dataset
         self.patches, self.targets = self.dataset.patches, self.dataset.targets()
-        self.obstacle = np.asarray(self.dataset.obstacle_flags(), bool)[self.targets]
+        self.obstacle = self.dataset.obstacles()
         mine = (self.patches.mission == name).to_numpy()
         self.rows, self.old_rows = np.flatnonzero(mine), np.flatnonzero(~mine)
         self.group = self.patches.group.to_numpy()

@@ -32,27 +32,16 @@ _MARGIN_STEPS = 10_000  # a unit; margins are rounded up to them: short to read,
 class FalseStatusTarget:
     """The rate of false statuses to keep, how surely, and by which frame rules.
 
-    Parameters
-    ----------
-    rate : float
-        False statuses allowed per ocean frame.
-    confidence : float
-        With which the rate is to be kept; 0.5 asks for the best estimate.
-    least_patches : int or None
-        Of the rule; None to choose between 1 and 2.
-    frame_rule : (hits, window) or None
-        Of the rule; None to choose among 1 of 1, 2 of 3, 3 of 3 and 3 of 5.
-
     Raises
     ------
     ToktError
         If a number is out of its bounds.
     """
 
-    rate: float = 1e-4
-    confidence: float = 0.5
-    least_patches: int | None = None
-    frame_rule: tuple[int, int] | None = None
+    rate: float = 1e-4  # false statuses allowed per ocean frame
+    confidence: float = 0.5  # with which the rate is to be kept; 0.5 asks for the best estimate
+    least_patches: int | None = None  # of the rule; None to choose between 1 and 2
+    frame_rule: tuple[int, int] | None = None  # hits and window; None to choose of `FRAME_RULES`
 
     def __post_init__(self) -> None:
         if not MIN_RATE <= self.rate <= MAX_RATE:
@@ -85,24 +74,19 @@ DEFAULT_TARGET = FalseStatusTarget()
 class _Candidate:
     """A rule with its margins, and what it does on the frames it was chosen on.
 
-    The first of `tails` is of the margin, the second, if there is one, of the margin at once.
-    `blocks` are those of the ocean frames, or their dives. `shown` is false where no ocean frame
-    has as many before it as the rule looks at.
+    The first of `tails` and `margins` is of the margin, the second, if there is one, of the margin
+    at once. `blocks` are those of the ocean frames, or their dives. `shown` is false where no ocean
+    frame has as many before it as the rule looks at.
     """
 
     rule: MofNRule
-    tails: tuple[ExceedanceModel | None, ...]
+    tails: list[ExceedanceModel | None]
+    margins: list[float]
     false_status: Bools
     blocks: NDArray[np.object_]
     found: Bools
     found_at_zero: Bools
     shown: bool
-
-    @property
-    def margins(self) -> list[float]:
-        """Of the same paths as `tails`."""
-        now = self.rule.instant_margin
-        return [self.rule.margin] if now is None else [self.rule.margin, now]
 
     def rate(self) -> float | None:
         """False statuses an ocean frame that the fitted laws expect, at most."""
@@ -124,6 +108,14 @@ class _Candidate:
         law = self.rate() is not None
         return law, self.shown, int(self.found.sum()), -self.rule.latency_frames
 
+    def costs(self) -> dict[str, int]:
+        """What it misses, and how late it is."""
+        return {
+            "detected": int(self.found.sum()),
+            "detected_at_margin_0": int(self.found_at_zero.sum()),
+            "latency_frames": self.rule.latency_frames,
+        }
+
 
 def choose_frame_rule(
     dataset: DatasetVersion,
@@ -143,12 +135,10 @@ def choose_frame_rule(
 
     Parameters
     ----------
-    dataset : DatasetVersion
     score : array of float64, shape (n_patches,)
         `LinearModel.obstacle_score` by models that did not learn from the patch.
     tested : array of bool, shape (n_patches,)
         Which patches have one.
-    target : FalseStatusTarget
     by_dive : bool
         Whether the level of the law changes from dive to dive, and not from block to block: then
         the margin is for a dive that nobody has seen. Where too few dives have ocean frames it
@@ -173,7 +163,7 @@ def choose_frame_rule(
         )
         words = f"Nothing was chosen: {why}. Any patch over its threshold is an alarm."
         return MofNRule(), {**said, "method": "none", "words": words, "reachable": False}
-    shapes = _shapes_on(dataset.grid, target)
+    shapes = shapes_on(dataset.grid, target)
     for unit in (DIVE, BLOCK) if by_dive else (BLOCK,):
         units = frames.keys["mission" if unit == DIVE else "group"].to_numpy()[ocean]
         candidates = [_candidate(shape, scores, ocean, target, units) for shape in shapes]
@@ -191,16 +181,12 @@ def choose_frame_rule(
         **said,
         **described,
         **({"rate_unknown_in": unknown} if unknown else {}),
-        "candidates": [_summary(candidate) for candidate in candidates],
+        "candidates": [{**one.rule.to_json(), **one.costs()} for one in candidates],
     }
 
 
-def check_target(grid: Grid, target: FalseStatusTarget) -> None:
-    """Raise ToktError if frames of this grid can never meet the rule asked for."""
-    _shapes_on(grid, target)
-
-
-def _shapes_on(grid: Grid, target: FalseStatusTarget) -> list[MofNRule]:
+def shapes_on(grid: Grid, target: FalseStatusTarget) -> list[MofNRule]:
+    """The target's shapes that frames of this grid can meet; ToktError where there is none."""
     shapes = [shape for shape in target.shapes() if shape.min_patches <= grid.n_patches]
     if not shapes:
         raise ToktError(
@@ -234,15 +220,16 @@ def _candidate(
         _margin(one, tail, rate, target.confidence) for one, tail in zip(quiet, tails, strict=True)
     ]
     now = max(margins) if len(paths) > 1 else None
+    margins = margins[:1] if now is None else [margins[0], now]
     obstacle = (frames.obstacles > 0) & scores.tested
     seen = [scores.statistic(*path)[obstacle] for path in paths]
-    limits = [margins[0], *([] if now is None else [now])]
     return _Candidate(
         replace(shape, margin=margins[0], instant_margin=now),
-        tuple(tails),
-        _any_above(quiet, limits),
+        tails,
+        margins,
+        _any_above(quiet, margins),
         blocks,
-        _any_above(seen, limits),
+        _any_above(seen, margins),
         seen[0] > 0,
         all(some.any() for some in enough),
     )
@@ -273,15 +260,6 @@ def _rate_unknown_in(scores: FrameScores, ocean: Bools, rule: MofNRule) -> list[
     return few if len(names) > 1 else []
 
 
-def _summary(candidate: _Candidate) -> dict[str, Any]:
-    return {
-        **candidate.rule.to_json(),
-        "detected": int(candidate.found.sum()),
-        "detected_at_margin_0": int(candidate.found_at_zero.sum()),
-        "latency_frames": candidate.rule.latency_frames,
-    }
-
-
 def _described(best: _Candidate, target: FalseStatusTarget, unit: str) -> dict[str, Any]:
     frames, false = len(best.false_status), int(best.false_status.sum())
     blocks = len(np.unique(best.blocks))
@@ -308,7 +286,7 @@ def _described(best: _Candidate, target: FalseStatusTarget, unit: str) -> dict[s
         "confidence": best.confidence(),
         "tail": [asdict(tail) if tail else None for tail in best.tails],
         "obstacle_frames": len(best.found),
-        **{key: _summary(best)[key] for key in _COSTS},
+        **best.costs(),
     }
 
 
@@ -320,7 +298,6 @@ _UNKNOWN = (
     f" The rate is unknown in {{}}: it takes {MIN_FRAMES} held-out ocean frames there, each with "
     "the frames before it that the rule looks at."
 )
-_COSTS = ("detected", "detected_at_margin_0", "latency_frames")
 _METHODS = {
     unit: (
         f"A Gumbel law, at a level that changes from {unit} to {unit}, was fitted to how strong "

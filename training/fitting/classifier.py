@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from sklearn.base import TransformerMixin
@@ -106,7 +107,6 @@ def fit_classifier(
     targets : array of int, shape (n,)
     choice : Hyperparameters
         LinearSVC's C and the weights of the classes.
-    settings : TrainingSettings
     weights : array of float64, shape (n,), optional
         How much each patch's error counts, and the patch itself before a map.
     scaled_by : array of float64, shape (n,), optional
@@ -174,7 +174,7 @@ def decision_values(pipeline: Pipeline, features: F64, rows: I64 | None = None) 
     return in_parts(pipeline.decision_function, features, rows).reshape(len(rows), -1)
 
 
-def in_parts(function: Callable[[F64], F64], features: F64, rows: I64) -> F64:
+def in_parts(function: Callable[[F64], Any], features: F64, rows: I64) -> F64:
     """A function of features, row by row, of some rows of a table; so many rows at a time."""
     parts = np.split(rows, range(_AT_ONCE, len(rows), _AT_ONCE))
     return np.concatenate([np.asarray(function(features[part]), np.float64) for part in parts])

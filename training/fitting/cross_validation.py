@@ -18,7 +18,7 @@ from tokt.features.frames.mission import format_frames
 from tokt.models.linear import LinearModel, obstacle_score
 from tokt.models.operating_point import MofNRule
 from tokt.models.water import WaterPrior
-from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.datasets.dataset import PATCH_KEY, DatasetVersion
 from tokt.training.datasets.splits import (
     MAX_JUDGED,
     Fold,
@@ -55,25 +55,13 @@ SITES, DIVES, BLOCKS = "sites", "dives", "blocks of frames"
 
 @dataclass(frozen=True)
 class Split:
-    """What a cross-validation holds out together, and what counts the same in learning.
+    """What a cross-validation holds out together, and what counts the same in learning."""
 
-    Parameters
-    ----------
-    folds : int
-        Of blocks, or of more dives than can be held out one by one.
-    embargo_frames : int
-        Between blocks of one dive.
-    by : {"block", "dive"}
-    weight : {"patch", "dive"}
-        Whether each patch counts the same, or each dive.
-    sites : mapping of str to str
-        Site by mission: by dive, all dives of a site are held out together.
-    """
-
-    folds: int
-    embargo_frames: int
-    by: str = BLOCK
-    weight: str = PATCH
+    folds: int  # of blocks, or of more dives than can be held out one by one
+    embargo_frames: int  # between blocks of one dive
+    by: str = BLOCK  # or DIVE
+    weight: str = PATCH  # or DIVE: whether each patch counts the same, or each dive
+    # By mission: where it is by dive, all dives of a site are held out together.
     sites: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -96,7 +84,6 @@ class Split:
 
         Parameters
         ----------
-        dataset : DatasetVersion
         folds, embargo_frames, by, weight
             As above; None where it is left open.
         sites : sequence of str
@@ -138,7 +125,7 @@ class Split:
     @property
     def inner(self) -> Self:
         """Of the cross-validation inside a training part: one fold less."""
-        return replace(self, folds=inner_folds(self.folds))
+        return replace(self, folds=max(2, self.folds - 1))
 
     def cut(self, patches: pd.DataFrame, targets: I64, to_choose: bool = False) -> list[Fold]:
         """Folds of whole dives or sites where it is by dive and there are several; else of blocks.
@@ -205,48 +192,26 @@ def _texts(sites: Mapping[Any, Any]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class HeldOutPredictions:
-    """Decision values of patches by models that did not learn from them.
+    """Decision values of patches by models that did not learn from them."""
 
-    Parameters
-    ----------
-    values : array of float64, shape (n_patches, n_outputs)
-    fold : array of int, shape (n_patches,)
-        The fold in which a patch was tested; -1 for none.
-    choices : tuple of Hyperparameters
-        What each fold's model was trained with.
-    rules : tuple of MofNRule
-        Each fold's frame rule, chosen on its training part alone.
-    stressed : mapping of str to array of float64, shape (n_patches, n_outputs)
-        By augmentation: decision values of the patches on frames so augmented.
-    distance : array of float64, shape (n_patches,), or None
-        How far each was from the nearest landmark (`NystroemMap.distance`); NaN where it was not
-        tested, None without a map.
-    """
-
-    values: F64
-    fold: I64
-    choices: tuple[Hyperparameters, ...]
-    rules: tuple[MofNRule, ...]
+    values: F64  # (n_patches, n_outputs)
+    fold: I64  # (n_patches,): the fold in which a patch was tested; -1 for none
+    choices: tuple[Hyperparameters, ...]  # what each fold's model was trained with
+    rules: tuple[MofNRule, ...]  # each fold's frame rule, chosen on its training part alone
+    # By augmentation: (n_patches, n_outputs) of the patches on frames so augmented.
     stressed: Mapping[str, F64] = field(default_factory=dict)
+    # (n_patches,): how far each was from the nearest landmark (`NystroemMap.distance`); NaN where
+    # it was not tested, None without a map.
     distance: F64 | None = None
 
 
 @dataclass(frozen=True)
 class BestCandidate:
-    """The best candidate of a cross-validation.
-
-    Parameters
-    ----------
-    choice : Hyperparameters
-    values : array of float64, shape (n_patches, n_outputs)
-        Its decision values of patches that were held out; NaN of others (`Split.cut`).
-    prior : WaterPrior or None
-        Of these values before the boundary was moved by it; None where it was not.
-    """
+    """The best candidate of a cross-validation."""
 
     choice: Hyperparameters
-    values: F64
-    prior: WaterPrior | None
+    values: F64  # (n_patches, n_outputs) where a patch was held out (`Split.cut`); NaN of others
+    prior: WaterPrior | None  # of these values before the boundary was moved by it, if it was
 
 
 def choose_hyperparameters(
@@ -271,8 +236,6 @@ def choose_hyperparameters(
         Columns mission, frame, group.
     features : array of float64, shape (n_patches, dim)
     targets : array of int, shape (n_patches,)
-    settings : TrainingSettings
-    split : Split
     augmented : sequence of arrays like `features`
         Learnt from too, as in `fit_rows`; tested on is `features` alone.
     jobs : int
@@ -382,10 +345,7 @@ def cross_validate(
 
     Parameters
     ----------
-    dataset : DatasetVersion
     features : array of float64, shape (n_patches, dim)
-    settings : TrainingSettings
-    split : Split
     progress : callable
         ``progress(items, total, what)`` passes the items through.
     target : FalseStatusTarget
@@ -407,13 +367,13 @@ def cross_validate(
         or all the same.
     """
     features = np.asarray(features)
-    stress, whole = stress or {}, whole or {}
-    for table in (features, *augmented, *stress.values()):
+    tables, whole = {"": features, **(stress or {})}, whole or {}
+    for table in (*tables.values(), *augmented):
         check_features(dataset, table)
     patches, targets = dataset.patches, dataset.targets()
     folds, dives = split.cut(patches, targets), split.dives(patches)
-    values = np.full((len(targets), _outputs(len(dataset.classes()))), np.nan)
-    stressed = {name: values.copy() for name in stress}
+    shape = len(targets), _outputs(len(dataset.classes()))
+    values = {name: np.full(shape, np.nan) for name in tables}
     number, distance = np.full(len(targets), -1), np.full(len(targets), np.nan)
     choices, rules = [], []
     for index, fold in enumerate(progress(folds, len(folds), "cross-validation")):
@@ -427,15 +387,13 @@ def cross_validate(
         by_dive = split.by == DIVE
         rules.append(choose_frame_rule(dataset, scores, tested, target, by_dive)[0])
         judge = partial(decision_values, pipeline)
-        for name, table, found in [("", features, values)] + [
-            (name, table, stressed[name]) for name, table in stress.items()
-        ]:
-            found[fold.test] = judged(judge, table, fold.test, whole.get(name), chosen.prior)
+        for name, table in tables.items():
+            values[name][fold.test] = judged(judge, table, fold.test, whole.get(name), chosen.prior)
         if model.map is not None:
             distance[fold.test] = in_parts(model.map.distance, features, fold.test)
         number[fold.test] = index
         choices.append(chosen.choice)
-    told = values, number, tuple(choices), tuple(rules), stressed
+    told = values.pop(""), number, tuple(choices), tuple(rules), values
     return HeldOutPredictions(*told, distance if settings.landmarks else None)
 
 
@@ -504,32 +462,15 @@ def check_split(dataset: DatasetVersion, split: Split) -> None:
         split.inner.cut(patches.iloc[fold.train], targets[fold.train], to_choose=True)
 
 
-def inner_folds(n_folds: int) -> int:
-    """Folds of the cross-validation inside the training part of one of `n_folds` folds."""
-    return max(2, n_folds - 1)
-
-
 def check_features(dataset: DatasetVersion, features: F64) -> None:
     """Raise ToktError unless there is something to learn from in the features.
 
     A feature that is the same everywhere is harmless; the scaler leaves it at 0.
-
-    Parameters
-    ----------
-    dataset : DatasetVersion
-    features : array of float64, shape (n_patches, dim)
     """
     every = np.arange(len(features))
-    sound = (
-        in_parts(
-            lambda some: np.asarray(np.isfinite(some).all(axis=1), np.float64), features, every
-        )
-        > 0
-    )
+    sound = in_parts(lambda some: np.isfinite(some).all(axis=1), features, every) > 0
     if not sound.all():
-        mission, camera, frame, row, col = dataset.patches.iloc[int(np.argmin(sound))][
-            ["mission", "camera", "frame", "row", "col"]
-        ]
+        mission, camera, frame, row, col = dataset.patches.iloc[int(np.argmin(sound))][PATCH_KEY]
         raise ToktError(
             f"dataset {dataset.label}: the extractor gives {int((~sound).sum())} patches a feature "
             f"that is not a finite number; the first is mission {mission}, {camera} frame {frame}, "
@@ -550,23 +491,10 @@ def robustness_figures(
 ) -> dict[str, Any]:
     """Figures on augmented frames beside those on the frames as they are.
 
-    Each fold's model scores the augmented frames of its test part.
-
-    Parameters
-    ----------
-    dataset : DatasetVersion
-    held_out : HeldOutPredictions
-        With `stressed`.
-    model : LinearModel
-        Says what decision values mean.
-    learnt : tuple of str
-        The augmentations that the models learnt from, on other frames.
-
-    Returns
-    -------
-    dict
-        By augmentation: f1, fall (of F1, against the frames as they are), false_status,
-        ocean_frames, detected, obstacle_frames (at the folds' rules), and learnt.
+    Each fold's model scores the augmented frames of its test part. `learnt` are the augmentations
+    that the models learnt from, on other frames. By augmentation there are f1, fall (of F1, against
+    the frames as they are), false_status, ocean_frames, detected, obstacle_frames (at the folds'
+    rules), and learnt.
     """
     tested = held_out.fold >= 0
     truth = np.asarray(model.obstacle, bool)[dataset.targets()[tested]]

@@ -24,8 +24,7 @@ from tokt.models.distribution import (
     ks_distances,
     quantile_edges,
 )
-from tokt.training.datasets.dataset import DatasetVersion
-from tokt.training.evaluation.frame_scores import KEYS
+from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
 
 NOVEL_RATE = 0.01
 """Part of the frames of known water that may be called unknown for a patch unlike all learnt."""
@@ -37,27 +36,16 @@ def novelty_limit(dataset: DatasetVersion, distance: F64 | None) -> tuple[float 
     """The distance to the nearest landmark that clear patches of held-out frames stay below.
 
     Of every dive's frames, each dive counting the same, `NOVEL_RATE` may have a farther one.
-
-    Parameters
-    ----------
-    dataset : DatasetVersion
-    distance : array of float64, shape (n_patches,), or None
-        `NystroemMap.distance` of held-out patches; NaN where one was not held out.
-
-    Returns
-    -------
-    float or None
-        None where there is no map, no whole frame, or no clear patch.
-    str
-        How it was found, in words.
+    Distances are those of `HeldOutPredictions`. With the limit, None where there is no map, no
+    whole frame or no clear patch, come the words how it was found.
     """
-    clear = ~np.asarray(dataset.obstacle_flags(), bool)[dataset.targets()]
+    clear = ~dataset.obstacles()
     if distance is None or dataset.block_frames is None:
         return None, ""
     known = clear & np.isfinite(distance)
     if not known.any():
         return None, ""
-    frames = dataset.patches[KEYS].assign(far=distance)[known].groupby(KEYS).far.max()
+    frames = dataset.patches[FRAME_KEY].assign(far=distance)[known].groupby(FRAME_KEY).far.max()
     dives = frames.groupby("mission")
     weight = 1 / dives.transform("size") / dives.ngroups
     falling = frames.to_numpy().argsort()[::-1]
@@ -77,27 +65,16 @@ def training_distribution(
 ) -> Distribution | None:
     """The distribution of a dataset's features, and its held-back windows' distances from it.
 
-    Parameters
-    ----------
-    dataset : DatasetVersion
-    features : array of float64, shape (n_patches, dim)
-        Finite, in the order of the dataset's patches.
-    embargo_frames : int
-        Frames on either side of a window that it is not compared with.
-    rows : array of int, optional
-        The patches to take; by default all.
-
-    Returns
-    -------
-    Distribution or None
-        None where nothing says which patches belong together, or fewer than `MIN_STRETCHES`
-        windows without a common frame can be held back.
+    Features are finite, in the order of the dataset's patches, of which some `rows` may be taken. A
+    window is not compared with the `embargo_frames` on either side of it. None where nothing says
+    which patches belong together, or fewer than `MIN_STRETCHES` windows without a common frame can
+    be held back.
     """
     if dataset.block_frames is None:
         return None
     length = min(dataset.block_frames, MAX_WINDOW_FRAMES)
     rows = np.arange(len(features)) if rows is None else rows
-    grouped = dataset.patches.iloc[rows].groupby(KEYS)
+    grouped = dataset.patches.iloc[rows].groupby(FRAME_KEY)
     of_patch = grouped.ngroup().to_numpy(np.int64)
     sizes = grouped.size()
     windows = _windows(sizes.index.to_frame(index=False), sizes.to_numpy(), length, embargo_frames)
@@ -122,37 +99,19 @@ def training_distribution(
 
 @dataclass(frozen=True)
 class _Windows:
-    """Windows of frames, which are rows of one table sorted by mission, camera and number.
+    """Windows of frames, which are rows of one table sorted by mission, camera and number."""
 
-    Parameters
-    ----------
-    mission : array of int, shape (n_windows,)
-    number : array of int, shape (n_windows,)
-        The first frame's.
-    first, last : array of int, shape (n_windows,)
-        Rows of the window's frames: from `first` to before `last`.
-    near : array of int, shape (n_cameras, 2, n_windows)
-        Of each camera the rows, from and to before, that the window is not compared with; an
-        empty range for another mission's camera.
-    """
-
-    mission: I64
-    number: I64
-    first: I64
+    mission: I64  # (n_windows,)
+    number: I64  # (n_windows,): the first frame's
+    first: I64  # (n_windows,): rows of the window's frames: from `first` to before `last`
     last: I64
+    # (n_cameras, 2, n_windows): of each camera the rows, from and to before, that the window is not
+    # compared with; an empty range for another mission's camera.
     near: I64
 
 
 def _windows(frames: pd.DataFrame, patches: I64, length: int, embargo: int) -> _Windows:
-    """All windows that are full enough and leave enough to compare with.
-
-    Parameters
-    ----------
-    frames : DataFrame
-        Columns mission, camera, frame; sorted.
-    patches : array of int, shape (n_frames,)
-        How many each frame has.
-    """
+    """All windows of sorted frames that are full enough and leave enough to compare with."""
     numbers = frames.frame.to_numpy(np.int64)
     mission = pd.factorize(frames.mission)[0]
     camera = frames.groupby(["mission", "camera"]).ngroup().to_numpy()
@@ -187,12 +146,7 @@ def _stretches(windows: _Windows, apart: int) -> int:
 
 
 def _held_back_distances(by_frame: I64, windows: _Windows) -> F64:
-    """Of one feature: each window's distance from all that it is to be compared with.
-
-    Parameters
-    ----------
-    by_frame : array of int64, shape (n_frames, BINS)
-    """
+    """Of one feature, (n_frames, BINS): each window's distance from what it is compared with."""
     before = np.vstack([np.zeros(BINS, np.int64), np.cumsum(by_frame, axis=0)])
     inside = before[windows.last] - before[windows.first]
     near = (before[windows.near[:, 1]] - before[windows.near[:, 0]]).sum(axis=0)

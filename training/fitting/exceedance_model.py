@@ -38,28 +38,13 @@ _SHARES = stats.norm.pdf(_LEVELS) / stats.norm.pdf(_LEVELS).sum()
 
 @dataclass(frozen=True)
 class ExceedanceModel:
-    """The law of the ocean frames' statistic.
+    """The law of the ocean frames' statistic."""
 
-    Parameters
-    ----------
-    mean : float
-        Of all frames.
-    between : float
-        Standard deviation of the blocks' levels.
-    within : float
-        Scale of the Gumbel law inside a block.
-    quantile : float
-        What the stated rate of frames exceeds.
-    standard_error : float
-        Of `quantile`, between blocks.
-    blocks : int
-    """
-
-    mean: float
-    between: float
-    within: float
-    quantile: float
-    standard_error: float
+    mean: float  # of all frames
+    between: float  # standard deviation of the blocks' levels
+    within: float  # scale of the Gumbel law inside a block
+    quantile: float  # what the stated rate of frames exceeds
+    standard_error: float  # of `quantile`, between blocks
     blocks: int
 
     def margin(self, confidence: float) -> float:
@@ -85,16 +70,9 @@ class ExceedanceModel:
 def fit_exceedance_model(
     statistic: F64, block: NDArray[np.object_], rate: float
 ) -> ExceedanceModel | None:
-    """Fit the law; None where there is too little to fit.
+    """Fit the law to frames' finite statistics and blocks; None where there is too little to fit.
 
-    Parameters
-    ----------
-    statistic : array of float64, shape (n_frames,)
-        Finite.
-    block : array, shape (n_frames,)
-        Which frames belong together.
-    rate : float
-        Of frames that may exceed a margin.
+    `rate` is that of frames that may exceed a margin.
     """
     names = np.unique(block)
     if len(statistic) < MIN_FRAMES or len(names) < MIN_BLOCKS:

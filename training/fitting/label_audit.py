@@ -39,7 +39,13 @@ from tokt.features.common.errors import ToktError
 from tokt.labels.formats.audit_csv import Audit, AuditedPatch
 from tokt.labels.record import utc_now
 from tokt.models.registry.registry import Registry, fitting
-from tokt.training.datasets.dataset import OBSTACLE, DatasetVersion, open_dataset
+from tokt.training.datasets.dataset import (
+    FRAME_KEY,
+    OBSTACLE,
+    PATCH_KEY,
+    DatasetVersion,
+    open_dataset,
+)
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS, Fold
 
@@ -56,7 +62,6 @@ from .presets import (
 )
 
 PRESET = "best"
-_CELL = ["mission", "camera", "frame", "row", "col"]
 _UNGROUPED = (
     " UNGROUPED: nothing says which patches come from one photo; a wrong label may be confirmed by "
     "a near copy of its patch. Frame n is the folder's n-th picture, by class and file name."
@@ -65,30 +70,15 @@ _UNGROUPED = (
 
 @dataclass(frozen=True)
 class AuditInput:
-    """The dataset to audit, and the model settings to audit it with.
+    """The dataset to audit, and the model settings to audit it with."""
 
-    Parameters
-    ----------
-    label : str
-        The dataset or model, for people.
-    name : str
-        The same, fit for a file's name.
-    dataset : DatasetVersion
-    extractor_spec : dict
-    split : Split
-    settings : TrainingSettings
-        Of a model, with what it was trained with as the only candidate.
-    first : array of float64, shape (n_patches, n_outputs), or None
-        A model's decision values of patches that were held out; None computes them.
-    """
-
-    label: str
-    name: str
+    label: str  # the dataset or model, for people
+    name: str  # the same, fit for a file's name
     dataset: DatasetVersion
     extractor_spec: dict[str, Any]
     split: Split
-    settings: TrainingSettings
-    first: F64 | None = None
+    settings: TrainingSettings  # of a model, with what it was trained with as the only candidate
+    first: F64 | None = None  # (n_patches, n_outputs), a model's of held-out patches, if known
 
 
 def audit_input_named(reference: str, workspace: Path, folds: int | None = None) -> AuditInput:
@@ -96,8 +86,6 @@ def audit_input_named(reference: str, workspace: Path, folds: int | None = None)
 
     Parameters
     ----------
-    reference : str
-    workspace : Path
     folds : int, optional
         For a dataset; a model has its own.
 
@@ -177,7 +165,7 @@ def _settings_of(made_by: dict[str, Any]) -> TrainingSettings:
 def _first_values(table: pd.DataFrame, dataset: DatasetVersion) -> F64 | None:
     """The registered held-out values; None where an older tokt did not keep them."""
     columns = [name for name in table if name.startswith("value_")]
-    same = len(table) == len(dataset.patches) and table[_CELL].equals(dataset.patches[_CELL])
+    same = table[PATCH_KEY].equals(dataset.patches[PATCH_KEY])
     return table[columns].to_numpy(np.float64) if columns and same else None
 
 
@@ -192,7 +180,6 @@ def audit(
 
     Parameters
     ----------
-    subject : AuditInput
     cache : Path
         Folder of the feature cache.
     progress : callable
@@ -265,14 +252,7 @@ def _judge(
 
 
 def label_margins(values: F64, targets: I64) -> F64:
-    """By how much each label wins: float64, shape (n,); below 0 it loses.
-
-    Parameters
-    ----------
-    values : array of float64, shape (n, n_outputs)
-        One output: above 0 for class 1. Several: one a class.
-    targets : array of int, shape (n,)
-    """
+    """By how much each label wins by decision values, (n, n_outputs); below 0 it loses."""
     own, others = _own_and_others(values, targets)
     return np.asarray(own - others.max(axis=1), np.float64)
 
@@ -301,8 +281,8 @@ def _doubted(dataset: DatasetVersion, order: I64, margins: F64, decided: I64) ->
     names = _suggestions(dataset)
     classes = dataset.classes()
     chosen = dataset.patches.iloc[order]
-    near = dataset.patches.merge(chosen[_CELL[:3]].drop_duplicates(), on=_CELL[:3])
-    labels = near.set_index(_CELL).label.to_dict()
+    near = dataset.patches.merge(chosen[FRAME_KEY].drop_duplicates(), on=FRAME_KEY)
+    labels = near.set_index(PATCH_KEY).label.to_dict()
     patches = []
     for row, place in zip(chosen.itertuples(index=False), order.tolist(), strict=True):
         suggested, margin = names[decided[place]], float(margins[place])

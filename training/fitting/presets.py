@@ -15,18 +15,10 @@ from tokt.training.datasets.dataset import DatasetVersion
 
 @dataclass(frozen=True)
 class Hyperparameters:
-    """One candidate of a cross-validation.
+    """One candidate of a cross-validation."""
 
-    Parameters
-    ----------
-    penalty : float
-        LinearSVC's C.
-    class_weight : "balanced" or None
-        ``balanced`` weighs a patch by how rare its class is.
-    """
-
-    penalty: float
-    class_weight: str | None = None
+    penalty: float  # LinearSVC's C
+    class_weight: str | None = None  # ``balanced`` weighs a patch by how rare its class is
 
     def __post_init__(self) -> None:
         if not 0 < self.penalty < math.inf or self.class_weight not in (None, "balanced"):
@@ -35,54 +27,26 @@ class Hyperparameters:
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """All that decides the weights besides the data.
-
-    Parameters
-    ----------
-    preset : str
-    scale : bool
-        Whether features are brought to zero mean and unit variance.
-    penalties : tuple of float
-        Candidates for LinearSVC's C.
-    class_weights : tuple of "balanced" or None
-        Candidates for the classes' weights. The choice among all pairs is made by a blocked
-        cross-validation inside the training part of each fold.
-    changes : tuple of str
-        Augmentations, by name: every training part is learnt from as it is and as each of them
-        makes it. Tested on is what the camera gave.
-    change_weight : float
-        How much a patch of an augmented frame counts, against 1 as it is.
-    two_images : bool
-        Train on one ocean image against one other image, as the thesis does, not on the
-        dataset.
-    seed : int
-        LinearSVC's random state, and the landmarks'.
-    landmarks : int
-        Of Nystroem's map between scaler and LinearSVC; 0 for none.
-    gamma : float
-        Of that map's radial basis function, times the number of features.
-    limit : float
-        Standard deviations at which features are cut off before that map.
-    moving_boundary : bool
-        Whether the boundary moves with the water (`tokt.models.water`), where there are whole
-        frames.
-    max_samples : int
-        Patches that a fit learns from at most: drawn where there are more, so that memory and time
-        have a bound. More of the same water teach nothing (docs/scale.md).
-    """
+    """All that decides the weights besides the data."""
 
     preset: str
-    scale: bool
-    penalties: tuple[float, ...]
-    two_images: bool
-    seed: int = 42
+    scale: bool  # whether features are brought to zero mean and unit variance
+    penalties: tuple[float, ...]  # candidates for LinearSVC's C
+    two_images: bool  # learn from two images, ocean and other, as the thesis does, not the dataset
+    seed: int = 42  # LinearSVC's random state, and the landmarks'
+    # Candidates, too. The choice among all pairs is made by a blocked cross-validation inside the
+    # training part of each fold.
     class_weights: tuple[str | None, ...] = (None,)
+    # Augmentations, by name: every training part is learnt from as it is and as each of them makes
+    # it. Tested on is what the camera gave.
     changes: tuple[str, ...] = ()
-    change_weight: float = 1.0
-    landmarks: int = 0
-    gamma: float = 0.3
-    limit: float = 2.5
-    moving_boundary: bool = False
+    change_weight: float = 1.0  # how much a patch of an augmented frame counts, against 1 as it is
+    landmarks: int = 0  # of Nystroem's map between scaler and LinearSVC; 0 for none
+    gamma: float = 0.3  # of that map's radial basis function, times the number of features
+    limit: float = 2.5  # standard deviations at which features are cut off before that map
+    moving_boundary: bool = False  # with the water (`tokt.models.water`), if frames are whole
+    # Patches that a fit learns from at most: drawn where there are more, so that memory and time
+    # have a bound. More of the same water teach nothing (docs/scale.md).
     max_samples: int = 50_000
 
     @classmethod

@@ -33,9 +33,8 @@ from tokt.models.bundle.bundle import (
 from tokt.models.registry.registration import FILES_TAG, RegisteredVersion, files_tag
 from tokt.models.registry.registry import RECIPE_VERSION, Registry
 from tokt.models.signing.keys import SigningKey
-from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
 from tokt.training.evaluation import plots
-from tokt.training.evaluation.frame_scores import KEYS
 from tokt.training.evaluation.report import report_page
 
 from .classifier import decision_values
@@ -68,9 +67,9 @@ def code_version() -> str:
 
 def _golden_rows(dataset: DatasetVersion) -> list[int]:
     """Two frames of the dataset: the one with most obstacle patches, and the clearest one."""
-    flags = np.asarray(dataset.obstacle_flags(), bool)[dataset.targets()]
-    counts = dataset.patches.assign(obstacle=flags).groupby(KEYS).obstacle.agg(["sum", "size"])
-    listed = counts.loc[pd.MultiIndex.from_frame(dataset.frames[KEYS])].reset_index(drop=True)
+    patches = dataset.patches.assign(obstacle=dataset.obstacles())
+    counts = patches.groupby(FRAME_KEY).obstacle.agg(["sum", "size"])
+    listed = counts.loc[pd.MultiIndex.from_frame(dataset.frames[FRAME_KEY])].reset_index(drop=True)
     most = int(listed["sum"].idxmax())
     clearest = int((listed["size"] - listed["sum"]).idxmax())
     return sorted({most, clearest})
@@ -239,8 +238,6 @@ def log_and_register(
 
     Parameters
     ----------
-    trained : Trained
-    registry : Registry
     key : SigningKey, optional
         Signs the registration.
 

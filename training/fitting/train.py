@@ -19,16 +19,15 @@ from tokt.models.bundle.bundle import frame_id
 from tokt.models.distribution import Distribution
 from tokt.models.linear import LinearModel
 from tokt.models.operating_point import MofNRule, OperatingPoint
-from tokt.training.datasets.dataset import DatasetVersion
+from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
-from tokt.training.evaluation.frame_scores import KEYS
 
 from .choose_operating_point import (
     DEFAULT_TARGET,
     DIVE,
     FalseStatusTarget,
-    check_target,
     choose_frame_rule,
+    shapes_on,
 )
 from .classifier import converged, decision_values, fit_classifier, fit_rows, linear_model
 from .cross_validation import (
@@ -40,7 +39,6 @@ from .cross_validation import (
     choose_hyperparameters,
     cross_validate,
     held_out_metrics,
-    inner_folds,
     robustness_figures,
     rows_tested,
 )
@@ -57,76 +55,36 @@ _WEAK = (
 
 @dataclass(frozen=True)
 class TrainRequest:
-    """A model to train: dataset, extractor, settings and targets.
-
-    Parameters
-    ----------
-    dataset : DatasetVersion
-    name : str
-        The model's name in the registry.
-    extractor : Extractor
-    extractor_name : str
-        What the user asked for, as ``lbp``.
-    settings : TrainingSettings
-    split : Split
-    ocean_image, other_image : Path or None
-        For the preset `thesis` only; by default a clear frame of the dataset and a rendered
-        texture.
-    target : FalseStatusTarget
-        What the operating point is chosen for.
-    search : str or None
-        The search that the extractor comes from.
-    selection : str
-        How the extractor was chosen, in a sentence; stands with the figures.
-    """
+    """A model to train: dataset, extractor, settings and targets."""
 
     dataset: DatasetVersion
-    name: str
+    name: str  # the model's name in the registry
     extractor: Extractor
-    extractor_name: str
+    extractor_name: str  # what the user asked for, as ``lbp``
     settings: TrainingSettings
     split: Split
-    ocean_image: Path | None = None
-    other_image: Path | None = None
-    target: FalseStatusTarget = DEFAULT_TARGET
-    search: str | None = None
-    selection: str = ""
+    ocean_image: Path | None = None  # of preset `thesis`; by default a clear frame of the dataset
+    other_image: Path | None = None  # of preset `thesis`; by default a rendered texture
+    target: FalseStatusTarget = DEFAULT_TARGET  # what the operating point is chosen for
+    search: str | None = None  # the search that the extractor comes from
+    selection: str = ""  # how the extractor was chosen, in a sentence; stands with the figures
 
 
 @dataclass(frozen=True)
 class Trained:
-    """A trained model with all that is known about it, before it is logged.
-
-    Parameters
-    ----------
-    request : TrainRequest
-    pipeline : Pipeline
-        scikit-learn's, fitted on all training data.
-    model : LinearModel
-        The same with the scaler folded in.
-    choice : Hyperparameters
-        What it was fitted with.
-    held_out : HeldOutPredictions
-    metrics : dict
-        As `held_out_metrics`, with ``split``: how they were measured, in words.
-    trained_on : array of uint64
-        First 8 bytes of the pixel hash of every frame learnt from.
-    operating_point : OperatingPoint
-        Chosen on held-out decision values of all blocks; the figures of `metrics` come from the
-        folds' own rules.
-    distribution : Distribution or None
-        Of the features as the frames are, unchanged; None where no limits can be measured.
-    """
+    """A trained model with all that is known about it, before it is logged."""
 
     request: TrainRequest
-    pipeline: Pipeline
-    model: LinearModel
-    choice: Hyperparameters
+    pipeline: Pipeline  # scikit-learn's, fitted on all training data
+    model: LinearModel  # the same with the scaler folded in
+    choice: Hyperparameters  # what it was fitted with
     held_out: HeldOutPredictions
-    metrics: dict[str, Any]
-    trained_on: NDArray[np.uint64]
+    metrics: dict[str, Any]  # as `held_out_metrics`, with ``split``: how they were measured
+    trained_on: NDArray[np.uint64]  # first 8 bytes of the pixel hash of every frame learnt from
+    # Chosen on held-out decision values of all blocks; the figures of `metrics` come from the
+    # folds' own rules.
     operating_point: OperatingPoint
-    distribution: Distribution | None
+    distribution: Distribution | None  # of unchanged frames; None where no limits can be measured
 
 
 def train(
@@ -141,7 +99,6 @@ def train(
 
     Parameters
     ----------
-    request : TrainRequest
     cache : Path
         Folder of the feature cache.
     progress : callable
@@ -172,7 +129,7 @@ def train(
     else:
         check_split(dataset, split)
         if dataset.block_frames is not None:
-            check_target(dataset.grid, request.target)
+            shapes_on(dataset.grid, request.target)
     wanted = dict.fromkeys(("", *settings.changes, *stress))
     spec = request.extractor.spec
     computed = dataset, spec, cache, progress, jobs, dask
@@ -275,7 +232,7 @@ def _folds_in_words(request: TrainRequest) -> str:
         f"{_WEAK if weak else ''}{split.folds}-fold cross-validation over whole blocks of frames "
         f"({request.dataset.block_frames} frames a block); training frames within "
         f"{split.embargo_frames} frames of a test frame left out; {candidates} by "
-        f"{inner_folds(split.folds)}-fold blocked cross-validation. {rest}"
+        f"{split.inner.folds}-fold blocked cross-validation. {rest}"
     )
 
 
@@ -310,11 +267,10 @@ def _candidates(settings: TrainingSettings) -> str:
 
 
 def _first_clear_frame(dataset: DatasetVersion) -> U8:
-    clear = ~np.asarray(dataset.obstacle_flags(), bool)[dataset.targets()]
-    table = dataset.patches.assign(clear=clear).groupby(KEYS).clear
+    table = dataset.patches.assign(clear=~dataset.obstacles()).groupby(FRAME_KEY).clear
     sizes, sums = table.size(), table.sum()
     full = set(sums[(sums == sizes) & (sizes == dataset.grid.n_patches)].index)
-    keys = dataset.frames[KEYS].itertuples(index=False, name=None)
+    keys = dataset.frames[FRAME_KEY].itertuples(index=False, name=None)
     for index, key in enumerate(keys):
         if key in full:
             return dataset.read_frame(index)
@@ -382,7 +338,7 @@ def _test_on_all(
     """Score every patch of the dataset but those of frames that were learnt from."""
     dataset = request.dataset
     folds = request.split.cut(dataset.patches, dataset.targets())
-    digests = dataset.patches[KEYS].merge(dataset.frames, on=KEYS, how="left").digest
+    digests = dataset.patches[FRAME_KEY].merge(dataset.frames, on=FRAME_KEY, how="left").digest
     number = np.full(len(dataset.patches), -1)
     for index, fold in enumerate(folds):
         number[fold.test] = index

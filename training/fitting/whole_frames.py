@@ -19,28 +19,14 @@ Judge = Callable[[F64, I64], F64]
 
 @dataclass(frozen=True)
 class WholeFrames:
-    """Features of all patches of a dataset's frames, labelled or not, and the dataset's among them.
+    """Features of all patches of a dataset's frames, and the dataset's own patches among them."""
 
-    Parameters
-    ----------
-    features : array of float64, shape (n_frames * n_patches, dim)
-        As `cached_features` has those of whole frames.
-    at : array of int, shape (n_frames, n_patches)
-        Their rows in it; frames as `frame_table` has them: by mission, camera and number.
-    place : array of int, shape (n_frames,)
-        As of `FrameTable`.
-    obstacle : tuple of bool
-        For each class whether it is an obstacle.
-    frame, cell : array of int, shape (n_rows,)
-        Of each row of a table of patches: its frame, and its place in the grid.
-    """
-
-    features: F64
-    at: I64
-    place: I64
-    obstacle: tuple[bool, ...]
-    frame: I64
-    cell: I64
+    features: F64  # (n_frames * n_patches, dim): as `cached_features` has those of whole frames
+    at: I64  # (n_frames, n_patches): their rows in it; frames as `frame_table` has them
+    place: I64  # (n_frames,): as of `FrameTable`
+    obstacle: tuple[bool, ...]  # for each class whether it is an obstacle
+    frame: I64  # (n_rows,): the frame of each row of a table of patches
+    cell: I64  # (n_rows,): its place in the grid
 
     @classmethod
     def of(cls, dataset: DatasetVersion, features: F64) -> WholeFrames:
@@ -57,30 +43,15 @@ class WholeFrames:
         return replace(self, frame=self.frame[rows], cell=self.cell[rows])
 
     def values(self, judge: Judge) -> tuple[I64, F64]:
-        """The frames of the table's patches, rising, and all their patches' decision values.
-
-        Returns
-        -------
-        array of int, shape (n,), and array of float64, shape (n, n_patches, n_outputs)
-        """
+        """The table's frames, rising, and their decision values, (n, n_patches, n_outputs)."""
         frames = np.unique(self.frame)
         found = self.at[frames]
         return frames, judge(self.features, found.ravel()).reshape(*found.shape, -1)
 
     def moved(self, frames: I64, values: F64, prior: WaterPrior | None) -> F64:
-        """Decision values of the table's patches, less the boundary in their frame.
+        """Decision values of the table's patches, given `values`, less the boundary in their frame.
 
-        Parameters
-        ----------
-        frames, values
-            As from `values`, of all frames that the table has patches of.
-        prior : WaterPrior or None
-            None for a boundary that stays at 0.
-
-        Returns
-        -------
-        numpy.ndarray
-            float64, shape (n_rows, n_outputs).
+        Without a prior the boundary stays at 0.
         """
         at = np.searchsorted(frames, self.frame)
         own = values[at, self.cell]

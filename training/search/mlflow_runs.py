@@ -24,15 +24,7 @@ _PARAM_CHARS = 6000  # MLflow's limit on a parameter
 
 
 class SearchRuns:
-    """The runs of one search.
-
-    Parameters
-    ----------
-    registry : Registry
-    search_id, name : str
-    parameters : mapping
-        Of the parent run.
-    """
+    """The runs of one search; name and parameters are those of the parent run."""
 
     def __init__(
         self, registry: Registry, search_id: str, name: str, parameters: Mapping[str, Any]
@@ -80,10 +72,7 @@ class SearchRuns:
     def log(self, trial: Trial, finished: Finished) -> None:
         """Log a finished trial as a child run, unless that was done.
 
-        Raises
-        ------
-        ToktError
-            If the registry cannot be reached or written.
+        Raises ToktError if the registry cannot be reached or written.
         """
         known = self._known.get(trial.id)
         if known is not None and known.info.status == _FINISHED:

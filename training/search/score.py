@@ -41,24 +41,13 @@ HOW = (
 
 @dataclass(frozen=True)
 class BlockConfusion:
-    """Confusion matrices of held-out patches, one for each block of frames, or for each dive.
+    """Confusion matrices of held-out patches, one for each block of frames, or for each dive."""
 
-    Parameters
-    ----------
-    blocks, folds : array of int, shape (n,)
-        The block of frames, or the dive, and the fold of each row of `counts`.
-    counts : array of int, shape (n, classes, classes)
-        True class by said class.
-    n_blocks : int
-    by_dive : bool
-        Whether they are dives, of which each counts the same.
-    """
-
-    blocks: I64
-    folds: I64
-    counts: I64
+    blocks: I64  # (n,): the block of frames, or the dive, of each row of `counts`
+    folds: I64  # (n,): its fold
+    counts: I64  # (n, classes, classes): true class by said class
     n_blocks: int
-    by_dive: bool = False
+    by_dive: bool = False  # whether they are dives, of which each counts the same
 
     def to_json(self) -> dict[str, Any]:
         """As it is kept."""
@@ -120,10 +109,7 @@ class BlockConfusion:
 def f1_of_counts(counts: I64) -> F64:
     """F1 of class 1 of two, macro-F1 over the classes present of more; NaN where undefined.
 
-    Parameters
-    ----------
-    counts : array of int, shape (..., classes, classes)
-        Confusion matrices, true class by said class.
+    From confusion matrices (..., classes, classes), true class by said class.
     """
     hits = np.diagonal(counts, axis1=-2, axis2=-1)
     present = counts.sum(axis=-1)
@@ -165,23 +151,13 @@ def tally(dataset: DatasetVersion, held_out: HeldOutPredictions, by_dive: bool) 
 
 @dataclass(frozen=True)
 class Rank:
-    """Scores of one trial, as the rule compares them.
-
-    Parameters
-    ----------
-    trial : Trial
-    score, standard_error : float
-    shortfall, shortfall_error : float
-        By how much it is below the best, and the standard error of that.
-    within : bool
-        Whether the shortfall is at most one standard error and `MAX_GIVEN_UP`.
-    """
+    """Scores of one trial, as the rule compares them."""
 
     trial: Trial
     score: float
     standard_error: float
-    shortfall: float
-    shortfall_error: float
+    shortfall: float  # by how much it is below the best
+    shortfall_error: float  # the standard error of that
 
     @property
     def within(self) -> bool:
@@ -222,17 +198,8 @@ def honest_score(
     then scored on that fold's held-out blocks, and the folds are put together. The scores on the
     held-out blocks are known already: the trial of the whole dataset trained on just that part.
 
-    Parameters
-    ----------
-    whole : mapping
-        Each trial on the whole dataset.
-    inside : sequence of mapping
-        The same inside the training part of each fold.
-
-    Returns
-    -------
-    dict
-        score; chosen: the winner's name inside each fold; how, in words.
+    There is each trial on the `whole` dataset, and the same `inside` the training part of each
+    fold; chosen are the winners' names inside the folds.
     """
     chosen = [winner(ranked(tallies)).trial for tallies in inside]
     parts = [(whole[trial], whole[trial].folds == fold) for fold, trial in enumerate(chosen)]

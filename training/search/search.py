@@ -32,13 +32,7 @@ _UNITS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 
 @dataclass(frozen=True)
 class Budget:
-    """A limit on the trials begun in one run; None for no limit.
-
-    Parameters
-    ----------
-    seconds : float or None
-    trials : int or None
-    """
+    """A limit on the trials begun in one run; None for no limit."""
 
     seconds: float | None = None
     trials: int | None = None
@@ -63,36 +57,18 @@ def budget_from(text: str | None) -> Budget:
 
 @dataclass(frozen=True)
 class SearchRequest:
-    """A search to run: dataset, space, split and budget.
-
-    Parameters
-    ----------
-    dataset : DatasetVersion
-    name : str
-        The winner's name in the registry.
-    space : Space
-    split : Split
-    workspace : Path
-    budget : Budget
-        Of this run; what it leaves is done by the next one.
-    nested : bool
-        Whether to measure the honest figure of the whole procedure.
-    fresh : bool
-        Forget what earlier runs did.
-    jobs, dask
-        As in `mapped`; nothing that comes out depends on them.
-    """
+    """A search to run: dataset, space, split and budget."""
 
     dataset: DatasetVersion
-    name: str
+    name: str  # the winner's name in the registry
     space: Space
     split: Split
     workspace: Path
-    budget: Budget = field(default_factory=Budget)
-    nested: bool = False
-    fresh: bool = False
-    jobs: int = -1
-    dask: str | None = None
+    budget: Budget = field(default_factory=Budget)  # of this run; the next does what it leaves
+    nested: bool = False  # whether to measure the honest figure of the whole procedure
+    fresh: bool = False  # forget what earlier runs did
+    jobs: int = -1  # as in `mapped`; nothing that comes out depends on it
+    dask: str | None = None  # as in `mapped`
 
 
 def _code_hash() -> str:

@@ -42,23 +42,12 @@ _FILE = "spec:"
 
 @dataclass(frozen=True)
 class Trial:
-    """One extractor to be tried.
+    """One extractor to be tried."""
 
-    Parameters
-    ----------
-    name : str
-        Its name in the space file.
-    spec : dict
-    features : int
-        Columns of a patch's row.
-    pictures : int
-        Different pictures of a frame it looks at: each costs time at run time.
-    """
-
-    name: str
+    name: str  # its name in the space file
     spec: dict[str, Any] = field(hash=False)
-    features: int
-    pictures: int
+    features: int  # columns of a patch's row
+    pictures: int  # different pictures of a frame it looks at: each costs time at run time
 
     @property
     def id(self) -> str:
@@ -76,18 +65,10 @@ class Trial:
 
 @dataclass(frozen=True)
 class Space:
-    """The trials of a search and their common settings.
+    """The trials of a search and their common settings."""
 
-    Parameters
-    ----------
-    trials : tuple of Trial
-        Simple ones first.
-    settings : TrainingSettings
-        The candidates for C and class weight, the augmentations, and the seed.
-    """
-
-    trials: tuple[Trial, ...]
-    settings: TrainingSettings
+    trials: tuple[Trial, ...]  # simple ones first
+    settings: TrainingSettings  # the candidates for C and class weight, the augmentations, the seed
 
     def to_json(self) -> dict[str, Any]:
         """All of it, for the search's key and its files."""

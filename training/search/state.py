@@ -38,20 +38,11 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class Finished:
-    """A trial's outcome.
-
-    Parameters
-    ----------
-    tally : BlockConfusion
-    choices : tuple of Hyperparameters
-        C and class weight of each fold.
-    seconds : float
-        What it took; for people.
-    """
+    """A trial's outcome."""
 
     tally: BlockConfusion
-    choices: tuple[Hyperparameters, ...]
-    seconds: float
+    choices: tuple[Hyperparameters, ...]  # C and class weight of each fold
+    seconds: float  # what it took; for people
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -67,13 +58,7 @@ def write_finished(path: Path, finished: Finished) -> None:
 
 
 def read_finished(path: Path) -> Finished | None:
-    """A trial kept earlier, or None where there is none.
-
-    Raises
-    ------
-    ToktError
-        If it is damaged or of a newer format.
-    """
+    """A trial kept earlier, if any; ToktError where it is damaged or of a newer format."""
     return _read(path, _finished, "delete it, or search with --fresh")
 
 
@@ -97,17 +82,10 @@ def _read(path: Path, parsed: Callable[[dict[str, Any]], _T], remedy: str) -> _T
 
 @dataclass(frozen=True)
 class SearchState:
-    """The folder of one search.
-
-    Parameters
-    ----------
-    folder : Path
-    id : str
-        Names the search in the registry: its key, and a number that ``--fresh`` raises.
-    """
+    """The folder of one search."""
 
     folder: Path
-    id: str
+    id: str  # names the search in the registry: its key, and a number that ``--fresh`` raises
 
     def trial_file(self, trial_id: str, outer_fold: int | None = None) -> Path:
         """Where a finished trial is kept; with `outer_fold`, that of its training part."""
@@ -120,23 +98,11 @@ class SearchState:
 def opened_state(
     root: Path, question: Mapping[str, Any], dataset: str, *, fresh: bool
 ) -> Iterator[SearchState]:
-    """The state of a search, new or as an earlier run left it, for this process alone.
+    """The state of a search, new (`fresh`) or as an earlier run left it, for this process alone.
 
-    Parameters
-    ----------
-    root : Path
-        The workspace's ``searches`` folder.
-    question : mapping
-        Everything that can change a trial's score or the winner; JSON.
-    dataset : str
-        For people: the folder's name begins with it.
-    fresh : bool
-        Forget what an earlier run did.
-
-    Raises
-    ------
-    ToktError
-        If another process is at the same search, or the state is damaged or of a newer format.
+    `root` is the workspace's ``searches`` folder; the question is all that can change a trial's
+    score or the winner. Raises ToktError if another process is at the same search, or the state is
+    damaged or of a newer format.
     """
     key = f"{dataset}-{json_sha256(question)[:_KEY_CHARS]}"
     folder = root / key

@@ -22,47 +22,25 @@ from .state import Finished, write_finished
 
 @dataclass(frozen=True)
 class TrialTask:
-    """A trial to be run, on any process that sees the same files.
-
-    Parameters
-    ----------
-    trial : Trial
-    dataset, cache, file : Path
-        Of the dataset version, the features kept earlier, and the outcome.
-    settings : TrainingSettings
-    split : Split
-        Of the whole search.
-    outer_fold : int or None
-        Use nothing but the training part of this fold.
-    not_after : float or None
-        Time (s since 1970) after which it is not begun any more.
-    """
+    """A trial to be run, on any process that sees the same files."""
 
     trial: Trial
     dataset: Path
-    cache: Path
-    file: Path
+    cache: Path  # of features
+    file: Path  # for the outcome
     settings: TrainingSettings
-    split: Split
-    outer_fold: int | None = None
-    not_after: float | None = None
+    split: Split  # of the whole search
+    outer_fold: int | None = None  # use nothing but the training part of this fold
+    not_after: float | None = None  # time (s since 1970) after which it is not begun any more
 
 
 @dataclass(frozen=True)
 class TrialOutcome:
-    """Result of a trial, or its error.
-
-    Parameters
-    ----------
-    task : TrialTask
-    finished : Finished or None
-    fault : str or None
-        Why the extractor cannot be tried. With neither, the time was up.
-    """
+    """Result of a trial, or its error."""
 
     task: TrialTask
     finished: Finished | None = None
-    fault: str | None = None
+    fault: str | None = None  # why the extractor cannot be tried; with neither, the time was up
 
 
 def run_task(task: TrialTask) -> TrialOutcome:
@@ -78,7 +56,7 @@ def run_task(task: TrialTask) -> TrialOutcome:
             for name in names
         )
         if task.outer_fold is not None:
-            rows = outer_training_rows(dataset, split, task.outer_fold)
+            rows = split.cut(dataset.patches, dataset.targets())[task.outer_fold].train
             dataset, features = part_of(dataset, rows), features[rows]
             augmented = [table[rows] for table in augmented]
             split = split.inner
@@ -101,11 +79,6 @@ def _dataset(path: Path) -> DatasetVersion:
 
 def _silent(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:
     yield from items
-
-
-def outer_training_rows(dataset: DatasetVersion, split: Split, fold: int) -> I64:
-    """The patches that fold number `fold` trains on."""
-    return split.cut(dataset.patches, dataset.targets())[fold].train
 
 
 def part_of(dataset: DatasetVersion, rows: I64) -> DatasetVersion:

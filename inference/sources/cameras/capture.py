@@ -26,30 +26,15 @@ SIDES = ("left", "right")
 class Capture:
     """One exposure of one camera.
 
-    Parameters
-    ----------
-    camera : int
-        `LEFT` or `RIGHT`.
-    frame_id : int
-        The camera's own number for it.
-    taken_s : float
-        When it was taken by the camera's own clock, in seconds since a moment that only this
-        camera knows; not a number where the camera did not say.
-    arrived : float
-        When it was complete in this process: `Clock.monotonic`, in seconds.
-    t : float
-        The same as wall time: seconds since 1970 (UTC).
-    picture : array of uint8, shape (height, width) or (height, width, 3) in BGR order, or None
-        In memory of its own, which nobody writes again. None where `fault` says why.
-    fault : Fault
-        `NO_FAULT` where there is a picture.
+    Its picture is gray or in BGR order, in memory of its own, which nobody writes again; None where
+    `fault` says why.
     """
 
-    camera: int
-    frame_id: int
-    taken_s: float
-    arrived: float
-    t: float
+    camera: int  # `LEFT` or `RIGHT`
+    frame_id: int  # the camera's own number for it
+    taken_s: float  # by the camera's own clock, of any zero; not a number where it did not say
+    arrived: float  # when it was complete in this process: `Clock.monotonic`
+    t: float  # the same as wall time: seconds since 1970 (UTC)
     picture: U8 | None
     fault: Fault = NO_FAULT
 

@@ -17,8 +17,7 @@ import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
@@ -52,22 +51,10 @@ class CameraKeeper(threading.Thread):
             │                    ^
             └──> delivering ─────┘  the driver says so, or nothing has come for too long
 
-    Parameters
-    ----------
-    camera : int
-        `LEFT` or `RIGHT`.
-    driver : CameraDriver
-    clock : Clock
-    source : CameraSource
-        Told what becomes of the camera, on the camera's own threads: by `captured` what it
-        delivered, by `lost` why it delivers no more, at each attempt that fails.
-    wait : bool
-        Whether a camera that cannot be opened at first is tried again, as one that was lost is.
-
-    Attributes
-    ----------
-    tried : threading.Event
-        Set when the camera was opened or could not be; then `refused` says why.
+    The source is told what becomes of the camera, on the camera's own threads: by `captured` what
+    it delivered, by `lost` why it delivers no more, at each attempt that fails. With `wait` a
+    camera that cannot be opened at first is tried again, as one that was lost is. `tried` is set
+    when it was opened or could not be; then `refused` says why.
     """
 
     def __init__(
@@ -195,27 +182,13 @@ _NOTHING = Fault(Reason.MISSING, "no frame")
 
 @dataclass
 class CameraCounts:
-    """Counts of one camera's captures.
+    """Counts of one camera's captures."""
 
-    Parameters
-    ----------
-    captured : int
-        Captures delivered by the driver, incomplete ones among them.
-    incomplete : int
-        Captures without a usable picture.
-    left_out : int
-        Exposures that never arrived, by the camera's own numbers.
-    unpaired : int
-        Captures that the other camera has none to.
-    lost : int
-        Times that the camera was lost.
-    """
-
-    captured: int = 0
-    incomplete: int = 0
-    left_out: int = 0
-    unpaired: int = 0
-    lost: int = 0
+    captured: int = 0  # delivered by the driver, incomplete ones among them
+    incomplete: int = 0  # without a usable picture
+    left_out: int = 0  # exposures that never arrived, by the camera's own numbers
+    unpaired: int = 0  # to which the other camera has none
+    lost: int = 0  # times that the camera was lost
 
 
 @dataclass(eq=False)
@@ -242,7 +215,6 @@ class CameraSource:
 
     def __post_init__(self) -> None:
         self.counts = [CameraCounts() for _ in self.drivers]
-        self.overtaken = 0
         self._keepers = [
             CameraKeeper(camera, driver, self.clock, self, self.wait)
             for camera, driver in enumerate(self.drivers)
@@ -319,15 +291,6 @@ class CameraSource:
         finally:
             self.close()
 
-    def figures(self) -> dict[str, Any]:
-        """The counts so far, as plain JSON."""
-        with self._changed:
-            cameras = {
-                side: {**asdict(counts), "failures": keeper.driver.failures}
-                for side, counts, keeper in zip(SIDES, self.counts, self._keepers, strict=False)
-            }
-            return {"cameras": cameras, "overtaken": self.overtaken}
-
     # What the keepers tell, on their threads.
 
     def captured(self, capture: Capture) -> None:
@@ -384,7 +347,6 @@ class CameraSource:
                 camera = RIGHT if moment.left is None else LEFT
                 self.counts[camera].unpaired += not self._lost[1 - camera]
             if self._latest is not None:
-                self.overtaken += 1
                 self._skipped += 1
             self._latest = moment
         if moments:

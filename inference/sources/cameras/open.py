@@ -31,15 +31,10 @@ def is_camera_source(text: str) -> bool:
 
 
 def check_camera_options(wanted: SourceConfig) -> None:
-    """Check what a user asks of cameras, before one is touched.
+    """Check what a user asks of cameras, before one is touched; ToktError if it cannot be meant.
 
     What is None leaves a camera as it is: a camera that has no such setting refuses what was asked
     for, and takes no notice of defaults.
-
-    Raises
-    ------
-    ToktError
-        If something cannot be meant.
     """
     for name, words in _POSITIVE.items():
         value = getattr(wanted, name)

@@ -77,12 +77,8 @@ class _Exposures:
 class ClockFit:
     """A camera's clock against this machine's, and its period, estimated from its captures.
 
-    Parameters
-    ----------
-    period_s : float, optional
-        Seconds between two exposures as the camera is set.
-    shared : bool
-        Whether the camera's clock is that of the other already.
+    `period_s` is that between two exposures as the camera is set, and `shared` whether its clock is
+    that of the other already.
     """
 
     def __init__(self, period_s: float | None = None, shared: bool = False) -> None:
@@ -109,13 +105,10 @@ class ClockFit:
         return Fault(Reason.STALE, f"frame {capture.frame_id} {words}, by its {how}")
 
     def add(self, capture: Capture) -> int:
-        """Learn from a capture that has a time.
+        """Learn from a capture that has a time; how many were left out before it.
 
-        Returns
-        -------
-        int
-            How many captures the camera took since the one before and did not deliver, by its
-            own numbers; 0 where these do not tell.
+        Those the camera took since the one before and did not deliver, by its own numbers; 0 where
+        these do not tell.
         """
         last, self._last = self._last, capture
         step = 0
@@ -149,11 +142,7 @@ class ClockFit:
     def common_s(self, taken_s: float, shared: bool) -> float | None:
         """A time by the camera's clock, in seconds that both cameras share; None if not known.
 
-        Parameters
-        ----------
-        taken_s : float
-        shared : bool
-            Whether both cameras' clocks are one.
+        `shared` is whether both cameras' clocks are one.
         """
         if shared:
             return taken_s
@@ -164,21 +153,12 @@ class ClockFit:
 
 @dataclass(frozen=True)
 class Moment:
-    """The captures of one moment: a pair, or that of one camera alone.
-
-    Parameters
-    ----------
-    left, right : Capture or None
-    alone : Fault
-        Why one of them is missing; empty for a pair, and where there is but one camera.
-    at : float
-        When it was, in seconds that all moments share; not a number where that is not known.
-    """
+    """The captures of one moment: a pair, or that of one camera alone."""
 
     left: Capture | None
     right: Capture | None
-    alone: Fault
-    at: float
+    alone: Fault  # why one is missing; empty for a pair, and where there is but one camera
+    at: float  # in seconds that all moments share; not a number where that is not known
 
 
 class Pairer:
@@ -195,13 +175,7 @@ class Pairer:
         self._newest = [-math.inf, -math.inf]
 
     def absent(self, camera: int) -> list[Moment]:
-        """A camera is gone: nothing waits for it any more, or of it.
-
-        Returns
-        -------
-        list of Moment
-            What is settled by that.
-        """
+        """A camera is gone: nothing waits for it any more, or of it; what is settled by that."""
         self.fits[camera] = None
         left, right = map(len, self._waiting)
         return [*self._alone(LEFT, left), *self._alone(RIGHT, right)]
@@ -215,13 +189,7 @@ class Pairer:
         return min(periods[0], periods[1])
 
     def add(self, capture: Capture) -> list[Moment]:
-        """Take a capture that its camera's `ClockFit` has learnt from.
-
-        Returns
-        -------
-        list of Moment
-            What is settled by it.
-        """
+        """Take a capture that its camera's `ClockFit` has learnt from; what is settled by it."""
         camera, other = capture.camera, 1 - capture.camera
         fit = self.fits[camera]
         if fit is None or math.isnan(capture.taken_s):
@@ -254,13 +222,7 @@ class Pairer:
         return settled
 
     def expired(self, now: float) -> list[Moment]:
-        """What has waited for longer than a period.
-
-        Parameters
-        ----------
-        now : float
-            `Clock.monotonic`, in seconds.
-        """
+        """What has waited for longer than a period, by `Clock.monotonic`."""
         return [
             moment
             for camera, waiting in enumerate(self._waiting)

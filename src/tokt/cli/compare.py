@@ -25,7 +25,7 @@ from .options import (
     WorkspaceOption,
     read_calibration_file,
 )
-from .output import answer, figure, print_patches, progress, say
+from .output import answer, figure, print_patches, progress, say, scores
 from .output import print_line as print
 
 if TYPE_CHECKING:
@@ -147,25 +147,23 @@ def compared_models(
     bundles = [load_model(model, workspace) for model in models]
     check_different([bundle.label for bundle in bundles], [bundle.sha256 for bundle in bundles])
     missions = labelled_missions(mission, labels, workspace, classes, bundles[0].grid)
-    _check_frames(frames, missions)
-    stated = _stated(*at_sea, missions)
+    stated = _stated(missions, frames, *at_sea)
     return predict_missions(bundles, missions, classes, progress, wanted, stated)
 
 
-def _check_frames(frames: str | None, missions: Sequence[LabelledMission]) -> None:
-    if frames and len(missions) > 1:
-        raise ToktError("--frames goes with one mission")
-
-
 def _stated(
+    missions: Sequence[LabelledMission],
+    frames: str | None,
     rate: float | None,
     stopping_m: float | None,
     calibration: Path | None,
     log: Path | None,
-    missions: Sequence[LabelledMission],
 ) -> AtSea:
+    """What was said of the missions; some of it is of one alone."""
     from tokt.training.evaluation.approaches import AtSea, logged_distances
 
+    if frames and len(missions) > 1:
+        raise ToktError("--frames goes with one mission")
     if log and len(missions) > 1:
         raise ToktError("--log goes with one mission")
     rig = read_calibration_file(calibration) if calibration else None
@@ -222,9 +220,7 @@ def _print_comparison(result: dict[str, Any]) -> None:
         bounds = spread.get("f1")
         between = f" ({figure(bounds['low'])} to {figure(bounds['high'])})" if bounds else ""
         print(
-            f"  {model['model']}: F1 {figure(patch['f1'])}{between}, precision "
-            f"{figure(patch['precision'])}, recall {figure(patch['recall'])}, AP "
-            f"{figure(patch['average_precision'])}, macro-F1 {figure(patch['macro_f1'])}, "
+            f"  {model['model']}: {scores(patch, between)}, macro-F1 {figure(patch['macro_f1'])}, "
             f"{model['time']['median_ms']:.1f} ms a frame"
         )
         if frames is not None:
@@ -236,12 +232,8 @@ def _print_comparison(result: dict[str, Any]) -> None:
             _print_at_sea(frames, "    ")
     for one in result["ceilings"]:
         of = f" on the features of {one['model']}" if one["model"] else ""
-        patch = one.get("patch")
-        found = one.get("missing") or (
-            f"F1 {figure(patch['f1'])}, precision {figure(patch['precision'])}, recall "
-            f"{figure(patch['recall'])}, AP {figure(patch['average_precision'])}, macro-F1 "
-            f"{figure(patch['macro_f1'])}"
-        )
+        patch, found = one.get("patch"), one.get("missing")
+        found = found or f"{scores(patch)}, macro-F1 {figure(patch['macro_f1'])}"
         print(f"  ceiling, {one['learner']}{of}: {found}")
     for line in (*result["words"], *result["learning_curve"].get("words", [])):
         print(line)
@@ -298,8 +290,7 @@ def evaluate(
         result = evaluate_patches(bundle, patches, classes, progress)
     else:
         missions = labelled_missions(mission or [], labels, workspace, classes, bundle.grid)
-        _check_frames(frames, missions)
-        stated = _stated(*at_sea, missions)
+        stated = _stated(missions, frames, *at_sea)
         result = evaluate_task(bundle, missions, classes, progress, wanted, stated)
     dives = result.get("missions", [])
     if result["seen_in_training"]:

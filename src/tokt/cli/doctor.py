@@ -3,7 +3,8 @@
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -34,7 +35,7 @@ def doctor(
     Every line is ok, a note (worth knowing, perhaps as intended) or a fault. Nothing on disk is
     changed.
     """
-    findings = list(_findings(store, workspace))
+    findings = _findings(store, workspace)
     ok = all(finding.state != FAULT for finding in findings)
     value = {"ok": ok, "findings": [finding.to_json() for finding in findings]}
     answer(json, value, lambda: _print(findings))
@@ -42,25 +43,48 @@ def doctor(
         raise typer.Exit(_FAULTY)
 
 
-def _findings(store: Path | None, workspace: Path) -> Iterator[Finding]:
+def _findings(store: Path | None, workspace: Path) -> list[Finding]:
+    found: list[Finding] = []
+    with _examined("installation", found):
+        found.extend(_installation())
     # The kernels come before all that needs them: see there what a wrong choice of them does.
-    yield from _examined("installation", _installation)
-    yield from _examined("kernels", _kernels)
-    yield from _examined("camera driver", _camera)
-    yield from _examined("genicam cameras", _genicam)
+    with _examined("kernels", found):
+        from tokt.features.kernels.health import kernel_findings
+
+        found.extend(kernel_findings())
+    with _examined("camera driver", found):
+        from tokt.inference.sources.cameras.vimba.system import camera_driver_finding
+
+        found.append(camera_driver_finding())
+    with _examined("genicam cameras", found):
+        from tokt.inference.sources.cameras.genicam.producers import genicam_finding
+
+        found.append(genicam_finding())
     if store is not None:
-        yield from _examined("store", lambda: _store(store))
-    yield from _examined("workspace", lambda: [_disk(workspace)])
-    yield from _examined("labels", lambda: _labels(workspace))
-    yield from _examined("registry", lambda: _registry(workspace))
+        with _examined("store", found):
+            from tokt.models.store.health import store_findings
+
+            found.extend(store_findings(store))
+    with _examined("workspace", found):
+        found.append(_disk(workspace))
+    with _examined("labels", found):
+        from tokt.labels.store.health import label_store_finding
+
+        found.append(label_store_finding(workspace))
+    with _examined("registry", found):
+        from tokt.models.registry.health import registry_finding
+
+        found.append(registry_finding(workspace))
+    return found
 
 
-def _examined(name: str, examine: Callable[[], Iterable[Finding]]) -> Iterator[Finding]:
-    """The findings of one part; what keeps it from being examined is a finding, too."""
+@contextmanager
+def _examined(name: str, found: list[Finding]) -> Iterator[None]:
+    """One part; what keeps it from being examined is a finding, too."""
     try:
-        yield from examine()
+        yield
     except (ToktError, OSError, ImportError) as error:
-        yield Finding(name, FAULT, f"cannot be examined: {' '.join(str(error).split())}")
+        found.append(Finding(name, FAULT, f"cannot be examined: {' '.join(str(error).split())}"))
 
 
 def _installation() -> Iterable[Finding]:
@@ -113,42 +137,6 @@ def missing_packages(package: str, extra: str) -> list[str]:
             for own in filter(None, re.split(r"\s*,\s*", own_extras or "")):
                 missing += missing_packages(name, own)
     return missing
-
-
-def _kernels() -> Iterable[Finding]:
-    from tokt.features.kernels.health import kernel_findings
-
-    return kernel_findings()
-
-
-def _camera() -> Iterable[Finding]:
-    from tokt.inference.sources.cameras.vimba.system import camera_driver_finding
-
-    return [camera_driver_finding()]
-
-
-def _genicam() -> Iterable[Finding]:
-    from tokt.inference.sources.cameras.genicam.producers import genicam_finding
-
-    return [genicam_finding()]
-
-
-def _store(path: Path) -> Iterable[Finding]:
-    from tokt.models.store.health import store_findings
-
-    return store_findings(path)
-
-
-def _labels(workspace: Path) -> Iterable[Finding]:
-    from tokt.labels.store.health import label_store_finding
-
-    return [label_store_finding(workspace)]
-
-
-def _registry(workspace: Path) -> Iterable[Finding]:
-    from tokt.models.registry.health import registry_finding
-
-    return [registry_finding(workspace)]
 
 
 def _disk(workspace: Path) -> Finding:

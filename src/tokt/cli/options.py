@@ -70,13 +70,7 @@ def is_written(context: typer.Context, name: str) -> bool:
 
 
 def read_calibration_file(path: Path) -> StereoCalibration:
-    """Read a calibration that is to be used; what is odd about it is said on standard error.
-
-    Raises
-    ------
-    ToktError
-        If it cannot be read or cannot be used.
-    """
+    """Read a calibration that is to be used; what is odd about it is said on standard error."""
     described = describe_calibration_file(path)
     calibration = described.usable()
     for oddity in described.oddities:
@@ -85,13 +79,7 @@ def read_calibration_file(path: Path) -> StereoCalibration:
 
 
 def describe_calibration_file(path: Path) -> CheckedCalibration:
-    """Read a calibration of any form, MATLAB's binary files included, usable or not.
-
-    Raises
-    ------
-    ToktError
-        If it cannot be read.
-    """
+    """Read a calibration of any form, MATLAB's binary files included, usable or not."""
     from tokt.inference.stereo.calibration import check_calibration, read_calibration
 
     if path.suffix.lower() != ".mat":

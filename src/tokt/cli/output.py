@@ -153,16 +153,20 @@ def _remaining(seconds: float) -> str:
 def print_patches(patch: dict[str, Any]) -> None:
     """Obstacle figures where they mean something, and those by class for several classes."""
     if patch["f1"] is not None:
-        print_line(
-            f"  obstacle patches: F1 {figure(patch['f1'])}, precision "
-            f"{figure(patch['precision'])}, recall {figure(patch['recall'])}, "
-            f"AP {figure(patch['average_precision'])}"
-        )
+        print_line(f"  obstacle patches: {scores(patch)}")
     if patch["f1"] is None or len(patch["per_class"]) > 2:
         by_class = ", ".join(
             f"{name} {figure(row['f1'])}" for name, row in patch["per_class"].items()
         )
         print_line(f"  classes: macro-F1 {figure(patch['macro_f1'])} ({by_class})")
+
+
+def scores(patch: dict[str, Any], between: str = "") -> str:
+    """The figures of obstacle patches; `between` follows F1."""
+    f1, precision, recall, average = (
+        figure(patch[key]) for key in ("f1", "precision", "recall", "average_precision")
+    )
+    return f"F1 {f1}{between}, precision {precision}, recall {recall}, AP {average}"
 
 
 def figure(value: float | None) -> str:
@@ -174,12 +178,8 @@ def figure(value: float | None) -> str:
 def stop_on_signal(stop: Callable[[], None]) -> Iterator[list[int]]:
     """Call `stop` at the first Ctrl-C or SIGTERM, so that nothing is cut off half-way.
 
-    A second Ctrl-C interrupts at once, for a loop that hangs. Only for the main thread.
-
-    Yields
-    ------
-    list of int
-        The signals that have come.
+    A second Ctrl-C interrupts at once, for a loop that hangs. Only for the main thread. Yields the
+    signals that have come.
     """
     came: list[int] = []
 

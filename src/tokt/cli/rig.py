@@ -89,9 +89,7 @@ def calibrate(
         raise ToktError("--calibration goes with --check; to start from a file, use --start")
     if output is None:
         raise ToktError("give -o FILE to write the calibration to (or --check to measure one)")
-    _check_name(output)
-    if report is not None and not report.absolute().parent.is_dir():
-        raise ToktError(f"there is no folder {report.parent} to write {report.name} to")
+    _check_names(output, report)
     if board is not None:
         _from_boards(mission, board, square, output, json)
         return
@@ -117,13 +115,14 @@ def calibrate(
     answer(json, value, lambda: _print_self(found, output, report))
 
 
-def _check_name(output: Path) -> None:
-    """Refuse a name that could not be written before minutes of work, not after."""
+def _check_names(output: Path, report: Path | None) -> None:
+    """Refuse names that could not be written before minutes of work, not after."""
     known = (".yml", ".yaml", ".json", ".xml")
     if output.suffix.lower() not in known:
         raise ToktError(f"a calibration file ends in {', '.join(known)}, not as {output.name}")
-    if not output.absolute().parent.is_dir():
-        raise ToktError(f"there is no folder {output.parent} to write {output.name} to")
+    for file in (output, report):
+        if file is not None and not file.absolute().parent.is_dir():
+            raise ToktError(f"there is no folder {file.parent} to write {file.name} to")
 
 
 def _start(

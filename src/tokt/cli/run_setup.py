@@ -75,12 +75,7 @@ _END_S = 1.0
 
 
 def check(config: RunConfig) -> None:
-    """Refuse options that contradict each other, and those that would do nothing.
-
-    Raises
-    ------
-    ToktError
-    """
+    """Refuse options that contradict each other, and those that would do nothing."""
     given = [each for each in OPTIONS.values() if each.name in config.given]
     for each in given:
         if each.not_with in config.given:
@@ -131,26 +126,12 @@ def _check_anchor(config: RunConfig) -> None:
 
 
 class RunModel:
-    """The model a run begins with.
-
-    Parameters
-    ----------
-    wanted : ModelConfig
-
-    Attributes
-    ----------
-    bundle : Bundle or None
-        It, once loaded.
-    fault : str
-        Why it could not be loaded.
-    notes : list of str
-        Why it is not the store's active one.
-    """
+    """The model a run begins with."""
 
     def __init__(self, wanted: ModelConfig) -> None:
-        self.bundle: Bundle | None = None
-        self.fault = ""
-        self.notes: list[str] = []
+        self.bundle: Bundle | None = None  # it, once loaded
+        self.fault = ""  # why it could not be loaded
+        self.notes: list[str] = []  # why it is not the store's active one
         self._wanted = wanted
 
     @property
@@ -218,13 +199,7 @@ def _as_json(config: RunConfig, model: Bundle | None, summary: Summary) -> dict[
 
 
 def carry_out(config: RunConfig) -> None:
-    """Run until the source ends or somebody stops it, and say what came of it.
-
-    Raises
-    ------
-    ToktError
-        If something that was asked for cannot be had.
-    """
+    """Run until the source ends or somebody stops it, and say what came of it."""
     check(config)
     events = EventQueue()
     with ExitStack() as opened:
@@ -452,20 +427,22 @@ def _observers(
     keep(counts)
     keep(ReceiverWatch(senders, SYSTEM_CLOCK, events.put))
     if config.monitoring.metrics is not None:
-        from tokt.inference.monitoring.metrics import Metrics, MetricSources, parse_metrics
+        from tokt.inference.monitoring.metrics import Metrics, RunCollector, parse_metrics
         from tokt.inference.sources.cameras.live_source import CameraSource
 
         cameras = source if isinstance(source, CameraSource) else None
-        watched = MetricSources(senders, log, recorder, cameras, drift)
+        parts = senders, log, recorder, cameras, drift
         address = parse_metrics(config.monitoring.metrics)
-        opened.callback(Metrics(*address, counts, watched, SYSTEM_CLOCK).close)
+        metrics = Metrics(*address, RunCollector(counts, SYSTEM_CLOCK, *parts))
+        opened.callback(metrics.close)
     if model.shadow is not None and model.shadow_log is not None:
         from tokt.inference.replay.replay import model_named
         from tokt.inference.replay.shadow import Challenger, Shadow
 
         lines = (LinesApart if source.live else JsonLines)(model.shadow_log, rotation)
         other = model_named(model.shadow)
-        challenger = Challenger.of(other, config.policy.policy, pairs, model.threads)
+        named = other.label, other.sha256, other.data
+        challenger = Challenger(*named, config.policy.policy, pairs, model.threads)
         # After the others: in a replay without a rate it waits for its challenger.
         keep(Shadow(challenger, lines, run, source.live, SYSTEM_CLOCK, events.put))
     return _Observers(observers, log, recorder, drift, counts)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -131,7 +131,7 @@ def _render(
     mission = simulate_mission(
         folder, seed=seed, n_frames=frames, width=wide, jobs=jobs, progress=progress
     )
-    answer(json, mission.to_json(), lambda: _print_mission(mission))
+    answer(json, asdict(mission), lambda: _print_mission(mission))
 
 
 def _print_mission(mission: SyntheticMission) -> None:
@@ -242,7 +242,7 @@ def bench(
     if frames is not None:
         extent = replace(extent, compared=frames)
     known = read_calibration_file(calibration) if calibration else None
-    found = run_bench(out, mission, labels, extent, progress, say, known)
+    found = run_bench(out, mission, labels, known, extent, progress, say)
     answer(json, found.to_json(), lambda: print_table(found.results, found.about))
     say(f"chart: {out / 'bench.png'}")
     if not found.about["exact"]:

@@ -24,7 +24,7 @@ from .options import (
     ReportOption,
     WorkspaceOption,
 )
-from .output import answer, figure, print_patches, progress, say
+from .output import answer, figure, print_patches, progress, say, scores
 from .output import print_line as print
 
 if TYPE_CHECKING:
@@ -379,9 +379,7 @@ def _print_dives(metrics: dict[str, Any]) -> None:
     for what in ("dives", "sites"):
         for name, one in metrics.get(what, {}).items():
             print(
-                f"    {what[:-1]} {name}: F1 {figure(one['f1'])}, precision "
-                f"{figure(one['precision'])}, recall {figure(one['recall'])}, AP "
-                f"{figure(one['average_precision'])}, macro-F1 {figure(one['macro_f1'])}; "
+                f"    {what[:-1]} {name}: {scores(one)}, macro-F1 {figure(one['macro_f1'])}; "
                 f"{one['obstacles']} of {one['n']} patches obstacles"
             )
 

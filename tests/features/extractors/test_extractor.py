@@ -17,22 +17,18 @@ from tokt.features.common.canonical import canonical_json, json_sha256
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors import frame_pictures
 from tokt.features.extractors.extractor import (
-    NAMED,
-    PLAIN_IMAGE,
-    Context,
     Haralick,
     Join,
     Lbp,
-    Lines,
-    Moments,
-    Quantization,
-    Structure,
     build_extractor,
     extractor_named,
     gray_picture,
 )
 from tokt.features.extractors.frame_pictures import FramePictures
+from tokt.features.extractors.named_extractors import NAMED
+from tokt.features.extractors.textures import PLAIN_IMAGE, Context, Lines, Moments, Structure
 from tokt.features.frames.grid import Grid
+from tokt.features.kernels.quantization import Quantization
 
 Image = NDArray[np.uint8]
 GRID = Grid(4, 5, 110)

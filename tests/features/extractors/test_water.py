@@ -12,17 +12,10 @@ from skimage.color import rgb2lab
 
 from tests.calls import refuses
 from tests.tiers import scaled
-from tokt.features.extractors.extractor import (
-    Colour,
-    Context,
-    Gradients,
-    PatchPlace,
-    Relative,
-    build_extractor,
-    extractor_named,
-)
-from tokt.features.extractors.frame_pictures import FramePictures, gray16_picture
-from tokt.features.extractors.water import lab_of
+from tokt.features.extractors.extractor import build_extractor, extractor_named
+from tokt.features.extractors.frame_pictures import FramePictures
+from tokt.features.extractors.textures import Context
+from tokt.features.extractors.water import Colour, Gradients, PatchPlace, Relative, lab_of
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 
 GRID = Grid(4, 5, 180)
@@ -49,7 +42,7 @@ POST = [7, 8]
 def test_gradients_are_those_of_the_smoothed_picture():
     frame = with_post(sea())
     found = Gradients((1, 5)).describe(frame, GRID)
-    gray = gray16_picture(frame, GRID).astype(np.float64) / 256
+    gray = FramePictures(frame, GRID).gray16.astype(np.float64) / 256
     for place, n in ((0, 1), (3, 5)):
         smooth = cv2.blur(gray, (n, n), borderType=cv2.BORDER_REPLICATE)
         down, across = (np.gradient(smooth, axis=axis) for axis in (0, 1))

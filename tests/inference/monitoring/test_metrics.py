@@ -16,7 +16,7 @@ from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.frame import MANY_MISSED, Frame
 from tokt.inference.monitoring import metrics as metrics_module
 from tokt.inference.monitoring.drift import DriftState
-from tokt.inference.monitoring.metrics import Metrics, MetricSources, RunCollector, parse_metrics
+from tokt.inference.monitoring.metrics import Metrics, RunCollector, parse_metrics
 from tokt.inference.monitoring.run_counts import RunCounts
 from tokt.inference.outputs.udp import UdpSender
 from tokt.inference.policy.policy import Judgement, SinglePolicy
@@ -44,7 +44,7 @@ def serve():
     opened: list[Metrics] = []
 
     def start(counts: RunCounts, clock: Any, **watched: Any) -> Metrics:
-        opened.append(Metrics("127.0.0.1", 0, counts, MetricSources(**watched), clock))
+        opened.append(Metrics("127.0.0.1", 0, RunCollector(counts, clock, **watched)))
         return opened[-1]
 
     yield start
@@ -158,11 +158,12 @@ def test_the_model_and_what_becomes_of_it(hand_clock, serve):
 def test_what_other_parts_count_is_asked_of_them(hand_clock, serve):
     left, right = CameraCounts(incomplete=2), CameraCounts(captured=5, unpaired=4, lost=1)
     state = DriftState(True, 60, 50, True, "lbp_3", 0.5, 0.25)
-    recorded = {"clips": 2, "frames": 30, "dropped": 1, "written_bytes": 5000}
+    counted = {"frames": 30, "dropped": 1, "written_bytes": 5000, "removed_bytes": 400}
+    writer = SimpleNamespace(**counted, fault="the disk is full")
     watched = {
         "cameras": SimpleNamespace(counts=[left, right]),
         "drift": SimpleNamespace(state=state, distances={"lbp_3": 0.5, "lbp_4": 0.1}),
-        "recorder": SimpleNamespace(**recorded, removed_bytes=400, fault="the disk is full"),
+        "recorder": SimpleNamespace(clips=2, writer=writer),
     }
     metrics = serve(RunCounts(hand_clock), hand_clock, **watched)
     found = scrape(metrics)
@@ -181,7 +182,7 @@ def test_what_is_said_while_a_page_is_written_is_not_said_in_the_future(hand_clo
     counts = RunCounts(hand_clock)
     silence = unknown_verdict(Fault(Reason.NO_FRAME, "no frame has come yet"))
     ages = []
-    for metric in RunCollector(counts, MetricSources(), hand_clock).collect():
+    for metric in RunCollector(counts, hand_clock).collect():
         if metric.name == "tokt_last_verdict_age_seconds":
             ages += [sample.value for sample in metric.samples]
         hand_clock.now += 1
@@ -190,7 +191,7 @@ def test_what_is_said_while_a_page_is_written_is_not_said_in_the_future(hand_clo
 
 
 def test_clients_that_say_nothing_or_hang_up_stop_neither_the_server_nor_its_end(hand_clock, capfd):
-    metrics = Metrics("127.0.0.1", 0, RunCounts(hand_clock), MetricSources(), hand_clock)
+    metrics = Metrics("127.0.0.1", 0, RunCollector(RunCounts(hand_clock), hand_clock))
     with socket.create_connection(("127.0.0.1", metrics.port)) as rude:
         rude.sendall(b"\x00\xff not HTTP\r\n\r\n")
     assert scrape(metrics)["tokt_up_seconds",] == 0
@@ -211,7 +212,7 @@ def test_what_a_user_can_get_wrong(hand_clock, monkeypatch):
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        served = ("127.0.0.1", port, counts, MetricSources(), hand_clock)
+        served = ("127.0.0.1", port, RunCollector(counts, hand_clock))
         refuses(f"metrics cannot be served on 127.0.0.1:{port}", Metrics, *served)
     monkeypatch.setitem(sys.modules, "prometheus_client", None)
     refuses(r"pip install 'tokt\[metrics\]'", Metrics, *served)

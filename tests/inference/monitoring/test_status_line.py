@@ -123,7 +123,7 @@ def test_the_line_tells_what_matters(counts, hand_clock):
 
 def test_warnings_stand_until_they_are_over(counts, hand_clock):
     tell(counts, OBSTACLE)
-    recorder = SimpleNamespace(frames=12, fault="")
+    recorder = SimpleNamespace(writer=SimpleNamespace(frames=12, fault=""))
     for name in ("left", "right"):
         counts.event(Event(0.0, "camera_lost", f"the {name} camera is lost", {"camera": name}))
     counts.event(Event(0.0, "drift", "drift: lbp_3"))
@@ -132,7 +132,7 @@ def test_warnings_stand_until_they_are_over(counts, hand_clock):
     assert "drift: lbp_3" in text and "12 recorded" in text
     counts.event(Event(0.0, "camera_back", "", {"camera": "left"}))
     counts.event(Event(0.0, "drift_over", ""))
-    recorder.fault = "no space"
+    recorder.writer.fault = "no space"
     text = text_of(counts, hand_clock, recorder=recorder)
     assert "left" not in text and "right camera is lost" in text and "drift" not in text
     assert "NOT recording: no space" in text

@@ -68,7 +68,7 @@ class Sea:
 
     def written(self, frames: int) -> None:
         """Wait until so many frames are on disk, or left out."""
-        until(lambda: self.recorder.frames + self.recorder.dropped >= frames)
+        until(lambda: self.recorder.writer.frames + self.recorder.writer.dropped >= frames)
 
     def end(self, bound_mb: float | None = None) -> list[int]:
         """The numbers of what was recorded, which is whole."""
@@ -145,7 +145,11 @@ def test_frames_around_a_detection_are_a_mission(sea, tmp_path):
     assert (ninth["status"], ninth["t"], ninth["texture_s"]) == (1, 1001.125, 0.25)
     assert (ninth["seq"], ninth["judged"], ninth["moment"]) == (9, 9, 1)
     assert [event.words for event in told] == ["recording frames around frame 9: obstacle"]
-    assert (at_sea.recorder.frames, at_sea.recorder.dropped, at_sea.recorder.clips) == (7, 0, 1)
+    assert (
+        at_sea.recorder.writer.frames,
+        at_sea.recorder.writer.dropped,
+        at_sea.recorder.clips,
+    ) == (7, 0, 1)
 
 
 def test_a_frame_without_a_picture_is_told_and_one_camera_is_enough(sea, tmp_path):
@@ -209,7 +213,11 @@ def test_the_oldest_moments_of_the_run_make_room(sea, tmp_path):
     assert len(numbers) == 4 * len(moments) - 1
     assert next(iter(read_recording(folder)))["event"] == "start"
     recorder = at_sea.recorder
-    assert recorder.dropped == 0 and recorder.fault == "" and recorder.removed_bytes > 0
+    assert (
+        recorder.writer.dropped == 0
+        and recorder.writer.fault == ""
+        and recorder.writer.removed_bytes > 0
+    )
 
 
 def test_a_moment_that_fills_the_folder_is_not_removed_for_itself(sea, tmp_path):
@@ -217,7 +225,10 @@ def test_a_moment_that_fills_the_folder_is_not_removed_for_itself(sea, tmp_path)
     at_sea.see(OBSTACLE, 40)
     numbers = at_sea.end(bound_mb=0.2)
     assert numbers == list(range(1, len(numbers) + 1)) and 5 < len(numbers) < 20
-    assert at_sea.recorder.dropped == 40 - len(numbers) and at_sea.recorder.fault == NO_ROOM
+    assert (
+        at_sea.recorder.writer.dropped == 40 - len(numbers)
+        and at_sea.recorder.writer.fault == NO_ROOM
+    )
 
 
 def test_earlier_recordings_are_never_touched(sea, tmp_path, hand_clock):
@@ -229,8 +240,8 @@ def test_earlier_recordings_are_never_touched(sea, tmp_path, hand_clock):
     at_sea.see(OBSTACLE, 3)
     at_sea.written(3)
     at_sea.see(CLEAR)
-    assert (at_sea.recorder.frames, at_sea.recorder.dropped) == (0, 3)
-    assert at_sea.recorder.fault == NO_ROOM and before.stat().st_size == 900_000
+    assert (at_sea.recorder.writer.frames, at_sea.recorder.writer.dropped) == (0, 3)
+    assert at_sea.recorder.writer.fault == NO_ROOM and before.stat().st_size == 900_000
     assert told[-1].fields["fault"] == NO_ROOM and 1 <= told[-1].fields["dropped"] <= 3
     at_sea.written(4)
     before.unlink()  # somebody has copied it ashore
@@ -240,7 +251,7 @@ def test_earlier_recordings_are_never_touched(sea, tmp_path, hand_clock):
     at_sea.written(7)
     at_sea.see(CLEAR)
     at_sea.recorder.close()
-    assert at_sea.recorder.frames == 3 + 1 and at_sea.recorder.fault == ""
+    assert at_sea.recorder.writer.frames == 3 + 1 and at_sea.recorder.writer.fault == ""
     assert told[-1].words == "frames are recorded again"
 
 
@@ -248,7 +259,7 @@ def test_the_disk_keeps_its_reserve(sea, tmp_path):
     at_sea = sea(disk=DiskLimits(100, reserve_mb=1e12))
     at_sea.see(OBSTACLE, 3)
     at_sea.recorder.close()
-    assert at_sea.recorder.dropped == 3 and at_sea.recorder.fault == RESERVE
+    assert at_sea.recorder.writer.dropped == 3 and at_sea.recorder.writer.fault == RESERVE
     assert not at_sea.folder.exists()
 
 
@@ -265,11 +276,15 @@ def test_a_slow_disk_costs_frames_and_neither_memory_nor_the_loop(sea, tmp_path,
     at_sea.see(CLEAR, 10)
     for _ in range(100):
         at_sea.see(OBSTACLE)
-        assert recorder._writer.held_bytes <= 3e5
-    assert recorder.frames == 0 and recorder.dropped > 50 and recorder.fault == BEHIND
+        assert recorder.writer.held_bytes <= 3e5
+    assert (
+        recorder.writer.frames == 0
+        and recorder.writer.dropped > 50
+        and recorder.writer.fault == BEHIND
+    )
     go_on.set()
     numbers = at_sea.end()
-    assert len(numbers) == recorder.frames == 103 - recorder.dropped
+    assert len(numbers) == recorder.writer.frames == 103 - recorder.writer.dropped
     # What came first is there, and the gap shows.
     judged = [line["judged"] for line in frame_lines(at_sea.folder)]
     assert judged == numbers == list(range(8, 8 + len(numbers)))
@@ -290,10 +305,10 @@ def test_numbers_that_come_again_are_left_out(sea, tmp_path):
     at_sea.number = 1
     at_sea.see(OBSTACLE, 1)
     at_sea.written(4)
-    assert (at_sea.recorder.dropped, at_sea.recorder.fault) == (1, REPEATED)
+    assert (at_sea.recorder.writer.dropped, at_sea.recorder.writer.fault) == (1, REPEATED)
     at_sea.see(OBSTACLE, 2)
     assert at_sea.end() == [1, 2, 3, 4]
-    assert at_sea.recorder.dropped == 2
+    assert at_sea.recorder.writer.dropped == 2
 
 
 def test_a_recording_that_is_taken_away_begins_anew(sea, tmp_path):
@@ -382,11 +397,12 @@ at_sea.written(5)
 resource.setrlimit(resource.RLIMIT_FSIZE, (6000, unlimited[1]))  # no picture fits the disk
 at_sea.see(OBSTACLE, 5)
 at_sea.written(10)
-print(at_sea.recorder.frames, at_sea.recorder.dropped, at_sea.recorder.fault, flush=True)
+writer = at_sea.recorder.writer
+print(writer.frames, writer.dropped, writer.fault, flush=True)
 resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
 at_sea.see(OBSTACLE, 5)
 at_sea.recorder.close()
-print(at_sea.recorder.frames, at_sea.recorder.dropped, at_sea.recorder.fault)
+print(writer.frames, writer.dropped, writer.fault)
 """
 
 

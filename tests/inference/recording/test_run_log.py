@@ -99,7 +99,7 @@ def test_lines_of_both_files_that_cannot_be_written_are_counted(tmp_path):
     log = RunLog(tmp_path / "a.jsonl", "run-x")
     log.heartbeat(Report(1, None, None, None, NOTHING))
     log.event(Event(0.0, "odd", "not JSON", {"value": math.nan}))
-    assert log.failed == 2 and log.last_error == "No space left on device"
+    assert log.failed == 2
 
 
 def test_a_log_that_cannot_be_opened_is_told(tmp_path):

@@ -52,6 +52,10 @@ class Shadowed:
         return [event.name for event in [*self.listener.events, *self.events.take()]]
 
 
+def challenging(model: Bundle, policy: str = "texture") -> Challenger:
+    return Challenger(model.label, model.sha256, model.data, policy)
+
+
 def shadowed(model: Bundle, challenger: Challenger, folder: Path, log: Path) -> Shadowed:
     """A folder's frames, each judged by both."""
     run = Shadowed(model, challenger, mission_source(folder, SYSTEM_CLOCK), log)
@@ -63,7 +67,7 @@ def test_the_same_model_agrees_on_every_frame(make_mission, bundle_file, tmp_pat
     folder, log = make_mission(SCENES), tmp_path / "shadow.jsonl"
     (folder / "Left" / "t_L_6.jpg").write_bytes(b"no picture")
     model = read_bundle(bundle_file)
-    run = shadowed(model, Challenger.of(model, "texture"), folder, log)
+    run = shadowed(model, challenging(model), folder, log)
     compared = [line for line in lines(log) if "event" not in line]
     assert [line["frame"] for line in compared] == list(range(1, 11))
     for line in compared:
@@ -79,7 +83,7 @@ def test_the_same_model_agrees_on_every_frame(make_mission, bundle_file, tmp_pat
 def test_where_another_model_says_otherwise_is_found(make_mission, bundle_file, tmp_path):
     folder, log = make_mission(SCENES), tmp_path / "shadow.jsonl"
     blind = read_bundle(variant(bundle_file, tmp_path / "blind.tokt", threshold=10.0))
-    run = shadowed(read_bundle(bundle_file), Challenger.of(blind, "texture"), folder, log)
+    run = shadowed(read_bundle(bundle_file), challenging(blind), folder, log)
     assert run.told() == ["shadow_differs"] * 3
     ran = call_tokt("shadow", log, "--json")
     assert ran.code == 0, ran.err
@@ -103,7 +107,7 @@ def test_in_real_time_it_misses_frames_and_may_die_and_the_champion_goes_on(
     log, source = tmp_path / "shadow.jsonl", HandSource(hand_clock)
     rule = MofNRule(m=2, n=3)
     model = read_bundle(variant(bundle_file, tmp_path / "ruled.tokt", rule=rule))
-    run = Shadowed(model, Challenger.of(model, "texture"), source, log, hand_clock)
+    run = Shadowed(model, challenging(model), source, log, hand_clock)
     thread = threading.Thread(target=run.run, daemon=True)
     thread.start()
     reports, shadow = run.listener.reports, run.shadow
@@ -150,14 +154,14 @@ def test_a_challenger_that_cannot_be_loaded_or_hangs_is_told_once(
 ):
     folder, log = make_mission(SCENES[:4]), tmp_path / "shadow.jsonl"
     model = read_bundle(bundle_file)
-    damaged = replace(Challenger.of(model, "texture"), data=model.data[:300])
+    damaged = replace(challenging(model), data=model.data[:300])
     run = shadowed(model, damaged, folder, log)
     assert len(run.listener.reports) == 4 and run.told() == ["shadow_failed"]
     assert "noise/7: " in read_shadow(log).fault
     # Lockstep with a process that does not even start up in time.
     monkeypatch.setattr(shadow_module, "ANSWER_S", 0.05)
     log = tmp_path / "hangs.jsonl"
-    run = shadowed(model, Challenger.of(model, "texture"), folder, log)
+    run = shadowed(model, challenging(model), folder, log)
     assert len(run.listener.reports) == 4 and run.told() == ["shadow_failed"]
     assert "does not answer" in read_shadow(log).fault
     assert not run.shadow._thread.is_alive()
@@ -171,7 +175,7 @@ def test_in_real_time_one_that_hangs_or_cannot_be_started_is_told(
 
     def start(log: str) -> Shadow:
         lines = JsonLines(tmp_path / log)
-        challenger = Challenger.of(model, "texture")
+        challenger = challenging(model)
         return Shadow(challenger, lines, "run-1", True, hand_clock, told.put)
 
     def see(shadow: Shadow, number: int) -> None:
@@ -209,7 +213,7 @@ def test_in_real_time_one_that_hangs_or_cannot_be_started_is_told(
 
 
 def test_policy_disparity_has_no_challenger(bundle_file):
-    refuses("uses no model", Challenger.of, read_bundle(bundle_file), "disparity")
+    refuses("uses no model", challenging, read_bundle(bundle_file), "disparity")
 
 
 def line(frame: int, champion: int, challenger: int, dropped: int = 0) -> dict[str, Any]:

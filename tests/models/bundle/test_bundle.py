@@ -21,7 +21,7 @@ from tests.models.parts import Members, pack, rehash, unpack
 from tests.tiers import scaled
 from tokt.features.common.canonical import canonical_json
 from tokt.features.common.errors import ToktError
-from tokt.features.extractors.extractor import PLAIN_IMAGE
+from tokt.features.extractors.textures import PLAIN_IMAGE
 from tokt.features.frames.grid import Grid
 from tokt.models.bundle.bundle import (
     FORMAT_VERSION,

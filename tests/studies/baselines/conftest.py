@@ -1,7 +1,7 @@
 """What the baselines' tests share: a rendered mission, and how well a mask fits the truth."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -9,6 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, open_mission
+from tokt.inference.frame import Frame
+from tokt.inference.verdict import verdict_from_mask
 from tokt.studies.baselines import lab_colour, slic
 from tokt.studies.baselines.slic import superpixels
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
@@ -28,6 +30,9 @@ class Dive:
 
     def right(self, number: int) -> NDArray[np.uint8]:
         return self.mission.read(number, RIGHT)
+
+    def pair(self, number: int) -> Frame:
+        return Frame(number, number / 4, self.left(number), self.right(number))
 
     def tower(self, number: int) -> NDArray[np.bool_]:
         """Where the tower is in a left frame."""
@@ -62,14 +67,14 @@ def cut_once(monkeypatch):
 
 @pytest.fixture(scope="session")
 def finds_tower(dive):
-    """Whether a method's mask is on the tower, and empty where there is none."""
+    """Whether masks of open water and of the tower, by frame, are empty and on the tower."""
 
-    def finds(method: Any) -> bool:
-        water, close = (method.judge(dive.left(n), dive.right(n), n / 4) for n in (5, 15))
-        if water.mask is None or close.mask is None or close.verdict.status != 1:
+    def finds(mask_of: Callable[[int], NDArray[np.uint8] | None]) -> bool:
+        water, close = mask_of(5), mask_of(15)
+        if water is None or close is None or verdict_from_mask(close, "a method").status != 1:
             return False
         tower = dive.tower(15)
-        on, off = (close.mask[tower] > 0).mean(), (close.mask[~tower] > 0).mean()
-        return bool((water.mask > 0).mean() < 0.02 and on > 0.25 and on > 2 * off)
+        on, off = (close[tower] > 0).mean(), (close[~tower] > 0).mean()
+        return bool((water > 0).mean() < 0.02 and on > 0.25 and on > 2 * off)
 
     return finds

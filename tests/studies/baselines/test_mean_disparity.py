@@ -1,10 +1,12 @@
 """Left, centre and right of the disparity map."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tokt.features.common.errors import ToktError
+from tokt.inference.frame import Frame
 from tokt.inference.stereo.calibration import StereoCalibration, load_calibration
 from tokt.studies.baselines import mean_disparity
 from tokt.studies.baselines.mean_disparity import Thirds
@@ -31,14 +33,14 @@ def water(seed: int) -> NDArray[np.uint8]:
     return (fall + np.random.default_rng(seed).normal(0, 0.5, fall.shape)).round().astype(np.uint8)
 
 
-def pair_with(x: int, width: int, depth_m: float) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def pair_with(x: int, width: int, depth_m: float) -> Frame:
     """Water, and a textured board 200 high from column `x` of the left view."""
     left, right = water(1), water(2)
     board = textured_frame()[:200, :width, 0] // 2
     shift = round(FOCAL_BASELINE_PX_M / depth_m)
     left[150:350, x : x + width] = board
     right[150:350, x - shift : x - shift + width] = board
-    return left, right
+    return Frame(1, 0.0, left, right)
 
 
 @pytest.mark.parametrize(
@@ -51,7 +53,7 @@ def pair_with(x: int, width: int, depth_m: float) -> tuple[NDArray[np.uint8], ND
     ],
 )
 def test_the_centre_decides_and_the_emptier_side_is_the_way(x, width, depth_m, status, side):
-    judged = Thirds(PLAIN).judge(*pair_with(x, width, depth_m), 0.0)
+    judged = Thirds(PLAIN).judge(pair_with(x, width, depth_m))
     assert judged.verdict.status == status
     assert np.sign(judged.verdict.x) == side
     near = judged.mask is not None and judged.mask.any()
@@ -64,21 +66,22 @@ def test_the_centre_decides_and_the_emptier_side_is_the_way(x, width, depth_m, s
 def test_near_is_a_distance(near_m, blocked, status, monkeypatch):
     monkeypatch.setattr(mean_disparity, "NEAR_M", near_m)
     monkeypatch.setattr(mean_disparity, "BLOCKED", blocked)
-    assert Thirds(PLAIN).judge(*pair_with(250, 180, 4.5), 0.0).verdict.status == status
+    assert Thirds(PLAIN).judge(pair_with(250, 180, 4.5)).verdict.status == status
 
 
-def test_one_frame_is_refused_and_a_wrong_pair_is_never_clear():
-    left, right = pair_with(250, 180, 3.0)
-    with pytest.raises(ToktError, match="two cameras"):
-        Thirds(PLAIN).judge(left, None, 0.0)
-    unknown = Thirds(PLAIN).judge(left, right[::-1].copy(), 0.0)
-    assert unknown.verdict.status == -1
-    assert unknown.mask is None
-    assert unknown.verdict.health
+def test_half_a_pair_and_a_wrong_one_are_never_clear():
+    pair = pair_with(250, 180, 3.0)
+    for right in (None, pair.right[::-1].copy()):
+        unknown = Thirds(PLAIN).judge(replace(pair, right=right))
+        assert unknown.verdict.status == -1
+        assert unknown.mask is None
+        assert unknown.verdict.health
 
 
 def test_rendered_tower(dive, finds_tower):
     calibration = load_calibration(dive.folder / "calibration.yml")
-    assert finds_tower(Thirds(calibration))
-    turned = Thirds(calibration)
-    assert turned.judge(dive.left(15), dive.right(15)[::-1].copy(), 0.0).verdict.status != 1
+    method, close = Thirds(calibration), dive.pair(15)
+    assert finds_tower(lambda number: method.judge(dive.pair(number)).mask)
+    assert Thirds(calibration).judge(close).verdict.status == 1
+    turned = replace(close, right=close.right[::-1].copy())
+    assert Thirds(calibration).judge(turned).verdict.status != 1

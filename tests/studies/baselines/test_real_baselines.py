@@ -1,10 +1,9 @@
 """The baselines on the real mission: water is water, and the tower is seen where they say."""
 
-from typing import Any
-
 import pytest
 
 from tokt.features.frames.mission import open_mission
+from tokt.inference.frame import Frame
 from tokt.studies.baselines.size_change import SizeChange
 from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.thesis_texture import describe_lbp_10_5
@@ -22,11 +21,14 @@ def test_superpixels_and_growing_keypoints(mission_dir):
         mission.read(1), rendered_other_image(), describe_lbp_10_5, "lbp_10_5"
     )
 
-    def mean(method: Any, number: int, before: int = 0) -> float:
-        numbers = range(number - before, number + 1)
-        last = [method.judge(mission.read(n), None, n / 4) for n in numbers][-1]
+    def grown(number: int) -> float:
+        """The mean by keypoints that grew over four frames."""
+        method = SizeChange()
+        frames = (Frame(n, n / 4, mission.read(n), None) for n in range(number - 4, number + 1))
+        *_, last = [method.judge(frame) for frame in frames]
         assert last.verdict.mean is not None
         return last.verdict.mean
 
-    assert mean(texture, WATER) < 8 < 25 < mean(texture, NEAR)
-    assert mean(SizeChange(), WATER, before=4) < 1 < 3 < mean(SizeChange(), NEAR, before=4)
+    water, near = (texture.mask(mission.read(number)).mean() for number in (WATER, NEAR))
+    assert water < 8 < 25 < near
+    assert grown(WATER) < 1 < 3 < grown(NEAR)

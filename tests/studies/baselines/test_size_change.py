@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tokt.inference.frame import Frame
 from tokt.studies.baselines.size_change import SCALES, SizeChange, enlargement
 from tokt.training.fitting.train import rendered_other_image
 
@@ -32,7 +33,7 @@ def test_how_much_larger_a_place_became(scale):
 
 def statuses(method: SizeChange, scales: list[float]) -> list[int]:
     return [
-        method.judge(seen_at(scale), None, turn / 2).verdict.status
+        method.judge(Frame(turn, turn / 2, seen_at(scale), None)).verdict.status
         for turn, scale in enumerate(scales)
     ]
 
@@ -47,11 +48,12 @@ def test_frames_are_held_against_those_before():
     assert statuses(SizeChange(back=1), [1.0, 1.3, 1.3]) == [-1, 1, 0]
 
 
-def test_time_to_contact_and_where():
+def test_where_it_is_and_no_word_of_a_frame_that_cannot_be_read():
     method = SizeChange(back=1)
-    method.judge(seen_at(1.0), None, 10.0)
-    judged = method.judge(seen_at(1.3), None, 12.0)
-    assert judged.verdict.contact_s == pytest.approx(2 / 0.3, rel=0.4)
+    method.judge(Frame(1, 10.0, seen_at(1.0), None))
+    unread = method.judge(Frame(2, 11.0, None, None))
+    assert unread.verdict.status == -1 and unread.mask is None
+    judged = method.judge(Frame(3, 12.0, seen_at(1.3), None))
     assert judged.mask is not None
     assert judged.verdict.mean == pytest.approx(judged.mask.mean())
     assert judged.mask.any()
@@ -61,10 +63,10 @@ def test_rendered_approach_and_retreat(dive):
     method = SizeChange(back=1)
     found = {}
     for number in range(12, 18):
-        judged = method.judge(dive.left(number), None, number / 4)
+        judged = method.judge(dive.pair(number))
         found[number] = judged.verdict.status
     assert found == {12: -1, 13: 1, 14: 1, 15: 1, 16: 0, 17: 0}
-    last = method.judge(dive.left(15), None, 4.5)
+    last = method.judge(dive.pair(15))
     assert last.mask is not None
     tower = dive.tower(15)
     on, off = (last.mask[tower] > 0).mean(), (last.mask[~tower] > 0).mean()

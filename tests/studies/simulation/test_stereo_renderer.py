@@ -26,7 +26,7 @@ from tokt.studies.simulation.rendering.patch_labels import (
     coverage,
     patch_labels,
 )
-from tokt.studies.simulation.rendering.raycast import Hits, cast_rays
+from tokt.studies.simulation.rendering.raycast import Hits, View
 from tokt.studies.simulation.rendering.sensor import develop
 from tokt.studies.simulation.rendering.snow import Snow
 from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
@@ -80,7 +80,7 @@ def off_the_solids(world, hits):
 
 def mission_frame(scene, pose, tower, number, side=0, seed=3):
     """A frame as `simulate_mission` makes it, with what it is made of."""
-    view = cast_rays(tower, pose.cameras(scene.rig)[side])
+    view = View(pose.cameras(scene.rig)[side], tower)
     response = (scene.water.left, scene.water.right)[side]
     moment, sensor = (np.random.default_rng([seed, stream, number]) for stream in (4, 5))
     exposure = expose(scene.water, scene.rig, pose, view, response, moment)
@@ -101,7 +101,7 @@ def test_a_tower_is_seen_and_lit_as_missions_have_it(scene, tower, z, heading, s
     world = World(scene.water, (tower,))
     hits = hits_of(world, scene.rig, position, heading, side)
     pose = CameraPose(position, upright(heading), STILL)
-    view = cast_rays(tower.shape, pose.cameras(scene.rig)[side])
+    view = View(pose.cameras(scene.rig)[side], tower.shape)
     there, here = np.isfinite(view.depth), np.isfinite(hits.depth)
     assert there.sum() > 1000
     assert (there ^ here).sum() <= 3

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections import defaultdict
+from dataclasses import asdict
 
 import cv2
 import numpy as np
@@ -25,7 +26,7 @@ from tokt.studies.simulation.rendering.patch_labels import (
     coverage,
     patch_labels,
 )
-from tokt.studies.simulation.rendering.raycast import cast_rays
+from tokt.studies.simulation.rendering.raycast import View
 from tokt.studies.simulation.rendering.synthetic_mission import MissionScene, simulate_mission
 from tokt.studies.simulation.scene.rig import Camera
 from tokt.studies.simulation.scene.tower import WHITE, Cuboid, Frustum, Tower
@@ -184,7 +185,7 @@ def test_depth_of_a_cylinder_and_a_box_is_that_of_geometry():
     matrix = np.array([[200.0, 0, 50], [0, 200.0, 40], [0, 0, 1]])
     camera = Camera(matrix, np.eye(3), np.array([0.0, 0.0, -3.0]), 101, 81)
     up, down = np.array([0.0, -0.4, 0.0]), np.array([0.0, 0.4, 0.0])
-    pole = cast_rays(Tower((Frustum(up, down, 0.25, 0.25, WHITE),), (), nothing), camera)
+    pole = View(camera, Tower((Frustum(up, down, 0.25, 0.25, WHITE),), (), nothing))
     depth = pole.image(pole.depth)
     assert depth[40, 50] == pytest.approx(2.75)
     # Silhouette: tan of the tangent's angle is r / sqrt(d^2 - r^2), here 0.0836 or 16.7 px.
@@ -192,7 +193,7 @@ def test_depth_of_a_cylinder_and_a_box_is_that_of_geometry():
     # The nearest point of the upper end is at depth 2.75, 0.4 m up: 29.1 px.
     assert np.flatnonzero(np.isfinite(depth[:, 50])).tolist() == list(range(40 - 29, 40 + 30))
     cube = Cuboid(np.zeros(3), np.eye(3), np.array([0.3, 0.2, 0.5]), WHITE)
-    box = cast_rays(Tower((cube,), (), nothing), camera)
+    box = View(camera, Tower((cube,), (), nothing))
     depth = box.image(box.depth)
     assert depth[np.isfinite(depth)] == pytest.approx(2.5)
     assert np.isfinite(depth).sum() == (2 * 24 + 1) * (2 * 16 + 1)
@@ -298,8 +299,8 @@ def test_scene_file_says_how_it_was_made(mission):
     out, _ = mission
     scene = json.loads((out / "scene.json").read_text())
     assert (scene["format"], scene["seed"], scene["n_frames"]) == (1, 1, N_FRAMES)
-    water = MissionScene.draw(1, N_FRAMES, 340).water.to_json()
-    assert scene["water"] == json.loads(json.dumps(water))
+    water = MissionScene.draw(1, N_FRAMES, 340).water
+    assert scene["water"] == json.loads(json.dumps(asdict(water)))
     for entry in scene["frames"]:
         depth = read_depth_m(out, entry["frame"])
         if entry["nearest_m"] is None:

@@ -14,9 +14,10 @@ import pytest
 
 from tests.calls import refused, refuses, succeeds
 from tests.features.kernels.each_kernel import changed
-from tokt.features.extractors.extractor import Moments, Quantization
+from tokt.features.extractors.textures import Moments
 from tokt.features.frames.mission import open_mission
 from tokt.features.kernels.dispatch import KERNELS, load_kernels
+from tokt.features.kernels.quantization import Quantization
 from tokt.studies.baselines.thesis_texture import GRID, haralick_directions
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt.studies.speed.cases import HaralickKernel, LbpKernel, Picture, WholeFrame, textured_frame

@@ -22,7 +22,7 @@ from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
 from tokt.studies.baselines.thesis_texture import GRID, ThesisTextureResult
 from tokt.studies.thesis.exhibits import curve_figures as curve_exhibit
 from tokt.studies.thesis.exhibits.curve_figures import (
-    agreement_with_distance,
+    agreement_of_worst,
     curve_figures,
     score_methods,
     with_nearness,
@@ -36,7 +36,7 @@ from tokt.studies.thesis.methods.curves import (
     FrameTask,
     Method,
     _model_method,
-    judge_frames,
+    judge_frame,
 )
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
 from tokt.studies.thesis.patch_scores import pooled_score
@@ -207,7 +207,7 @@ def test_thesis_disparity_judges_pairs_of_its_size(tmp_path):
     left = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_NEAREST)
     right = np.roll(left, -20, axis=1)
     data = [cv2.imencode(".png", image)[1].tobytes() for image in (left, right)]
-    (found,) = judge_frames([FrameTask(1, *data)], 1)
+    found = judge_frame(FrameTask(1, *data))
     assert found.mean["disparity"] == judge_pair(left, right).mean > 0.345
     assert found.status["disparity"] == 1
 
@@ -255,8 +255,7 @@ def test_one_frame_alone_needs_another_ocean_image(reproduce_mission, context_of
     ocean = reproduce_mission / "Left" / "sim_L_2.jpg"
     context = context_of(tmp_path / "one", ocean=ocean)
     model = thesis_model("haralick", context.ocean, context.other)
-    task = FrameTask(12, context.mission.encoded(12)[0], None, [model])
-    (found,) = judge_frames([task], 1)
+    found = judge_frame(FrameTask(12, context.mission.encoded(12)[0], None, [model]))
     assert found.status["haralick"] == 1
 
 
@@ -316,7 +315,7 @@ def test_nearness_follows_the_distance_and_not_another_order():
     [((0.99, 0.95), "YES"), ((0.99, 0.9), "PARTLY"), ((0.99, 0.5), "NO"), ((-0.99,), "NO")],
 )
 def test_the_worst_correlation_decides(ranks, agreement):
-    assert agreement_with_distance(ranks) is ClaimAgreement[agreement]
+    assert agreement_of_worst(ranks) is ClaimAgreement[agreement]
 
 
 def test_a_model_that_learnt_from_any_frame_is_told(reproduced, monkeypatch):

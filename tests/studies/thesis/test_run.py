@@ -31,7 +31,7 @@ PNG = b"\x89PNG\r\n\x1a\n a picture"
 def made(context: StudyContext) -> Exhibit:
     """An exhibit that hangs on the mission."""
     found, agreement = str(len(context.scored)), ClaimAgreement.PARTLY
-    claim = Claim("so <many> frames", "9 & more", found, agreement, "as counted")
+    claim = Claim("so <many> frames", "9 & more", found, "as counted", agreement=agreement)
     frame = pd.DataFrame({"frame": context.scored, "half": [n / 2 for n in context.scored]})
     frame.loc[0, "half"] = float("nan")
     numbers = {"frames": len(context.scored), "share": 0.5, "unknown": None}

@@ -13,6 +13,7 @@ from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import SinglePolicy, judge_image
 from tokt.inference.stereo.calibration import load_calibration
 from tokt.inference.stereo.disparity import DisparityDetector
+from tokt.inference.verdict import verdict_from_mask
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.exhibits import runtime_tables
 from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, StudyContext
@@ -64,7 +65,7 @@ def test_stages_of_slic_add_up_to_its_verdict(reproduced):
     laps = Laps()
     method = slic_texture(slic, "LBP")
     verdict = method.run(encoded(reproduced, 12), laps)
-    assert same(verdict, slic.judge(reproduced.left(12), None, 0).verdict)
+    assert same(verdict, verdict_from_mask(slic.mask(reproduced.left(12)), slic.name))
     assert verdict.mean
     for stage in ("decode", "resize", "superpixels", "features", "predict"):
         assert laps.seconds[stage] > 0, stage

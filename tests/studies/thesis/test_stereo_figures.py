@@ -18,7 +18,7 @@ from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.thesis_models import thesis_model
 from tokt.studies.baselines.thesis_stereo import margin_of, thesis_cloud
 from tokt.studies.simulation.rendering.lighting import expose
-from tokt.studies.simulation.rendering.raycast import cast_rays
+from tokt.studies.simulation.rendering.raycast import View
 from tokt.studies.simulation.rendering.sensor import develop
 from tokt.studies.simulation.rendering.synthetic_mission import MissionScene
 from tokt.studies.thesis.exhibits import (
@@ -81,7 +81,7 @@ def dive(tmp_path_factory):
         for side, (camera, response) in enumerate(
             zip(pose.cameras(scene.rig), responses, strict=True)
         ):
-            view = cast_rays(scene.tower, camera)
+            view = View(camera, scene.tower)
             moment = np.random.default_rng([number, 7])
             light = expose(scene.water, scene.rig, pose, view, response, moment)
             image = develop(scene.water, light, np.random.default_rng([number, side]))
@@ -132,8 +132,7 @@ def test_right_frames_that_are_wrong_from_the_start_are_no_stereo(context, monke
     upright = context.right
     monkeypatch.setattr(context, "right", lambda number: upright(number)[::-1].copy())
     monkeypatch.setattr(disparity_figures, "disparity_map", lambda left, right: left[..., 0])
-    assert context.calibration is not None
-    rows = exchange(context, context.calibration, [ROW[0], APART])
+    rows = exchange(context, [ROW[0], APART])
     assert rows[rows.right == OWN].ours_matched.max() < 0.0125
 
 
@@ -142,8 +141,7 @@ def test_a_map_that_hangs_on_the_right_frame_is_told_as_one(context, monkeypatch
         return np.where(right[..., 1] > np.median(right), 200, 0).astype(np.uint8)
 
     monkeypatch.setattr(disparity_figures, "disparity_map", both)
-    assert context.calibration is not None
-    rows = exchange(context, context.calibration, [ROW[0], APART])
+    rows = exchange(context, [ROW[0], APART])
     assert ((rows.thesis_changed > 0.05) == (rows.right != OWN)).all()
 
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from tokt.features.common.errors import ToktError
 from tokt.inference.verdict import verdict_from_mask
-from tokt.studies.baselines.baseline import BaselineResult
 from tokt.studies.baselines.thesis_centre import leaves_frame, thesis_centre
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.exhibits import dark_figures, training_image_figures
@@ -117,12 +116,9 @@ class TopHalf:
 
     name = title = source = "top half"
 
-    def judge(
-        self, left: NDArray[np.uint8], right: NDArray[np.uint8] | None, t_s: float
-    ) -> BaselineResult:
+    def mask(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """White down to the middle."""
-        mask = white(np.s_[:135])
-        return BaselineResult(verdict_from_mask(mask, self.name), mask)
+        return white(np.s_[:135])
 
 
 def test_bins_are_flat_edge_and_corner_as_in_scikit_images_example():
@@ -167,11 +163,11 @@ def test_scores_of_patches_leave_out_what_is_not_sure():
 def test_a_mask_says_obstacle_from_a_tenth_of_a_patch_on():
     """Patches are 36x27: 97.2 pixels are a tenth; less is not scored; a shifted mask differs."""
     mask = white(np.s_[0:27, 0:4], np.s_[27:54, 0:3])
-    truth = truth_by_mask(mask, GRID)
+    truth = truth_by_mask(mask)
     assert np.flatnonzero(truth == 1).tolist() == [0]
     assert np.flatnonzero(truth < 0).tolist() == [10]
-    assert np.flatnonzero(patches_of_mask(mask, GRID)).tolist() == [0]
-    shifted = truth_by_mask(np.roll(mask, 36, axis=1), GRID)
+    assert np.flatnonzero(patches_of_mask(mask)).tolist() == [0]
+    shifted = truth_by_mask(np.roll(mask, 36, axis=1))
     assert score_patches(shifted == 1, truth).hits == 0
 
 
@@ -349,7 +345,7 @@ def test_bad_lighting_by_a_given_image(context, dark_pair, tmp_path, dark):
     """Scored by the mask given: a mask that is shifted by three patches scores worse."""
     exhibit = dark(**_write(tmp_path, dark_pair, dark_pair.mask))
     assert exhibit.numbers["rendered"] is False
-    truth = truth_by_mask(dark_pair.mask, GRID)
+    truth = truth_by_mask(dark_pair.mask)
     assert exhibit.numbers["obstacle_patches"] == (truth == 1).sum() > 10
     judged = context.thesis["haralick"].judge(dark_pair.left)
     expected = score_patches(judged.obstacle, truth)

@@ -1,5 +1,6 @@
 """The page from the thesis to this code: its figures come from results, and from nowhere else."""
 
+import hashlib
 import re
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,7 @@ import pytest
 
 from tokt.features.common.errors import ToktError
 from tokt.studies.thesis.exhibits.exhibit import Claim, ClaimAgreement, Exhibit, Table
-from tokt.studies.thesis.page import (
-    QUOTED_TABLES,
-    page_faults,
-    template_text,
-    thesis_page,
-    write_thesis_page,
-)
+from tokt.studies.thesis.page import QUOTED_TABLES, template_text, thesis_page, write_thesis_page
 from tokt.studies.thesis.report import exhibit_json
 from tokt.studies.thesis.run import EXHIBITS
 
@@ -32,6 +27,7 @@ REFERENCE = re.compile(
     rf"\b(?:section|figure|table)s?\s+{PLACE}(?:(?:,\s+|\s+and\s+|\s+to\s+){PLACE})*\b"
 )
 EDITION = "NTNU 2016"
+SEAL = re.compile(r"\n<!-- template ([0-9a-f]{64}), page ([0-9a-f]{64}) -->\n\Z")
 
 
 def typed_figures(template: str) -> list[str]:
@@ -59,6 +55,23 @@ def asked(template: str) -> dict[str, list[str]]:
     return found
 
 
+def sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def page_faults(page: str) -> list[str]:
+    """What is wrong with a page that somebody has: not made from this template, or edited."""
+    seal = SEAL.search(page)
+    if seal is None:
+        return ["it has no seal"]
+    faults = []
+    if seal[1] != sha256(template_text()):
+        faults.append("it was made from another template")
+    if seal[2] != sha256(page[: seal.start()]):
+        faults.append("it was edited after it was made")
+    return faults
+
+
 def results_for(template: str, missing: str = "") -> dict[str, Any]:
     """Results with all that a template asks for, each figure a whole number of its own."""
     counter = iter(range(70001, 80000))
@@ -68,7 +81,8 @@ def results_for(template: str, missing: str = "") -> dict[str, Any]:
     exhibits = []
     for key, names in asked_with_tables.items():
         found = f"no, {next(counter)} px"
-        claim = Claim("is it so", "yes, 12.5 %", found, ClaimAgreement.NO, "it\nis not so.")
+        why, no = "it\nis not so.", ClaimAgreement.NO
+        claim = Claim("is it so", "yes, 12.5 %", found, why, agreement=no)
         made = Exhibit(
             ("Split by a | and <em>.",),
             (claim,),

@@ -19,7 +19,7 @@ from tests.calls import refuses
 from tests.conftest import tiny_labels, write_labels
 from tokt.models.operating_point import MofNRule
 from tokt.models.registry.registry import Registry
-from tokt.training.compare.bootstrap import ComparisonMetric, drawn_blocks
+from tokt.training.compare.bootstrap import drawn_blocks
 from tokt.training.compare.comparison import explorer_data
 from tokt.training.compare.frames import FrameSeries, frame_figures, statuses
 from tokt.training.compare.held_out_predictions import check_different, read_held_out
@@ -270,15 +270,13 @@ def test_models_of_several_dives_are_held_out_and_compared_by_dive(two_dives, to
 
 def test_a_stretch_whose_folds_hold_no_obstacle_is_left_out_of_the_learning_curve():
     """There is no F1 without an obstacle: it would be NaN in the JSON."""
-    table = pd.DataFrame({"mission": "m", "frame": [1, 2, 3, 4]})
+    table = pd.DataFrame({"mission": "m", "frame": [1, 2, 3, 4], "group": list("abcd")})
     targets = np.array([1, 0, 0, 1])
-    dataset = SimpleNamespace(patches=table, obstacle_flags=lambda: [False, True])
+    told = {"targets": lambda: targets, "obstacle_flags": lambda: [False, True]}
     folds = [Fold(np.array([]), np.array([0, 1])), Fold(np.array([]), np.array([2]))]
-    learning = {"features": np.zeros((4, 1)), "augmented": [], "choices": [], "settings": None}
-    learning["split"] = Split(2, 0)
-    blocks = {"block": np.arange(4), "names": list("abcd"), "unit": np.arange(4), "every": 1}
-    tested = {"targets": targets, "folds": folds, "measure": ComparisonMetric()}
-    setting = _Setting(dataset=dataset, **learning, **tested, **blocks)
+    learnt = {"features": np.zeros((4, 1)), "augmented": [], "choices": [], "settings": None}
+    dataset = SimpleNamespace(patches=table, **told)
+    setting = _Setting(dataset=dataset, folds=folds, every=1, split=Split(2, 0), **learnt)
     without = {0: {0: targets[:2]}, 1: {1: targets[2:3]}}
     stretches = [np.array([3]), np.array([0])]
     (row,) = _helped(setting, stretches, targets, without, drawn_blocks(4))
@@ -439,7 +437,7 @@ def _shown(form):
 def _expected(judged, index, rule):
     predictions = judged.models[index]
     patch = obstacle_metrics(judged.truth, predictions.score - rule.margin)
-    frames = frame_figures(judged.series, judged.status(predictions, rule))
+    frames = frame_figures(judged.series, judged.status(replace(predictions, fold_rules=[rule])))
     (sequence,) = frames["sequences"]
     first = "none" if sequence["first_detection"] is None else str(sequence["first_detection"])
     return {
@@ -584,7 +582,8 @@ def test_the_page_follows_any_rule_as_the_runtime_does(compared, open_page, whit
         return asked.map((rule) => statuses(model, rule));
     }"""
     found = page.evaluate(program, [data, asked])
-    expected = [judged.status(predictions, rule).tolist() for rule in rules]
+    told = [replace(predictions, fold_rules=[rule]) for rule in rules]
+    expected = [judged.status(one).tolist() for one in told]
     assert found == expected
     assert set(np.ravel(expected)) == {-1, 0, 1}
 

@@ -73,7 +73,7 @@ def test_the_interval_holds_the_truth_about_as_often_as_it_says():
     for repeat in range(repeats):
         mine = whole[rng.integers(0, len(whole), 10)]
         bounds = interval(f1(summed(drawn_blocks(10, repeat, 500), mine)), 10)
-        held += bounds[0] <= true_f1 <= bounds[1]
+        held += bounds["low"] <= true_f1 <= bounds["high"]
     assert 0.90 <= held / repeats <= 0.98
 
 

@@ -21,33 +21,20 @@ _ENOUGH_GAIN = 1e-6
 
 @dataclass(frozen=True)
 class Path:
-    """Poses of the left camera: a world point p is at ``rotation @ p + shift`` for it.
+    """Poses of the left camera: a world point p is at ``rotation @ p + shift`` for it."""
 
-    Attributes
-    ----------
-    rotation_vectors, shifts_m : (n_frames, 3) arrays
-    points_m : (n_points, 3) array
-        World points; the world is the left camera's own axes in frame `anchor`.
-    """
-
-    rotation_vectors: F64
-    shifts_m: F64
-    points_m: F64
+    rotation_vectors: F64  # (n_frames, 3)
+    shifts_m: F64  # (n_frames, 3)
+    points_m: F64  # (n_points, 3): in the world, the left camera's own axes in frame `anchor`
     anchor: int
 
 
 class Problem:
     """The residuals of an adjustment and their sparse Jacobian.
 
-    The vector is: the rig's named numbers, six numbers for each frame but the anchor (rotation
-    vector, then shift in metres), three for each point.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Which of the rig's numbers are free.
-    priors : mapping of name to float
-        Standard deviation of a free number about its start value.
+    The vector is: the rig's free numbers by their `names`, six numbers for each frame but the
+    anchor (rotation vector, then shift in metres), three for each point. `priors` are standard
+    deviations of free numbers about their start values.
     """
 
     def __init__(
@@ -163,20 +150,12 @@ def _rotations(vectors: F64) -> tuple[F64, F64]:
 
 @dataclass(frozen=True)
 class Adjusted:
-    """Result of an adjustment.
-
-    Attributes
-    ----------
-    residual_px : (n,) array
-        For each observation the length of its four residuals.
-    cost : float
-        What was minimised.
-    """
+    """Result of an adjustment."""
 
     rig: Rig
     path: Path
-    residual_px: F64
-    cost: float
+    residual_px: F64  # (n,): for each observation the length of its four residuals
+    cost: float  # what was minimised
 
 
 def adjust(problem: Problem, path: Path, rounds: int = 60) -> Adjusted:

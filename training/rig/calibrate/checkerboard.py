@@ -30,24 +30,16 @@ _FIND = (cv2.CALIB_CB_ACCURACY, cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_I
 
 @dataclass(frozen=True)
 class BoardCalibration:
-    """A calibration from checkerboards.
-
-    Attributes
-    ----------
-    left_px, right_px, stereo_px : float
-        Root mean square reprojection error of each camera alone, and of both together.
-    held_out : VerticalError
-        On the boards `test_frames`, of a fit to the others.
-    """
+    """A calibration from checkerboards."""
 
     calibration: StereoCalibration
     frames: list[int]
     looked_at: int
     test_frames: list[int]
-    left_px: float
+    left_px: float  # root mean square reprojection error of a camera alone, or of both together
     right_px: float
     stereo_px: float
-    held_out: VerticalError
+    held_out: VerticalError  # on the boards `test_frames`, of a fit to the others
 
     @property
     def baseline_mm(self) -> float:

@@ -17,7 +17,7 @@ Progress = Callable[[Iterable[int], int, str], Iterable[int]]
 _WIDTH, _HIGHEST = 340, 10_000
 _LOCAL_PX = 6.0
 _CONTRAST_LEVELS = 2.0
-_MIN_SHARE = 0.004
+MIN_SHARE = 0.004
 """A frame is worth matching when this share of it, at `_WIDTH`, has a local contrast of more than
 so many grey levels. On open water of the 2016 mission the share is 0; its tower has 0.007 from
 frame 150, where matching begins to find points, to 0.5 at its nearest."""
@@ -25,13 +25,7 @@ MAX_FRAMES = 100
 
 
 def stereo_frames(mission: Mission, wanted: Sequence[int] | None = None) -> list[int]:
-    """Frames that both cameras have.
-
-    Raises
-    ------
-    ToktError
-        If there are none, or a wanted one is not among them.
-    """
+    """Frames that both cameras have, or the wanted ones of these; ToktError where there is none."""
     both = sorted(set(mission.frames(LEFT)) & set(mission.frames(RIGHT)))
     if not both:
         raise ToktError(f"mission {mission.path} has no frames of two cameras (Left/ and Right/)")
@@ -86,7 +80,7 @@ def match_mission(
     """
     present = stereo_frames(mission, frames)
     shares = {frame: texture(mission, frame) for frame in progress(present, len(present), "survey")}
-    worth = [frame for frame, share in shares.items() if share >= _MIN_SHARE]
+    worth = [frame for frame, share in shares.items() if share >= MIN_SHARE]
     if len(worth) > most:
         worth = evenly_spaced(worth, most) if spread else _densest(worth, shares, most)
     size = frame_size(mission)

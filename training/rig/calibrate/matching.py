@@ -43,17 +43,11 @@ _REACH = 3
 
 @dataclass(frozen=True)
 class FramePoints:
-    """Points of one frame that both cameras see, in the same order.
-
-    Attributes
-    ----------
-    left, right : (n, 2) arrays
-        Pixels of the full frame; the centre of the first pixel is (0, 0).
-    """
+    """Points of one frame that both cameras see, in the same order."""
 
     frame: int
-    left: F64
-    right: F64
+    left: F64  # (n, 2): pixels of the full frame; the centre of the first pixel is (0, 0)
+    right: F64  # (n, 2)
 
     def __len__(self) -> int:
         return len(self.left)
@@ -61,16 +55,10 @@ class FramePoints:
 
 @dataclass(frozen=True)
 class FrameMatches(FramePoints):
-    """Points found by their looks.
+    """Points found by their looks."""
 
-    Attributes
-    ----------
-    left_look, right_look : (n, 128) float32 arrays
-        SIFT descriptors.
-    """
-
-    left_look: F32
-    right_look: F32
+    left_look: F32  # (n, 128): SIFT descriptors
+    right_look: F32  # (n, 128)
 
 
 def view_scale(width: int) -> float:
@@ -89,10 +77,7 @@ def gray_frame(mission: Mission, frame: int, camera: str) -> U8:
 def gray_view(mission: Mission, frame: int, camera: str) -> tuple[F32, tuple[int, int]]:
     """One frame in grey levels, not rounded, at `view_scale`; and the frame's width and height.
 
-    Raises
-    ------
-    FrameError
-        If it cannot be read.
+    Raises FrameError if it cannot be read.
     """
     image = gray_frame(mission, frame, camera)
     height, width = image.shape
@@ -210,23 +195,13 @@ def _one_geometry(left: F64, right: F64) -> Bools:
 
 @dataclass(frozen=True)
 class Tracks:
-    """Observations, each of one point in both pictures of one frame.
+    """Observations, each of one point in both pictures of one frame."""
 
-    Attributes
-    ----------
-    frames : list of int
-        Frame numbers; `frame` counts through them.
-    frame, point : (n,) arrays
-        Which frame and which point an observation is of.
-    left, right : (n, 2) arrays
-        Pixels of the full frames.
-    """
-
-    frames: list[int]
-    frame: I64
-    point: I64
-    left: F64
-    right: F64
+    frames: list[int]  # frame numbers; `frame` counts through them
+    frame: I64  # (n,): which frame an observation is of
+    point: I64  # (n,): and which point
+    left: F64  # (n, 2): pixels of the full frames
+    right: F64  # (n, 2)
 
     @property
     def n_points(self) -> int:

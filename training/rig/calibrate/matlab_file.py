@@ -78,16 +78,9 @@ def _damaged(path: Path) -> NoReturn:
 def matlab_numbers(path: Path) -> CalibrationNumbers:
     """Read a calibration from a MATLAB version 5 file, which MATLAB saves by default.
 
-    Parameters
-    ----------
-    path : Path
-        ``Calib_Results_stereo.mat`` of Bouguet's toolbox, or a file with the struct that
-        ``toStruct(stereoParams)`` gives.
-
-    Raises
-    ------
-    ToktError
-        If it cannot be read, is of version 7.3 or 4, or holds no stereo calibration.
+    ``Calib_Results_stereo.mat`` of Bouguet's toolbox, or a file with the struct that
+    ``toStruct(stereoParams)`` gives. Raises ToktError if it cannot be read, is of version 7.3 or 4,
+    or holds no stereo calibration.
     """
     variables = _variables(path)
     if "fc_left" in variables or "fc_right" in variables:

@@ -1,8 +1,7 @@
 """Uncertainty of a rig's parameters: which of them the frames determine."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,31 +33,18 @@ _FOCAL_STEPS = (0.95, 1.05)
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of the rig.
-
-    Attributes
-    ----------
-    sigma : float or None
-        Standard deviation with the numbers that were estimated; None for one that was not.
-    sigma_all_free : float or None
-        The same if every number of the camera model were unknown.
-    value_all_free : float or None
-        What it becomes then. Far from `value`, by that deviation, it says that the camera model
-        errs by more than the matches do.
-    verdict : str
-        Of an estimated number: given those that are held. Of a held one: if it were not.
-    held : bool
-        Not estimated but taken as given.
-    """
+    """One number of the rig."""
 
     name: str
     value: float
     unit: str
-    sigma: float | None
-    sigma_all_free: float | None
+    sigma: float | None  # standard deviation; None for a number that was not estimated
+    sigma_all_free: float | None  # the same if every number of the camera model were unknown
+    # What it becomes then. Far from `value`, by that deviation, it says that the camera model errs
+    # by more than the matches do.
     value_all_free: float | None
-    verdict: str
-    held: bool
+    verdict: str  # of an estimated number: given those that are held; of a held one: if it were not
+    held: bool  # not estimated but taken as given
 
     def words(self) -> str:
         """The verdict, and what it rests on."""
@@ -84,19 +70,12 @@ class FocalStep:
 
 @dataclass(frozen=True)
 class ParameterUncertainty:
-    """Uncertainty of all parameters, and the directions that the frames leave loose.
-
-    In a loose direction its ``changes`` can happen together while the pictures stay nearly the
-    same.
-    """
+    """Uncertainty of all parameters, and the directions that the frames leave loose."""
 
     parameters: list[Parameter]
+    # The ``changes`` of each can happen together while the pictures stay nearly the same.
     loose: list[dict[str, dict[str, float]]]
     focal: list[FocalStep]
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain JSON form."""
-        return asdict(self)
 
 
 def parameter_uncertainty(fit: RigFit, test: Sequence[FrameMatches]) -> ParameterUncertainty:
@@ -116,7 +95,9 @@ def parameter_uncertainty(fit: RigFit, test: Sequence[FrameMatches]) -> Paramete
     parameters.append(
         Parameter("baseline", fit.rig.baseline_mm, "mm", None, None, None, NOT_FIXED, True)
     )
-    return ParameterUncertainty(parameters, _loose(fit, wide), _focal_profile(fit, test))
+    depth = _median_depth(fit.path)
+    focal = [_focal_step(fit, factor, depth, test) for factor in (1.0, *_FOCAL_STEPS)]
+    return ParameterUncertainty(parameters, _loose(fit, wide), focal)
 
 
 def _deviations(names: Sequence[str], covariance: F64) -> dict[str, float]:
@@ -153,11 +134,6 @@ def _loose(fit: RigFit, wide: F64) -> list[dict[str, dict[str, float]]]:
         changes = {_ALL[i]: float(moves[i] * unit[i]) for i in np.flatnonzero(main)}
         found.append({"changes": changes})
     return found
-
-
-def _focal_profile(fit: RigFit, test: Sequence[FrameMatches]) -> list[FocalStep]:
-    depth = _median_depth(fit.path)
-    return [_focal_step(fit, factor, depth, test) for factor in (1.0, *_FOCAL_STEPS)]
 
 
 def _focal_step(

@@ -96,10 +96,7 @@ def triangulate(rig: Rig, tracks: Tracks) -> F64:
 def first_path(rig: Rig, tracks: Tracks) -> tuple[Path, Bools]:
     """Place frame after frame by the points it shares with those already placed.
 
-    Returns
-    -------
-    (Path, placed)
-        `placed` (n_frames,) bool: the frames that share enough points with the rest.
+    The flags, (n_frames,), tell the frames that share enough points with the rest.
     """
     n_frames = len(tracks.frames)
     rays = rig.rays(tracks.left, tracks.right)[0]
@@ -144,24 +141,14 @@ def _pose(points_m: F64, rays: F64, focal_px: float) -> tuple[F64, F64] | None:
 
 @dataclass(frozen=True)
 class RigFit:
-    """A fitted rig and what it was fitted to.
-
-    Attributes
-    ----------
-    tracks : Tracks
-        The observations that were kept.
-    residual_px : (n,) array
-        For each of them the length of its four residuals.
-    dropped : int
-        Observations thrown out as wrong.
-    """
+    """A fitted rig and what it was fitted to."""
 
     rig: Rig
     names: tuple[str, ...]
-    tracks: Tracks
+    tracks: Tracks  # the observations that were kept
     path: Path
-    residual_px: F64
-    dropped: int
+    residual_px: F64  # (n,): for each of them the length of its four residuals
+    dropped: int  # observations thrown out as wrong
 
     def problem(self, names: Sequence[str], priors: Mapping[str, float] | None = None) -> Problem:
         """The same adjustment, started where this one ended, with these numbers free."""
@@ -171,10 +158,7 @@ class RigFit:
 def fit_rig(matches: Sequence[FrameMatches], start: Rig, free: Sequence[str] = ()) -> RigFit:
     """Fit R, the direction of T, the focal ratio and the numbers in `free`.
 
-    Raises
-    ------
-    ToktError
-        If too few points can be followed from frame to frame.
+    Raises ToktError if too few points can be followed from frame to frame.
     """
     tracks = build_tracks(matches)
     names = (*POSE, *free)

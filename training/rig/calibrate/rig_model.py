@@ -22,35 +22,21 @@ the even frames has a vertical error of 0.41 px (median) beyond 480 px in the od
 printed k1 and k2 it is 0.51 px, with k1 alone 0.61 px, without distortion 2.6 px."""
 FOCAL = ("focal",)
 PRINCIPAL = ("cx_left", "cy_left", "cx_right", "cy_right")
-_K, _R, _T, _F, _C = slice(10, 12), slice(0, 3), slice(3, 6), slice(6, 8), slice(8, 10)
-"""Columns of the Jacobian of cv2.projectPoints."""
+_T, _F, _C, _K = slice(3, 6), slice(6, 8), slice(8, 10), slice(10, 12)
+"""Columns of the Jacobian of cv2.projectPoints; those of the rotation come first."""
 _UNDISTORT = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-10)
 
 
 @dataclass(frozen=True)
 class Rig:
-    """Two cameras and how they stand to each other.
+    """Two cameras and how they stand to each other."""
 
-    Attributes
-    ----------
-    values : dict
-        Every number named above; `focal` in px, `k1` and `k2` of the left camera.
-    left_distortion, right_distortion : (5,) arrays
-        k1 k2 p1 p2 k3 where the adjustment starts.
-    baseline_mm : float
-        Length of T, which pictures alone can not tell.
-    aspect : (2,) array
-        fy / fx of the left and the right camera, kept.
-    size : (int, int)
-        Width and height of the frames.
-    """
-
-    values: dict[str, float]
-    left_distortion: F64
-    right_distortion: F64
-    baseline_mm: float
-    size: tuple[int, int]
-    aspect: tuple[float, float] = (1.0, 1.0)
+    values: dict[str, float]  # all that is named above; `focal` in px, k1 and k2 of the left camera
+    left_distortion: F64  # (5,): k1 k2 p1 p2 k3 where the adjustment starts
+    right_distortion: F64  # (5,)
+    baseline_mm: float  # length of T, which pictures alone can not tell
+    size: tuple[int, int]  # width and height of the frames
+    aspect: tuple[float, float] = (1.0, 1.0)  # fy / fx of the left and the right camera, kept
 
     @classmethod
     def plain(cls, focal_px: float, baseline_mm: float, size: tuple[int, int]) -> Rig:

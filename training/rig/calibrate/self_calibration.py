@@ -2,14 +2,14 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from tokt import __version__
-from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import Mission, format_frames
 from tokt.inference.stereo.calibration import StereoCalibration
@@ -31,23 +31,12 @@ _FREE_NAMES = {"k1": ("k1",), "k2": ("k2",), "focal": FOCAL, "principal": PRINCI
 
 @dataclass(frozen=True)
 class StartingRig:
-    """The cameras that a calibration starts from.
-
-    Attributes
-    ----------
-    rig : Rig
-    words : str
-        Where it comes from.
-    free : tuple of str
-        What is estimated besides R, the direction of T and the focal ratio.
-    calibration : StereoCalibration or None
-        The whole of it, where a usable one was given: what `before` is measured with.
-    """
+    """The cameras that a calibration starts from."""
 
     rig: Rig
-    words: str
-    free: tuple[str, ...]
-    calibration: StereoCalibration | None = None
+    words: str  # where it comes from
+    free: tuple[str, ...]  # what is estimated besides R, the direction of T and the focal ratio
+    calibration: StereoCalibration | None = None  # a usable one: what `before` is measured with
 
 
 def parse_free(text: str) -> tuple[str, ...]:
@@ -113,51 +102,30 @@ def start_from(
             )
         rig = Rig.from_cameras(K, D, baseline_mm, size)
         return StartingRig(rig, "cameras as given, their standing to each other anew", freed, given)
-    centred = [_centred(k, size) for k in K]
-    lenses = [d[:2] for d in D]
-    rig = Rig.from_cameras((centred[0], centred[1]), (lenses[0], lenses[1]), baseline_mm, size)
+    x, y = ((length - 1) / 2 for length in size)
+    left, right = (np.array([[k[0, 0], 0, x], [0, k[0, 0], y], [0, 0, 1]]) for k in K)
+    rig = Rig.from_cameras((left, right), (D[0][:2], D[1][:2]), baseline_mm, size)
     return StartingRig(
         rig, "f, k1 and k2 as given; principal point at the centre, square pixels", freed
     )
 
 
-def _centred(K: F64, size: tuple[int, int]) -> F64:
-    plain = K.copy()
-    plain[1, 1], plain[0, 1] = K[0, 0], 0.0
-    plain[0, 2], plain[1, 2] = (size[0] - 1) / 2, (size[1] - 1) / 2
-    return plain
-
-
 @dataclass(frozen=True)
 class SelfCalibration:
-    """A calibration from a mission's frames, and how far it can be trusted.
-
-    Attributes
-    ----------
-    fit : RigFit
-        What `calibration` is from.
-    before, after : VerticalError
-        On `test_frames`: without it, and with the rig fitted to `fit_frames` alone.
-    held_out : bool
-        Whether the test frames had no part in the rig that `after` is of.
-    fit_part : RigFit
-        The rig that `after` is of.
-    own : VerticalError
-        Of `calibration` on all matched frames.
-    """
+    """A calibration from a mission's frames, and how far it can be trusted."""
 
     mission: str
     start: StartingRig
     part: str
-    fit: RigFit
-    fit_part: RigFit
+    fit: RigFit  # what `calibration` is from
+    fit_part: RigFit  # the rig that `after` is of
     fit_frames: list[int]
     test_frames: list[int]
-    held_out: bool
+    held_out: bool  # whether the test frames had no part in the rig that `after` is of
     matches: list[FrameMatches]
-    before: VerticalError
-    after: VerticalError
-    own: VerticalError
+    before: VerticalError  # on `test_frames`, without it
+    after: VerticalError  # on `test_frames`, with the rig fitted to `fit_frames` alone
+    own: VerticalError  # of `calibration` on all matched frames
     uncertainty: ParameterUncertainty
     seconds: float
 
@@ -220,7 +188,7 @@ class SelfCalibration:
                 "calibration_on_all_frames": self.own.figures(),
                 "unit": "px of the full frame",
             },
-            **self.uncertainty.to_json(),
+            **asdict(self.uncertainty),
             "seconds": round(self.seconds, 1),
         }
 
@@ -236,7 +204,6 @@ def self_calibrate(
 
     Parameters
     ----------
-    start : StartingRig
     progress : callable
         Passes frame numbers on as they are worked on.
     frames : sequence of int, optional

@@ -25,20 +25,11 @@ _REGIONS = 3
 
 @dataclass(frozen=True)
 class VerticalError:
-    """Row differences of matched points after rectification, in pixels of the full frame.
+    """Row differences of matched points after rectification, in pixels of the full frame."""
 
-    Attributes
-    ----------
-    row_px : (n,) array
-        How much lower a point lies in the left view than in the right one.
-    disparity_px : (n,) array
-    at : (n, 2) array
-        Where it is in the left frame.
-    """
-
-    row_px: F64
-    disparity_px: F64
-    at: F64
+    row_px: F64  # (n,): how much lower a point lies in the left view than in the right one
+    disparity_px: F64  # (n,)
+    at: F64  # (n, 2): where it is in the left frame
     frame_size: tuple[int, int]
 
     @property
@@ -101,23 +92,13 @@ def raw_error(matches: Sequence[FramePoints], frame_size: tuple[int, int]) -> Ve
 
 @dataclass(frozen=True)
 class CalibrationCheck:
-    """A verdict on a calibration, from the frames themselves.
+    """A verdict on a calibration, from the frames themselves."""
 
-    Attributes
-    ----------
-    state : str
-        `GOOD`, `SHIFTED` or `UNUSABLE`.
-    trim_px : float
-        By how much the right view has to be moved down.
-    after_trim : dict
-        Median and p90 with that trim.
-    """
-
-    state: str
+    state: str  # `GOOD`, `SHIFTED` or `UNUSABLE`
     reason: str
-    trim_px: float
+    trim_px: float  # by how much the right view has to be moved down
     error: VerticalError
-    after_trim: VerticalError
+    after_trim: VerticalError  # median and p90 with that trim
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form."""

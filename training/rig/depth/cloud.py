@@ -28,22 +28,12 @@ _TYPE_NAMES = {"<f4": "float", "|u1": "uchar"}
 
 @dataclass(frozen=True)
 class PointCloud:
-    """Coloured points, and how many there were before filtering.
+    """Coloured points, and how many there were before filtering."""
 
-    Parameters
-    ----------
-    points_m : array of float64, shape (n, 3)
-        Metres in the left camera's axes: x right, y down, z along its axis.
-    colors : array of uint8, shape (n, 3)
-        RGB, of the left frame with its contrast raised.
-    matched, out_of_range, outliers : int
-        Valid matches, and those left out of them.
-    """
-
-    points_m: F64
-    colors: U8
-    matched: int
-    out_of_range: int
+    points_m: F64  # (n, 3): metres in the left camera's axes: x right, y down, z along its axis
+    colors: U8  # (n, 3): RGB, of the left frame with its contrast raised
+    matched: int  # valid matches
+    out_of_range: int  # of these left out
     outliers: int
 
 
@@ -56,7 +46,6 @@ def cloud_of(
     ----------
     rectifier : Rectifier
         Whose views were matched.
-    matches : Matches
     left : array of uint8
         The left frame, as decoded.
     farthest_m : float
@@ -101,21 +90,9 @@ def ply_bytes(points_m: F64, colors: U8, comments: Sequence[str] = ()) -> bytes:
     """A PLY file of coloured points, binary little endian.
 
     A header of ten lines and the bytes of one structured array. A library would do no more with
-    it: plyfile would be one dependency more, open3d several hundred megabytes.
-
-    Parameters
-    ----------
-    points_m : array of float, shape (n, 3)
-        x, y, z in metres.
-    colors : array of uint8, shape (n, 3)
-        Red, green, blue.
-    comments : sequence of str
-        For whoever opens the file in an editor.
-
-    Raises
-    ------
-    ToktError
-        If a coordinate is not finite, or there is not one colour for each point.
+    it: plyfile would be one dependency more, open3d several hundred megabytes. Comments are for
+    whoever opens the file in an editor. Raises ToktError if a coordinate is not finite, or there is
+    not one colour for each point.
     """
     if points_m.shape != colors.shape or points_m.shape[1:] != (3,):
         raise ToktError(f"{points_m.shape} coordinates and {colors.shape} colours are no cloud")

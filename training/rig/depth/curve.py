@@ -35,22 +35,10 @@ def _broken(rows: Sequence[DepthRow], step: int) -> pd.DataFrame:
 def curve_png(
     rows: Sequence[DepthRow], found: Mapping[str, Any], name: str, step: int = 1
 ) -> bytes:
-    """Depth above, the matched part of the view below, over the frame numbers.
+    """A PNG file: depth above, the matched part of the view below, over the frame numbers.
 
-    Parameters
-    ----------
-    rows : sequence of DepthRow
-    found : mapping
-        Their `summary`.
-    name : str
-        The mission's.
-    step : int
-        From one frame number of the mission to the next; where it is more, lines are broken.
-
-    Returns
-    -------
-    bytes
-        A PNG file.
+    With the rows come their `summary` and the mission's name; lines are broken where a frame number
+    is more than `step` above the one before.
     """
     figure = Figure(figsize=(11, 6.2), dpi=_DPI, layout="constrained")
     depth, valid = figure.subplots(2, 1, sharex=True, height_ratios=(5, 2))

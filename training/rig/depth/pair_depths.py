@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -22,37 +23,23 @@ MEASURES = ("median_m", "distance_m")
 
 @dataclass(frozen=True)
 class DepthRow:
-    """Depths and verdict of one pair.
-
-    Parameters
-    ----------
-    frame, status : int
-        Status as in `tokt.inference.verdict.Verdict`.
-    distance_m, median_m, far_m : float or None
-        Near percentile (the verdict's distance), median and 95th percentile of the matched
-        depths; None where nothing was matched, or the pair could not be judged.
-    valid_fraction, textured_fraction : float or None
-        Parts of the rectified left view that were matched, and that had contrast enough to be;
-        None where no matching was done.
-    closing_m_s, contact_s : float or None
-        As the verdict has them; only with times.
-    row_trim_px : float
-        Rows by which the right view was moved, in pixels of the frame.
-    health : str
-        As in the verdict: why the pair could not be judged, or what else is not as it should be.
-    """
+    """Depths and verdict of one pair."""
 
     frame: int
-    status: int
+    status: int  # as in `tokt.inference.verdict.Verdict`
+    # Near percentile (the verdict's distance), median and 95th percentile of the matched depths;
+    # None where nothing was matched, or the pair could not be judged.
     distance_m: float | None = None
     median_m: float | None = None
     far_m: float | None = None
+    # Parts of the rectified left view that were matched, and that had contrast enough to be; None
+    # where no matching was done.
     valid_fraction: float | None = None
     textured_fraction: float | None = None
-    closing_m_s: float | None = None
+    closing_m_s: float | None = None  # as the verdict has it; only with times, as the next
     contact_s: float | None = None
-    row_trim_px: float = 0.0
-    health: str = "ok"
+    row_trim_px: float = 0.0  # rows by which the right view was moved, in pixels of the frame
+    health: str = "ok"  # as in the verdict
 
 
 class _KeepsMatches:
@@ -76,7 +63,6 @@ def measure_depths(
 
     Parameters
     ----------
-    detector : DisparityDetector
     frames : iterable of Frame
         In order.
     rate : float, optional
@@ -123,14 +109,7 @@ def _depths(detector: DisparityDetector, matches: Matches | None, status: int) -
 
 
 def summary(rows: Sequence[DepthRow], step: int = 1) -> dict[str, Any]:
-    """Figures over all frames.
-
-    Parameters
-    ----------
-    rows : sequence of DepthRow
-        In the order of their frames.
-    step : int
-        From one frame number of the mission to the next.
+    """Figures over all frames, in their order; `step` is from one frame number to the next.
 
     Returns
     -------
@@ -171,10 +150,10 @@ def gaps_of(rows: Sequence[DepthRow], span: Sequence[int] | None) -> list[int]:
 
 def nearest(rows: Sequence[DepthRow]) -> dict[str, Any] | None:
     """Frame, distance_m and median_m of the row with the least distance; None without any."""
-    known = [(row.distance_m, row) for row in rows if row.distance_m is not None]
-    if not known:
+    known = (row for row in rows if row.distance_m is not None)
+    row = min(known, key=attrgetter("distance_m"), default=None)
+    if row is None:
         return None
-    _, row = min(known, key=lambda item: item[0])
     return {"frame": row.frame, "distance_m": row.distance_m, "median_m": row.median_m}
 
 
@@ -197,24 +176,13 @@ def runs_of(frames: Sequence[int], step: int) -> list[tuple[int, int]]:
 
 
 def steadiness(rows: Sequence[DepthRow], measure: str, step: int = 1) -> dict[str, Any] | None:
-    """How steadily a depth falls to the nearest frame and rises after it.
+    """How steadily a depth of `MEASURES` falls to the nearest frame and rises after it.
 
-    Parameters
-    ----------
-    rows : sequence of DepthRow
-        Those with an obstacle in the detected span.
-    measure : {"median_m", "distance_m"}
-    step : int
-        As for `summary`.
-
-    Returns
-    -------
-    dict or None
-        nearest_frame, nearest_m; monotone; not_falling and not_rising (frames that break it,
-        before and after the nearest); jitter_m: median, max and at_frame of how far a frame's depth
-        is from the mean of the one before and the one after; second_difference_m: the same of
-        twice that, the change from one step of depth to the next, which a vehicle that brakes has
-        as well. None without any depth.
+    Of the rows with an obstacle in the detected span; None without any depth. Found are
+    nearest_frame, nearest_m; monotone; not_falling and not_rising (frames that break it, before and
+    after the nearest); jitter_m: median, max and at_frame of how far a frame's depth is from the
+    mean of the one before and the one after; second_difference_m: the same of twice that, the
+    change from one step of depth to the next, which a vehicle that brakes has as well.
     """
     known = [
         (row.frame, float(value)) for row in rows if (value := getattr(row, measure)) is not None

@@ -75,16 +75,7 @@ class DepthPicture:
         self._colors = np.vstack([np.full((_FIRST_DEPTH, 3), _DARK, np.uint8), depths])
 
     def png(self, row: DepthRow, left: U8, matches: Matches | None) -> bytes:
-        """One picture.
-
-        Parameters
-        ----------
-        row : DepthRow
-        left : array of uint8
-            The left frame, as decoded.
-        matches : Matches or None
-            None where no matching was done.
-        """
+        """One picture, of the left frame as decoded; without matches where none were looked for."""
         figure = Figure(figsize=(14.4, 5.9), dpi=_DPI, layout="constrained")
         frame, depth = figure.subplots(1, 2)
         frame.imshow(raise_contrast(left, self._width, self._height))

@@ -38,36 +38,18 @@ _MIN_RATIO = 2.0
 
 @dataclass(frozen=True)
 class DepthRequest:
-    """Options of a depth measurement.
+    """Options of a depth measurement."""
 
-    Parameters
-    ----------
-    frames : sequence of int or None
-        Frames to look at; None for all.
-    pictures : sequence of int or None
-        Which of them to draw. None: all of `frames` where they were chosen, otherwise
-        `SPREAD_PICTURES` spread over those with an obstacle, and the nearest.
-    rate : float or None
-        Frame numbers per second, for the closing speed.
-    matcher : {"bm", "sgbm"}
-    scale : float
-        Of the matched views.
-    ply : Path or None
-        Where the point cloud goes.
-    ply_frame : int or None
-        Its frame; None for the one of the least distance.
-    farthest_m : float
-        Of the cloud.
-    """
-
-    frames: Sequence[int] | None = None
+    frames: Sequence[int] | None = None  # frames to look at; None for all
+    # Which of them to draw. None: all of `frames` where they were chosen, otherwise
+    # `SPREAD_PICTURES` spread over those with an obstacle, and the nearest.
     pictures: Sequence[int] | None = None
-    rate: float | None = None
-    matcher: str = "bm"
-    scale: float = 0.5
-    ply: Path | None = None
-    ply_frame: int | None = None
-    farthest_m: float = FARTHEST_M
+    rate: float | None = None  # frame numbers per second, for the closing speed
+    matcher: str = "bm"  # or "sgbm"
+    scale: float = 0.5  # of the matched views
+    ply: Path | None = None  # where the point cloud goes
+    ply_frame: int | None = None  # its frame; None for the one of the least distance
+    farthest_m: float = FARTHEST_M  # of the cloud
 
 
 def run_depth(
@@ -81,11 +63,8 @@ def run_depth(
 
     Parameters
     ----------
-    mission : Mission
-    calibration : StereoCalibration
     out : Path
         Folder; made where it is missing. Files of these names in it are replaced.
-    request : DepthRequest
     progress : callable
         ``progress(items, total, what)`` passes items on.
 
@@ -185,35 +164,29 @@ def _to_draw(
     return sorted({*deep[::every], *nearest})
 
 
+@dataclass(frozen=True)
 class PairRematcher:
-    """Matches some pairs again: those of a whole mission do not fit into memory.
+    """Matches some pairs again: those of a whole mission do not fit into memory."""
 
-    Parameters
-    ----------
-    mission : Mission
-    detector : DisparityDetector
-    """
-
-    def __init__(self, mission: Mission, detector: DisparityDetector) -> None:
-        self._mission = mission
-        self._detector = detector
+    mission: Mission
+    detector: DisparityDetector
 
     def again(self, row: DepthRow) -> tuple[U8 | None, Matches | None]:
         """The left frame of a row, and its matches as they were; None for what there was not."""
         try:
-            left = self._mission.read(row.frame, LEFT)
+            left = self.mission.read(row.frame, LEFT)
         except FrameError:
             return None, None
         if row.valid_fraction is None:
             return left, None
-        right = self._mission.read(row.frame, RIGHT)
-        return left, self._detector.match(left, right, row_shift_px=row.row_trim_px)
+        right = self.mission.read(row.frame, RIGHT)
+        return left, self.detector.match(left, right, row_shift_px=row.row_trim_px)
 
     def draw(
         self, folder: Path, rows: Sequence[DepthRow], progress: Callable[..., Iterable[DepthRow]]
     ) -> list[str]:
         """Write a picture ``depth_N.png`` of each row that has a left frame; return their names."""
-        artist = DepthPicture(self._detector.rectifier, *_color_ends(rows))
+        artist = DepthPicture(self.detector.rectifier, *_color_ends(rows))
         names = []
         for row in progress(rows, len(rows), "pictures"):
             left, matches = self.again(row)
@@ -227,11 +200,11 @@ class PairRematcher:
         left, matches = self.again(row)
         if left is None or matches is None:
             return None
-        cloud = cloud_of(self._detector.rectifier, matches, left, farthest_m)
+        cloud = cloud_of(self.detector.rectifier, matches, left, farthest_m)
         if not len(cloud.points_m):
             return None
         comments = [
-            f"mission {self._mission.name}, frame {row.frame}",
+            f"mission {self.mission.name}, frame {row.frame}",
             "metres in the left camera's axes: x right, y down, z forward",
             f"colours: left frame, {CONTRAST_METHOD}",
         ]

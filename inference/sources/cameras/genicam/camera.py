@@ -26,12 +26,7 @@ _PART_IS_IMAGE = 1  # GenTL's PART_DATATYPE_2D_IMAGE
 
 
 class NoPictureError(Exception):
-    """A buffer without a picture that can be used.
-
-    Parameters
-    ----------
-    fault : Fault
-    """
+    """A buffer without a picture that can be used."""
 
     def __init__(self, fault: Fault) -> None:
         super().__init__(fault)
@@ -40,39 +35,20 @@ class NoPictureError(Exception):
 
 @dataclass(frozen=True)
 class Pixels:
-    """A picture in a buffer, as the camera gave it.
-
-    Parameters
-    ----------
-    height, width : int
-    pixel_format : str
-        One of `tokt.features.frames.camera_frame.PIXEL_FORMATS`.
-    data : array of uint8, shape (n_bytes,)
-        Without padding. The buffer's own memory wherever that has none: gone when it is queued.
-    """
+    """A picture in a buffer, as the camera gave it."""
 
     height: int
     width: int
-    pixel_format: str
-    data: U8
+    pixel_format: str  # one of `PIXEL_FORMATS`
+    data: U8  # without padding; where that has none the buffer's own memory, gone when it is queued
 
 
 def pixels_of(buffer: Any, format_name: Callable[[int], str]) -> Pixels:
     """The picture in a raw buffer of harvesters; of one with several parts the first image.
 
-    Not by harvesters' own components: they leave padding in, and raise for a pixel format that
-    they do not know without giving the buffer back.
-
-    Parameters
-    ----------
-    buffer : genicam.gentl.Buffer
-    format_name : callable
-        The name of a pixel format's number.
-
-    Raises
-    ------
-    NoPictureError
-        If it is not all there, or not of a format that tokt reads.
+    Not by harvesters' own components: they leave padding in, and raise for a pixel format that they
+    do not know without giving the buffer back. `format_name` gives the name of a format's number.
+    NoPictureError if the picture is not all there, or not of a format that tokt reads.
     """
     image, offset = _image(buffer)
     height, width = int(image.height), int(image.width)
@@ -116,16 +92,8 @@ def _incomplete(words: str) -> NoPictureError:
 def taken_s(buffer: Any, ticks_per_s: float | None) -> float | None:
     """When it was taken, in seconds of the camera's clock.
 
-    Parameters
-    ----------
-    buffer : genicam.gentl.Buffer
-    ticks_per_s : float or None
-        Of the camera's clock, for producers that give its ticks only.
-
-    Returns
-    -------
-    float or None
-        None where the producer does not say, or gives ticks of unknown length.
+    By its ticks where the producer gives these only. None where it does not say, or gives ticks of
+    unknown length.
     """
     # Nanoseconds are GenTL's; a time stamp of 0 is a camera's way to have none.
     nanoseconds = read_property(buffer, "timestamp_ns", 0)
@@ -160,36 +128,17 @@ class CameraGoneError(Exception):
 
 @dataclass(frozen=True)
 class FetchedFrame:
-    """One exposure fetched from the producer's buffers, or why there is no picture.
-
-    Parameters
-    ----------
-    frame_id : int
-    taken_s : float or None
-        Seconds of the camera's clock.
-    fetched_s : float
-        ``SYSTEM_CLOCK.monotonic()`` when the producer handed it over.
-    pixels : Pixels or None
-        Gone when the next one is asked for.
-    fault : Fault
-    """
+    """One exposure fetched from the producer's buffers, or why there is no picture."""
 
     frame_id: int
-    taken_s: float | None
-    fetched_s: float
-    pixels: Pixels | None
+    taken_s: float | None  # of the camera's clock
+    fetched_s: float  # ``SYSTEM_CLOCK.monotonic()`` when the producer handed it over
+    pixels: Pixels | None  # gone when the next one is asked for
     fault: Fault = NO_FAULT
 
 
 class GenicamCamera:
-    """A camera that sends frames.
-
-    Parameters
-    ----------
-    acquirer : harvesters.core.ImageAcquirer
-        Of a camera that is set and started.
-    features : GenicamFeatures
-    """
+    """A camera that is set and sends frames, by its ``harvesters.core.ImageAcquirer``."""
 
     def __init__(self, acquirer: Any, features: GenicamFeatures) -> None:
         from genicam.genapi import GenericException as FeatureError
@@ -220,15 +169,7 @@ class GenicamCamera:
     def next(self) -> Iterator[FetchedFrame | None]:
         """Wait a moment for the next exposure; its pixels are there within the context only.
 
-        Yields
-        ------
-        FetchedFrame or None
-            None where none came.
-
-        Raises
-        ------
-        CameraGoneError
-            If the producer says that something is wrong.
+        None where none came; CameraGoneError if the producer says that something is wrong.
         """
         buffer = None
         try:
@@ -242,13 +183,7 @@ class GenicamCamera:
                 self._give_back(buffer)
 
     def forget_waiting(self) -> None:
-        """Give back what was filled while nobody looked: nothing says how old it is.
-
-        Raises
-        ------
-        CameraGoneError
-            If the producer says that something is wrong.
-        """
+        """Give back what was filled while nobody looked: nothing says how old it is."""
         stream = self._acquirer.data_streams[0]
         try:
             for _ in range(int(read_property(stream, "num_awaiting_delivery", 0))):
@@ -286,23 +221,9 @@ class GenicamCamera:
 def opened_camera(
     producers: Producers, listed: ListedCamera, name: str, options: SourceConfig, share: float
 ) -> Iterator[GenicamCamera]:
-    """Open a camera, set it and have it send frames.
+    """Open a camera, set it and have it send frames; ToktError if that cannot be as asked.
 
-    Parameters
-    ----------
-    producers : Producers
-    listed : ListedCamera
-        Which camera.
-    name : str
-        How the user calls it, for messages.
-    options : SourceConfig
-    share : float
-        The part of the bandwidth that is this camera's.
-
-    Raises
-    ------
-    ToktError
-        If it cannot be opened, or set as asked.
+    `name` is how the user calls it, and `share` its part of the bandwidth.
     """
     from genicam.genapi import GenericException as FeatureError
     from genicam.gentl import GenericException as ProducerError

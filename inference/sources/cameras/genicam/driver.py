@@ -38,27 +38,10 @@ _CLOSE_S = 3.0
 
 @dataclass(eq=False)
 class GenicamDriver:
-    """A `CameraDriver` through harvesters.
+    """A `CameraDriver` through harvesters, of the camera `capture.LEFT` or `capture.RIGHT`.
 
-    Parameters
-    ----------
-    camera : int
-        `capture.LEFT` or `capture.RIGHT`.
-    name : str
-        As the user called it.
-    place : Place or None
-        Where it is; None to look for it by its name at each start.
-    options : SourceConfig
-    share : float
-        The part of the bandwidth that is this camera's.
-    clock : Clock
-    open_s : float
-        How long opening it may take, in seconds.
-
-    Attributes
-    ----------
-    name, period_s, shared_clock, failures
-        As of `CameraDriver`; the clock as of its start.
+    Its `name` is as the user called it. Without a place it is looked for by that at each start.
+    `share` is its part of the bandwidth, and `open_s` how long opening it may take.
     """
 
     camera: int
@@ -81,10 +64,7 @@ class GenicamDriver:
     def start(self, deliver: Deliver) -> None:
         """Start the camera's process, and wait until it sends.
 
-        Raises
-        ------
-        ToktError
-            If the camera is not there, cannot be set as asked, or does not answer in time.
+        ToktError if it is not there, cannot be set as asked, or does not answer in time.
         """
         self.stop()
         check_installed()

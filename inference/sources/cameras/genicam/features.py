@@ -20,15 +20,10 @@ _PTP_FOLLOWS = ("Master", "Slave")
 
 
 class GenicamFeatures:
-    """The features of one camera.
+    """The features of one camera, by its ``genicam.genapi.NodeMap``.
 
-    Parameters
-    ----------
-    nodes : genicam.genapi.NodeMap
-    name : str
-        The camera, for messages.
-    ptp_s : float
-        How long its clock may take to be set by the Precision Time Protocol, in seconds.
+    Its name is for messages; `ptp_s` is how long its clock may take to be set by the Precision Time
+    Protocol.
     """
 
     def __init__(self, nodes: Any, name: str, ptp_s: float = _PTP_S) -> None:
@@ -42,20 +37,9 @@ class GenicamFeatures:
         self._error = GenericException
 
     def set_up(self, options: SourceConfig, share: float, link: str) -> None:
-        """Set what a user asked for.
+        """Set what a user asked for; ToktError if the camera cannot be set so.
 
-        Parameters
-        ----------
-        options : SourceConfig
-        share : float
-            The part of the bandwidth that is this camera's.
-        link : str
-            How it is connected, as its producer says.
-
-        Raises
-        ------
-        ToktError
-            If the camera cannot be set so.
+        `share` is its part of the bandwidth, `link` how it is connected, as its producer says.
         """
         self.give("AcquisitionMode", "Continuous")
         self._set_pixel_format(options.pixel_format)

@@ -45,21 +45,13 @@ class Place:
 
 @dataclass(frozen=True)
 class ListedCamera:
-    """A camera that a producer lists.
-
-    Parameters
-    ----------
-    place : Place
-    serial, name, model, link : str
-        Its serial number, the name that its user gave it, its vendor and model, and how it is
-        connected (``GEV``, ``U3V``); empty where it does not say.
-    """
+    """A camera that a producer lists; what it does not say is empty."""
 
     place: Place
     serial: str = ""
-    name: str = ""
-    model: str = ""
-    link: str = ""
+    name: str = ""  # that its user gave it
+    model: str = ""  # its vendor and model
+    link: str = ""  # how it is connected (``GEV``, ``U3V``)
 
     def in_words(self) -> str:
         """One line."""
@@ -69,28 +61,16 @@ class ListedCamera:
 
 @dataclass(frozen=True)
 class Listing:
-    """The cameras that all producers list, and what is wrong with producers.
+    """The cameras that all producers list, and what is wrong with producers."""
 
-    Parameters
-    ----------
-    producers : tuple of str
-        Files that could be loaded.
-    cameras : tuple of ListedCamera
-    complaints : tuple of str
-        What could not be loaded or opened, and why.
-    """
-
-    producers: tuple[str, ...]
+    producers: tuple[str, ...]  # files that could be loaded
     cameras: tuple[ListedCamera, ...]
-    complaints: tuple[str, ...]
+    complaints: tuple[str, ...]  # what could not be loaded or opened, and why
 
     def camera(self, text: str) -> ListedCamera:
         """The camera that a user calls so: its ID, serial number or name, or its index here.
 
-        Raises
-        ------
-        ToktError
-            If it is none or several of them.
+        ToktError if it is none or several of them.
         """
         for key in _KEYS:
             found = [camera for camera in self.cameras if key(camera) == text]
@@ -130,13 +110,7 @@ def is_index(text: str) -> bool:
 
 
 def check_installed() -> None:
-    """See that the packages are there.
-
-    Raises
-    ------
-    ToktError
-        If not, saying what to install.
-    """
+    """See that the packages are there; ToktError if not, saying what to install."""
     for package in ("harvesters", "genicam"):
         if find_spec(package) is None:
             raise ToktError(f"a genicam camera needs {package}: install tokt[genicam]")
@@ -145,15 +119,7 @@ def check_installed() -> None:
 def list_cameras(timeout_s: float = _TIMEOUT_S) -> Listing:
     """Ask all producers for their cameras, in a process of its own.
 
-    Parameters
-    ----------
-    timeout_s : float
-        How long they may take, in seconds.
-
-    Raises
-    ------
-    ToktError
-        If harvesters is not installed, there is no producer, or one crashes or hangs.
+    ToktError if harvesters is not installed, there is no producer, or one crashes or hangs.
     """
     check_installed()
     try:
@@ -193,13 +159,7 @@ class _Complaints(logging.Handler):
 
 @dataclass(frozen=True)
 class Producers:
-    """Opened producers.
-
-    Parameters
-    ----------
-    harvester : harvesters.core.Harvester
-    listing : Listing
-    """
+    """Opened producers, by their ``harvesters.core.Harvester``."""
 
     harvester: Any
     listing: Listing
@@ -213,10 +173,7 @@ class Producers:
 def opened_producers() -> Iterator[Producers]:
     """Open every producer in `PATH_VARIABLE` and look for cameras.
 
-    Raises
-    ------
-    ToktError
-        If there is no producer, or harvesters is not installed.
+    ToktError if there is no producer, or harvesters is not installed.
     """
     files, refused = _sound(producer_files())
     with warnings.catch_warnings():  # harvesters sets the filters of the whole process
@@ -238,13 +195,7 @@ def opened_producers() -> Iterator[Producers]:
 
 
 def producer_files() -> list[Path]:
-    """Every producer (``*.cti``) in the folders of `PATH_VARIABLE`.
-
-    Raises
-    ------
-    ToktError
-        If there is none.
-    """
+    """Every producer (``*.cti``) in the folders of `PATH_VARIABLE`; ToktError if there is none."""
     variable = os.environ.get(PATH_VARIABLE, "")
     places = [Path(text) for text in variable.split(os.pathsep) if text]
     if not places:

@@ -33,12 +33,8 @@ class VimbaStream:
     no more. And there `disarm` gives up at the first step that a camera which was pulled out
     refuses, so that buffers stay announced whose memory is about to go.
 
-    Parameters
-    ----------
-    camera : pymba.camera.Camera
-    received : callable
-        Given pymba's VmbFrame of each buffer that was filled, on a thread of the library's. The
-        buffer is written again as soon as it returns. What it raises is counted.
+    `received` is given pymba's VmbFrame of each buffer that was filled, on a thread of the
+    library's. The buffer is written again as soon as it returns. What it raises is counted.
     """
 
     def __init__(self, camera: Any, received: Callable[[Any], None]) -> None:
@@ -55,10 +51,7 @@ class VimbaStream:
     def start(self) -> None:
         """Announce and queue the buffers and let the camera send.
 
-        Raises
-        ------
-        ToktError
-            If one of the steps is refused; `stop` then undoes those before.
+        ToktError if one of the steps is refused; `stop` then undoes those before.
         """
         from pymba import VimbaException
 
@@ -81,11 +74,8 @@ class VimbaStream:
     def stop(self) -> bool:
         """Undo every step of `start` that can be undone; the last callback has returned then.
 
-        Returns
-        -------
-        bool
-            Whether the library has let go of the buffers. If not, this object must be kept: it
-            holds the memory that the library may still write to.
+        It says whether the library has let go of the buffers. If not, this object must be kept: it
+        holds the memory that the library may still write to.
         """
         self._running = False
         handle = self._camera.handle
@@ -137,21 +127,10 @@ _INCOMPLETE = Fault(Reason.INCOMPLETE, "the camera's frame did not arrive whole"
 
 @dataclass(eq=False)
 class VimbaDriver:
-    """One camera of the Vimba API.
+    """One camera of the Vimba API, `LEFT` or `RIGHT`.
 
-    Parameters
-    ----------
-    camera : int
-        `LEFT` or `RIGHT`.
-    name : str
-        How the user called it: its ID, serial number, IP or MAC address, or index.
-    options : SourceConfig
-    share : float
-        The part of the bandwidth that it has.
-    clock : Clock
-    pymba : module
-    system : VimbaSystem
-        The same for all cameras.
+    Its `name` is how the user called it: its ID, serial number, IP or MAC address, or index;
+    `share` is its part of the bandwidth. The system is the same for all cameras.
     """
 
     camera: int
@@ -180,10 +159,7 @@ class VimbaDriver:
     def start(self, deliver: Deliver) -> None:
         """Open the camera, set it and let it send.
 
-        Raises
-        ------
-        ToktError
-            If it is not there, is refused or cannot be set as asked.
+        ToktError if it is not there, is refused or cannot be set as asked.
         """
         self.system.enter()
         try:

@@ -22,21 +22,11 @@ _ADJUST_S, _PTP_S, _LOOK_S = 3.0, 15.0, 0.02
 
 @dataclass(eq=False)
 class VimbaFeatures:
-    """An opened camera's features.
-
-    Parameters
-    ----------
-    camera : pymba.camera.Camera
-    error : type
-        pymba's VimbaException.
-    name : str
-        The camera, for messages.
-    clock : Clock
-    """
+    """The features of an opened ``pymba.camera.Camera``."""
 
     camera: Any
-    error: type[Exception]
-    name: str
+    error: type[Exception]  # pymba's VimbaException
+    name: str  # the camera, for messages
     clock: Clock
 
     def __post_init__(self) -> None:
@@ -65,10 +55,7 @@ class VimbaFeatures:
     def demand(self, what: str, value: Any, *names: str) -> None:
         """Set what the user asked for.
 
-        Raises
-        ------
-        ToktError
-            If the camera has none of these, or refuses the value.
+        ToktError if the camera has none of these, or refuses the value.
         """
         name = self.first(*names)
         if name is None:
@@ -108,26 +95,10 @@ class VimbaFeatures:
 def set_features(
     features: VimbaFeatures, options: SourceConfig, share: float
 ) -> tuple[float, float | None]:
-    """Set an opened camera.
+    """Set an opened camera; ToktError if it cannot be set as asked.
 
-    Parameters
-    ----------
-    features : VimbaFeatures
-    options : SourceConfig
-    share : float
-        The part of the bandwidth that this camera has.
-
-    Returns
-    -------
-    ticks_per_s : float
-        Of its time stamps.
-    period_s : float or None
-        Seconds between exposures; None where no rate was asked for.
-
-    Raises
-    ------
-    ToktError
-        If it cannot be set as asked.
+    `share` is its part of the bandwidth. Gives the ticks a second of its time stamps, and the
+    seconds between exposures, None where no rate was asked for.
     """
     _set_pixel_format(features, options.pixel_format)
     _set_network(features, options, share)

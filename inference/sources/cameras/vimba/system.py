@@ -27,23 +27,14 @@ def pymba_version() -> str | None:
 
 
 def is_missing(reason: str) -> bool:
-    """Whether these words of pymba's mean that there is no Vimba SDK.
-
-    Parameters
-    ----------
-    reason : str
-        What importing pymba raised, as text.
-    """
+    """Whether these words, raised by importing pymba, mean that there is no Vimba SDK."""
     return any(words in reason for words in _NO_VIMBA)
 
 
 def load_pymba() -> ModuleType:
     """Import pymba.
 
-    Raises
-    ------
-    ToktError
-        If it is not installed, or its library cannot be loaded: it says what to install and set.
+    ToktError says what to install and set if it is not installed, or its library cannot be loaded.
     """
     installed = pymba_version()
     if installed is None:
@@ -66,12 +57,7 @@ _ACCESS_DENIED = -6  # VmbErrorInvalidAccess; pymba names it ERR_OPERATION_INVAL
 
 
 class VimbaSystem:
-    """The API, open for as long as somebody uses it.
-
-    Parameters
-    ----------
-    pymba : module
-    """
+    """The API, open for as long as somebody uses it."""
 
     def __init__(self, pymba: ModuleType) -> None:
         self._pymba = pymba
@@ -82,10 +68,7 @@ class VimbaSystem:
     def enter(self) -> None:
         """Start the API unless it is, and look which cameras are there now.
 
-        Raises
-        ------
-        ToktError
-            If it does not start.
+        ToktError if it does not start.
         """
         with self._lock:
             vimba = self._vimba or self._pymba.Vimba()
@@ -111,17 +94,9 @@ class VimbaSystem:
                 self._vimba = None
 
     def camera_id(self, text: str) -> str:
-        """The ID of the camera that a user means.
+        """The ID of the camera that a user means; ToktError lists those that there are.
 
-        Parameters
-        ----------
-        text : str
-            Its ID, serial number, IP address, MAC address, or its index among those found.
-
-        Raises
-        ------
-        ToktError
-            If there is none; it lists those that there are.
+        By its ID, serial number, IP address, MAC address, or its index among those found.
         """
         try:
             found = self._found()
@@ -145,10 +120,7 @@ class VimbaSystem:
     def open(self, camera_id: str) -> Any:
         """Open a camera, as a new object: one that was lost may not be used again.
 
-        Raises
-        ------
-        ToktError
-            If it does not open.
+        ToktError if it does not open.
         """
         from pymba.camera import Camera
 

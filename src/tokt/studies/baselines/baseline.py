@@ -1,59 +1,22 @@
-"""The interface of every method that tokt is compared with, and its result for one frame."""
+"""The result of a compared method for a frame, where it looks at pairs or at frames before."""
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple
 
 from tokt.features.common.arrays import U8
-from tokt.inference.reason import Fault
+from tokt.inference.reason import Fault, Reason
 from tokt.inference.verdict import Verdict, unknown_verdict
 
+NO_PICTURE = Fault(Reason.MISSING, "a picture of it cannot be read")
 
-@dataclass(frozen=True)
-class BaselineResult:
-    """A method's result for one frame.
 
-    Parameters
-    ----------
-    verdict : Verdict
-        Its status is decided by the method's own rule; `Verdict.mean` is of `mask`, 0..255.
-    mask : array of uint8, shape (height, width), or None
-        255 where the method sees an obstacle, at the grid's width; None where it cannot judge.
+class BaselineResult(NamedTuple):
+    """A verdict by the method's own rule, and the mask, at the grid's width, that its mean is of.
+
+    The mask is 255 where the method sees an obstacle, and None where it cannot judge.
     """
 
     verdict: Verdict
     mask: U8 | None
-
-
-class Baseline(Protocol):
-    """A method that judges the frames of one run, in their order."""
-
-    @property
-    def name(self) -> str:
-        """Of files and columns, such as ``slic_lbp_10_5``."""
-
-    @property
-    def title(self) -> str:
-        """For people."""
-
-    @property
-    def source(self) -> str:
-        """Who published it, and when."""
-
-    def judge(self, left: U8, right: U8 | None, t_s: float) -> BaselineResult:
-        """Judge one frame.
-
-        Parameters
-        ----------
-        left, right : array of uint8, shape (height, width) or (height, width, 3)
-            As decoded, BGR or gray. A method of one camera does not look at `right`.
-        t_s : float
-            Time of the frame in seconds, from any start.
-
-        Raises
-        ------
-        ToktError
-            If the method needs a right frame and there is none.
-        """
 
 
 def not_judged(fault: Fault) -> BaselineResult:

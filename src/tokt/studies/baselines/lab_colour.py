@@ -28,9 +28,7 @@ from sklearn.neighbors import KNeighborsClassifier
 
 from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.common.errors import ToktError
-from tokt.inference.verdict import verdict_from_mask
 
-from .baseline import BaselineResult
 from .slic import resized_bgr, superpixels
 from .thesis_texture import GRID
 
@@ -54,13 +52,7 @@ def labelled_example(frame: U8, patches: NDArray[np.int8]) -> Example:
 
 
 class LabColour:
-    """Judge frames by the colour of their superpixels.
-
-    Parameters
-    ----------
-    classifier : sklearn.neighbors.KNeighborsClassifier
-        Predicts 1 for an obstacle.
-    """
+    """Judge frames by the colour of their superpixels; `classifier` predicts 1 for an obstacle."""
 
     name = "lab_colour"
     title = "SLIC superpixels, Lab colour"
@@ -73,16 +65,8 @@ class LabColour:
     def train(cls, examples: Iterable[Example]) -> LabColour:
         """Learn the superpixels of frames whose obstacles are known.
 
-        A superpixel of which half or more is not known is left out.
-
-        Parameters
-        ----------
-        examples : iterable of Example
-
-        Raises
-        ------
-        ToktError
-            If they do not show both obstacles and clear water.
+        A superpixel of which half or more is not known is left out. Raises ToktError if the
+        examples do not show both obstacles and clear water.
         """
         rows: list[F64] = []
         flags: list[Bools] = []
@@ -109,13 +93,12 @@ class LabColour:
             for image, obstacle in ((ocean, 0), (other, 1))
         )
 
-    def judge(self, left: U8, right: U8 | None, t_s: float) -> BaselineResult:
-        """Judge the left frame; see `Baseline.judge`."""
-        picture = resized_bgr(left)
+    def mask(self, frame: U8) -> U8:
+        """255 where a decoded frame shows an obstacle, at the grid's width."""
+        picture = resized_bgr(frame)
         cut = _counted(superpixels(picture))
         obstacle = self._classifier.predict(_colours(picture, cut)) == 1
-        mask = np.where(obstacle[cut], 255, 0).astype(np.uint8)
-        return BaselineResult(verdict_from_mask(mask, self.name), mask)
+        return np.where(obstacle[cut], 255, 0).astype(np.uint8)
 
 
 def _counted(cut: I64) -> I64:

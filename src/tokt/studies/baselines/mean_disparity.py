@@ -22,15 +22,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import U8, Bools
-from tokt.features.common.errors import ToktError
+from tokt.features.common.arrays import Bools
 from tokt.inference.frame import Frame
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.matching import Matches
 from tokt.inference.verdict import CLEAR, OBSTACLE, verdict_from_mask
 
-from .baseline import BaselineResult, not_judged
+from .baseline import NO_PICTURE, BaselineResult, not_judged
 from .thesis_texture import GRID
 
 NEAR_M = 6.0
@@ -47,14 +46,13 @@ class Thirds:
 
     def __init__(self, calibration: StereoCalibration) -> None:
         self._detector = DisparityDetector(calibration, GRID)
-        self._number = 0
 
-    def judge(self, left: U8, right: U8 | None, t_s: float) -> BaselineResult:
-        """Judge one pair; see `Baseline.judge`."""
-        if right is None:
-            raise ToktError("the left, centre, right disparity needs frames of two cameras")
-        self._number += 1
-        seen = self._detector.observe(Frame(self._number, t_s, left, right))
+    def judge(self, frame: Frame) -> BaselineResult:
+        """Judge one pair of a run, in their order."""
+        if frame.left is None or frame.right is None:
+            return not_judged(NO_PICTURE)
+        # Without the frames missed before it, of which the method knows nothing.
+        seen = self._detector.observe(Frame(frame.number, frame.t, frame.left, frame.right))
         if seen.detection.mask is None or seen.matches is None:
             return not_judged(seen.detection.fault)
         return self._decide(seen.matches, seen.detection.mask.shape)

@@ -28,11 +28,12 @@ import cv2
 import numpy as np
 
 from tokt.features.common.arrays import F32, F64, U8
+from tokt.inference.frame import Frame
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.verdict import CLEAR, OBSTACLE, verdict_from_mask
 from tokt.training.rig.calibrate.matching import even_contrast_gaussian, mutual_matches, view_scale
 
-from .baseline import BaselineResult, not_judged
+from .baseline import NO_PICTURE, BaselineResult, not_judged
 from .thesis_texture import GRID
 
 BACK = 4
@@ -53,26 +54,19 @@ _MIN_HALF_PX, _MAX_HALF_PX = 6, 40
 class _RememberedFrame:
     """The keypoints remembered of a frame."""
 
-    t_s: float
     view: U8
     places: F64
     sizes: F64
     looks: F32
 
 
-_Grown = tuple[F64, float, float]
+_Grown = tuple[F64, float]
 """A keypoint of an obstacle in the later view: its x and y and the radius of what it stands for,
-in pixels, and how many times larger it became."""
+in pixels."""
 
 
 class SizeChange:
-    """Judge frames by keypoints that grew since `back` frames before.
-
-    Parameters
-    ----------
-    back : int
-        Judged frames between the two that are compared.
-    """
+    """Judge frames by keypoints that grew since `back` judged frames before."""
 
     name = "size_change"
 
@@ -80,17 +74,24 @@ class SizeChange:
         self._before: deque[_RememberedFrame] = deque(maxlen=back)
         self._sift = cv2.SIFT.create(_MAX_FEATURES)
 
-    def judge(self, left: U8, right: U8 | None, t_s: float) -> BaselineResult:
-        """Judge the left frame; see `Baseline.judge`."""
-        now = self._look(left, t_s)
-        full = len(self._before) == self._before.maxlen
-        before = self._before[0] if full else None
+    def judge(self, frame: Frame) -> BaselineResult:
+        """Judge the left frame of a run, in their order."""
+        if frame.left is None:
+            return not_judged(NO_PICTURE)
+        now = self._look(frame.left)
+        before = self._before[0] if len(self._before) == self._before.maxlen else None
         self._before.append(now)
         if before is None or before.view.shape != now.view.shape:
             return not_judged(Fault(Reason.FRAME_RULE, "no frame to compare with yet"))
-        return self._decide(_grown(before, now), now, t_s - before.t_s, left.shape[:2])
+        found, picture = _grown(before, now), np.zeros(now.view.shape, np.uint8)
+        for (x, y), radius in found:
+            cv2.circle(picture, (round(x), round(y)), max(round(radius), 1), 255, cv2.FILLED)
+        size = GRID.resized(*frame.left.shape[:2])[::-1]
+        mask = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_NEAREST), np.uint8)
+        status = OBSTACLE if len(found) >= MIN_KEYPOINTS else CLEAR
+        return BaselineResult(replace(verdict_from_mask(mask, self.name), status=status), mask)
 
-    def _look(self, frame: U8, t_s: float) -> _RememberedFrame:
+    def _look(self, frame: U8) -> _RememberedFrame:
         gray = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
         scale = view_scale(frame.shape[1])
         small = cv2.resize(
@@ -103,25 +104,7 @@ class SizeChange:
             looks = np.zeros((0, 128), np.float32)
         places = np.array([keypoint.pt for keypoint in keypoints], np.float64).reshape(-1, 2)
         sizes = np.array([keypoint.size for keypoint in keypoints], np.float64)
-        return _RememberedFrame(t_s, view, places, sizes, looks)
-
-    def _decide(
-        self, found: list[_Grown], now: _RememberedFrame, elapsed_s: float, size: tuple[int, ...]
-    ) -> BaselineResult:
-        picture = np.zeros(now.view.shape, np.uint8)
-        for (x, y), radius, _ in found:
-            cv2.circle(picture, (round(x), round(y)), max(round(radius), 1), 255, cv2.FILLED)
-        height, width = GRID.resized(*size)
-        mask = np.asarray(
-            cv2.resize(picture, (width, height), interpolation=cv2.INTER_NEAREST), np.uint8
-        )
-        count = len(found)
-        status = OBSTACLE if count >= MIN_KEYPOINTS else CLEAR
-        verdict = replace(verdict_from_mask(mask, self.name), status=status)
-        if count:
-            scale = float(np.median([scale for _, _, scale in found]))
-            verdict = replace(verdict, contact_s=elapsed_s / (scale - 1))
-        return BaselineResult(verdict, mask)
+        return _RememberedFrame(view, places, sizes, looks)
 
 
 def _grown(before: _RememberedFrame, now: _RememberedFrame) -> list[_Grown]:
@@ -133,25 +116,15 @@ def _grown(before: _RememberedFrame, now: _RememberedFrame) -> list[_Grown]:
         half = int(np.clip(round(before.sizes[earlier]), _MIN_HALF_PX, _MAX_HALF_PX))
         scale = enlargement(before.view, before.places[earlier], now.view, now.places[later], half)
         if scale >= GROWN:
-            found.append((now.places[later], half * scale, scale))
+            found.append((now.places[later], half * scale))
     return found
 
 
 def enlargement(earlier: U8, earlier_at: F64, later: U8, later_at: F64, half_px: int) -> float:
-    """How many times larger the picture around one place is around another one, later.
+    """How many times larger the picture around one place (x, y) is around another one, later.
 
-    Parameters
-    ----------
-    earlier, later : array of uint8, shape (height, width)
-    earlier_at, later_at : array of float64, shape (2,)
-        x and y in pixels.
-    half_px : int
-        Half the side of the square of `earlier` that is compared.
-
-    Returns
-    -------
-    float
-        One of `SCALES`; 1 where no enlargement fits clearly better than none.
+    One of `SCALES`; 1 where no enlargement fits clearly better than none. `half_px` is half the
+    side of the square of `earlier` that is compared.
     """
     side = 2 * half_px + 1
     template = cv2.getRectSubPix(earlier, (side, side), tuple(map(float, earlier_at)))

@@ -41,9 +41,7 @@ from sklearn.svm import LinearSVC
 
 from tokt.features.common.arrays import F64, I64, U8
 from tokt.features.common.errors import ToktError
-from tokt.inference.verdict import verdict_from_mask
 
-from .baseline import BaselineResult
 from .thesis_models import thesis_classifier
 from .thesis_texture import GRID, DescribePatch
 
@@ -55,7 +53,6 @@ COMPACTNESS = 10.0
 
 Box = tuple[int, int, int, int]
 """x, y, width, height in pixels of the resized frame."""
-_ERODED, _DILATED = 2, 4
 
 
 def resized_bgr(frame: U8) -> U8:
@@ -67,22 +64,12 @@ def resized_bgr(frame: U8) -> U8:
     return np.asarray(small, np.uint8)
 
 
-def superpixels(picture: U8, sigma_px: float = SIGMA_PX) -> I64:
-    """Cut a picture into about `N_SEGMENTS` superpixels.
+def superpixels(picture: U8) -> I64:
+    """The number of each pixel's superpixel, from 1, of about `N_SEGMENTS`.
 
-    Parameters
-    ----------
-    picture : array of uint8, shape (height, width, 3)
-        Its first channel is taken for red, as scikit-image does.
-    sigma_px : float
-        Spread of the blur before, in pixels.
-
-    Returns
-    -------
-    numpy.ndarray
-        int64, shape (height, width): the number of each pixel's superpixel, from 1.
+    The first of the picture's three channels is taken for red, as scikit-image does.
     """
-    blurred = gaussian(picture.astype(np.float64) / 255, sigma_px, mode="reflect", channel_axis=-1)
+    blurred = gaussian(picture.astype(np.float64) / 255, SIGMA_PX, mode="reflect", channel_axis=-1)
     lab: NDArray[Any] = rgb2lab(blurred)
     stretch = float(np.ptp(lab)) or 1.0
     cut = slic(lab, N_SEGMENTS, COMPACTNESS / stretch, sigma=0, convert2lab=False, channel_axis=-1)
@@ -98,14 +85,8 @@ def outline_boxes(region: U8) -> list[Box]:
 class SlicTexture:
     """Judge frames superpixel by superpixel.
 
-    Parameters
-    ----------
-    describe : callable
-        Features of one gray rectangle, as in `tokt.studies.baselines.thesis_texture`.
-    classifier : sklearn.svm.LinearSVC
-        Predicts 1 for an obstacle.
-    name : str
-        Of the features, such as ``lbp_10_5``.
+    `describe` gives the features of one gray rectangle, `name` is theirs, such as ``lbp_10_5``;
+    `classifier` predicts 1 for an obstacle.
     """
 
     source = "Brusletto 2016"
@@ -119,17 +100,7 @@ class SlicTexture:
     def train(cls, ocean: U8, other: U8, describe: DescribePatch, name: str) -> SlicTexture:
         """Train as the thesis's program does: on all superpixels of two images.
 
-        Parameters
-        ----------
-        ocean, other : array of uint8, shape (height, width) or (height, width, 3)
-            Open ocean, and anything else.
-        describe, name
-            As in `SlicTexture`.
-
-        Raises
-        ------
-        ToktError
-            If one of them leaves no superpixel with features.
+        Raises ToktError if one of them leaves no superpixel with features.
         """
         rows: list[F64] = []
         labels: list[int] = []
@@ -147,9 +118,9 @@ class SlicTexture:
         classifier = thesis_classifier(np.array(rows), np.array(labels))
         return cls(describe, classifier, name)
 
-    def judge(self, left: U8, right: U8 | None, t_s: float) -> BaselineResult:
-        """Judge the left frame; see `Baseline.judge`."""
-        picture = resized_bgr(left)
+    def mask(self, frame: U8) -> U8:
+        """255 where a decoded frame shows an obstacle, at the grid's width."""
+        picture = resized_bgr(frame)
         mask = np.zeros(picture.shape[:2], np.uint8)
         cut = superpixels(picture)
         for number in np.unique(cut):
@@ -159,7 +130,7 @@ class SlicTexture:
                 obstacle = row is not None and self.classifier.predict(row.reshape(1, -1))[0] == 1
                 x, y, width, height = box
                 mask[y : y + height, x : x + width] = 255 * obstacle
-        return BaselineResult(verdict_from_mask(mask, self.name), mask)
+        return mask
 
 
 def _training_patches(image: U8) -> list[U8]:
@@ -169,7 +140,7 @@ def _training_patches(image: U8) -> list[U8]:
     patches = []
     for number in np.unique(cut):
         region = np.where(cut == number, 255, 0).astype(np.uint8)
-        cleaned = cv2.dilate(cv2.erode(region, None, iterations=_ERODED), None, iterations=_DILATED)  # type: ignore[call-overload]
+        cleaned = cv2.dilate(cv2.erode(region, None, iterations=2), None, iterations=4)  # type: ignore[call-overload]
         patches += [_gray(picture, box) for box in outline_boxes(cleaned)]
     return patches
 

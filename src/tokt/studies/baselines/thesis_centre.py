@@ -38,23 +38,14 @@ from tokt.inference.verdict import Box
 
 Contours = Sequence[NDArray[Any]]
 
-_DILATION = np.ones((5, 5), np.uint8)
-
 
 @dataclass(frozen=True)
 class ThesisCentre:
     """Centre, box and message of a mask, as the thesis's program computes them.
 
-    Parameters
-    ----------
-    cx, cy : int
-        Centre in pixels of the mask; 0, 0 of an empty one.
-    x, y : int
-        Its Xpos and Ypos: the direction to steer, y computed from cx.
-    box : (x0, y0, width, height) or None
-        In pixels of the mask; it can leave the frame. None without contours.
-    contours : int
-        How many there are after the dilation.
+    All in pixels of the mask: the centre (0, 0 of an empty one), its Xpos and Ypos, which is
+    computed from cx, and the box, None without contours, which can leave the frame. The contours
+    are counted after the dilation.
     """
 
     cx: int
@@ -67,17 +58,12 @@ class ThesisCentre:
 
 def dilated(mask: U8) -> U8:
     """The mask as the thesis's program looks for contours in it."""
-    return np.asarray(cv2.dilate(mask, _DILATION), np.uint8)
+    return np.asarray(cv2.dilate(mask, np.ones((5, 5), np.uint8)), np.uint8)
 
 
 def outer_contours(mask: U8) -> Contours:
     """Outer contours of a mask of uint8 0/255, shape (height, width)."""
     return cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
-
-
-def without_area(contours: Contours) -> int:
-    """How many contours enclose no area: single pixels, and lines one pixel wide."""
-    return sum(cv2.contourArea(contour) == 0 for contour in contours)
 
 
 def thesis_centre(mask: U8) -> ThesisCentre:
@@ -99,11 +85,8 @@ def _centre(contours: Contours) -> tuple[int, int]:
     areas = np.array([cv2.contourArea(contour) for contour in contours])
     moments = [cv2.moments(contour) for contour in contours]
     places = np.array(
-        [
-            (round(one["m10"] / one["m00"]), round(one["m01"] / one["m00"]))
-            for one in moments
-        ]
-    )  # fmt: skip
+        [(round(one["m10"] / one["m00"]), round(one["m01"] / one["m00"])) for one in moments]
+    )
     cx, cy = (areas[:, None] * places / areas.sum()).sum(axis=0)
     return int(cx), int(cy)
 

@@ -30,16 +30,9 @@ TITLES = {"lbp_10_5": "LBP (10, 5)", "lbp_24_8": "LBP (24, 8)", "haralick": "Har
 
 @dataclass(frozen=True)
 class TrainingImage:
-    """One of the two images that the thesis's models learn from.
+    """One of the two decoded images that the thesis's models learn from, and which it is.
 
-    Parameters
-    ----------
-    image : array of uint8, shape (height, width) or (height, width, 3)
-        As decoded.
-    words : str
-        Which it is, for people.
-    frame : int or None
-        The mission's left frame it is, which is then not scored; None for another picture.
+    `frame` is the mission's left frame it is, which is then not scored; None for another picture.
     """
 
     image: U8
@@ -49,16 +42,7 @@ class TrainingImage:
 
 @dataclass(frozen=True)
 class ThesisModel:
-    """One of the thesis's texture models.
-
-    Parameters
-    ----------
-    name, title : str
-    describe : callable
-        Features of one gray patch.
-    classifier : sklearn.svm.LinearSVC
-        Predicts 1 for an obstacle.
-    """
+    """One of the thesis's texture models; its classifier predicts 1 for an obstacle."""
 
     name: str
     title: str
@@ -71,14 +55,7 @@ class ThesisModel:
 
 
 def thesis_model(name: str, ocean: TrainingImage, other: TrainingImage) -> ThesisModel:
-    """Train one of the thesis's models on the patches of the two images.
-
-    Parameters
-    ----------
-    name : str
-        One of `DESCRIBE`.
-    ocean, other : TrainingImage
-    """
+    """Train one of the thesis's models, by its name in `DESCRIBE`, on the two images' patches."""
     describe = DESCRIBE[name]
     rows = [
         [describe(np.ascontiguousarray(patch)) for patch in GRID.cells(resized_gray(part.image))]
@@ -89,23 +66,13 @@ def thesis_model(name: str, ocean: TrainingImage, other: TrainingImage) -> Thesi
     return ThesisModel(name, TITLES[name], describe, classifier)
 
 
-PENALTY, SEED = 100.0, 42
-"""C and random_state, the two that the thesis's program sets."""
-
-
 def thesis_classifier(rows: F64, obstacle: I64) -> LinearSVC:
     """A LinearSVC as the thesis fits it: C = 100, seed 42, unscaled features.
 
     What it leaves to scikit-learn is written out as its release of 2016 had it: the dual problem,
     at most 1000 iterations. Unscaled Haralick features do not converge in these.
-
-    Parameters
-    ----------
-    rows : array of float64, shape (n, dim)
-    obstacle : array of int, shape (n,)
-        1 for an obstacle, 0 for ocean.
     """
-    classifier = LinearSVC(C=PENALTY, random_state=SEED, dual=True, max_iter=1000)
+    classifier = LinearSVC(C=100.0, random_state=42, dual=True, max_iter=1000)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         classifier.fit(rows, obstacle)

@@ -25,36 +25,29 @@ import numpy as np
 from tokt.features.common.arrays import F64, U8, Bools
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD, Verdict, verdict_from_mask
 
-Camera = tuple[float, float, tuple[float, ...]]
+Camera = tuple[F64, F64]
+"""Matrix, and coefficients of the distortion."""
 
 THESIS_FRAME_SIZE = (1360, 1024)
 """Width and height in pixels of the frames that the settings are for."""
 
 # fx, fy in pixels, and the coefficients as the program hands them to OpenCV (k1, k2, p1, p2, k3);
 # it leaves the principal point at 0, 0.
-LEFT_CAMERA = (2222.72426, 2190.48031, (0.27724, 0.28163, 0.0, 0.0, -0.06867))
-RIGHT_CAMERA = (2226.10095, 2195.17250, (0.29407, 0.29892, 0.0, 0.0, -0.08315))
+LEFT_CAMERA = np.diag([2222.72426, 2190.48031, 1]), np.array([0.27724, 0.28163, 0, 0, -0.06867])
+RIGHT_CAMERA = np.diag([2226.10095, 2195.17250, 1]), np.array([0.29407, 0.29892, 0, 0, -0.08315])
 BLOCK_PX, MIN_DISPARITY_PX, N_DISPARITIES_PX = 9, -39, 112
-_PREFILTER_PX, _PREFILTER_CAP = 5, 61
-_TEXTURE_THRESHOLD, _SPECKLE_RANGE_PX = 507, 8
 CROP_PX = 200
 """Settings of the pipeline, in pixels of frames of its size."""
 FOCAL, CENTRE = 2222 * 35 // 1360, ((681.42537 + 637.64260) / 2, (22.08306 + 33.60849) / 2)
 """Of the cloud. Source: points3Dmaker of ROV_objectAvoidance_StereoVision."""
-_DILATIONS = 2
-_DILATED_BY = np.ones((5, 5), np.uint8)
 
 
 @dataclass(frozen=True)
 class ThesisStereoResult:
     """The pipeline's result for one pair.
 
-    Parameters
-    ----------
-    mean : float
-        Of the stretched disparities without `CROP_PX` columns at either side, 0..255.
-    verdict : Verdict
-        Centre and box are those of the dilated mask, in pixels of the cropped frame.
+    The mean is of the stretched disparities without `CROP_PX` columns at either side, 0..255; the
+    verdict's centre and box are those of the dilated mask, in pixels of the cropped frame.
     """
 
     mean: float
@@ -69,38 +62,24 @@ class ThesisStereoResult:
 def undistorted(frame: U8, camera: Camera) -> U8:
     """A frame, gray and undistorted."""
     gray = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
-    fx, fy, distortion = camera
-    matrix = np.diag([fx, fy, 1.0])
-    return np.asarray(cv2.undistort(gray, matrix, np.array(distortion)), np.uint8)
+    return np.asarray(cv2.undistort(gray, *camera), np.uint8)
 
 
-def _matcher() -> cv2.StereoBM:
-    matcher = cv2.StereoBM.create(N_DISPARITIES_PX, BLOCK_PX)
-    matcher.setPreFilterType(cv2.StereoBM_PREFILTER_XSOBEL)
-    matcher.setPreFilterSize(_PREFILTER_PX)
-    matcher.setPreFilterCap(_PREFILTER_CAP)
-    matcher.setMinDisparity(MIN_DISPARITY_PX)
-    matcher.setTextureThreshold(_TEXTURE_THRESHOLD)
-    matcher.setUniquenessRatio(0)
-    matcher.setSpeckleRange(_SPECKLE_RANGE_PX)
-    matcher.setSpeckleWindowSize(0)
-    return matcher
-
-
-_MATCHER = _matcher()
+_MATCHER = cv2.StereoBM.create(N_DISPARITIES_PX, BLOCK_PX)
+_MATCHER.setPreFilterType(cv2.StereoBM_PREFILTER_XSOBEL)
+_MATCHER.setPreFilterSize(5)
+_MATCHER.setPreFilterCap(61)
+_MATCHER.setMinDisparity(MIN_DISPARITY_PX)
+_MATCHER.setTextureThreshold(507)
+_MATCHER.setUniquenessRatio(0)
+_MATCHER.setSpeckleRange(8)
+_MATCHER.setSpeckleWindowSize(0)
 
 
 def disparity_map(left: U8, right: U8) -> U8:
-    """The disparities of a decoded pair stretched to 0..255, margin included.
+    """The disparities of a decoded pair of 1360x1024 stretched to 0..255, margin included.
 
-    Parameters
-    ----------
-    left, right : array of uint8, shape (1024, 1360) or (1024, 1360, 3)
-
-    Returns
-    -------
-    numpy.ndarray
-        uint8, (1024, 1360); 0 is where nothing was matched.
+    0 is where nothing was matched.
     """
     found = _MATCHER.compute(undistorted(left, LEFT_CAMERA), undistorted(right, RIGHT_CAMERA))
     stretched = cv2.normalize(found, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)  # type: ignore[call-overload]
@@ -113,26 +92,17 @@ def cropped(stretched: U8) -> U8:
 
 
 def judge_pair(left: U8, right: U8) -> ThesisStereoResult:
-    """Judge one decoded pair.
-
-    Parameters
-    ----------
-    left, right : array of uint8, shape (1024, 1360) or (1024, 1360, 3)
-    """
+    """Judge one decoded pair of 1360x1024, gray or BGR."""
     inside = cropped(disparity_map(left, right))
-    mask = np.asarray(cv2.dilate(inside, _DILATED_BY, iterations=_DILATIONS), np.uint8)
+    mask = np.asarray(cv2.dilate(inside, np.ones((5, 5), np.uint8), iterations=2), np.uint8)
     return ThesisStereoResult(float(cv2.mean(inside)[0]), verdict_from_mask(mask, "thesis"))
 
 
 def margin_of(stretched: U8) -> dict[str, float]:
     """The effect of cutting the margin off a map.
 
-    Returns
-    -------
-    dict of str to float
-        ``matched_inside``, ``matched_margin``: parts of the pixels that have a disparity, without
-        the margin and in it. ``mean_whole``, ``mean_inside``: mean value with the margin and
-        without it, 0..255.
+    Parts of the pixels that have a disparity in the margin and without it, and the mean value
+    with it and without it, 0..255.
     """
     inside = cropped(stretched)
     margin = np.hstack([stretched[:, :CROP_PX], stretched[:, -CROP_PX:]])
@@ -145,13 +115,9 @@ def margin_of(stretched: U8) -> dict[str, float]:
 
 
 def thesis_cloud(stretched: U8) -> tuple[F64, Bools]:
-    """The points of a map, without a unit, and which pixels they are.
+    """The points (n, 3) of a map, without a unit, and which pixels they are.
 
-    Returns
-    -------
-    points : array of float, shape (n, 3)
-        x to the right, y up, z backwards, as its program writes them.
-    matched : array of bool, shape (1024, 1360)
+    x to the right, y up, z backwards, as its program writes them.
     """
     (cx, cy), f = CENTRE, FOCAL
     projection = np.array([[1, 0, 0, -cx], [0, -1, 0, cy], [0, 0, 0, -f], [0, 0, 1, 0]])
@@ -162,27 +128,16 @@ def thesis_cloud(stretched: U8) -> tuple[F64, Bools]:
 
 def in_thesis_view(points: F64, camera: Camera) -> F64:
     """Where points (n, 2) of a frame lie in the picture that the thesis undistorts it to."""
-    fx, fy, distortion = camera
-    matrix = np.diag([fx, fy, 1.0])
     seen = np.ascontiguousarray(points, np.float64).reshape(-1, 1, 2)
-    moved = cv2.undistortPoints(seen, matrix, np.array(distortion), None, None, matrix)
+    moved = cv2.undistortPoints(seen, *camera, None, None, camera[0])
     return np.asarray(moved, np.float64).reshape(-1, 2)
 
 
 def searched(left: F64, right: F64) -> tuple[F64, Bools]:
-    """Disparities of matched points of a pair's frames as the thesis's program would need them.
+    """Disparities in pixels of points (n, 2) matched in a pair's frames, and which it can find.
 
-    Parameters
-    ----------
-    left, right : array of float, shape (n, 2)
-        Pixels of the left and of the right frame.
-
-    Returns
-    -------
-    disparity_px : array of float, shape (n,)
-    found : array of bool, shape (n,)
-        Whether its search covers that disparity, and the point is in one row, give or take a
-        block's half, of both of its pictures.
+    It can where its search covers that disparity, and the point is in one row, give or take a
+    block's half, of both of its pictures.
     """
     seen = in_thesis_view(left, LEFT_CAMERA), in_thesis_view(right, RIGHT_CAMERA)
     disparity = seen[0][:, 0] - seen[1][:, 0]

@@ -17,6 +17,7 @@ NTNU 2016.
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import cv2
@@ -51,16 +52,14 @@ def haralick_directions(patch: U8, ignore_zeros: bool) -> F64:
         return np.asarray(mahotas.features.haralick(patch))
 
 
-def describe_lbp_10_5(patch: U8) -> F64:
-    """Normalised histogram of LBP (10, 5)."""
-    counts = lbp_counts(patch, 10, 5)
+def describe_lbp(patch: U8, points: int, radius: int) -> F64:
+    """Normalised histogram of LBP (points, radius)."""
+    counts = lbp_counts(patch, points, radius)
     return counts / float(counts.sum())
 
 
-def describe_lbp_24_8(patch: U8) -> F64:
-    """Normalised histogram of LBP (24, 8)."""
-    counts = lbp_counts(patch, 24, 8)
-    return counts / float(counts.sum())
+describe_lbp_10_5 = partial(describe_lbp, points=10, radius=5)
+describe_lbp_24_8 = partial(describe_lbp, points=24, radius=8)
 
 
 def describe_haralick(patch: U8) -> F64:
@@ -80,13 +79,7 @@ def resized_gray(frame: U8) -> U8:
 
 @dataclass(frozen=True)
 class ThesisTextureResult:
-    """The pipeline's result for one frame.
-
-    Parameters
-    ----------
-    obstacle : array of bool, shape (n_patches,)
-    verdict : Verdict
-    """
+    """The patches (n_patches,) of one frame that are an obstacle, and the verdict on it."""
 
     obstacle: Bools
     verdict: Verdict
@@ -105,14 +98,10 @@ def judge(frame: U8, describe: DescribePatch, classifier: Any) -> ThesisTextureR
         Predicts 1 for an obstacle.
     """
     gray = resized_gray(frame)
-    mask = np.zeros_like(gray)
-    obstacle = np.zeros(GRID.n_patches, bool)
-    for index, (y0, y1, x0, x1) in enumerate(GRID.boxes(*gray.shape)):
-        row = describe(gray[y0:y1, x0:x1])
-        if classifier.predict(row.reshape(1, -1))[0] == 1:
-            obstacle[index] = True
-            mask[y0:y1, x0:x1] = 255
-    return ThesisTextureResult(obstacle, verdict_from_mask(mask, "thesis"))
+    rows = (describe(gray[y0:y1, x0:x1]) for y0, y1, x0, x1 in GRID.boxes(*gray.shape))
+    obstacle = np.array([classifier.predict(row.reshape(1, -1))[0] == 1 for row in rows])
+    verdict = verdict_from_mask(GRID.paint(obstacle, *gray.shape), "thesis")
+    return ThesisTextureResult(obstacle, verdict)
 
 
 def main(model: str, frame: str, port: str) -> None:

@@ -85,10 +85,6 @@ def hold_back(
 
     Every third block of consecutive frames is held back; frames within the embargo of a
     held-back one are in neither part.
-
-    Returns
-    -------
-    train_frames, held_frames : lists of int
     """
     rows = [
         (
@@ -230,23 +226,10 @@ def run_demo(
     progress: Progress,
     say: Say,
 ) -> dict[str, Any]:
-    """Run the whole chain and write ``report.html``.
+    """Run the whole chain, and write workspace, store, log and ``report.html`` into `out`.
 
-    Parameters
-    ----------
-    out : Path
-        Folder for workspace, store, log and report.
-    mission, labels : Path or None
-        A real mission with its label file, or neither for a rendered mission.
-    frames, width : int
-        Stereo pairs of the rendered mission, and their width in pixels.
-    progress, say : callable
-        Where progress and remarks go.
-
-    Returns
-    -------
-    dict
-        The figures of the report.
+    Of a real mission with its label file, or of one that is rendered, of `frames` stereo pairs
+    `width` pixels wide. Returns the figures of the report.
 
     Raises
     ------

@@ -23,7 +23,7 @@ from tokt.training.compare.bootstrap import Difference
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.evaluation import plots
 from tokt.training.evaluation.evaluate import ScoredMission
-from tokt.training.evaluation.pictures import beside_labels, draw, jpeg_uri
+from tokt.training.evaluation.pictures import beside_labels, jpeg_uri
 from tokt.training.evaluation.report import report_page
 from tokt.training.fitting.train import Trained
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
@@ -35,40 +35,17 @@ Say = Callable[[str], None]
 
 @dataclass
 class DemoRun:
-    """Everything a demo found, for its report; what has no default is there from the start.
-
-    Parameters
-    ----------
-    mission : Mission
-    records : list of LabelRecord
-        All labels of it.
-    rendered : bool
-        Whether the mission is a rendered one.
-    block_frames, embargo_frames : int
-        How the mission is cut into blocks, and the gap between parts.
-    train_frames, held_frames : list of int
-        Labelled frames learnt from, and held back (with a gap between them).
-    log : list of dict
-        The runtime's log of the held-back frames, one entry a frame, with decision values.
-    datagrams : list of bytes
-        What it sent (v1), as they arrived.
-    skew : float
-        Largest difference between training's and the runtime's decision values.
-    disagreements : int
-        Datagrams that do not say what the log says, and verdicts that never arrived.
-    seconds : dict
-        Wall time of each stage.
-    """
+    """Everything a demo found, for its report; what has no default is there from the start."""
 
     mission: Mission
-    records: list[LabelRecord]
+    records: list[LabelRecord]  # all labels of it
     taxonomy: Taxonomy
     rendered: bool
-    block_frames: int
+    block_frames: int  # how the mission is cut, and the gap between parts
     embargo_frames: int
-    train_frames: list[int]
+    train_frames: list[int]  # labelled frames learnt from, and held back
     held_frames: list[int]
-    seconds: dict[str, float] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)  # wall time of each stage
     trained: dict[str, Trained] = field(default_factory=dict)
     bundles: dict[str, Bundle] = field(default_factory=dict)
     scored: dict[str, ScoredMission] = field(default_factory=dict)
@@ -76,9 +53,10 @@ class DemoRun:
     dataset: DatasetVersion = field(init=False)
     difference: Difference = field(init=False)
     champion: str = field(init=False)
-    log: list[dict[str, Any]] = field(init=False)
-    datagrams: list[bytes] = field(init=False)
-    skew: float = field(init=False)
+    log: list[dict[str, Any]] = field(init=False)  # of the held-back frames, with decision values
+    datagrams: list[bytes] = field(init=False)  # what was sent (v1), as they arrived
+    skew: float = field(init=False)  # largest difference from training's decision values
+    # Datagrams that do not say what the log says, and verdicts that never arrived.
     disagreements: int = field(init=False)
 
     @property
@@ -130,8 +108,8 @@ def _pictures(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list[dict[s
     for frame, why in _chosen_frames(run, _obstacle_counts(run, labels)):
         image = run.mission.read(frame, LEFT)
         values, verdict = said[frame]
-        judged = beside_labels(bundle, image, values, verdict, labels.get(frame, []), run.taxonomy)
-        uri = jpeg_uri(draw(judged, bundle.grid))
+        drawn = beside_labels(bundle, image, values, verdict, labels.get(frame, []), run.taxonomy)
+        uri = jpeg_uri(drawn)
         pictures.append({"frame": frame, "why": why, "uri": uri, "verdict": verdict})
     return pictures
 
@@ -178,16 +156,7 @@ def _rows(run: DemoRun) -> list[dict[str, Any]]:
 
 
 def write_report(path: Path, run: DemoRun, bundle_file: Path) -> None:
-    """Write the report of a demo.
-
-    Parameters
-    ----------
-    path : Path
-    run : DemoRun
-        A demo that has gone through all its stages.
-    bundle_file : Path
-        The exported champion.
-    """
+    """Write the report of a demo that has gone through all its stages, its champion exported."""
     labels = _labels_by_frame(run)
     champion, trained = run.bundles[run.champion], run.trained[run.champion]
     latency = [entry["latency_ms"] for entry in run.log]

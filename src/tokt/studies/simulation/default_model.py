@@ -52,25 +52,10 @@ Progress = Callable[..., Any]
 Say = Callable[[str], None]
 
 
-def train_default_model(
-    out: Path, width: int, progress: Progress, say: Say, jobs: int = -1
-) -> Bundle:
-    """Render missions, train on them, and write the bundle to `out`.
+def train_default_model(out: Path, width: int, progress: Progress, say: Say, jobs: int) -> Bundle:
+    """Render missions of a frame width in pixels, train on them, and write the bundle to a file.
 
-    Parameters
-    ----------
-    out : Path
-        The file.
-    width : int
-        Of the frames, in pixels.
-    progress, say : callable
-        Where progress and remarks go.
-    jobs : int
-        Processes for cross-validation; -1 for all cores.
-
-    Returns
-    -------
-    Bundle
+    `jobs` are processes for cross-validation; -1 for all cores.
     """
     count = len(SEEDS) + len(DRIFT_SEEDS)
     say(f"-- train a model on {count} rendered missions (--model FILE spares it)")
@@ -107,15 +92,7 @@ _TURN_RAD_S = 0.02
 def write_drift(folder: Path, seed: int, frames: int, width: int) -> None:
     """Render one sequence as a mission of left frames, all of its patches labelled ocean.
 
-    Parameters
-    ----------
-    folder : Path
-        To make; its name is the mission's.
-    seed : int
-        Of water, rig, snow and noise.
-    frames : int
-    width : int
-        In pixels.
+    The new folder's name is the mission's; the seed is that of water, rig, snow and noise.
     """
     water, rig = (np.random.default_rng([seed, part]) for part in range(2))
     renderer = StereoRenderer(World(Water.draw(water), seed=seed), SyntheticRig(rig, width), seed)

@@ -13,7 +13,7 @@ import pandas as pd
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
 from tokt.models.bundle.bundle import Bundle, read_bundle
-from tokt.studies.simulation.loop.flight import METHODS, NONE, WIDTH, fly, uses_model
+from tokt.studies.simulation.loop.flight import METHODS, NONE, fly, uses_model
 from tokt.studies.simulation.loop.scenes import KINDS, draw_scene
 from tokt.studies.simulation.loop.track import Track
 from tokt.studies.simulation.rendering.synthetic_mission import check_width
@@ -36,47 +36,24 @@ MODEL_FILE = "model.tokt"
 
 @dataclass(frozen=True)
 class Study:
-    """The study that is asked for.
+    """The study that is asked for: a run of each scene and method for each seed."""
 
-    Parameters
-    ----------
-    out : Path
-        New folder.
-    scenes, methods : sequence of str
-    seeds : sequence of int
-        A run of each scene and method for each.
-    width : int
-        Of the frames, in pixels.
-    model : Path or None
-        The bundle; None trains one, if one of the methods uses it.
-    jobs : int
-        Runs at a time; -1 for one a core.
-    """
-
-    out: Path
-    scenes: Sequence[str] = tuple(KINDS)
-    methods: Sequence[str] = METHODS
-    seeds: Sequence[int] = (1,)
-    width: int = WIDTH
-    model: Path | None = None
-    jobs: int = -1
+    out: Path  # new folder
+    scenes: Sequence[str]
+    methods: Sequence[str]
+    seeds: Sequence[int]
+    width: int  # of the frames, px
+    model: Path | None  # the bundle; None trains one, if one of the methods uses it
+    jobs: int  # runs at a time; -1 for one a core
 
 
 @dataclass(frozen=True)
 class Studied:
-    """The outcomes of a study.
-
-    Parameters
-    ----------
-    outcomes : list of FlightOutcome
-        By scene, method and seed, as asked.
-    model : str or None
-        ``name/version`` of the bundle that was flown, with its hash; None where no method uses one.
-    """
+    """The outcomes of a study, by scene, method and seed as asked, and the model that was flown."""
 
     study: Study
     outcomes: list[FlightOutcome]
-    model: str | None
+    model: str | None  # the bundle's ``name/version`` with its hash; None where no method uses one
 
     @property
     def table(self) -> pd.DataFrame:
@@ -160,8 +137,6 @@ def _check(study: Study) -> None:
                 raise ToktError(f"unknown {what} {name!r} (choose from {', '.join(known)})")
         if not asked or len(set(asked)) < len(asked):
             raise ToktError(f"name each {what} once, and at least one")
-    if not study.seeds:
-        raise ToktError("at least one run of each scene and method is needed")
 
 
 def _fly(width: int, model: Path, flight: tuple[str, str, int]) -> Track:

@@ -43,15 +43,9 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class Picture:
-    """One frame as each case wants it.
+    """One frame as each case wants it."""
 
-    Parameters
-    ----------
-    frame : array of uint8, shape (height, width) or (height, width, 3)
-        As decoded.
-    """
-
-    frame: U8
+    frame: U8  # (height, width) or (height, width, 3), as decoded
 
     @cached_property
     def gray(self) -> U8:
@@ -77,20 +71,11 @@ def textured_frame() -> U8:
 
 
 class Case(ABC, Generic[Item]):
-    """Two ways of doing the same to a picture, or whatever else `Item` is.
-
-    Parameters
-    ----------
-    name : str
-
-    Attributes
-    ----------
-    checked, wrong : int
-        What was compared so far, and what of it was not the same.
-    """
+    """Two ways of doing the same to a picture, or whatever else `Item` is."""
 
     def __init__(self, name: str) -> None:
         self.name = name
+        # Of what was compared so far, and what of it was not the same.
         self.checked = self.wrong = 0
 
     @abstractmethod
@@ -126,13 +111,7 @@ class Case(ABC, Generic[Item]):
 
 
 class LbpKernel(Case[Picture]):
-    """Histograms of local binary patterns, border rule ``patch``.
-
-    Parameters
-    ----------
-    points, radius : int
-    kernels : Kernels
-    """
+    """Histograms of local binary patterns, border rule ``patch``."""
 
     def __init__(self, name: str, points: int, radius: int, kernels: Kernels = KERNELS) -> None:
         super().__init__(name)
@@ -165,12 +144,7 @@ class LbpKernel(Case[Picture]):
 
 
 class HaralickKernel(Case[Picture]):
-    """Haralick's features, mean over 4 directions, grey level 0 left out as in the thesis.
-
-    Parameters
-    ----------
-    kernels : Kernels
-    """
+    """Haralick's features, mean over 4 directions, grey level 0 left out as in the thesis."""
 
     def __init__(self, name: str, kernels: Kernels = KERNELS) -> None:
         super().__init__(name)
@@ -201,13 +175,7 @@ class HaralickKernel(Case[Picture]):
 
 
 class WholeFrame(Case[Picture]):
-    """A decoded frame to its verdict, through the runtime's own policy ``texture``.
-
-    Parameters
-    ----------
-    texture : ThesisFeatureSet
-    models : ModelPair
-    """
+    """A decoded frame to its verdict, through the runtime's own policy ``texture``."""
 
     def __init__(self, texture: ThesisFeatureSet, models: ModelPair) -> None:
         super().__init__(f"{texture.name}.frame")
@@ -275,12 +243,7 @@ class WholeFrame(Case[Picture]):
 
 
 class BestFrame(Case[Picture]):
-    """A decoded frame to its verdict, by a plain extractor's model and by the preset best's.
-
-    Parameters
-    ----------
-    plain, best : Bundle
-    """
+    """A decoded frame to its verdict, by a plain extractor's model and by the preset best's."""
 
     def __init__(self, plain: Bundle, best: Bundle) -> None:
         super().__init__("best.frame")

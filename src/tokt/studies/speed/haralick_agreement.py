@@ -34,18 +34,9 @@ _ENTROPY, _INFORMATION_1, _INFORMATION_2 = 8, 11, 12
 
 
 def floors(directions: F64) -> F64:
-    """Absolute error that mahotas's values may have by its formulas.
+    """Absolute error (13,) that the means of mahotas's values (4, 13) may have by its formulas.
 
-    Parameters
-    ----------
-    directions : array of float64, shape (4, 13)
-        Features in each direction.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, shape (13,), for the mean over the directions; infinite where a value is
-        undetermined (the correlation of a patch without variance).
+    Infinite where a value is undetermined: the correlation of a patch without variance.
     """
     floor = np.zeros_like(directions)
     squares = SUM_ERROR * directions[:, _SUM_AVERAGE] ** 2
@@ -67,22 +58,12 @@ def floors(directions: F64) -> F64:
 
 @dataclass
 class HaralickAgreement:
-    """Collects comparisons of features with mahotas's.
+    """Collects comparisons of features with mahotas's."""
 
-    Attributes
-    ----------
-    agree : bool
-        Whether every value so far was near enough, as `COMPARED` says.
-    worst : float
-        Largest relative difference among the values that mahotas has accurate to `RELATIVE`.
-    compared, left_out : int
-        How many those are, and how many only had to be within the floor.
-    """
-
-    agree: bool = True
-    worst: float = 0.0
-    compared: int = 0
-    left_out: int = 0
+    agree: bool = True  # every value so far was near enough, as `COMPARED` says
+    worst: float = 0.0  # relative difference of values that mahotas has accurate to `RELATIVE`
+    compared: int = 0  # how many those are
+    left_out: int = 0  # how many only had to be within the floor
 
     def add(self, ours: F64, directions: F64) -> None:
         """Compare the features of one patch, shape (13,), with mahotas's, shape (4, 13)."""

@@ -56,14 +56,6 @@ def judge_at_once(frame: U8, describe_all: DescribeAll, classifier: Any) -> Verd
 
     The thesis asks its classifier patch by patch and counts with `numpy.histogram`; who only wants
     to know what tokt's own code gains over the libraries has to compare with this.
-
-    Parameters
-    ----------
-    frame : array of uint8, shape (height, width) or (height, width, 3)
-    describe_all : callable
-        Features of a gray picture's patches.
-    classifier : sklearn.svm.LinearSVC
-        Predicts 1 for an obstacle.
     """
     gray = resized_gray(frame)
     obstacle = classifier.predict(describe_all(gray)) == 1
@@ -72,23 +64,12 @@ def judge_at_once(frame: U8, describe_all: DescribeAll, classifier: Any) -> Verd
 
 @dataclass(frozen=True)
 class ThesisFeatureSet:
-    """One of the thesis's feature sets, both ways.
-
-    Parameters
-    ----------
-    name : str
-    extractor : Extractor
-        Ours: all patches of a frame.
-    describe_patch : callable
-        The thesis's: one patch.
-    describe_all : callable
-        The libraries': all patches of a gray picture.
-    """
+    """One of the thesis's feature sets, both ways."""
 
     name: str
-    extractor: Extractor
-    describe_patch: DescribePatch
-    describe_all: DescribeAll
+    extractor: Extractor  # ours: all patches of a frame
+    describe_patch: DescribePatch  # the thesis's: one patch
+    describe_all: DescribeAll  # the libraries': all patches of a gray picture
 
     def fit(self, examples: TrainingExamples, golden_frame: U8) -> ModelPair:
         """Its model, for both sides."""
@@ -106,21 +87,11 @@ FEATURE_SETS = (
 
 @dataclass(frozen=True)
 class TrainingExamples:
-    """Frames and labels that the models learn from.
+    """Frames and labels that the models learn from."""
 
-    Parameters
-    ----------
-    pictures : list of (frame, cells, obstacle)
-        Cells int64 (n,) into the grid, obstacle bool (n,).
-    settings : str
-        Preset that says how.
-    words : str
-        The same for people.
-    """
-
-    pictures: list[tuple[U8, I64, Bools]]
-    settings: str
-    words: str
+    pictures: list[tuple[U8, I64, Bools]]  # a frame, cells (n,) of its grid, which are obstacles
+    settings: str  # the preset that says how
+    words: str  # the same for people
 
 
 def examples_from_labels(
@@ -169,18 +140,10 @@ def examples_from_two_images(mission: Mission) -> TrainingExamples:
 
 @dataclass(frozen=True)
 class ModelPair:
-    """One set of weights for both sides.
+    """One set of weights for both sides."""
 
-    Parameters
-    ----------
-    classifier : sklearn.svm.LinearSVC
-        What the thesis's way asks for each patch.
-    bundle : Bundle
-        What tokt runs.
-    """
-
-    classifier: Any
-    bundle: Bundle
+    classifier: Any  # LinearSVC, which the thesis's way asks for each patch; 1 is an obstacle
+    bundle: Bundle  # what tokt runs
 
 
 def fit_extractor_pair(
@@ -193,9 +156,6 @@ def fit_extractor_pair(
 
     Parameters
     ----------
-    name : str
-    extractor : Extractor
-    examples : TrainingExamples
     golden_frame : array of uint8
         The frame that the bundle proves itself with; its size is the size the bundle accepts.
     """

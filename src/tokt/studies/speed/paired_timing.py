@@ -4,7 +4,7 @@ import gc
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import cv2
@@ -30,27 +30,14 @@ Times = Mapping[str, F64]
 
 @dataclass(frozen=True)
 class Result:
-    """Times and findings of one case.
-
-    Parameters
-    ----------
-    name : str
-    baseline_ms, ours_ms : float
-        Median times.
-    spread : (float, float)
-        Of the ratio, as `SPREAD_IS` says.
-    exact : bool
-        Whether both gave the same, checked in this run.
-    extras : mapping
-        Further figures of this case, JSON values.
-    """
+    """Times and findings of one case."""
 
     name: str
-    baseline_ms: float
+    baseline_ms: float  # median
     ours_ms: float
-    spread: tuple[float, float]
-    exact: bool
-    extras: Mapping[str, Any] = field(default_factory=dict)
+    spread: tuple[float, float]  # of the ratio, as `SPREAD_IS` says
+    exact: bool  # both gave the same, checked in this run
+    extras: Mapping[str, Any]  # further figures of this case, JSON values
 
     @property
     def ratio(self) -> float:
@@ -89,19 +76,7 @@ def in_turns(
 
     One after another the calls get *different* items: an item that the call before has just read
     would come from the cache and flatter the second. What is compared is always one item's times
-    in one round.
-
-    Parameters
-    ----------
-    calls : mapping of name to callable
-        Each takes an item.
-    items : sequence
-    rounds : int
-
-    Returns
-    -------
-    dict of name to numpy.ndarray
-        Seconds, float64, shape (rounds * n_items,), in the same order for each call.
+    in one round: the seconds (rounds * n_items,) are in the same order for each call.
     """
     count = len(items)
     shift = max(1, count // len(calls))
@@ -123,16 +98,7 @@ def in_turns(
 
 
 def result(name: str, times: Times, exact: bool, extras: Mapping[str, Any]) -> Result:
-    """Medians and spread of what was timed, and the medians of what else was.
-
-    Parameters
-    ----------
-    name : str
-    times : mapping
-        Seconds of `BASELINE` and `OURS`, and perhaps of `LIBRARIES`, `FLOOR` and `MEMORY`.
-    exact, extras
-        As in `Result`.
-    """
+    """Medians and spread of the seconds of `BASELINE` and `OURS`, and medians of what else was."""
     medians = {key: float(np.median(values)) * 1000 for key, values in times.items()}
     low, high = np.percentile(times[BASELINE] / times[OURS], SPREAD_PERCENTILES)
     others = {f"{key}_ms": medians[key] for key in (LIBRARIES, FLOOR, MEMORY) if key in medians}

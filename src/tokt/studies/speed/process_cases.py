@@ -11,7 +11,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import joblib
@@ -78,16 +78,9 @@ def _agree(files: Sequence[Path], ours: list[Any], theirs: list[Any]) -> bool:
 
 
 def measure_extraction(name: str, files: Sequence[Path], jobs: int, repetitions: int) -> Result:
-    """Time the making of a feature table; the times are of one image file.
+    """Time the making of a feature table, several times; the times are of one image file.
 
-    Parameters
-    ----------
-    name : str
-    files : sequence of Path
-    jobs : int
-        Processes, started and warm before the first is timed.
-    repetitions : int
-        How often the whole table is made.
+    All processes (`jobs`) are started and warm before the first is timed.
     """
 
     def run(function: Callable[[Path], Any], chosen: Sequence[Path]) -> list[Any]:
@@ -113,20 +106,11 @@ def measure_extraction(name: str, files: Sequence[Path], jobs: int, repetitions:
 
 @dataclass
 class CameraPaced:
-    """A live source that gives each of some pictures once, at `FPS`.
-
-    Parameters
-    ----------
-    pictures : sequence of Picture
-    first : int
-        Number of the first frame, and its time.
-    arrived : array of float64
-        Gets `time.monotonic` at each hand-over, by frame number.
-    """
+    """A live source that gives each of some pictures once, at `FPS`."""
 
     pictures: Sequence[Picture]
-    first: int
-    arrived: F64
+    first: int  # number of the first frame, and its time
+    arrived: F64  # gets `time.monotonic` at each hand-over, by frame number
     live = True
     stopped = False
 
@@ -147,17 +131,10 @@ class CameraPaced:
 
 @dataclass
 class TimedPolicy:
-    """A policy that notes how long each frame took it.
-
-    Parameters
-    ----------
-    policy : Policy
-    seconds : array of float64
-        By frame number.
-    """
+    """A policy that notes how long each frame took it."""
 
     policy: Policy
-    seconds: F64
+    seconds: F64  # by frame number
 
     def judge(self, frame: Frame) -> Judgement:
         """Judge one frame."""
@@ -178,21 +155,9 @@ def paced(pictures: Sequence[Picture]) -> Iterator[tuple[int, Picture]]:
 def measure_latency(
     texture: ThesisFeatureSet, models: ModelPair, pictures: Sequence[Picture], rounds: int
 ) -> Result:
-    """Both ways on the same frames, in turns: a round of all frames each.
+    """Both ways on the same frames, in turns: a round each of all that the runtime judges.
 
-    Parameters
-    ----------
-    texture : ThesisFeatureSet
-    models : ModelPair
-        Of that texture.
-    pictures : sequence of Picture
-        Those that the runtime judges.
-    rounds : int
-
-    Raises
-    ------
-    ToktError
-        If a datagram does not arrive.
+    A datagram that does not arrive is a `ToktError`.
     """
     size = (_WARM_UP + rounds) * len(pictures)
     arrived = {name: np.zeros(size) for name in (BASELINE, OURS)}
@@ -246,36 +211,19 @@ def _as_at_sea() -> Iterator[None]:
         gc.unfreeze()
 
 
-@dataclass(frozen=True)
-class ProcessStart:
-    """One process's way to its first verdict.
-
-    Parameters
-    ----------
-    seconds : float
-    peak_mb : float or None
-    said : (status, x, y)
-    """
+class ProcessStart(NamedTuple):
+    """One process's way to its first verdict."""
 
     seconds: float
     peak_mb: float | None
-    said: tuple[Any, ...]
+    said: tuple[Any, ...]  # status, x, y
 
 
 def first_verdict(command: Callable[[int], list[str]], folder: Path) -> ProcessStart:
-    """Start a program and wait for its datagram and its end.
+    """Start a program in a folder and wait for its datagram and its end.
 
-    Parameters
-    ----------
-    command : callable
-        Gives the command line for a UDP port of 127.0.0.1.
-    folder : Path
-        Where the program runs.
-
-    Raises
-    ------
-    ToktError
-        If it ends with an error, or no datagram arrives.
+    `command` gives its command line for a UDP port of 127.0.0.1. That it ends with an error, or
+    sends nothing, is a `ToktError`.
     """
     with closing(StampedReceiver()) as receiver:
         line = [sys.executable, "-I", "-S", launch.__file__, *command(receiver.port)]
@@ -291,21 +239,12 @@ def first_verdict(command: Callable[[int], list[str]], folder: Path) -> ProcessS
 
 
 def measure_start(
-    name: str, models: ModelPair, frame: bytes, suffix: str, folder: Path, rounds: int
+    models: ModelPair, frame: bytes, suffix: str, folder: Path, rounds: int
 ) -> Result:
-    """Time both processes, in turns, on the same frame.
+    """Time both processes, in turns, on the same frame, with models of LBP (10, 5).
 
-    Parameters
-    ----------
-    name : str
-    models : ModelPair
-        Of LBP (10, 5).
-    frame, suffix : bytes, str
-        An image file and the ending of its name.
-    folder : Path
-        Empty, for the model files and the frame.
-    rounds : int
-        Starts of each, after one that is not counted.
+    The frame is an image file, with the ending of its name; an empty folder is for it and the
+    models. Each is started `rounds` times after one that is not counted.
     """
     source = folder / "source"
     source.mkdir(parents=True)
@@ -336,7 +275,7 @@ def measure_start(
     }
     said = {start.said for pair in pairs for start in pair}
     extras = {"of": "process start to first verdict, LBP (10,5)", **memory}
-    return result(name, times, len(said) == 1, extras)
+    return result("start", times, len(said) == 1, extras)
 
 
 def _median_mb(starts: list[ProcessStart]) -> float | None:

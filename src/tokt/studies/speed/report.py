@@ -53,19 +53,7 @@ def _floor_ratio(case: Result) -> float | None:
 
 
 def chart_png(results: Sequence[Result], about: Mapping[str, Any]) -> bytes:
-    """Ratios on a log axis, whiskers for the spread.
-
-    Parameters
-    ----------
-    results : sequence of Result
-    about : mapping
-        ``machine``, ``kernels``, ``mission``, ``frame_size`` as in the bench's JSON.
-
-    Returns
-    -------
-    bytes
-        A PNG file.
-    """
+    """A PNG file: ratios on a log axis, whiskers for the spread; `about` as in the bench's JSON."""
     figure = Figure(figsize=(10.5, 2.1 + 0.42 * len(results)), layout="constrained")
     axes = figure.subplots()
     longest = max(max(*case.spread, _floor_ratio(case) or 0.0, 1.0) for case in results)

@@ -44,52 +44,27 @@ EMBEDDED_FRAMES = 16
 
 @dataclass(frozen=True)
 class BenchSize:
-    """Numbers of frames and repetitions of a bench.
+    """Numbers of frames and repetitions of a bench."""
 
-    Parameters
-    ----------
-    compared : int or None
-        Frames of the mission on which both ways are compared; None for all.
-    timed : int
-        Frames that are decoded, kept in memory and timed.
-    rounds : int
-        How often each of these is timed.
-    files : int
-        Image files of the feature table.
-    tables : int
-        How often the table is made.
-    starts : int
-        How often each process is started.
-    latency : int
-        How often each of the timed frames is sent at a camera's rate.
-    """
-
-    compared: int | None = None
-    timed: int = 12
-    rounds: int = 8
-    files: int = 24
-    tables: int = 5
-    starts: int = 7
-    latency: int = 15
+    compared: int | None  # frames of the mission on which both ways are compared; None for all
+    timed: int  # frames that are decoded, kept in memory and timed
+    rounds: int  # how often each of these is timed
+    files: int  # image files of the feature table
+    tables: int  # how often the table is made
+    starts: int  # how often each process is started
+    latency: int  # how often each of the timed frames is sent at a camera's rate
 
 
-FULL = BenchSize()
+FULL = BenchSize(compared=None, timed=12, rounds=8, files=24, tables=5, starts=7, latency=15)
 QUICK = BenchSize(compared=8, timed=3, rounds=2, files=3, tables=2, starts=2, latency=2)
 
 
 @dataclass(frozen=True)
 class Bench:
-    """Results of one run of the bench.
-
-    Parameters
-    ----------
-    results : list of Result
-    about : dict
-        Everything else of the JSON object.
-    """
+    """Results of one run of the bench."""
 
     results: list[Result]
-    about: dict[str, Any]
+    about: dict[str, Any]  # everything else of the JSON object
 
     def to_json(self) -> dict[str, Any]:
         """The JSON object of ``tokt bench --json``."""
@@ -189,7 +164,7 @@ def _outside(
     say("-- start")
     frame, suffix = mission.encoded(_most_obstacles(mission, models[0], size.timed))
     start = folder / "start"
-    results.append(measure_start("start", models[0], frame, suffix, start, size.starts))
+    results.append(measure_start(models[0], frame, suffix, start, size.starts))
     return results
 
 
@@ -235,27 +210,17 @@ def run_bench(
     out: Path,
     mission: Path | None,
     labels: Path | None,
+    calibration: StereoCalibration | None,
     size: BenchSize,
     progress: Progress,
     say: Say,
-    calibration: StereoCalibration | None = None,
 ) -> Bench:
     """Measure all cases and write ``bench.json`` and ``bench.png`` into `out`.
 
-    Parameters
-    ----------
-    out : Path
-    mission : Path or None
-        A mission, or None for one that is rendered for it and thrown away.
-    labels : Path or None
-        Its label file; by default ``labels.csv`` in the mission's folder, and without one the
-        models learn from two images as in the thesis.
-    size : BenchSize
-    progress, say : callable
-        Where progress and remarks go.
-    calibration : StereoCalibration, optional
-        Of the mission's cameras; by default ``calibration.yml`` in the mission's folder. Without
-        one the stereo cases are left out, and the result says so.
+    A mission that is None is rendered for it and thrown away. Without a label file, and a
+    ``labels.csv`` in the mission's folder, the models learn from two images as in the thesis;
+    without a calibration, and a ``calibration.yml`` there, the stereo cases are left out, and the
+    result says so.
 
     Raises
     ------
@@ -268,15 +233,11 @@ def run_bench(
         raise ToktError(f"{out} is not a folder; choose another with --out")
     with tempfile.TemporaryDirectory(prefix="tokt-bench-") as name:
         folder = Path(name)
-        shown_as = "embedded (rendered)"
         if mission is None:
             say("-- render a mission")
-            mission = folder / "embedded"
-            simulate_mission(mission, n_frames=EMBEDDED_FRAMES, progress=progress)
-            opened = open_mission(mission)
-        else:
-            opened = open_mission(mission)
-            shown_as = opened.name
+            simulate_mission(folder / "embedded", n_frames=EMBEDDED_FRAMES, progress=progress)
+        opened = open_mission(mission or folder / "embedded")
+        shown_as = opened.name if mission else "embedded (rendered)"
         found = _measure(opened, labels, calibration, shown_as, size, folder, progress, say)
     text = json.dumps(found.to_json(), indent=2, ensure_ascii=False, allow_nan=False)
     atomic.write_text(out / "bench.json", text + "\n")

@@ -38,16 +38,10 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Pair:
-    """Two decoded frames of one moment.
-
-    Parameters
-    ----------
-    number : int
-    left, right : array of uint8, shape (height, width) or (height, width, 3)
-    """
+    """Two decoded frames of one moment."""
 
     number: int
-    left: U8
+    left: U8  # (height, width) or (height, width, 3)
     right: U8
 
     @cached_property
@@ -78,11 +72,7 @@ def read_pairs(mission: Mission, numbers: Iterable[int]) -> Iterator[Pair]:
 class PairCase(Case[Pair]):
     """A decoded pair to its detection, by the thesis's disparity pipeline and by a detector.
 
-    Parameters
-    ----------
-    name : str
-    exact_is : str
-        What `check` holds ours against; of the thesis's pipeline nothing could be.
+    `exact_is` says what `check` holds ours against; of the thesis's pipeline nothing could be.
     """
 
     def __init__(self, name: str, exact_is: str) -> None:
@@ -122,13 +112,7 @@ class PairCase(Case[Pair]):
 
 
 class StereoPair(PairCase):
-    """A decoded pair to its detection, as ``tokt run --policy disparity`` does it.
-
-    Parameters
-    ----------
-    calibration : StereoCalibration
-        Its maps are made once, as in a run.
-    """
+    """A decoded pair to its detection, as ``tokt run --policy disparity`` does it."""
 
     def __init__(self, calibration: StereoCalibration) -> None:
         super().__init__(
@@ -168,13 +152,7 @@ def _same(one: Matches, other: Matches) -> bool:
 
 
 class PushbroomPair(PairCase):
-    """A decoded pair to its detection, as ``tokt run --stereo pushbroom`` does it.
-
-    Parameters
-    ----------
-    calibration : StereoCalibration
-        Its maps are made once, as in a run.
-    """
+    """A decoded pair to its detection, as ``tokt run --stereo pushbroom`` does it."""
 
     def __init__(self, calibration: StereoCalibration) -> None:
         super().__init__(
@@ -221,29 +199,14 @@ class PushbroomPair(PairCase):
 
 
 class StereoInput(NamedTuple):
-    """The calibration that stereo is measured with.
+    """The calibration that stereo is measured with."""
 
-    Parameters
-    ----------
-    calibration : StereoCalibration or None
-        None where the cases are left out.
-    words : str
-        Where it is from, or why they are left out.
-    """
-
-    calibration: StereoCalibration | None
-    words: str
+    calibration: StereoCalibration | None  # None where the cases are left out
+    words: str  # where it is from, or why they are left out
 
 
 def stereo_input(mission: Mission, calibration: StereoCalibration | None) -> StereoInput:
-    """The calibration given, or the one in the mission's folder or beside it, if the pairs fit.
-
-    Parameters
-    ----------
-    mission : Mission
-    calibration : StereoCalibration or None
-        As given by the user.
-    """
+    """The calibration given, or the one in the mission's folder or beside it, if the pairs fit."""
     words = "calibration given"
     if calibration is None:
         inside, beside = (at / CALIBRATION_FILE for at in (mission.path, mission.path.parent))
@@ -283,20 +246,8 @@ def measure_stereo(
 ) -> list[Result]:
     """Both cases: compared on pairs of the whole mission, then timed on a few of them.
 
-    Parameters
-    ----------
-    mission : Mission
-    calibration : StereoCalibration
-    compared : int or None
-        Pairs that are judged both ways, at most `COMPARED_PAIRS`; None for as many.
-    timed, rounds : int
-        Pairs kept in memory, and how often each is timed.
-    progress, say : callable
-
-    Raises
-    ------
-    ToktError
-        If no pair can be judged.
+    At most `COMPARED_PAIRS` are judged both ways, and `timed` kept in memory. That none can be
+    judged is a `ToktError`.
     """
     stereo, pushbroom = StereoPair(calibration), PushbroomPair(calibration)
     numbers = evenly_spaced(pair_numbers(mission), min(compared or COMPARED_PAIRS, COMPARED_PAIRS))
@@ -321,21 +272,9 @@ def measure_stereo(
 
 
 def by_kind(times: Times, obstacle: Bools) -> dict[str, Any]:
-    """Medians over the pairs with an obstacle alone, and over those without: matching costs more
-    where there is more to match.
+    """Medians over the pairs with an obstacle by ours, and over those without; None without a pair.
 
-    Parameters
-    ----------
-    times : mapping
-        Seconds of `BASELINE` and `OURS` as `in_turns` gives them.
-    obstacle : array of bool, shape (n_items,)
-        By ours.
-
-    Returns
-    -------
-    dict
-        ``with_obstacle`` and ``without_obstacle``: pairs, baseline_ms, ours_ms and ratio, or None
-        where there is no such pair.
+    Matching costs more where there is more to match.
     """
     found: dict[str, Any] = {"with_obstacle": None, "without_obstacle": None}
     for name, chosen in zip(found, (obstacle, ~obstacle), strict=True):

@@ -20,20 +20,15 @@ from tokt.studies.baselines.thesis_models import DESCRIBE, ThesisModel, Training
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.train import rendered_other_image
-from tokt.training.rig.calibrate.frame_selection import evenly_spaced, texture
+from tokt.training.rig.calibrate.frame_selection import MIN_SHARE, evenly_spaced, texture
 from tokt.training.rig.calibrate.matlab_file import read_matlab_numbers
 from tokt.training.rig.calibrate.self_calibration import BASELINE_MM, plain_start, self_calibrate
 
 from .patch_scores import Truth
 
 LABEL_FILE, CALIBRATION_FILE = "labels.csv", "calibration.yml"
-SAMPLE = 12
-"""Frames that the slow methods are run on, unless told otherwise."""
 SURVEYED = 80
 """Pairs looked at for something in them, spread over the mission."""
-MIN_SHARE = 0.004
-"""Part of the left picture with local contrast from which it shows something. Source:
-`tokt.training.rig.calibrate.frame_selection`, whose share it is."""
 
 Progress = Callable[..., Any]
 Say = Callable[[str], None]
@@ -69,33 +64,16 @@ class ReproduceRequest:
     calibration: Path | None = None
     labels: Path | None = None
     model: Path | None = None
-    sample: int = SAMPLE
+    sample: int = 12
     jobs: int = -1
 
 
 class StudyInputs:
     """Inputs of the exhibits; each is read or computed when first asked for, and once.
 
-    Parameters
-    ----------
-    request : ReproduceRequest
-    say : callable
-        Takes a line for people.
-    progress : callable
-        ``progress(items, total, what)`` passes items on.
-
-    Attributes
-    ----------
-    mission : Mission
-    frames : list of int
-        Its left frames, in order.
-    taxonomy : Taxonomy
-        Tells which labels are obstacles.
-
-    Raises
-    ------
-    ToktError
-        If the mission or a file of the request cannot be used.
+    `say` takes a line for people, and ``progress(items, total, what)`` passes items on; `frames`
+    are the mission's left ones, in order. Raises ToktError if the mission or a file of the request
+    cannot be used.
     """
 
     def __init__(self, request: ReproduceRequest, say: Say, progress: Progress) -> None:
@@ -240,13 +218,7 @@ class StudyInputs:
 
     @cached_property
     def scored(self) -> list[int]:
-        """The frames that figures are of: all but those that the thesis's models learn from.
-
-        Raises
-        ------
-        ToktError
-            If there is no other.
-        """
+        """The frames that figures are of: all but those that the thesis's models learn from."""
         learnt = {self.ocean.frame, self.other.frame}
         found = [number for number in self.frames if number not in learnt]
         if not found:
@@ -269,6 +241,12 @@ class StudyInputs:
     def calibration(self) -> StereoCalibration | None:
         """The cameras; `calibration_words` says where from, or why there is none."""
         return self._cameras[0]
+
+    def needed_calibration(self) -> StereoCalibration:
+        """The cameras. Raises ToktError, with the reason, where there is no calibration."""
+        if self.calibration is None:
+            raise ToktError(f"needs a calibration of the two cameras: {self.calibration_words}")
+        return self.calibration
 
     @cached_property
     def calibration_words(self) -> str:

@@ -2,7 +2,7 @@
 
 The text is `TEMPLATE`, beside this file; its figures are placeholders that are filled in from what
 ``tokt reproduce`` wrote into results.json. A page carries a seal: hashes of the template it was
-made from and of itself, so that a figure typed into it afterwards is found (`page_faults`).
+made from and of itself, so that a test finds a figure typed into it afterwards.
 """
 
 import hashlib
@@ -25,18 +25,11 @@ QUOTED_TABLES = {
 """By exhibit, the table that the page shows; the others are in the report."""
 ASKED = ("shown", "known", "number", "claims", "quoted_table")
 """Methods of `Results` that the template may call."""
-_SEAL = re.compile(r"\n<!-- template ([0-9a-f]{64}), page ([0-9a-f]{64}) -->\n\Z")
 _SPECIAL = re.compile(r"([*|<])")
 
 
 class Results:
-    """A run's results as the template may ask for them.
-
-    Parameters
-    ----------
-    results : dict
-        As ``tokt reproduce`` writes them into results.json.
-    """
+    """A run's results, which results.json holds, as the template may ask for them."""
 
     def __init__(self, results: dict[str, Any]) -> None:
         self._exhibits = {one["key"]: one for one in results["exhibits"]}
@@ -148,19 +141,6 @@ def thesis_page(results: dict[str, Any], template: str | None = None) -> str:
 def write_thesis_page(results: dict[str, Any], path: Path) -> None:
     """Write `thesis_page` to a file, as a whole or not at all. Raises ToktError as that does."""
     atomic.write_text(path, thesis_page(results))
-
-
-def page_faults(page: str) -> list[str]:
-    """What is wrong with a page that somebody has: not made from this template, or edited."""
-    seal = _SEAL.search(page)
-    if seal is None:
-        return ["it has no seal"]
-    faults = []
-    if seal[1] != _sha256(template_text()):
-        faults.append("it was made from another template")
-    if seal[2] != _sha256(page[: seal.start()]):
-        faults.append("it was edited after it was made")
-    return faults
 
 
 def _sha256(text: str) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.arrays import U8, Bools
-from tokt.features.frames.grid import Grid
+from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.simulation.rendering.patch_labels import MIN_COVERAGE, coverage
 
 Truth = NDArray[np.int8]
@@ -19,10 +19,7 @@ not scored."""
 class PatchScore:
     """Counts of patches, and the figures that follow from them; None where they are undefined.
 
-    Parameters
-    ----------
-    hits, false, missed, quiet : int
-        Said and there, said but not there, there but not said, neither.
+    Hits are said and there, false ones said but not there, missed ones there but not said.
     """
 
     hits: int = 0
@@ -75,32 +72,19 @@ def pooled_score(said: Mapping[int, Bools], truths: Mapping[int, Truth]) -> Patc
     return score_patches(*(np.concatenate([part[n] for n in both]) for part in (said, truths)))
 
 
-def truth_by_mask(mask: U8, grid: Grid) -> Truth:
+def truth_by_mask(mask: U8) -> Truth:
     """The truth of a frame's patches by a mask, under the rule of the mission's labels.
 
-    Parameters
-    ----------
-    mask : array of uint8, shape (height, width)
-        Of the frame as the camera gave it; 128 and above is the obstacle.
-    grid : Grid
-
-    Returns
-    -------
-    array of int8, shape (n_patches,)
-        Obstacle from `MIN_COVERAGE` on; a patch that less of it touches is not scored.
+    The mask is of the frame as the camera gave it; 128 and above is the obstacle, and a patch is
+    one from `MIN_COVERAGE` on. A patch that less of it touches is not scored.
     """
-    covered = coverage(mask >= 128, grid)
+    covered = coverage(mask >= 128, GRID)
     return np.select([covered >= MIN_COVERAGE, covered == 0], [1, 0], -1).astype(np.int8)
 
 
-def patches_of_mask(mask: U8, grid: Grid) -> Bools:
-    """The patches that a method says are an obstacle whose mask is not made by patches.
+def patches_of_mask(mask: U8) -> Bools:
+    """The patches that a method says are an obstacle whose 0/255 mask is not made by patches.
 
     By the rule of the labels: `MIN_COVERAGE` of the patch is white.
-
-    Parameters
-    ----------
-    mask : array of uint8, shape (height, width)
-        0/255, of any size; it is resized to the grid's width.
     """
-    return np.asarray(coverage(mask >= 128, grid) >= MIN_COVERAGE)
+    return np.asarray(coverage(mask >= 128, GRID) >= MIN_COVERAGE)

@@ -50,9 +50,10 @@ def exhibit_json(exhibit: Exhibit) -> dict[str, Any]:
 
 def _table(exhibit: Exhibit, table: Table) -> dict[str, Any]:
     shown = table.frame.head(SHOWN_ROWS)
+    words = table.name.replace("_", " ").replace("-", " ")
     return {
         "name": table.name,
-        "title": table.heading,
+        "title": table.title or words[:1].upper() + words[1:],
         "caption": table.caption,
         "file": f"{exhibit.key}/{table.name}.csv",
         "columns": [str(name) for name in table.frame.columns],
@@ -73,15 +74,7 @@ def plain(value: Any) -> Any:
 
 
 def report_html(exhibits: Sequence[Exhibit], results: dict[str, Any]) -> str:
-    """The report's text.
-
-    Parameters
-    ----------
-    exhibits : sequence of Exhibit
-        Their pictures.
-    results : dict
-        Everything else, as results.json has it.
-    """
+    """The report's text, of the exhibits' pictures and of all else as results.json has it."""
     pictures = {
         plot_file(exhibit, plot.name): png_uri(plot.png)
         for exhibit in exhibits

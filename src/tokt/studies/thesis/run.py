@@ -99,25 +99,12 @@ EXHIBITS: tuple[Planned, ...] = (
 def run_reproduce(
     request: ReproduceRequest, say: Say, progress: Progress, exhibits: Sequence[Planned] = EXHIBITS
 ) -> dict[str, Any]:
-    """Make every exhibit and write them into the request's folder.
+    """Make every exhibit and write them into the request's folder; give what results.json holds.
 
     Writes ``KEY/*.csv`` and ``KEY/*.png`` of each exhibit, ``report.html``, which needs no other
     file, then ``results.json``, and of all `EXHIBITS` ``thesis.md``, the page that docs/thesis.md
-    is. Files of these names are replaced, each as a whole.
-
-    Parameters
-    ----------
-    request : ReproduceRequest
-    say : callable
-        Takes a line for people.
-    progress : callable
-        ``progress(items, total, what)`` passes items on.
-    exhibits : sequence of Planned
-
-    Returns
-    -------
-    dict
-        What ``results.json`` holds.
+    is. Files of these names are replaced, each as a whole. `say` takes a line for people, and
+    ``progress(items, total, what)`` passes items on.
 
     Raises
     ------
@@ -209,12 +196,11 @@ def about(context: StudyContext) -> list[str]:
             f"{sum(count > 0 for count in context.obstacle_patches.values())} of them with an "
             f"obstacle, {len(context.ocean_frames)} of open ocean all over"
         )
-    stereo = "calibration: " + context.calibration_words
     return [
         f"mission {context.mission.name}: {len(context.frames)} left frames, "
         f"{len(context.pairs)} stereo pairs; {labels}",
         f"the thesis's models {context.two_images}",
-        stereo,
+        f"calibration: {context.calibration_words}",
         f"slow methods (SLIC, superpixel colours, run times) on a sample of "
         f"{len(context.spread())} frames, evenly spaced",
         f"made by tokt {__version__} reproduce, every figure computed in this run",

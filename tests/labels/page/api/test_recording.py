@@ -37,7 +37,7 @@ def record(mission, bundle_file, folder):
     policy = assemble("texture", lambda: bundle, None).policy
     summary = Runtime(source, policy, [], SYSTEM_CLOCK, [recorder]).run()
     recorder.close()
-    assert summary.obstacle > 5 and recorder.frames > 10 and recorder.dropped == 0
+    assert summary.obstacle > 5 and recorder.writer.frames > 10 and recorder.writer.dropped == 0
     return folder / "run-1"
 
 

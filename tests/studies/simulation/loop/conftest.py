@@ -138,25 +138,24 @@ class Camera:
         return {**seen, "distance_m": distance, "contact_s": None}
 
 
-def fly(sea, seed, settings=None, most_s=240.0):
+def fly(sea, seed, deaf=False, most_s=240.0):
     """One transit from START_M to GOAL_M along the sea's heading."""
     rng = np.random.default_rng(seed)
     camera = Camera(sea, rng)
     ahead = np.array([math.sin(sea.heading), 0.0, math.cos(sea.heading)])
     vehicle = Vehicle(State(START_M * ahead, sea.heading, np.zeros(3)), sea.current)
-    planner, autopilot = Planner(GOAL_M * ahead, settings), Autopilot()
+    planner, autopilot = Planner(GOAL_M * ahead, deaf), Autopilot()
     steps, frames, waiting = [], [], None
     for step in range(int(most_s / STEP_S)):
-        t_s = step * STEP_S
+        t_s, heard = step * STEP_S, None
         if step % FRAME_STEPS == 0:
             # What was seen in one frame is heard when the next is taken.
-            planner.hear(t_s, waiting)
-            waiting = camera.datagram(vehicle.state, t_s)
+            heard, waiting = waiting, camera.datagram(vehicle.state, t_s)
             status = waiting["status"] if waiting else -1
             frames.append((t_s, status, camera.solid_in_view(vehicle.state)))
-        target = planner.target(t_s, vehicle.state)
+        target = planner.target(t_s, vehicle.state, heard)
         away = clearance(sea.solid, vehicle.state.position[[0, 2]])
-        steps.append((t_s, vehicle.state, planner.mode, away))
+        steps.append((t_s, vehicle.state, target.mode, away))
         if planner.reached or away < HULL_RADIUS_M:
             break
         vehicle.step(STEP_S, autopilot.forces(vehicle.state, target))

@@ -117,10 +117,6 @@ def _ahead(scene):
     return float(scene.world.clearance_m(way).min())
 
 
-def test_an_unknown_scene():
-    refuses("unknown scene 'reef'", draw_scene, "reef", 1, WIDTH)
-
-
 def test_a_runtime_that_cannot_start_says_why(tmp_path):
     (tmp_path / "no.tokt").write_bytes(b"no bundle")
     options = ["--bundle", str(tmp_path / "no.tokt"), "--policy", "texture"]

@@ -7,7 +7,7 @@ import pytest
 
 from tokt.inference.outputs.udp import decode
 from tokt.studies.simulation.loop.autopilot import Mode
-from tokt.studies.simulation.loop.planner import Planner, PlannerSettings
+from tokt.studies.simulation.loop.planner import SILENCE_S, Planner
 from tokt.studies.simulation.loop.vehicle import State
 
 GOAL = np.array([0.0, 0.0, 20.0])
@@ -30,14 +30,13 @@ def v2(status, x=0, **more):
 class Talk:
     """A planner, and a clock that goes on by a frame with each datagram."""
 
-    def __init__(self, **settings):
-        self.planner = Planner(GOAL, PlannerSettings(**settings))
+    def __init__(self, deaf=False):
+        self.planner = Planner(GOAL, deaf)
         self.t_s = 0.0
 
     def say(self, datagram, nav):
         self.t_s += FRAME_S
-        self.planner.hear(self.t_s, datagram)
-        return self.planner.target(self.t_s, nav)
+        return self.planner.target(self.t_s, nav, datagram)
 
 
 def beside(target, nav):
@@ -137,10 +136,10 @@ def test_unknown_and_silence_hold_the_station(unknown):
 
 
 def test_silence_is_not_taken_for_clear_before_its_time_is_up_or_after():
-    talk = Talk(silence_s=1.0)
+    talk, frames = Talk(), round(SILENCE_S / FRAME_S)
     talk.say(v1(0), state())
-    modes = [talk.say(None, state()).mode for _ in range(6)]
-    assert modes == [Mode.TRANSIT] * 4 + [Mode.HOLD] * 2
+    modes = [talk.say(None, state()).mode for _ in range(frames + 2)]
+    assert modes == [Mode.TRANSIT] * frames + [Mode.HOLD] * 2
 
 
 @pytest.mark.parametrize(

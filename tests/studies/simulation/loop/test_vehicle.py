@@ -84,11 +84,6 @@ def test_half_the_step_changes_next_to_nothing():
     assert np.abs(end(0.05) - end(0.0125)).max() < 1e-6
 
 
-def test_a_step_takes_time():
-    with pytest.raises(ValueError, match="step of 0"):
-        Vehicle(AT_REST).step(0.0, Forces())
-
-
 def steer(vehicle, target, seconds):
     autopilot, states = Autopilot(), []
     for _ in range(round(seconds / STEP_S)):

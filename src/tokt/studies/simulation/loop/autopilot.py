@@ -13,6 +13,9 @@ from tokt.features.common.arrays import F64
 
 from .vehicle import MINERVA, Forces, State, turn
 
+CRUISE_M_S = 0.6
+"""Speed of transit."""
+
 
 class Mode(StrEnum):
     """The planner's mode."""
@@ -25,23 +28,12 @@ class Mode(StrEnum):
 
 @dataclass(frozen=True)
 class Setpoint:
-    """The position, heading and speed that the planner asks the autopilot for.
+    """The position, heading and speed that the planner asks the autopilot for."""
 
-    Parameters
-    ----------
-    position : (3,) float64
-        World, metres.
-    heading : float
-        Radians.
-    mode : Mode
-    speed_m_s : float
-        Not to be exceeded on the way.
-    """
-
-    position: F64
-    heading: float
+    position: F64  # (3,), world, m
+    heading: float  # rad
     mode: Mode
-    speed_m_s: float = 0.6
+    speed_m_s: float = CRUISE_M_S  # not to be exceeded on the way
 
 
 STEP_S = 0.05

@@ -22,7 +22,7 @@ from tokt.features.common.arrays import U8
 from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
 
 from .autopilot import STEP_S, Autopilot
-from .planner import Planner, PlannerSettings
+from .planner import Planner
 from .runtime_process import RuntimeProcess
 from .scenes import KINDS, LoopScene
 from .track import IN_VIEW_M, SaidOfFrame, Step, Track
@@ -54,20 +54,9 @@ def uses_model(method: str) -> bool:
 
 
 def fly(scene: LoopScene, method: str, model: Path | None = None) -> Track:
-    """Fly to the goal, into something, or until time is up.
+    """Fly to the goal, into something, or until time is up, by one of `METHODS`.
 
-    Parameters
-    ----------
-    scene : LoopScene
-    method : str
-        Of `METHODS`.
-    model : Path or None
-        The bundle, for a method that uses one.
-
-    Raises
-    ------
-    ToktError
-        If the runtime ends, hangs or answers with anything but verdicts.
+    A `ToktError` says that the runtime ended, hung or answered with anything but verdicts.
     """
     with _runtime(scene, method, model) as runtime:
         return _Run(scene, method, runtime).fly()
@@ -99,7 +88,7 @@ class _Run:
         self._renderer = StereoRenderer(scene.world, scene.rig, scene.seed)
         self._vehicle = Vehicle(scene.start, scene.world.current)
         self._autopilot = Autopilot()
-        self._planner = Planner(scene.goal, PlannerSettings(deaf=runtime is None))
+        self._planner = Planner(scene.goal, deaf=runtime is None)
         self._steps: list[Step] = []
         self._frames: list[SaidOfFrame] = []
         self._said: tuple[float, dict[str, Any]] | None = None
@@ -109,11 +98,11 @@ class _Run:
             t_s = step * STEP_S
             if step % STEPS_A_FRAME == 0:
                 self._frame(step // STEPS_A_FRAME + 1, t_s)
+            heard = None
             if self._said is not None and t_s >= self._said[0] + LATENCY_S - STEP_S / 2:
-                self._planner.hear(t_s, self._said[1])
-                self._said = None
+                heard, self._said = self._said[1], None
             state = self._vehicle.state
-            target = self._planner.target(t_s, state)
+            target = self._planner.target(t_s, state, heard)
             clearance = float(self._scene.world.clearance_m(state.position[None])[0])
             self._steps.append((t_s, state, target.mode, clearance))
             if self._planner.reached or clearance < HULL_RADIUS_M:

@@ -8,7 +8,7 @@ the body itself moves and turns on.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,132 +20,71 @@ BACK_ON_M = 1.0
 """While it is to back off, it goes on for this much at least."""
 ON_HEADING = math.radians(4)
 """Nearer to a heading than this looks along it."""
+FOCAL_PX, MASK_WIDTH = 588.0, 360
+"""Of the frame as the model sees it, in pixels: 2222 px at 1360 is 588 at 360."""
+NEAR_M, FAR_M = 3.0, 9.0
+"""Between these an obstacle of unknown distance is: nearer it is backed off from before, and from
+farther it is not seen."""
+DISTANCE_ERROR = 0.15
+"""Of a distance that is known, as a fraction."""
+HALF_M, WIDE_HALF_M = 0.9, 3.0
+"""From the centre of what is seen to its edge: a tower's legs reach 0.85 m from its axis; where the
+mean value is large, the obstacle goes on beyond the view."""
+DEPTH_M = 1.8
+"""From an obstacle's near end to its far end."""
 
 
-@dataclass(frozen=True)
-class CameraAssumptions:
-    """The camera that judges, and what is assumed where a datagram does not say; metres.
-
-    Parameters
-    ----------
-    focal_px : float
-        Of the frame as the model sees it: 2222 px at 1360, so 588 at 360.
-    mask_width : int
-        Of that frame, in pixels.
-    near_m, far_m : float
-        Between these an obstacle of unknown distance is: nearer it is backed off from before, and
-        from farther it is not seen.
-    distance_error : float
-        Of a distance that is known, as a fraction.
-    half_m : float
-        From the centre of what is seen to its edge. A tower's legs reach 0.85 m from its axis.
-    wide_half_m : float
-        The same where the mean value is large: the obstacle goes on beyond the view.
-    depth_m : float
-        From an obstacle's near end to its far end.
-    """
-
-    focal_px: float = 588.0
-    mask_width: int = 360
-    near_m: float = 3.0
-    far_m: float = 9.0
-    distance_error: float = 0.15
-    half_m: float = 0.9
-    wide_half_m: float = 3.0
-    depth_m: float = 1.8
-
-    def bearing(self, column: float) -> float:
-        """Radians to starboard of a column, in pixels from the frame's middle."""
-        return math.atan(column / self.focal_px)
-
-    @property
-    def half_view(self) -> float:
-        """Radians from the middle of the frame to its edge."""
-        return self.bearing(self.mask_width / 2)
-
-    def ranges(self, distance_m: float | None) -> tuple[float, float]:
-        """The least and the greatest distance an obstacle may have."""
-        if distance_m is None:
-            return self.near_m, self.far_m
-        return distance_m * (1 - self.distance_error), distance_m * (1 + self.distance_error)
+def bearing(column: float) -> float:
+    """Radians to starboard of a column, in pixels from the frame's middle."""
+    return math.atan(column / FOCAL_PX)
 
 
-@dataclass(frozen=True)
-class ObstacleSighting:
-    """An obstacle as one verdict shows it, in metres of the manoeuvre's frame.
+HALF_VIEW = bearing(MASK_WIDTH / 2)
+"""Radians from the middle of the frame to its edge."""
 
-    Parameters
-    ----------
-    at : float
-        How far along the vehicle was.
-    edge : float
-        How far it reaches to the side that is passed on, at most.
-    end : float
-        How far along it reaches, at most.
-    places : tuple of (along, beside)
-        Where its centre may be: at the least and at the greatest distance.
-    """
 
-    at: float
-    edge: float
-    end: float
-    places: tuple[tuple[float, float], ...]
+def _ranges(distance_m: float | None) -> tuple[float, float]:
+    """The least and the greatest distance an obstacle may have."""
+    if distance_m is None:
+        return NEAR_M, FAR_M
+    return distance_m * (1 - DISTANCE_ERROR), distance_m * (1 + DISTANCE_ERROR)
+
+
+class ObstacleSighting(NamedTuple):
+    """An obstacle as one verdict shows it, in metres of the manoeuvre's frame."""
+
+    at: float  # how far along the vehicle was
+    edge: float  # how far it reaches to the side that is passed on, at most
+    end: float  # how far along it reaches, at most
+    places: tuple[tuple[float, float], ...]  # of its centre, at the least and greatest distance
 
 
 @dataclass
 class Manoeuvre:
-    """One manoeuvre past an obstacle, or several that are seen together.
+    """One manoeuvre past an obstacle, or several that are seen together."""
 
-    Parameters
-    ----------
-    origin : (3,) float64
-        Where the vehicle was when it began.
-    heading : float
-        Of the frame, radians.
-    look : float
-        The vehicle's heading then, which it keeps: the heading of the frame, if that is body-fixed.
-    side : {-1, 1}
-        Passed on: port or starboard.
-    hold_along : float
-        Where along the vehicle goes sideways.
-    retreat, retreat_beside : float or None, float
-        Where to back off to.
-    nearest : float
-        The farthest along at which it had to back off.
-    settled : int
-        Verdicts since something new was seen.
-    absent : int
-        Clear verdicts in a row that should not be, if what was seen is there.
-    glance : (position, heading) or None
-        Past the obstacle: where it stops to look whether the way back is free, and which way.
-    glances : int
-        Clear verdicts in that direction.
-    """
-
-    origin: F64
-    heading: float
-    look: float
-    side: int
-    camera: CameraAssumptions
-    hold_along: float = 0.0
-    retreat: float | None = None
+    origin: F64  # (3,): where the vehicle was when it began
+    look: float  # its heading then, which it keeps, and that of the frame; rad
+    side: int  # passed on: port (-1) or starboard (1)
+    hold_along: float  # where along the vehicle goes sideways
+    retreat: float | None = None  # where to back off to, along and beside
     retreat_beside: float = 0.0
-    nearest: float = -math.inf
-    settled: int = 0
-    absent: int = 0
-    glance: tuple[F64, float] | None = None
-    glances: int = 0
+    nearest: float = -math.inf  # the farthest along at which it had to back off
+    settled: int = 0  # verdicts since something new was seen
+    absent: int = 0  # clear verdicts in a row that should not be, if what was seen is there
+    glance: tuple[F64, float] | None = None  # past it: where it looks whether the way back is free
+    glances: int = 0  # clear verdicts in that direction
     seen: list[ObstacleSighting] = field(default_factory=list)
 
     def place(self, position: F64) -> tuple[float, float]:
         """(along, beside) of a place in the world."""
         east, _, north = position - self.origin
-        sine, cosine = math.sin(self.heading), math.cos(self.heading)
+        sine, cosine = math.sin(self.look), math.cos(self.look)
         return north * cosine + east * sine, self.side * (east * cosine - north * sine)
 
     def world(self, along: float, beside: float, depth: float) -> F64:
         """(3,) The place in the world, at a depth (the world's y)."""
-        sine, cosine = math.sin(self.heading), math.cos(self.heading)
+        sine, cosine = math.sin(self.look), math.cos(self.look)
         right = self.side * beside
         east = self.origin[0] + along * sine + right * cosine
         north = self.origin[2] + along * cosine - right * sine
@@ -153,20 +92,19 @@ class Manoeuvre:
 
     def see(self, datagram: Mapping[str, Any], nav: State, wide: bool) -> None:
         """Remember what a verdict of status 1 says, from where the vehicle is."""
-        camera = self.camera
         own = self.place(nav.position)
         turned = turn(nav.heading_rad - self.look)
-        ranges = camera.ranges(datagram.get("distance_m"))
-        centre = turned + camera.bearing(-(datagram["x"] or 0))
+        ranges = _ranges(datagram.get("distance_m"))
+        centre = turned + bearing(-(datagram["x"] or 0))
         places = tuple(self._spot(own, turned, centre, far) for far in ranges)
-        half = camera.wide_half_m if wide else camera.half_m
+        half = WIDE_HALF_M if wide else HALF_M
         edge = max(beside for _, beside in places) + half
         box = datagram.get("box")
         if box is not None:
-            column = box[0] + (box[2] if self.side > 0 else 0) - camera.mask_width / 2
-            rim = turned + camera.bearing(column)
+            column = box[0] + (box[2] if self.side > 0 else 0) - MASK_WIDTH / 2
+            rim = turned + bearing(column)
             edge = max(edge, *(self._spot(own, turned, rim, far)[1] for far in ranges))
-        end = max(along for along, _ in places) + camera.depth_m
+        end = max(along for along, _ in places) + DEPTH_M
         before = self.edge(own[0])
         self.seen.append(ObstacleSighting(own[0], edge, end, places))
         self.absent = self.glances = 0
@@ -177,11 +115,7 @@ class Manoeuvre:
     def clear(self, nav: State, within: float) -> None:
         """Count a clear verdict: in a glance, or where what was seen should be in view.
 
-        Parameters
-        ----------
-        nav : State
-        within : float
-            Radians from the middle of the view.
+        That is `within` so many radians of the view's middle.
         """
         own = self.place(nav.position)
         turned = turn(nav.heading_rad - self.look)
@@ -199,11 +133,7 @@ class Manoeuvre:
     def back_off(self, nav: State, least_m: float, most_m: float) -> None:
         """Go straight back: `least_m` from here, and on while this is asked for.
 
-        Parameters
-        ----------
-        nav : State
-        least_m, most_m : float
-            `most_m` is counted from where it was nearest.
+        At most `most_m` from where it was nearest.
         """
         along, beside = self.place(nav.position)
         self.nearest = max(self.nearest, along)
@@ -223,10 +153,10 @@ class Manoeuvre:
         return max(one.end for one in self.seen)
 
     def _spot(
-        self, own: tuple[float, float], turned: float, bearing: float, far: float
+        self, own: tuple[float, float], turned: float, angle: float, far: float
     ) -> tuple[float, float]:
         along, beside = self._camera(own, turned)
-        return along + far * math.cos(bearing), beside + self.side * far * math.sin(bearing)
+        return along + far * math.cos(angle), beside + self.side * far * math.sin(angle)
 
     def _off_middle(
         self, own: tuple[float, float], turned: float, spot: tuple[float, float]

@@ -27,16 +27,8 @@ _DATAGRAM = 65_536
 class RuntimeProcess:
     """One ``tokt run``, which judges the frames it is given, one after the other.
 
-    Parameters
-    ----------
-    options : sequence of str
-        Of ``tokt run``, but for its source and receiver.
-
-    Raises
-    ------
-    ToktError
-        If the process ends or hangs, with its own last words; by `judge` also if it answers with
-        anything but the frame's verdict.
+    `options` are all but its source and receiver. A process that ends or hangs is a `ToktError`
+    with its own last words.
     """
 
     def __init__(self, options: Sequence[str]) -> None:
@@ -65,20 +57,7 @@ class RuntimeProcess:
         self._opened.close()
 
     def judge(self, number: int, t: float, left: U8 | None, right: U8 | None) -> dict[str, Any]:
-        """Send one frame and wait for its datagram.
-
-        Parameters
-        ----------
-        number : int
-        t : float
-            Seconds since 1970 of the simulated clock.
-        left, right : array of uint8, shape (height, width, 3), or None
-
-        Returns
-        -------
-        dict
-            The fields of UDP v2.
-        """
+        """Send one frame of a time `t` (s since 1970) and wait for its datagram: fields of v2."""
         try:
             self._frames.sendall(encode_frame(number, t, left, right))
         except OSError:

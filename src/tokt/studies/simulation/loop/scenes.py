@@ -13,11 +13,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from tokt.features.common.arrays import F64
-from tokt.features.common.errors import ToktError
 from tokt.studies.simulation.scene.closed_loop_world import World, one_tower, trap
 from tokt.studies.simulation.scene.fish_and_dust import DustCloud, School
 from tokt.studies.simulation.scene.rig import SyntheticRig
@@ -25,7 +25,6 @@ from tokt.studies.simulation.scene.water import Water
 
 from .vehicle import State
 
-Triple = tuple[float, float, float]
 Rng = np.random.Generator
 
 START_M, GOAL_M = -11.0, 6.0
@@ -43,41 +42,19 @@ THICK_SNOW = 4
 
 @dataclass(frozen=True)
 class LoopScene:
-    """One seed's scene.
-
-    Parameters
-    ----------
-    name : str
-    seed : int
-    world : World
-    rig : SyntheticRig
-    start : State
-    goal : (3,) array
-        World coordinates, metres.
-    blind_s : (from, to) or None
-        Seconds between which the cameras give no picture.
-    """
+    """One seed's scene."""
 
     name: str
     seed: int
     world: World
     rig: SyntheticRig
     start: State
-    goal: F64
-    blind_s: tuple[float, float] | None = None
+    goal: F64  # (3,), world coordinates, m
+    blind_s: tuple[float, float] | None = None  # between which the cameras give no picture
 
 
-@dataclass(frozen=True)
-class SceneKind:
-    """A kind of scene.
-
-    Parameters
-    ----------
-    title : str
-        For tables and maps.
-    make : callable
-        ``make(rng, scene)`` puts in what is special about it.
-    """
+class SceneKind(NamedTuple):
+    """A kind of scene: its title in tables and maps, and what puts in what is special about it."""
 
     title: str
     make: Callable[[Rng, LoopScene], LoopScene]
@@ -156,24 +133,7 @@ KINDS = {
 
 
 def draw_scene(name: str, seed: int, width: int) -> LoopScene:
-    """The scene of a seed.
-
-    Parameters
-    ----------
-    name : str
-        Of `KINDS`.
-    seed : int
-        0 or more.
-    width : int
-        Of the frames, in pixels.
-
-    Raises
-    ------
-    ToktError
-        If there is no such scene.
-    """
-    if name not in KINDS:
-        raise ToktError(f"unknown scene {name!r} (choose from {', '.join(KINDS)})")
+    """The scene of a seed (0 or more), of `KINDS`, with frames of this width in pixels."""
     # Each part has a stream of its own, so that none shifts another.
     place, water, rig, special = (np.random.default_rng([seed, part]) for part in range(4))
     depth = float(place.uniform(*DEPTH_M))

@@ -19,58 +19,29 @@ IN_VIEW_M = 10.0
 
 
 class Track:
-    """One run, as it was recorded, step by step.
+    """One run, as it was recorded: arrays of n control steps, m frames and k avoidances.
 
-    Raises
-    ------
-    ValueError
-        If there was no step.
-
-    Attributes
-    ----------
-    title, scene, method : str
-        The scene in words, its name, and what judged the frames.
-    seed : int
-    t_s : (n,) float64
-        A value a control step, from the start.
-    position : (n, 3) float64
-        Of the vehicle's centre: east, down, north, metres.
-    heading : (n,) float64
-        Radians.
-    mode : (n,) str
-        The planner's `Mode`.
-    clearance_m : (n,) float64
-        From the vehicle's centre to the nearest solid; infinite where there is none.
-    frame_t_s : (m,) float64
-        When frames were taken.
-    frame_status : (m,) int64
-        What was said of each: 1 obstacle, 0 clear, -1 unknown or nothing.
-    frame_in_view : (m,) bool
-        Whether something solid was before the camera, nearer than `IN_VIEW_M`.
-    avoidances_s : (k,) float64
-        When the planner began to avoid.
-    reached : bool
-        Whether it came to the goal.
+    It has the scene in words, its name, what judged the frames, and whether it came to the goal.
     """
 
     def __init__(
         self, title: str, scene: str, method: str, seed: int, steps: Sequence[Step],
         frames: Sequence[SaidOfFrame], avoidances_s: Sequence[float], reached: bool,
     ) -> None:  # fmt: skip
-        if not steps:
-            raise ValueError("a run without a step")
         self.title, self.scene, self.method, self.seed = title, scene, method, seed
         times, states, modes, clearances = zip(*steps, strict=True)
         said = np.array(frames, np.float64).reshape(-1, 3)
-        self.t_s = np.array(times)
+        self.t_s = np.array(times)  # (n,), from the start
+        # (n, 3): the vehicle's centre, east, down, north, m
         self.position = np.stack([state.position for state in states])
-        self.heading = np.array([state.heading_rad for state in states])
-        self.mode = np.array([str(mode) for mode in modes])
+        self.heading = np.array([state.heading_rad for state in states])  # (n,), rad
+        self.mode = np.array([str(mode) for mode in modes])  # (n,): the planner's `Mode`
+        # (n,): from the vehicle's centre to the nearest solid; infinite where there is none
         self.clearance_m = np.array(clearances)
-        self.frame_t_s = said[:, 0]
-        self.frame_status = said[:, 1].astype(np.int64)
-        self.frame_in_view = said[:, 2].astype(np.bool_)
-        self.avoidances_s = np.array(avoidances_s, np.float64)
+        self.frame_t_s = said[:, 0]  # (m,): when frames were taken
+        self.frame_status = said[:, 1].astype(np.int64)  # 1 obstacle, 0 clear, -1 unknown, nothing
+        self.frame_in_view = said[:, 2].astype(np.bool_)  # something solid, within `IN_VIEW_M`
+        self.avoidances_s = np.array(avoidances_s, np.float64)  # when the planner began to avoid
         self.reached = reached
 
     def at(self, t_s: F64) -> F64:

@@ -18,8 +18,6 @@ import numpy as np
 
 from tokt.features.common.arrays import F64
 
-Triple = tuple[float, float, float]
-
 HULL_RADIUS_M = 0.8
 """Of the sphere about the vehicle's centre that must touch nothing: half the length of Minerva
 (1.44 m), whose motions these are, and a little more. The SUB-fighter 30k is 2.6 m long and 1.5 m
@@ -39,24 +37,12 @@ class Forces(NamedTuple):
 
 @dataclass(frozen=True)
 class State:
-    """Position and motion of the vehicle's centre over ground.
+    """Position and motion of the vehicle's centre over ground."""
 
-    Parameters
-    ----------
-    position : (3,) float64
-        Metres: east, down, north.
-    heading_rad : float
-        0 is north, positive towards east.
-    velocity_body : (3,) float64
-        Metres a second over ground: surge (ahead), sway (to starboard), heave (down).
-    yaw_rate : float
-        Radians a second.
-    """
-
-    position: F64
-    heading_rad: float
-    velocity_body: F64
-    yaw_rate: float = 0.0
+    position: F64  # (3,): east, down, north, m
+    heading_rad: float  # 0 is north, positive towards east
+    velocity_body: F64  # (3,): surge (ahead), sway (to starboard), heave (down), m/s
+    yaw_rate: float = 0.0  # rad/s
 
     @property
     def camera(self) -> F64:
@@ -76,27 +62,14 @@ class State:
 
 @dataclass(frozen=True)
 class VehicleParameters:
-    """Masses, drag and thrusters; four numbers are for surge, sway, heave and yaw.
+    """Masses, drag and thrusters; four numbers are for surge, sway, heave and yaw."""
 
-    Parameters
-    ----------
-    mass : kg, kg, kg, kg m2
-        Of the rigid body, in air.
-    added_mass : kg, kg, kg, kg m2
-    linear_drag : N s/m, N s/m, N s/m, N m s
-    quadratic_drag : N s2/m2, N s2/m2, N s2/m2, N m s2
-    greatest : Forces
-        What the thrusters can do either way.
-    rise_s : float
-        Seconds from nothing to that: they change no faster.
-    """
-
-    mass: tuple[float, float, float, float]
+    mass: tuple[float, float, float, float]  # of the rigid body, in air; kg, and kg m2 of yaw
     added_mass: tuple[float, float, float, float]
-    linear_drag: tuple[float, float, float, float]
-    quadratic_drag: tuple[float, float, float, float]
-    greatest: Forces
-    rise_s: float
+    linear_drag: tuple[float, float, float, float]  # N s/m, and N m s of yaw
+    quadratic_drag: tuple[float, float, float, float]  # N s2/m2, and N m s2 of yaw
+    greatest: Forces  # what the thrusters can do either way
+    rise_s: float  # seconds from nothing to that: they change no faster
 
     def drag(self, axis: int, speed: float) -> float:
         """Drag along an axis (0 surge, 1 sway, 2 heave, 3 yaw) at a speed through the water."""
@@ -119,38 +92,17 @@ at 24 revolutions a second with the propellers' D (0.19 and 0.22 m), K_T (about 
 
 
 class Vehicle:
-    """One vehicle, `MINERVA`, in one current.
-
-    Parameters
-    ----------
-    start : State
-    current_m_s : (3,) floats
-        Velocity of the water over ground: east, down, north.
-
-    Attributes
-    ----------
-    state : State
-    applied : Forces
-        What the thrusters do now.
-    """
+    """One vehicle, `MINERVA`, in one current: the water's velocity east, down and north."""
 
     def __init__(
         self, start: State, current_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> None:
         self.state = start
-        self.applied = Forces()
+        self.applied = Forces()  # what the thrusters do now
         self._current = current_m_s
 
     def step(self, dt_s: float, forces: Forces) -> None:
-        """Go on for `dt_s` seconds while the thrusters are asked for `forces` (Runge-Kutta 4).
-
-        Raises
-        ------
-        ValueError
-            If the time is not positive.
-        """
-        if not dt_s > 0:
-            raise ValueError(f"a step of {dt_s} s")
+        """Go on for `dt_s` seconds while the thrusters are asked for `forces` (Runge-Kutta 4)."""
         self.applied = self._thrust(dt_s, forces)
         old = self.state
         place, velocity = old.position.tolist(), old.velocity_body.tolist()

@@ -41,33 +41,9 @@ _MIN_ATTENUATION = 0.002
 
 
 class ViewMaps:
-    """Maps over the pixels of one camera, in its own coordinates (x right, y down, z ahead).
+    """Maps over the pixels of the left camera (0) or the right one (1).
 
-    Parameters
-    ----------
-    water : Water
-    rig : SyntheticRig
-    side : int
-        The left camera (0) or the right one (1).
-
-    Attributes
-    ----------
-    scale : float
-        Pixels for one pixel of the mission camera.
-    rays : (3, pixels) float32
-        Direction of each pixel, of length one along the optical axis.
-    length : (pixels,) float32
-        Norm of the ray.
-    lamp : (3,) float64
-        Where the lamp is.
-    lamp_along, lamp_beam : (pixels,) float32
-        Ray times the lamp's place, and times the unit vector that it shines along.
-    lens : (pixels,) float32
-        Gain and fall-off towards the corners.
-    open_water, floor : (height, 3 * width) float32
-        Grey levels of open water: the veil where the water is even, and what is under it.
-    snow_gain : (height, 3 * width) float32
-        Grey levels of a particle for each of its brightness.
+    In the camera's own coordinates: x right, y down, z ahead. Grey levels are (height, 3 * width).
     """
 
     def __init__(self, water: Water, rig: SyntheticRig, side: int) -> None:
@@ -86,14 +62,17 @@ class ViewMaps:
         def over(values: Any) -> F32:
             return single(values * response.gain).reshape(size)
 
-        self.scale = rig.scale
-        self.rays = single(rays)
+        self.scale = rig.scale  # pixels for one pixel of the mission camera
+        self.rays = single(rays)  # (3, pixels), of length one along the optical axis
         self.length = single(np.linalg.norm(rays, axis=0))
         self.lamp = turn @ LAMP_AT_M + shift
         self.lamp_axis = turn @ LAMP_TOWARDS / np.linalg.norm(LAMP_TOWARDS)
+        # Each ray times the lamp's place, and times the unit vector that it shines along.
         self.lamp_along = single(self.lamp @ rays)
         self.lamp_beam = single(self.lamp_axis @ rays)
-        self.lens = single(lens).ravel()
+        self.lens = single(lens).ravel()  # gain and fall-off towards the corners
+        # Open water's veil where the water is even, what is under it, and a particle's grey levels
+        # for each of its brightness.
         self.open_water = over(shape * np.array(water.veil))
         self.floor = over(np.ones_like(shape) * np.array(water.veil_floor))
         self.snow_gain = over(shape * np.array(SNOW_TINT))
@@ -102,16 +81,9 @@ class ViewMaps:
 def surface_light(
     water: Water, materials: Materials, maps: ViewMaps, hits: Hits, open_water: F32
 ) -> F32:
-    """The surfaces' change of the open water, in grey levels; it may darken.
+    """(height, width, 3): the surfaces' change of the open water (height, 3 * width).
 
-    Parameters
-    ----------
-    open_water : (height, 3 * width) float32
-
-    Returns
-    -------
-    numpy.ndarray
-        float32, (height, width, 3), blue, green, red.
+    In grey levels; it may darken.
     """
     pixels = hits.pixels
     height, width = hits.camera.height, hits.camera.width
@@ -159,13 +131,6 @@ def add_dust(
     They hide and blur what is behind them, and shine themselves. Along a ray a Gaussian puff has a
     closed form: its attenuation is that of the whole ray times the error function of how far the
     ray goes. Worked out on a coarse grid, as a cloud has no edges.
-
-    Parameters
-    ----------
-    light : (height, 3 * width) float32
-        Grey levels.
-    depth : (pixels,) float32
-        Of surfaces along the optical axis, m; infinite in open water.
     """
     centre = camera.seen(np.concatenate([cloud.centre for cloud in clouds]))
     size = np.concatenate([cloud.size for cloud in clouds])

@@ -41,17 +41,9 @@ def _resized(image: F32, grid: Grid) -> F32:
 
 
 def contrast(with_tower: F32, without: F32, mask: Bools, grid: Grid) -> F64:
-    """Mean absolute change in grey levels that the tower makes where it covers a patch.
+    """Mean absolute change in grey levels that the tower makes where it covers each patch; or 0.
 
-    Parameters
-    ----------
-    with_tower, without : (height, width, 3) float32
-        The frame without snow and noise, BGR, and the same with the tower taken away.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, (patches,); 0 for a patch without tower.
+    Of the frame without snow and noise, (height, width, 3) BGR, with the tower and without it.
     """
     gray = [
         cv2.cvtColor(_resized(np.minimum(image, 255), grid), cv2.COLOR_BGR2GRAY)

@@ -38,71 +38,38 @@ _CORNERS = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
 
 
 class Side(NamedTuple):
-    """Pixels at which the side or an end of a frustum is the nearest so far.
+    """Pixels at which the side or an end of a frustum is the nearest so far."""
 
-    Attributes
-    ----------
-    number : int
-        Of the frustum.
-    t : (n,)
-        Depth.
-    point, lamp : (3, n), (3,)
-        Where it is hit, and where the lamp is, along its own axes.
-    end : (n,) int8
-        -1 on its first end, 1 on its last, 0 on its side.
-    """
-
-    number: int
+    number: int  # of the frustum
     pixels: I64
-    t: Real
-    point: Real
-    end: NDArray[np.int8]
-    lamp: F64
+    t: Real  # depth
+    point: Real  # (3, n): where it is hit, along its own axes
+    end: NDArray[np.int8]  # -1 on its first end, 1 on its last, 0 on its side
+    lamp: F64  # (3,): where the lamp is, along its own axes
 
 
 class Face(NamedTuple):
-    """Pixels at which a face of a box is the nearest so far.
-
-    Attributes
-    ----------
-    t : (n,)
-        Depth.
-    across, along : (n,)
-        Where it is hit, m.
-    normal : (3,)
-        Outward, in world coordinates.
-    lamp_m : float
-        How far the lamp is before it; below 0 behind it.
-    """
+    """Pixels at which a face of a box is the nearest so far."""
 
     material_number: int
     pixels: I64
-    t: Real
-    across: Real
+    t: Real  # depth
+    across: Real  # where it is hit, m
     along: Real
-    normal: F64
-    lamp_m: float
+    normal: F64  # (3,), outward, in world coordinates
+    lamp_m: float  # how far the lamp is before it; below 0 behind it
 
 
 class RayCaster:
     """The nearest surface at every pixel of one camera, flat over its ``height * width`` pixels.
 
     Sides, faces and stalks are found one after the other; who asks writes the depth of each before
-    the next is looked for.
-
-    Parameters
-    ----------
-    lamp : (3,) float64
-        Where the lamp is, in the camera's coordinates.
-
-    Attributes
-    ----------
-    depth : (pixels,) float64 or float32
-        Metres along the optical axis; infinite in open water.
+    the next is looked for. The lamp's place is in the camera's coordinates.
     """
 
     def __init__(self, camera: Camera, lamp: F64, precision: type[np.floating[Any]]) -> None:
         self.camera, self._lamp = camera, lamp
+        # Metres along the optical axis; infinite in open water.
         self.depth: Real = np.full(camera.width * camera.height, np.inf, precision)
         self._outline = np.zeros((camera.height, camera.width), np.uint8)
 
@@ -165,16 +132,9 @@ class RayCaster:
     ) -> Iterator[tuple[I64, Real, F32]]:
         """Draw stalks, after the solids: lines from root to tip that taper to half their width.
 
-        Parameters
-        ----------
-        from_m, rim_px : float, int
-            What is nearer to the image plane, or farther outside the picture, is left out.
-        hidden : bool
-            Whether to draw what is behind the tower with both ends, too.
-
-        Yields
-        ------
-        pixels, depth, brightness : (n,) arrays
+        Yields pixels, their depth and their brightness. What is nearer to the image plane than
+        `from_m`, or farther outside the picture than `rim_px`, is left out; so is what is behind
+        the tower with both ends, unless `hidden`.
         """
         camera = self.camera
         ends = camera.seen(stalks.ends + origins[stalks.thing][:, None])
@@ -319,19 +279,12 @@ def _stalk_pixels(camera: Camera, where: F64, depth: F64, half_m: F64) -> tuple[
 
 
 class View(RayCaster):
-    """The tower in one frame of a mission.
-
-    Attributes
-    ----------
-    albedo : (pixels, 3) float32
-        BGR, 0..1.
-    normal : (3, pixels) float32
-        Outward, in tower coordinates; zero on stalks, which have no side.
-    """
+    """The tower in one frame of a mission."""
 
     def __init__(self, camera: Camera, tower: Tower) -> None:
         super().__init__(camera, np.zeros(3), np.float64)
-        self.albedo = np.zeros((len(self.depth), 3), np.float32)
+        self.albedo = np.zeros((len(self.depth), 3), np.float32)  # BGR, 0..1
+        # Outward, in tower coordinates; zero on stalks, which have no side.
         self.normal = np.zeros((3, len(self.depth)), np.float32)
         self._textures = tower.textures
         surfaces, here = Surfaces([tower]), np.zeros((1, 3))
@@ -381,33 +334,16 @@ class View(RayCaster):
         self.normal[:, pixels] = normal
 
 
-def cast_rays(tower: Tower, camera: Camera) -> View:
-    """Cast the rays of `camera` at `tower`."""
-    return View(camera, tower)
-
-
 class Hits(RayCaster):
-    """The surfaces in one frame of the closed loop.
-
-    Parameters
-    ----------
-    rays : (3, pixels) float32
-        Direction of each pixel, as of `Camera.rays`.
-
-    Attributes
-    ----------
-    material_number : (pixels,) int64
-        Number of the surface's material; only where something was hit, as the following.
-    across, along : (pixels,) float32
-        Surface coordinates, m; a stalk's `along` is its brightness.
-    facing : (pixels,) float32
-        Outward normal times the vector to the lamp, m; not a number on a stalk.
-    """
+    """The surfaces in one frame of the closed loop; `rays` are those of `Camera.rays`."""
 
     def __init__(self, camera: Camera, rays: F32, lamp: F64) -> None:
         super().__init__(camera, lamp, np.float32)
         self._all_rays = rays
+        # All of this only where something was hit.
         self.material_number = np.zeros(len(self.depth), np.int64)
+        # Surface coordinates, m (a stalk's `along` is its brightness); the outward normal times
+        # the vector to the lamp, m (not a number on a stalk).
         self.across, self.along, self.facing = np.zeros((3, len(self.depth)), np.float32)
 
     def rays(self, pixels: I64) -> F32:

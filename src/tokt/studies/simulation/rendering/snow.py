@@ -79,13 +79,8 @@ def _hidden(camera: Camera, surfaces: NDArray[Any], where: F64, depth: F64) -> B
 def _blobs(radius: F64, streak: F64, amount: F64) -> tuple[F64, F32, F32]:
     """Gaussian discs of standard deviation `radius` px and sum `amount`, drawn out.
 
-    Returns
-    -------
-    reach : (n, 2) float64
-        Three standard deviations across and down.
-    peak : (n,) float32
-    exponent : (3, n) float32
-        What x squared, y squared and their product count in it.
+    Three standard deviations across and down (n, 2), the peak (n,), and what x squared, y squared
+    and their product count in the exponent (3, n).
     """
     # Covariance ((a, b), (b, c)) of the disc and the streak, and its inverse, written out.
     variance = np.maximum(radius, 0.5) ** 2
@@ -114,15 +109,7 @@ def _splat(image: F32, where: F64, radius: F64, streak: F64, amount: F64) -> Non
 
 
 class Snow:
-    """Particles at a moment, about the left camera.
-
-    Attributes
-    ----------
-    places : (3, n) float32
-        m, within the repeating cube.
-    sizes : (n,) float32
-        Relative brightness.
-    """
+    """Particles in the repeating cube: places (3, n) in metres, and relative brightness (n,)."""
 
     def __init__(self, rng: np.random.Generator, water: Water) -> None:
         volume = (_ACROSS[1] - _ACROSS[0]) * (_DOWN[1] - _DOWN[0]) * (_FAR_M**3 - _NEAR_M**3) / 3
@@ -134,10 +121,7 @@ class Snow:
     def near(self, left: Camera, carried: F64) -> tuple[F64, F64]:
         """World places (n, 3), relative to the left camera, and sizes of what may be in view.
 
-        Parameters
-        ----------
-        carried : (3,) array
-            How far the current has carried the water since 0 s, m.
+        `carried` is how far the current has carried the water since 0 s, m.
         """
         middle = left.rotation.T @ np.array(_MIDDLE_M)
         offset = (left.centre + middle - carried) % _PERIOD_M
@@ -157,12 +141,8 @@ def snow_light(
 ) -> F32:
     """Grey levels of the snow before lamp and camera's gain, (height, width) float32.
 
-    Parameters
-    ----------
-    through : (3,) array
-        How fast the camera moves through the water, m/s, world axes.
-    depth : (pixels,) float32
-        Of surfaces, which hide what is behind them.
+    The camera moves `through` the water (m/s, world axes); surfaces of this depth hide what is
+    behind them.
     """
     places, size = snow.near(left, carried)
     distance = places @ left.rotation[2]

@@ -28,12 +28,8 @@ _FISH = 2
 class StereoRenderer:
     """The two cameras of a rig in a world.
 
-    The same seed, time and pose give the same bytes, whatever was asked before.
-
-    Parameters
-    ----------
-    seed : int
-        Of the sensors' noise and the water's clouds; what is in the world has the world's.
+    The same seed, time and pose give the same bytes, whatever was asked before. The seed is of the
+    sensors' noise and the water's clouds; what is in the world has the world's.
     """
 
     def __init__(self, world: World, rig: SyntheticRig, seed: int) -> None:
@@ -58,23 +54,10 @@ class StereoRenderer:
         return self._kept[side]
 
     def left(self, t_s: float, position: F64, heading_rad: float, velocity: F64) -> U8:
-        """The left camera's frame.
+        """The left camera's frame, BGR, from where that is in the world at a time from 0 s on.
 
-        Parameters
-        ----------
-        t_s : float
-            From 0 s on.
-        position : (3,) array
-            The left camera, world coordinates, m.
-        heading_rad : float
-            0 looks along +z, positive turns towards +x; the cameras are level.
-        velocity : (3,) array
-            m/s over ground, world axes: draws the marine snow out.
-
-        Returns
-        -------
-        numpy.ndarray
-            uint8, (height, width, 3), BGR.
+        Heading 0 looks along +z, positive turns towards +x; the cameras are level. The velocity
+        (m/s over ground, world axes) draws the marine snow out.
         """
         return self._see(0, t_s, self._cameras(position, heading_rad), velocity)
 
@@ -84,15 +67,7 @@ class StereoRenderer:
         return self._see(0, t_s, cameras, velocity), self._see(1, t_s, cameras, velocity)
 
     def sees_solid(self, position: F64, heading_rad: float, within_m: float) -> bool:
-        """Whether the left camera's frame shows something solid nearer than `within_m`, no fish.
-
-        Parameters
-        ----------
-        position, heading_rad
-            As of `left`.
-        within_m : float
-            Metres along the optical axis.
-        """
+        """Whether the left camera's frame shows something solid nearer than `within_m`, no fish."""
         left, _ = self._cameras(position, heading_rad)
         if self._seen[0] != _pose(left):
             self._solids(0, left)

@@ -34,7 +34,7 @@ from .patch_labels import (
     labels_csv,
     patch_labels,
 )
-from .raycast import View, cast_rays
+from .raycast import View
 from .sensor import develop
 from .trajectory import CameraPose, draw_trajectory
 
@@ -64,17 +64,7 @@ class RenderedFrame:
 
 @dataclass(frozen=True)
 class SyntheticMission:
-    """A rendered mission in numbers.
-
-    Attributes
-    ----------
-    obstacle_frames, ocean_frames : int
-        Frames with a patch labelled as the tower; frames without any tower pixel.
-    patches : dict
-        Number of patches by label.
-    nearest_m : float or None
-        Least depth of the tower in the left camera over the mission.
-    """
+    """A rendered mission in numbers."""
 
     path: str
     name: str
@@ -82,14 +72,10 @@ class SyntheticMission:
     frames: int
     width: int
     height: int
-    obstacle_frames: int
-    ocean_frames: int
-    patches: dict[str, int]
-    nearest_m: float | None
-
-    def to_json(self) -> dict[str, object]:
-        """Plain JSON form."""
-        return asdict(self)
+    obstacle_frames: int  # with a patch labelled as the tower
+    ocean_frames: int  # without any tower pixel
+    patches: dict[str, int]  # by label
+    nearest_m: float | None  # least depth of the tower in the left camera
 
 
 @dataclass(frozen=True)
@@ -177,12 +163,7 @@ def _check(out: Path, seed: int, n_frames: int, width: int, jobs: int | None) ->
 
 
 def check_width(width: int) -> None:
-    """Refuse a frame width in pixels that nothing can be rendered in.
-
-    Raises
-    ------
-    ToktError
-    """
+    """Refuse a frame width in pixels that nothing can be rendered in."""
     if not _MIN_WIDTH <= width <= FULL_WIDTH:
         raise ToktError(f"frames are {_MIN_WIDTH} to {FULL_WIDTH} pixels wide, not {width}")
 
@@ -206,7 +187,7 @@ def _render_all(
 def _render_frame(scene: MissionScene, folder: Path, number: int) -> RenderedFrame:
     """Render and write one stereo pair, and the left camera's truth."""
     pose = scene.poses[number - 1]
-    views = [cast_rays(scene.tower, camera) for camera in pose.cameras(scene.rig)]
+    views = [View(camera, scene.tower) for camera in pose.cameras(scene.rig)]
     responses = (scene.water.left, scene.water.right)
     for side, (view, response) in enumerate(zip(views, responses, strict=True)):
         moment = np.random.default_rng([scene.seed, _MOMENT, number])
@@ -253,7 +234,7 @@ def _scene_json(scene: MissionScene, frames: list[RenderedFrame]) -> str:
         "grid": str(DEFAULT_GRID),
         "least_coverage": MIN_COVERAGE,
         "least_contrast_grey_levels": MIN_CONTRAST,
-        "water": scene.water.to_json(),
+        "water": asdict(scene.water),
         "frames": [
             {"frame": frame.number, "nearest_m": frame.nearest_m, "to_collar_m": frame.to_collar_m}
             for frame in frames

@@ -61,21 +61,11 @@ _CORNERS = np.array([(a, b, c) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1
 
 @dataclass(frozen=True)
 class Chart:
-    """All that a map shows besides the track.
+    """All that a map shows besides the track."""
 
-    Parameters
-    ----------
-    outlines : sequence of (n, 2) float64
-        Of what is solid, seen from above: east and north, metres.
-    goal : (3,) float64
-        World, metres.
-    current_m_s : (3,) floats
-        Velocity of the water: east, down, north.
-    """
-
-    outlines: Sequence[F64]
-    goal: F64
-    current_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    outlines: Sequence[F64]  # (n, 2) of what is solid, from above: east and north, m
+    goal: F64  # (3,), world, m
+    current_m_s: tuple[float, float, float]  # the water's velocity: east, down, north
 
     @classmethod
     def of(cls, scene: LoopScene) -> Chart:
@@ -145,21 +135,7 @@ def animation(track: Track, chart: Chart) -> bytes:
 
 
 def overview(tracks: Sequence[Track], charts: Sequence[Chart]) -> bytes:
-    """All runs of a scene and a method, one small map each, by seed; red where it collided.
-
-    Parameters
-    ----------
-    tracks : sequence of Track
-    charts : sequence of Chart
-        One each.
-
-    Raises
-    ------
-    ValueError
-        If there is no track, or not a chart for each.
-    """
-    if not tracks or len(tracks) != len(charts):
-        raise ValueError(f"{len(tracks)} tracks and {len(charts)} charts")
+    """All runs of a scene and a method, one small map each, by seed; red where it collided."""
     low, high = _extent(tracks, charts)
     wide, tall = high - low + _GAP_M
     columns = min(_COLUMNS, len(tracks))

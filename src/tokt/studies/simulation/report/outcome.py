@@ -22,40 +22,19 @@ datagram take up to a second and a half."""
 class FlightOutcome:
     """The outcome of one flight.
 
-    Parameters
-    ----------
-    scene, method : str
-    seed : int
-    collided : bool
-        Whether the hull, a sphere of `HULL_RADIUS_M`, touched something solid.
-    reached : bool
-        Whether it came to the goal.
-    clearance_m : float
-        The least distance between the hull and anything solid, 0 or less where it collided;
-        infinite where there is nothing solid.
-    path_m : float
-        Length of its way.
-    detour : float
-        That over the straight line between the way's ends, less 1; NaN where it did not arrive.
-    time_s : float
-    avoidances, false_avoidances : int
-        How often the planner began to avoid, and how often while nothing solid had been in view
-        for `FRESH_S`. What else it may have avoided while something solid was in view, is not
-        told apart.
-    false_statuses : int
-        Frames judged to show an obstacle while nothing solid was in view; with a frame rule also
-        those just after it left the view.
-    frames, unknown_frames : int
+    An avoidance is false where it began while nothing solid had been in view for `FRESH_S`: what
+    else may have been avoided while something solid was in view, is not told apart. A status is
+    false while nothing solid is in view: with a frame rule also just after it left the view.
     """
 
     scene: str
     method: str
     seed: int
-    collided: bool
-    reached: bool
-    clearance_m: float
+    collided: bool  # the hull, a sphere of `HULL_RADIUS_M`, touched something solid
+    reached: bool  # it came to the goal
+    clearance_m: float  # least, from the hull; 0 or less where it collided, infinite in open water
     path_m: float
-    detour: float
+    detour: float  # the path over the straight line between its ends, less 1; NaN if not arrived
     time_s: float
     avoidances: int
     false_avoidances: int
@@ -107,14 +86,7 @@ def bounds(happened: int, runs: int) -> tuple[float, float]:
     """Bounds at 95 % confidence of the rate of what happened in so many runs.
 
     Exact (Clopper and Pearson 1934), two-sided.
-
-    Raises
-    ------
-    ValueError
-        If there are no runs.
     """
-    if runs < 1:
-        raise ValueError("no runs, no rate")
     found = stats.binomtest(happened, runs).proportion_ci(CONFIDENCE, method="exact")
     return float(found.low), float(found.high)
 
@@ -129,14 +101,7 @@ def table(outcomes: Sequence[FlightOutcome]) -> pd.DataFrame:
         with ``_low`` and ``_high``, the bounds of its rate at 95 % confidence); clearance_min_m,
         clearance_median_m (NaN where nothing is solid); detour_median, detour_most and
         time_median_s (of the runs that arrived, NaN without any); false_status_frames, frames.
-
-    Raises
-    ------
-    ValueError
-        If there is no outcome.
     """
-    if not outcomes:
-        raise ValueError("no runs to make a table of")
     frame = pd.DataFrame([asdict(outcome) for outcome in outcomes])
     frame["false_avoidance"] = frame["false_avoidances"] > 0
     groups = frame.groupby(["scene", "method"], sort=False)

@@ -21,25 +21,11 @@ from .outcome import CONFIDENCE, FRESH_S, outcome_of, table
 def write_report(
     out: Path, tracks: Sequence[Track], charts: Sequence[Chart], words: Sequence[str]
 ) -> None:
-    """Write ``report.html``, ``table.csv``, ``runs.csv`` and the maps into a folder.
+    """Write ``report.html``, ``table.csv``, ``runs.csv`` and the maps of all runs into a folder.
 
-    Parameters
-    ----------
-    out : Path
-        The folder. ``maps/SCENE-METHOD.png`` is the overview, ``maps/SCENE-METHOD-SEED.png`` the
-        run that came nearest to something solid, and ``.webp`` that run as an animation, of each
-        scene's first method.
-    tracks : sequence of Track
-        All runs.
-    charts : sequence of Chart
-        Where each was flown.
-    words : sequence of str
-        Paragraphs: what was flown, and with what.
-
-    Raises
-    ------
-    ValueError
-        If there is no run.
+    ``maps/SCENE-METHOD.png`` is the overview, ``maps/SCENE-METHOD-SEED.png`` the run that came
+    nearest to something solid, and ``.webp`` that run as an animation, of each scene's first
+    method. `words` are paragraphs: what was flown, and with what.
     """
     outcomes = [outcome_of(track) for track in tracks]
     rows = table(outcomes)

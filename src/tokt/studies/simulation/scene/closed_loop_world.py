@@ -14,22 +14,12 @@ from tokt.features.common.arrays import F64
 from .fish_and_dust import DustCloud, School
 from .surfaces import Surfaces
 from .tower import Tower, panels
-from .water import Water
-
-Triple = tuple[float, float, float]
+from .water import Triple, Water
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """Something solid at its place.
-
-    Attributes
-    ----------
-    shape : Tower
-        Solids, stalks and texture.
-    at : (3,) tuple
-        Where their origin is in world coordinates.
-    """
+    """Something solid at its place: where its origin is in world coordinates."""
 
     shape: Tower
     at: Triple
@@ -42,39 +32,21 @@ class Placed:
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """Everything to see and to hit.
-
-    Attributes
-    ----------
-    current : (3,) tuple
-        m/s; carries the marine snow.
-    seed : int
-        Of snow, noise and the water's unevenness.
-    """
+    """Everything to see and to hit."""
 
     water: Water
     things: tuple[Placed, ...] = ()
     fish: School | None = None
     dust: tuple[DustCloud, ...] = ()
-    seed: int = 0
-    current: Triple = (0.0, 0.0, 0.0)
+    seed: int = 0  # of snow, noise and the water's unevenness
+    current: Triple = (0.0, 0.0, 0.0)  # m/s; carries the marine snow
 
     def clearance_m(self, points: F64) -> F64:
-        """Distance of points from the nearest solid.
+        """(n,) exact metres from world points (n, 3) to the nearest solid; 0 on and in it.
 
         Fish, dust and snow are no solids, nor is what grows on a tower (stalks under 0.1 m).
-
-        Parameters
-        ----------
-        points : (n, 3) array
-            World coordinates, metres.
-
-        Returns
-        -------
-        numpy.ndarray
-            float64, (n,): metres, exact; 0 on and in a solid, infinite in an empty world.
+        Infinite in an empty world.
         """
-        points = np.asarray(points, np.float64)
         nearest = np.full(len(points), np.inf)
         for thing in self.things:
             np.minimum(nearest, thing.surfaces.distance_m(points - thing.at), out=nearest)
@@ -87,12 +59,7 @@ def one_tower(rng: np.random.Generator, at: Triple = (0.0, 0.0, 0.0)) -> Placed:
 
 
 def trap(
-    rng: np.random.Generator,
-    at: Triple,
-    *,
-    width_m: float = 3.0,
-    depth_m: float = 3.0,
-    height_m: float = 3.0,
+    rng: np.random.Generator, at: Triple, width_m: float, depth_m: float, height_m: float = 3.0
 ) -> Placed:
     """Three panels round a dead end that opens towards -z; `at` is the centre of the back panel.
 

@@ -10,8 +10,7 @@ import numpy as np
 from tokt.features.common.arrays import F32, F64
 
 from .tower import TEXEL_M, Material
-
-Triple = tuple[float, float, float]
+from .water import Triple
 
 FISH = Material((0.45, 0.46, 0.42), rust=(0.10, 0.12, 0.12), rusted=0.9)
 """Silver flanks; the rust of a fish's texture is its dark back and bars."""
@@ -29,25 +28,7 @@ _PUFFS = 20
 class School:
     """Fish that keep their places in a school that moves straight on, loosely; drawn at random.
 
-    Parameters
-    ----------
-    through : (3,) tuple
-        World point that the school's middle passes at `at_s`.
-    at_s : float
-        That time, s.
-    velocity : (3,) tuple
-        m/s.
-    count : int
-
-    Attributes
-    ----------
-    places : (n, 3) array
-        Each fish from the middle, m.
-    length_m : (n,) array
-    rate : (n, 3) array
-        rad/s of the fish's own wandering about its place along each axis.
-    phase : (n, 3) array
-        rad, at `at_s`.
+    Its middle passes the world point `through` at `at_s`, with a velocity in m/s.
     """
 
     def __init__(
@@ -60,8 +41,9 @@ class School:
     ) -> None:
         self.through, self.at_s = np.array(through, np.float64), at_s
         self.velocity = np.array(velocity, np.float64)
-        self.places = rng.normal(0.0, 1.0, (count, 3)) * _SPREAD_M
+        self.places = rng.normal(0.0, 1.0, (count, 3)) * _SPREAD_M  # from the middle
         self.length_m = rng.uniform(_MIN_M, _MAX_M, count)
+        # Each fish's own wandering about its place along each axis: rad/s, and rad at `at_s`.
         self.rate = rng.uniform(0.4, 1.2, (count, 3))
         self.phase = rng.uniform(0.0, 2 * np.pi, (count, 3))
 
@@ -79,14 +61,8 @@ class School:
     def shapes(self, t_s: float) -> tuple[F64, F64, F64]:
         """The fish as ellipsoids: bodies, then tail fins that beat.
 
-        Returns
-        -------
-        centre : (2 n, 3) array
-            World coordinates, m.
-        axes : (2 n, 3, 3) array
-            Orthonormal rows: towards the nose, down, across.
-        half : (2 n, 3) array
-            Half sizes along the axes, m.
+        World centres (2 n, 3), axes (2 n, 3, 3) in orthonormal rows (towards the nose, down,
+        across), and half sizes (2 n, 3) along these, m.
         """
         ahead = self.swimming(t_s)
         ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
@@ -127,43 +103,21 @@ def fish_texture(rng: np.random.Generator) -> tuple[F32, ...]:
 
 @dataclass(frozen=True)
 class Puffs:
-    """A cloud at one moment: round puffs whose density falls off as a Gaussian.
+    """A cloud at one moment: round puffs whose density falls off as a Gaussian."""
 
-    Attributes
-    ----------
-    centre : (n, 3) array
-        World coordinates, m.
-    size : (n,) array
-        Standard deviation, m.
-    density : (n,) array
-        Attenuation in the middle, 1/m.
-    """
-
-    centre: F64
-    size: F64
-    density: F64
+    centre: F64  # (n, 3), world coordinates, m
+    size: F64  # (n,), standard deviation, m
+    density: F64  # (n,), attenuation in the middle, 1/m
 
 
 @dataclass(frozen=True, eq=False)
 class DustCloud:
-    """A cloud of stirred-up sediment: it drifts, spreads and settles.
+    """A cloud of stirred-up sediment: it drifts, spreads and settles."""
 
-    Attributes
-    ----------
-    start : Puffs
-        The cloud at 0 s.
-    drift : (3,) array
-        m/s.
-    spreading : float
-        m^2/s: how fast the square of a puff's size grows; its sediment is spread ever thinner.
-    settles_s : float
-        Time in which all but 1/e of the sediment has sunk out of sight.
-    """
-
-    start: Puffs
-    drift: F64
-    spreading: float
-    settles_s: float
+    start: Puffs  # at 0 s
+    drift: F64  # (3,), m/s
+    spreading: float  # m^2/s of a puff's squared size: its sediment is spread ever thinner
+    settles_s: float  # time in which all but 1/e of the sediment has sunk out of sight
 
     @classmethod
     def draw(cls, rng: np.random.Generator, at: Triple, drift: Triple) -> DustCloud:

@@ -49,28 +49,17 @@ class SyntheticRig:
     """A rig of the mission's proportions, turned by about a degree as a real one is.
 
     Two pinhole cameras without distortion; a right-camera point is ``R @ left + T``.
-
-    Attributes
-    ----------
-    width, height : int
-        Frame size in pixels.
-    scale : float
-        Pixels of this rig for one pixel of the mission camera.
-    rotation : (3, 3) array
-        R.
-    translation_m : (3,) array
-        T in metres, about ``(-baseline, 0, 0)``.
-    left, right : (3, 3) arrays
-        Camera matrices in pixels; pixel centres have whole-number coordinates.
     """
 
     def __init__(self, rng: np.random.Generator, width: int) -> None:
+        # Frame size in pixels, and how many of these are one pixel of the mission camera.
         self.width, self.scale = width, width / FULL_WIDTH
         self.height = round(FULL_HEIGHT * self.scale)
         turn = cv2.Rodrigues(rng.normal(0.0, [0.010, 0.010, 0.010]))[0]
-        self.rotation = np.asarray(turn, np.float64)
+        self.rotation = np.asarray(turn, np.float64)  # R
         direction = np.array([-1.0, *rng.normal(0.0, 0.01, 2)])
-        self.translation_m = _BASELINE_M * direction / np.linalg.norm(direction)
+        self.translation_m = _BASELINE_M * direction / np.linalg.norm(direction)  # T
+        # Camera matrices in pixels; pixel centres have whole-number coordinates.
         self.left = self._matrix(_FOCAL_PX)
         self.right = self._matrix(_FOCAL_PX * rng.uniform(0.997, 1.005))
 

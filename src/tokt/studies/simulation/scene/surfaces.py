@@ -93,17 +93,12 @@ class Stalks:
 
 
 class Surfaces:
-    """All that is solid to look at and stays in its place: solids and stalks of placed things.
-
-    Attributes
-    ----------
-    materials : list of (Material, int)
-        By number, with the number of its texture: 0 is the fishes', then each thing's own.
-    """
+    """All that is solid to look at and stays in its place: solids and stalks of placed things."""
 
     def __init__(self, shapes: Sequence[Tower]) -> None:
         placed = [(solid, thing) for thing, shape in enumerate(shapes) for solid in shape.solids]
         own = [(solid.material, thing + 1) for solid, thing in placed]
+        # By number, with the number of its texture: 0 is the fishes', then each thing's own.
         self.materials = list(dict.fromkeys([(GROWTH, 0), (FISH, 0), *own]))
 
         def numbered(kind: type) -> tuple[list[Any], I64, I64]:
@@ -118,42 +113,13 @@ class Surfaces:
         self.stalks = Stalks(shapes)
 
     def distance_m(self, points: F64) -> F64:
-        """Distance of points from the nearest of the solids, where nothing has drifted.
-
-        Parameters
-        ----------
-        points : (n, 3) array
-            In the solids' coordinates, metres.
-
-        Returns
-        -------
-        numpy.ndarray
-            float64, (n,): metres, exact; 0 on and in a solid, infinite where there is none.
-        """
+        """(n,): metres from points (n, 3) to the nearest solid; see `World.clearance_m`."""
         both = [self.frusta.distances_m(points), self.boxes.distances_m(points)]
         return np.asarray(np.concatenate(both, axis=1).min(axis=1, initial=np.inf), np.float64)
 
 
 class Materials:
-    """Materials with their textures, by number; 0 has no texture.
-
-    Parameters
-    ----------
-    materials : sequence of (Material, int)
-        Each with its texture's number.
-    textures : sequence of Texture
-
-    Attributes
-    ----------
-    paint, rust : (3, n_materials) float32
-        Albedo of the paint, and what full rust adds to it.
-    texture : (n_materials,) int64
-        Number of the material's texture.
-    texels : (all, 2) float32
-        Every level of every texture, row by row.
-    first, size : (textures, levels) int64
-        A level's first texel, and texels along its side.
-    """
+    """Materials with their textures' numbers, and the textures; material 0 has no texture."""
 
     def __init__(
         self, materials: Sequence[tuple[Material, int]], textures: Sequence[Texture]
@@ -163,9 +129,12 @@ class Materials:
         rusted = np.array([material.rusted for material, _ in materials], np.float64)
         levels = [level for texture in textures for level in texture]
         sizes = np.array([len(level) for level in levels], np.int64)
+        # (3, materials): albedo of the paint, and what full rust adds to it.
         self.paint = np.ascontiguousarray(paint.T, np.float32)
         self.rust = np.ascontiguousarray(((rust - paint) * rusted[:, None]).T, np.float32)
         self.texture = np.array([texture for _, texture in materials], np.int64)
+        # Every level of every texture, row by row; (textures, levels): a level's texels along
+        # its side, and its first.
         self.texels = np.concatenate([level.reshape(-1, 2) for level in levels])
         self.size = sizes.reshape(-1, _LEVELS)
         self.first = (np.cumsum(sizes**2) - sizes**2).reshape(-1, _LEVELS)
@@ -173,16 +142,7 @@ class Materials:
     def look_up(
         self, material_number: I64, across: F32, along: F32, pixel_m: F32
     ) -> tuple[F32, F32]:
-        """Brightness and rust at surface coordinates.
-
-        Parameters
-        ----------
-        material_number : (n,) int64
-        across, along : (n,) float32
-            Surface coordinates, m.
-        pixel_m : (n,) float32
-            Size of a camera's pixel on the surface: which level is read.
-        """
+        """Brightness and rust at surface coordinates (m), read at the level of a pixel's size."""
         level = (np.frexp(pixel_m * np.float32(1 / TEXEL_M))[1] - 1).clip(0, _LEVELS - 1)
         texel = np.ldexp(np.float32(1 / TEXEL_M), -level)
         which = self.texture.take(material_number) * _LEVELS + level

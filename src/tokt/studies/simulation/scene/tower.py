@@ -106,17 +106,12 @@ class Stalk:
 
 @dataclass(frozen=True)
 class Tower:
-    """All solids and stalks, and the texture that is fixed to the solids.
-
-    Attributes
-    ----------
-    textures : list of (TEXTURE_SIZE, TEXTURE_SIZE, 2) float32
-        Relative brightness and rust of a texel, both 0..1; each entry is the one before it at
-        half the detail, for surfaces farther away.
-    """
+    """All solids and stalks, and the texture that is fixed to the solids."""
 
     solids: tuple[Frustum | Cuboid, ...]
     stalks: tuple[Stalk, ...]
+    # (TEXTURE_SIZE, TEXTURE_SIZE, 2): relative brightness and rust of a texel, both 0..1; then each
+    # is the one before it at half the detail, for surfaces farther away.
     textures: tuple[F32, ...]
 
     @classmethod
@@ -204,10 +199,7 @@ def panels(
 ) -> Tower:
     """Upright panels of one height about y = 0, rusty and overgrown.
 
-    Parameters
-    ----------
-    plan : iterable of (x, z, turn_rad, width_m)
-        Centre of each panel, and its turn from lying across the z axis.
+    The plan has of each the centre (x, z), its turn from lying across the z axis, and its width.
     """
     solids, stalks = [], []
     for x, z, turn, width in plan:

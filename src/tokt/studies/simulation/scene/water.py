@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+
+Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -23,35 +25,20 @@ class CameraResponse:
 
 @dataclass(frozen=True)
 class Water:
-    """Water, lamp and camera of one mission; triples are blue, green, red.
+    """Water, lamp and camera of one mission; triples are blue, green, red."""
 
-    Attributes
-    ----------
-    attenuation : 1/m
-    veil : grey levels of open water where it is brightest, over `veil_floor`
-    veil_growth : 1/m
-        How fast the veil closes with range.
-    lamp : grey levels of a white surface one metre from the lamp and the camera
-    snow_per_frame : number of particles in view
-    snow_brightness : grey levels of a particle in focus at one metre, summed over its pixels
-    read_noise : grey levels
-    shot_noise : grey levels squared a grey level
-    blur_px, blur_px_per_m : spread of a point by the lens and by water in front of it
-    glow : share of a surface's light that is scattered forward into a halo
-    """
-
-    attenuation: tuple[float, float, float] = (0.055, 0.065, 0.115)
-    veil: tuple[float, float, float] = (58.0, 26.7, 14.0)
-    veil_floor: tuple[float, float, float] = (3.3, 2.5, 2.1)
-    veil_growth: float = 0.30
-    lamp: tuple[float, float, float] = (1900.0, 1600.0, 1120.0)
-    snow_per_frame: int = 1000
-    snow_brightness: float = 900.0
-    read_noise: tuple[float, float, float] = (0.33, 0.18, 0.20)
-    shot_noise: tuple[float, float, float] = (0.0055, 0.0055, 0.012)
-    blur_px: float = 0.8
+    attenuation: Triple = (0.055, 0.065, 0.115)  # 1/m
+    veil: Triple = (58.0, 26.7, 14.0)  # grey levels of open water at its brightest, over the floor
+    veil_floor: Triple = (3.3, 2.5, 2.1)
+    veil_growth: float = 0.30  # 1/m: how fast the veil closes with range
+    lamp: Triple = (1900.0, 1600.0, 1120.0)  # of a white surface one metre from lamp and camera
+    snow_per_frame: int = 1000  # particles in view
+    snow_brightness: float = 900.0  # of a particle in focus at one metre, summed over its pixels
+    read_noise: Triple = (0.33, 0.18, 0.20)  # grey levels
+    shot_noise: Triple = (0.0055, 0.0055, 0.012)  # grey levels squared a grey level
+    blur_px: float = 0.8  # spread of a point by the lens, and by water in front of it
     blur_px_per_m: float = 0.25
-    glow: float = 0.05
+    glow: float = 0.05  # share of a surface's light that is scattered forward into a halo
     left: CameraResponse = field(default=CameraResponse((0.71, 0.30), (0.405, 0.50), 1.0))
     right: CameraResponse = field(default=CameraResponse((0.60, 0.17), (0.38, 0.52), 1.48))
 
@@ -60,7 +47,7 @@ class Water:
         """One dive's conditions, spread about those of the mission as days at sea differ."""
         base = cls()
 
-        def times(values: tuple[float, float, float], low: float, high: float) -> Any:
+        def times(values: Triple, low: float, high: float) -> Any:
             factor = rng.uniform(low, high)
             return tuple(round(value * factor, 6) for value in values)
 
@@ -75,7 +62,3 @@ class Water:
             read_noise=times(base.read_noise, 0.85, 1.4),
             shot_noise=times(base.shot_noise, 0.85, 1.15),
         )
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain JSON form."""
-        return asdict(self)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
@@ -18,7 +19,6 @@ from tokt.studies.baselines.thesis_centre import (
     leaves_frame,
     outer_contours,
     thesis_centre,
-    without_area,
 )
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.methods.curves import THESIS
@@ -41,19 +41,7 @@ _SOURCE = "the published program"
 
 @dataclass(frozen=True)
 class BothWays:
-    """One mask by the thesis's way and by the corrected one.
-
-    Parameters
-    ----------
-    title : str
-        Of the method whose mask it is.
-    number : int
-        Of the frame.
-    mask : array of uint8, shape (height, width)
-        0 or 255.
-    thesis : ThesisCentre
-    corrected : Verdict
-    """
+    """One 0/255 mask of a method (`title`) and frame by the thesis's way and by the corrected."""
 
     title: str
     number: int
@@ -95,8 +83,8 @@ class BothWays:
 
     @property
     def without_area(self) -> int:
-        """Contours whose area is zero, before the thesis's dilation."""
-        return without_area(outer_contours(self.mask))
+        """Contours before the dilation without an area: single pixels, lines one pixel wide."""
+        return sum(cv2.contourArea(contour) == 0 for contour in outer_contours(self.mask))
 
 
 def both_ways(mask: U8, title: str = "", number: int = 0) -> BothWays:
@@ -105,13 +93,7 @@ def both_ways(mask: U8, title: str = "", number: int = 0) -> BothWays:
 
 
 def centre_and_box(context: StudyContext) -> Exhibit:
-    """Contours, centre and box of masks, with the thesis's faults beside (figures 3.22 to 3.24).
-
-    Raises
-    ------
-    ToktError
-        If the frame cannot be read, or no method sees anything in it.
-    """
+    """Contours, centre and box of masks, with the thesis's faults beside (figures 3.22 to 3.24)."""
     number = context.structure_frame
     frame = context.left(number)
     stereo = by_stereo(context.calibration, frame, context.right(number), context.calibration_words)
@@ -204,8 +186,8 @@ def _claims(every: Sequence[BothWays], summary: dict[str, float | int]) -> tuple
             f"Ypos is computed from the centre's x ({_SOURCE})",
             f"off by {summary['ypos_off_median_px']:.0f} px in the median, {most_off} px at most; "
             f"up for down in {summary['ypos_opposite']} {of_all} frames with an obstacle",
-            ClaimAgreement.NO if most_off else ClaimAgreement.YES,
             "Held against Ypos from the centre's y of the same masks.",
+            agreement=ClaimAgreement.NO if most_off else ClaimAgreement.YES,
         ),
         Claim(
             "the box is around the obstacle",
@@ -213,16 +195,15 @@ def _claims(every: Sequence[BothWays], summary: dict[str, float | int]) -> tuple
             f"{summary['box_area_ratio_median']:.1f} times the area of the union of the boxes in "
             f"the median, {max(one.box_ratio for one in every):.1f} times at most; leaves the "
             f"frame in {leaves} {of_all}, misses a part of what was seen in {misses} {of_all}",
-            ClaimAgreement.NO if leaves or misses else ClaimAgreement.PARTLY,
             "With one contour the two are the same but for the dilation's two pixels; with "
             "several the sum is larger than what they span, or smaller.",
+            agreement=ClaimAgreement.NO if leaves or misses else ClaimAgreement.PARTLY,
         ),
         Claim(
             "contours of zero area divide by zero, and no datagram is sent",
             f"divided by each contour's area, in a try with an empty except ({_SOURCE})",
             f"{summary['contours_without_area']} such contours in these masks, and none "
             "after the program's dilation",
-            ClaimAgreement.UNCOMPARABLE,
             "Masks of whole patches have no such contours, and the version read dilates first; "
             "disparity maps and other versions of the program may.",
         ),

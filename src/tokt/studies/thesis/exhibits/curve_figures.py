@@ -19,8 +19,8 @@ from .frame_drawing import new_figure, png_of
 MIN_FRAMES = 8
 """Of fewer frames that both curves have no correlation is told."""
 NEARLY_ALWAYS, GOES_WITH = 0.95, 0.7
-"""Rank correlations of mean value and nearness from which the one tells the other, and from which
-it does so with exceptions."""
+"""Rank correlations of mean value and nearness, or shares of equal signs, from which the one tells
+the other, and from which it does so with exceptions."""
 _ZOOM_TOP = 12.0
 """Mean at the top of the zoomed figure: five patches of a 10x10 grid."""
 _ZOOM_BEFORE, _ZOOM_AFTER = 15, 12
@@ -50,26 +50,21 @@ def curve_figures(context: StudyContext) -> Exhibit:
 
 
 def score_methods(context: StudyContext) -> dict[str, MethodScore]:
-    """Score every curve.
+    """Score every curve, by method.
 
-    Returns
-    -------
-    dict of str to dict
-        By method:
-
-        first_detection : int or None
-            The first of three judged frames in a row with status 1; None without one, and
-            for a method that judged a sample of the frames only.
-        ocean_frames, false_status : int or None
-            Judged frames of which every patch is labelled as clear, and those with status 1; None
-            without labels.
-        obstacle_frames, detected : int or None
-            Judged frames with a patch labelled as an obstacle, and those with status 1.
-        unknown : int
-            Frames that the method could not judge.
-        f1 : float or None
-            Of patches on the grid, all sure ones of the labelled frames; None where the method
-            does not judge patches, and where none of them is an obstacle.
+    first_detection : int or None
+        The first of three judged frames in a row with status 1; None without one, and
+        for a method that judged a sample of the frames only.
+    ocean_frames, false_status : int or None
+        Judged frames of which every patch is labelled as clear, and those with status 1; None
+        without labels.
+    obstacle_frames, detected : int or None
+        Judged frames with a patch labelled as an obstacle, and those with status 1.
+    unknown : int
+        Frames that the method could not judge.
+    f1 : float or None
+        Of patches on the grid, all sure ones of the labelled frames; None where the method
+        does not judge patches, and where none of them is an obstacle.
     """
     curves, labelled = context.curves, context.labels is not None
     with_obstacle = [number for number, count in context.obstacle_patches.items() if count]
@@ -100,15 +95,9 @@ def _counted(status: pd.Series, frames: Iterable[int]) -> tuple[int, int]:
     return int((there != UNKNOWN).sum()), int((there == OBSTACLE).sum())
 
 
-def agreement_with_distance(ranks: Iterable[float]) -> ClaimAgreement:
-    """Whether the mean value is a relative distance: judged by the worst of some correlations.
-
-    Parameters
-    ----------
-    ranks : iterable of float
-        With 1 / distance, so 1 where it is; one and more.
-    """
-    worst = min(ranks)
+def agreement_of_worst(shares: Iterable[float]) -> ClaimAgreement:
+    """What the worst of some correlations or shares comes to."""
+    worst = min(shares)
     if worst >= NEARLY_ALWAYS:
         return ClaimAgreement.YES
     return ClaimAgreement.PARTLY if worst >= GOES_WITH else ClaimAgreement.NO
@@ -356,7 +345,7 @@ def _detection_claim(context: StudyContext, scores: Scores) -> Claim:
     names = [name for name, method in context.curves.methods.items() if not method.sampled]
     if not context.labels or not any(context.obstacle_patches.values()):
         why = "no obstacle is labelled in this mission, so nothing says what a detection is"
-        return Claim(what, printed, "not measured", ClaimAgreement.UNCOMPARABLE, why)
+        return Claim(what, printed, "not measured", why)
     nearest = max(context.obstacle_patches, key=lambda number: context.obstacle_patches[number])
     good = [
         name
@@ -375,7 +364,7 @@ def _detection_claim(context: StudyContext, scores: Scores) -> Claim:
     why = "judged by first detections and false statuses of this mission alone; not: " + (
         ", ".join(context.curves.methods[n].title for n in names if n not in good) or "none"
     )
-    return Claim(what, printed, found, agreement, why)
+    return Claim(what, printed, found, why, agreement=agreement)
 
 
 def _distance_claim(curves: Curves, nearness: Nearness) -> Claim:
@@ -386,9 +375,9 @@ def _distance_claim(curves: Curves, nearness: Nearness) -> Claim:
     thesis = {name: value for name, value in near.items() if curves.methods[name].kind == THESIS}
     if not thesis:
         why = "no distance is measured here to hold the curves against (no pairs, or nothing near)"
-        return Claim(what, printed, "not measured", ClaimAgreement.UNCOMPARABLE, why)
+        return Claim(what, printed, "not measured", why)
     told = ", ".join(f"{curves.methods[n].title} {value:.2f}" for n, value in near.items())
-    agreement = agreement_with_distance(thesis.values())
+    agreement = agreement_of_worst(thesis.values())
     measured = int(curves.distance_m.notna().sum())
     why = (
         f"judged by the thesis's methods: agrees where each rank correlation is "
@@ -396,7 +385,8 @@ def _distance_claim(curves: Curves, nearness: Nearness) -> Claim:
         "which tokt's stereo measures a distance; an order, not metres. What stereo itself gives "
         "is no second witness: its mean and that of the thirds are of the same matches"
     )
-    return Claim(what, printed, f"rank correlation with 1 / distance: {told}", agreement, why)
+    found = f"rank correlation with 1 / distance: {told}"
+    return Claim(what, printed, found, why, agreement=agreement)
 
 
 def _printed_curves_claim(curves: Curves, scores: Scores) -> Claim:
@@ -409,7 +399,6 @@ def _printed_curves_claim(curves: Curves, scores: Scores) -> Claim:
         "Where the curves begin to rise",
         NOT_KNOWN,
         f"first detections: {told}",
-        ClaimAgreement.UNCOMPARABLE,
         "the figures' numbers are not at hand, and the thesis's other training image, a film "
         "still, is not included: another image moves the texture methods' first detections",
     )

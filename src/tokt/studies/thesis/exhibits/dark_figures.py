@@ -16,7 +16,7 @@ from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.verdict import CLEAR, STATUS_WORDS
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.simulation.rendering.lighting import expose
-from tokt.studies.simulation.rendering.raycast import cast_rays
+from tokt.studies.simulation.rendering.raycast import View
 from tokt.studies.simulation.rendering.sensor import develop
 from tokt.studies.simulation.rendering.synthetic_mission import MissionScene
 from tokt.studies.simulation.scene.rig import FULL_WIDTH
@@ -36,7 +36,7 @@ from .dot_figures import (
     said_by_patches,
     scored_predictions,
 )
-from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .exhibit import NOT_KNOWN, Claim, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import (
     DARK_SHOWN,
     draw_dots,
@@ -67,23 +67,11 @@ Texture = tuple[str, JudgeFrame]
 
 @dataclass(frozen=True)
 class DarkPicture:
-    """A picture, and what is in it.
+    """A picture, its right one where there is one, and what is in it.
 
-    Parameters
-    ----------
-    left : array of uint8, shape (height, width) or (height, width, 3)
-    right : array of uint8 or None
-        What the right camera saw at that moment, where that is known.
-    mask : array of uint8, shape (height, width), or None
-        White where the obstacle is, as it is shown.
-    truth : array of int8, shape (n_patches,), or None
-        By patch; None where nobody marked the picture.
-    calibration : StereoCalibration or None
-    words, truth_words, calibration_words : str
-        What the picture is, whose the truth is, and where the calibration is from.
-    rendered : bool
-    number : int or None
-        The mission's frame it is, where it is one.
+    The mask, white where the obstacle is, is what is shown, the truth by patch what is scored;
+    both are None where nobody marked the picture. Words say what the picture is, whose the truth
+    is, and where the calibration is from; `number` is of the mission's frame it is, if it is one.
     """
 
     left: U8
@@ -102,12 +90,7 @@ def given_picture(context: StudyContext) -> DarkPicture | None:
     """The image of ``--dark`` and the mask of ``--dark-mask``; None where no image was given.
 
     An image that is a frame of the mission has a right picture, and labels that stand in for a
-    mask.
-
-    Raises
-    ------
-    ToktError
-        If a file cannot be read, or the mask is of another size than the image.
+    mask. Raises ToktError if a file cannot be read, or the mask is of another size than the image.
     """
     file = context.request.dark
     if file is None:
@@ -139,7 +122,7 @@ def _truth(
             sizes = ["x".join(map(str, one.shape[1::-1])) for one in (mask, left)]
             image = context.request.dark
             raise ToktError(f"the mask {file} is {sizes[0]}, its image {image} is {sizes[1]}")
-        return mask, truth_by_mask(mask, GRID), f"the mask {file.name}"
+        return mask, truth_by_mask(mask), f"the mask {file.name}"
     truth = None if number is None else context.labelled.get(number)
     if truth is None:
         return None, None, "not marked by anybody (give --dark-mask)"
@@ -151,26 +134,16 @@ class DarkScene:
     """One moment at the tower, rendered in any light with its exact mask, as the thesis's is not.
 
     The lamp is turned down: what the tower, the water and its snow send back falls by one factor,
-    and the sensor's read noise stays. At 1 the picture is as bright as a rendered mission's.
-
-    Parameters
-    ----------
-    width : int
-        Of the pictures, in pixels. Scene, snow and noise are the same for every light.
-
-    Attributes
-    ----------
-    mask : array of uint8, shape (height, width)
-        255 on the tower in the left picture: its geometry, however little of it can be seen.
-    nearest_m : float
-        Least depth of the tower, metres.
+    and the sensor's read noise stays. At 1 the picture is as bright as a rendered mission's. Scene,
+    snow and noise are the same for every light. The mask is 255 on the tower in the left picture:
+    its geometry, however little of it can be seen.
     """
 
     def __init__(self, width: int) -> None:
         self._scene = MissionScene.draw(SEED, _FRAMES, width)
         self._pose = self._scene.poses[_PLACE]
         cameras = self._pose.cameras(self._scene.rig)
-        self._views = [cast_rays(self._scene.tower, camera) for camera in cameras]
+        self._views = [View(camera, self._scene.tower) for camera in cameras]
         depth = self._views[0].image(self._views[0].depth)
         self.mask: U8 = np.isfinite(depth).astype(np.uint8) * 255
         self.nearest_m = float(depth.min())
@@ -184,7 +157,7 @@ class DarkScene:
             self._picture(water, 0, water.left),
             self._picture(water, 1, water.right),
             self.mask,
-            truth_by_mask(self.mask, GRID),
+            truth_by_mask(self.mask),
             StereoCalibration(
                 rig.left, straight, rig.right, straight, rig.rotation, shift_mm, size
             ),
@@ -215,11 +188,6 @@ def bad_lighting(context: StudyContext) -> Exhibit:
 
     The picture is that of ``--dark`` with the person's mask of ``--dark-mask``; without it a
     rendered one, whose mask is exact.
-
-    Raises
-    ------
-    ToktError
-        If a file of the request cannot be used.
     """
     dark, sweep = given_picture(context), pd.DataFrame()
     try:
@@ -331,7 +299,7 @@ def _claim(what: str, found: str, dark: DarkPicture) -> Claim:
         if dark.rendered
         else "The thesis's figures for its picture are not at hand."
     )
-    return Claim(what, NOT_KNOWN, found, ClaimAgreement.UNCOMPARABLE, why)
+    return Claim(what, NOT_KNOWN, found, why)
 
 
 def _figure(dark: DarkPicture, said: Said) -> Figure:

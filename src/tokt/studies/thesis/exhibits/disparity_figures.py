@@ -18,7 +18,6 @@ from scipy.stats import spearmanr
 from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.inference.frame import Frame
-from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.matching import Matches
 from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_MEAN_THRESHOLD, STATUS_WORDS
@@ -83,21 +82,19 @@ class _Shown(NamedTuple):
 
 def disparity_figures(context: StudyContext) -> Exhibit:
     """The exhibit of figures 3.8 to 3.10; needs two pairs with something in them."""
-    calibration = context.calibration
-    if calibration is None:
-        raise ToktError(f"needs a calibration of the two cameras: {context.calibration_words}")
+    calibration = context.needed_calibration()
     frames = evenly_spaced(context.textured_pairs, EXCHANGED_FRAMES)
     if len(frames) < 2:
         raise ToktError("needs two pairs with something in them")
-    rows = exchange(context, calibration, frames)
+    rows = exchange(context, frames)
     own = rows[rows.right == OWN].set_index("frame")
     best = int(own.ours_matched.idxmax())
     margins = pd.DataFrame(
         margin_of(_map(context.left(number), _right_of(context, number)))
         for number in evenly_spaced(context.open_water_pairs, OPEN_FRAMES)
     )
-    disparity, covered = _searched(context, calibration, evenly_spaced(frames, MATCHED_FRAMES))
-    shown = _shown(context, calibration, best, _partners(frames)[best])
+    disparity, covered = _searched(context, evenly_spaced(frames, MATCHED_FRAMES))
+    shown = _shown(context, best, _partners(frames)[best])
     nearest, farthest = own.near_m.min(), own.far_m.max()
     nearest = 1.0 if np.isnan(nearest) else nearest
     # Colours of depth: those that are there, and at least a factor of two.
@@ -130,29 +127,14 @@ def _partners(frames: Sequence[int]) -> dict[int, int]:
     return dict(zip(frames, [*frames[half:], *frames[:half]], strict=True))
 
 
-def exchange(
-    inputs: StudyInputs, calibration: StereoCalibration, frames: Sequence[int]
-) -> pd.DataFrame:
+def exchange(inputs: StudyInputs, frames: Sequence[int]) -> pd.DataFrame:
     """Judge left frames with their own right frame, another one's, and their own upside down.
 
     Every kind is a run of its own, with a detector of its own, as if the right camera gave nothing
-    else.
-
-    Parameters
-    ----------
-    inputs : StudyInputs
-    calibration : StereoCalibration
-    frames : sequence of int
-        Two and more, in order.
-
-    Returns
-    -------
-    DataFrame
-        A row a left frame and kind: ``frame``; ``right``, one of `KINDS`; of ours the part of the
-        rectified view that is matched, the status, and the near and far end of the depths (nan
-        where there are none); of the thesis's cropped map the part with a disparity, its mean
-        (0..255), and the part of its pixels that changed between matched and not against the
-        frame's own right frame.
+    else. A row a left frame and kind: ``frame``; ``right``, one of `KINDS`; of ours the part of the
+    rectified view that is matched, the status, and the near and far end of the depths (nan where
+    there are none); of the thesis's cropped map the part with a disparity, its mean (0..255), and
+    the part of its pixels that changed between matched and not against the frame's own right frame.
     """
     lefts = {number: inputs.left(number) for number in frames}
     own = {number: _right_of(inputs, number) for number in frames}
@@ -165,7 +147,7 @@ def exchange(
     white: dict[int, Bools] = {}
     for kind, right in rights.items():
         pairs = (Frame(number, float(number), lefts[number], right[number]) for number in frames)
-        for ours in measure_depths(DisparityDetector(calibration, GRID), pairs):
+        for ours in measure_depths(DisparityDetector(inputs.needed_calibration(), GRID), pairs):
             now = cropped(_map(lefts[ours.frame], right[ours.frame]))
             with_its_own = white.setdefault(ours.frame, now > 0)
             rows.append(
@@ -200,15 +182,14 @@ def _map(left: U8, right: U8) -> U8:
     return disparity_map(np.asarray(small, np.uint8), np.asarray(other, np.uint8))
 
 
-def _searched(
-    context: StudyContext, calibration: StereoCalibration, frames: Sequence[int]
-) -> tuple[F64, Bools]:
+def _searched(context: StudyContext, frames: Sequence[int]) -> tuple[F64, Bools]:
     """Disparities of SIFT matches in the thesis's pictures, and which its search can find."""
-    found = [match_frame(context.mission, n, calibration.frame_size) for n in frames]
+    size = context.needed_calibration().frame_size
+    found = [match_frame(context.mission, n, size) for n in frames]
     matched = [one for one in found if one is not None]
     if not matched:
         return np.empty(0), np.empty(0, bool)
-    ratio = np.array(THESIS_FRAME_SIZE) / np.array(calibration.frame_size)
+    ratio = np.array(THESIS_FRAME_SIZE) / np.array(size)
     left, right = (
         (np.concatenate([getattr(one, side) for one in matched]) + 0.5) * ratio - 0.5
         for side in ("left", "right")
@@ -216,11 +197,9 @@ def _searched(
     return searched(left, right)
 
 
-def _shown(
-    context: StudyContext, calibration: StereoCalibration, number: int, other: int
-) -> _Shown:
+def _shown(context: StudyContext, number: int, other: int) -> _Shown:
     """One pair matched in every pixel, with the three right frames, and its cloud."""
-    detector = DisparityDetector(calibration, GRID, step=1)
+    detector = DisparityDetector(context.needed_calibration(), GRID, step=1)
     left, right = context.left(number), _right_of(context, number)
     rights = (right, _right_of(context, other), np.ascontiguousarray(right[::-1]))
     words = (OWN, f"that of frame {other}", TURNED)
@@ -298,7 +277,7 @@ def _search_claim(disparity: F64, covered: Bools) -> Claim:
     )
     if not len(disparity):
         why = "no points of the frames were matched, so that the true disparities are not known"
-        return Claim(what, printed, "no matched points", ClaimAgreement.UNCOMPARABLE, why)
+        return Claim(what, printed, "no matched points", why)
     share = float(np.mean(covered))
     if share > _MAX_FOUND:
         agreement = ClaimAgreement.YES
@@ -313,7 +292,7 @@ def _search_claim(disparity: F64, covered: Bools) -> Claim:
         "judged by points matched without any calibration (SIFT, one geometry a frame) and moved "
         "to where the thesis's own undistortion puts them; the pair is not rectified"
     )
-    return Claim(what, printed, found, agreement, why)
+    return Claim(what, printed, found, why, agreement=agreement)
 
 
 def _exchange_claim(numbers: dict[str, Any]) -> Claim:
@@ -338,8 +317,8 @@ def _exchange_claim(numbers: dict[str, Any]) -> Claim:
         "the map needs both pictures",
         f"a disparity map of a stereo pair; a control is {NOT_KNOWN}",
         found,
-        ClaimAgreement.NO if same else ClaimAgreement.PARTLY,
         why,
+        agreement=ClaimAgreement.NO if same else ClaimAgreement.PARTLY,
     )
 
 
@@ -351,7 +330,7 @@ def _margin_claim(numbers: dict[str, Any], frames: int) -> Claim:
     )
     if not frames:
         why = "the mission has no pair of open water to look at"
-        return Claim(what, printed, "not measured", ClaimAgreement.UNCOMPARABLE, why)
+        return Claim(what, printed, "not measured", why)
     margin, inside = numbers["open_water_matched_margin"], numbers["open_water_matched_inside"]
     found = (
         f"in open water ({frames} pairs) {100 * margin:.2f} % of the margin and "
@@ -364,9 +343,9 @@ def _margin_claim(numbers: dict[str, Any], frames: int) -> Claim:
             "what is white there is the picture's edge, bent inwards by an undistortion about a "
             "corner instead of the middle; cutting it off is right, and hides the cause"
         )
-        return Claim(what, printed, found, ClaimAgreement.YES, why)
+        return Claim(what, printed, found, why, agreement=ClaimAgreement.YES)
     why = "on these frames the margin is no whiter than the rest"
-    return Claim(what, printed, found, ClaimAgreement.NO, why)
+    return Claim(what, printed, found, why, agreement=ClaimAgreement.NO)
 
 
 def _cloud_claim(numbers: dict[str, Any]) -> Claim:
@@ -383,7 +362,7 @@ def _cloud_claim(numbers: dict[str, Any]) -> Claim:
         "true ones on rendered missions"
     )
     printed = f"figure 3.10, a point cloud from the disparity; its numbers are {NOT_KNOWN}"
-    return Claim("point cloud", printed, found, ClaimAgreement.UNCOMPARABLE, why)
+    return Claim("point cloud", printed, found, why)
 
 
 def _words(context: StudyContext, frames: Sequence[int], best: int) -> tuple[str, ...]:

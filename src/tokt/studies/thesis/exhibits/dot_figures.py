@@ -13,16 +13,8 @@ from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.verdict import STATUS_WORDS, UNKNOWN, verdict_from_mask
 from tokt.models.bundle.bundle import read_bundle
-from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.methods.curves import (
-    COMPARED,
-    OURS,
-    SLIC_TITLES,
-    THESIS,
-    TOKT_MODEL,
-    TOKT_STEREO,
-)
+from tokt.studies.thesis.methods.curves import OURS, THESIS, TOKT_MODEL, TOKT_STEREO, title_and_kind
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
 from tokt.studies.thesis.patch_scores import (
     PatchScore,
@@ -32,7 +24,7 @@ from tokt.studies.thesis.patch_scores import (
     score_patches,
 )
 
-from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .exhibit import NOT_KNOWN, Claim, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import (
     SHOWN,
     draw_dots,
@@ -51,22 +43,10 @@ _COUNTS = [one.name for one in fields(PatchScore)]
 
 @dataclass(frozen=True)
 class MethodPrediction:
-    """One method's predictions of a picture.
+    """One method's predictions of a picture: its patches, and its 0/255 mask at the grid's width.
 
-    Parameters
-    ----------
-    name, title : str
-    kind : str
-        `THESIS`, `COMPARED` or `OURS`.
-    words : str
-        What it learnt from.
-    patches : array of bool, shape (n_patches,), or None
-        The patches it says are an obstacle; None where it could not judge the picture, which is
-        never the same as clear.
-    mask : array of uint8, shape (height, width), or None
-        0/255, at the grid's width.
-    fault : str
-        Why it could not judge; empty where it did.
+    Both are None where it could not judge the picture, for what `fault` says, which is never the
+    same as clear. `words` say what it learnt from; `kind` is as in `curves`.
     """
 
     name: str
@@ -122,13 +102,7 @@ def by_held_out(context: StudyContext, number: int, frame: U8) -> list[MethodPre
 
 
 def by_bundle(context: StudyContext, frame: U8, words: str) -> list[MethodPrediction]:
-    """The bundle of the request on a picture, by its patches; nothing where none was given.
-
-    Raises
-    ------
-    ToktError
-        If it is not a bundle that can be used.
-    """
+    """The bundle of the request on a picture, by its patches; nothing where none was given."""
     if context.request.model is None:
         return []
     bundle = read_bundle(str(context.request.model))
@@ -146,16 +120,7 @@ def by_bundle(context: StudyContext, frame: U8, words: str) -> list[MethodPredic
 def by_stereo(
     calibration: StereoCalibration | None, left: U8, right: U8 | None, words: str
 ) -> MethodPrediction:
-    """Our stereo on a pair; it learns nothing.
-
-    Parameters
-    ----------
-    calibration : StereoCalibration or None
-    left, right : array of uint8
-        As decoded.
-    words : str
-        Where the calibration is from, or why there is none.
-    """
+    """Our stereo on a pair; `words` say where the calibration is from, or why there is none."""
     who = TOKT_STEREO, "tokt stereo", OURS, words
     if right is None:
         return MethodPrediction(*who, fault="there is no right picture")
@@ -167,27 +132,19 @@ def by_stereo(
         return MethodPrediction(*who, fault=str(error))
     if found.mask is None:
         return MethodPrediction(*who, fault=str(found.fault))
-    return MethodPrediction(*who, patches_of_mask(found.mask, GRID), found.mask)
+    return MethodPrediction(*who, patches_of_mask(found.mask), found.mask)
 
 
 def by_superpixels(context: StudyContext, number: int, frame: U8) -> list[MethodPrediction]:
     """The methods that cut the picture into superpixels, by the patches that they cover.
 
-    Parameters
-    ----------
-    context : StudyContext
-    number : int
-        The frame's, where it is one of the mission's: then by a model that did not learn from it.
-    frame : array of uint8
+    Those of the mission's frame of that number: they did not learn from it.
     """
     found, methods = [], context.superpixel_methods
     for method in methods.of(number):
-        mask = method.judge(frame, None, 0.0).mask
-        kind = THESIS if isinstance(method, SlicTexture) else COMPARED
-        title = SLIC_TITLES.get(method.name, method.title)
-        patches = None if mask is None else patches_of_mask(mask, GRID)
-        who = method.name, title, kind, methods.words(method)
-        found.append(MethodPrediction(*who, patches, mask))
+        mask, who = method.mask(frame), (method.name, *title_and_kind(method))
+        patches = patches_of_mask(mask)
+        found.append(MethodPrediction(*who, methods.words(method), patches, mask))
     return found
 
 
@@ -229,13 +186,7 @@ def _score_row(score: PatchScore | None) -> dict[str, float | int | None]:
 
 
 def prediction_dots(context: StudyContext) -> Exhibit:
-    """Predictions for each patch of the frame that shows the structure (figures 3.17, 3.20).
-
-    Raises
-    ------
-    ToktError
-        If the frame or a file of the request cannot be read.
-    """
+    """Predictions for each patch of the frame that shows the structure (figures 3.17, 3.20)."""
     number = context.structure_frame
     frame, truth = context.left(number), context.labelled.get(number)
     stereo = by_stereo(context.calibration, frame, context.right(number), context.calibration_words)
@@ -321,7 +272,6 @@ def _claim(one: MethodPrediction, truth: Truth | None, number: int) -> Claim:
         f"{one.title}: the dots that are other lie on the structure",
         NOT_KNOWN,
         found,
-        ClaimAgreement.UNCOMPARABLE,
         f"The figures' dots are not at hand; judged by the labels of frame {number}."
         if truth is not None
         else "The figures' dots are not at hand, and the frame has no labels.",

@@ -31,42 +31,24 @@ class ClaimAgreement(StrEnum):
 
 @dataclass(frozen=True)
 class Claim:
-    """One thing the thesis printed, beside what came out.
+    """One thing the thesis printed, with its place, beside what this run found.
 
-    Parameters
-    ----------
-    what : str
-        What it is about, in words.
-    printed : str
-        As the thesis has it, with its place; `NOT_KNOWN` where that is not at hand.
-    found : str
-        What this run computed.
-    agreement : ClaimAgreement
-    why : str
-        One sentence: what the agreement was judged by, or why there is none.
+    `why` is one sentence: what the agreement was judged by, or why there is none.
     """
 
     what: str
     printed: str
     found: str
-    agreement: ClaimAgreement
+    agreement: ClaimAgreement = field(default=ClaimAgreement.UNCOMPARABLE, kw_only=True)
     why: str
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table, written as ``NAME.csv`` and shown in the report.
+    """A table, written as ``NAME.csv`` without its index, and shown in the report.
 
-    Parameters
-    ----------
-    name : str
-        Of its file.
-    caption : str
-        With units, and how its figures were split.
-    frame : pandas.DataFrame
-        Its rows; the index is not written.
-    title : str
-        For people; by default `name` in words.
+    The caption has the units, and how figures were split. The title is by default the name in
+    words.
     """
 
     name: str
@@ -74,24 +56,10 @@ class Table:
     frame: pd.DataFrame
     title: str = ""
 
-    @property
-    def heading(self) -> str:
-        """What stands above it in the report."""
-        words = self.name.replace("_", " ").replace("-", " ")
-        return self.title or words[:1].upper() + words[1:]
-
 
 @dataclass(frozen=True)
 class Plot:
-    """A picture, written as ``NAME.png`` and shown in the report.
-
-    Parameters
-    ----------
-    name : str
-        Of its file.
-    caption : str
-    png : bytes
-    """
+    """A picture, written as ``NAME.png`` and shown in the report."""
 
     name: str
     caption: str
@@ -106,9 +74,7 @@ class Exhibit:
     ----------
     words : tuple of str
         Paragraphs: what was done, and how figures were split.
-    claims : tuple of Claim
-    tables : tuple of Table
-    plots : tuple of Plot
+    claims, tables, plots : tuple
     numbers : dict
         What other pages quote, by name: finite floats, ints, strings and booleans. What is None
         is not written: a page that quotes it asks first if it is there.

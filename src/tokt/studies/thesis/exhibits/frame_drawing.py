@@ -35,16 +35,7 @@ _DPI = 110
 
 
 def new_figure(width: float, height: float, *shape: int, **given: Any) -> tuple[Figure, Any]:
-    """A figure in the report's style, of so many inches, and its axes.
-
-    Parameters
-    ----------
-    width, height : float
-    shape : int
-        Rows and columns.
-    given : dict
-        For `Figure.subplots`.
-    """
+    """A figure in the report's style, of so many inches, and its axes as `Figure.subplots`'s."""
     figure = Figure(figsize=(width, height), layout="constrained")
     return figure, figure.subplots(*shape, **given)
 
@@ -55,14 +46,7 @@ def png_of(figure: Figure) -> bytes:
 
 
 def show_frame(axes: Any, frame: U8) -> tuple[int, int]:
-    """Draw a frame at the grid's width with its contrast raised; return its height and width.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-    frame : array of uint8, shape (height, width) or (height, width, 3)
-        As decoded.
-    """
+    """Draw a decoded frame at the grid's width, contrast raised; return its height and width."""
     height, width = GRID.resized(*frame.shape[:2])
     # Twice the size: what the eye sees of the tower is finer than the grid's pixels.
     return _show(axes, raise_contrast(frame, 2 * width, 2 * height))

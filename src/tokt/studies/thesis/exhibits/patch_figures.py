@@ -55,13 +55,7 @@ Cells = Mapping[str, int]
 
 
 def patch_histograms(context: StudyContext) -> Exhibit:
-    """LBP histograms and Haralick features of two patches of one frame (figures 3.16, 3.19).
-
-    Raises
-    ------
-    ToktError
-        If the frame cannot be read.
-    """
+    """LBP histograms and Haralick features of two patches of one frame (figures 3.16, 3.19)."""
     number = context.structure_frame
     frame, labels = context.left(number), context.truth(number)
     rows = described(frame)
@@ -166,7 +160,6 @@ def _claims(frame: U8, told: pd.DataFrame, outside: Mapping[str, int]) -> tuple[
             "a patch on the structure has another histogram than one of ocean",
             NOT_KNOWN,
             seen,
-            ClaimAgreement.UNCOMPARABLE,
             "The figures' bars are not at hand; what they are to show is measured over all "
             "labelled patches of the frame."
             if len(area)
@@ -177,8 +170,8 @@ def _claims(frame: U8, told: pd.DataFrame, outside: Mapping[str, int]) -> tuple[
             "figures 3.16 and 3.19 frame a patch and plot a histogram (the published notebooks)",
             f"the notebooks slice rows by the patch's width and columns by its height, so that "
             f"another place is described; Hellinger distance of the two, LBP (10, 5): {moved}",
-            ClaimAgreement.NO,
             "Read from the published notebooks; here the framed patch is the one described.",
+            agreement=ClaimAgreement.NO,
         ),
         Claim(
             "the Haralick figure shows the 13 features",
@@ -186,8 +179,8 @@ def _claims(frame: U8, told: pd.DataFrame, outside: Mapping[str, int]) -> tuple[
             f"it sorts the features' values into bins from 0 to {_BINS}; outside of that range are "
             f"{outside['structure']} of {_BINS} features on the structure and {outside['ocean']} "
             "on ocean",
-            ClaimAgreement.NO,
             "Read from the published notebooks; the features themselves are drawn here as well.",
+            agreement=ClaimAgreement.NO,
         ),
     )
 

@@ -89,14 +89,8 @@ class Laps:
     def split_off(self, stage: str, call: Callable[[], T], less_s: float = 0.0) -> T:
         """Do again what was a part of `REST`, and count the time it takes for this stage.
 
-        For a part of a call that cannot be looked into: the total stays that of the one call.
-
-        Parameters
-        ----------
-        stage : str
-        call : callable
-        less_s : float
-            Seconds of `call` that were split off already.
+        For a part of a call that cannot be looked into: the total stays that of the one call. Of
+        the part `less_s` seconds were split off already.
         """
         began = time.thread_time()
         done = call()
@@ -118,15 +112,7 @@ class EncodedPair(NamedTuple):
 
 @dataclass(frozen=True)
 class TimedMethod:
-    """One method of judging a frame, to be timed.
-
-    Parameters
-    ----------
-    key, title, kind : str
-        Kind as in `curves`.
-    run : callable
-        Judges an `EncodedPair`, and tells `Laps` about it.
-    """
+    """One method, of a kind as in `curves`, that judges a pair and tells `Laps` about it."""
 
     key: str
     title: str
@@ -136,16 +122,7 @@ class TimedMethod:
 
 @dataclass(frozen=True)
 class StageTimes:
-    """Times of one method, stage by stage.
-
-    Parameters
-    ----------
-    method : TimedMethod
-    seconds : array of float64, shape (n_runs, n_stages)
-        A run is one frame; runs are in the same order for all methods.
-    verdicts : tuple of Verdict
-        Of each frame, in the order of the frames.
-    """
+    """Seconds (n_frames, n_stages) of one method and its verdicts, in the order of the frames."""
 
     method: TimedMethod
     seconds: F64
@@ -171,12 +148,6 @@ def time_stages(
 
     One after another the methods get different frames, as in `speed.paired_timing`: one
     that the method before has just read would come from the cache.
-
-    Parameters
-    ----------
-    methods : sequence of TimedMethod
-    frames : sequence of EncodedPair
-    progress : callable
     """
     count = len(frames)
     shift = max(1, count // len(methods))
@@ -243,7 +214,7 @@ def slic_texture(method: SlicTexture, title: str) -> TimedMethod:
     def run(item: EncodedPair, laps: Laps) -> Verdict:
         timed.laps = laps
         frame = _decoded(item.left, laps)
-        verdict = watched.judge(frame, None, 0.0).verdict
+        verdict = verdict_from_mask(watched.mask(frame), watched.name)
         laps.lap(REST)
         picture = laps.split_off("resize", lambda: resized_bgr(frame))
         laps.split_off("superpixels", lambda: superpixels(picture))
@@ -355,17 +326,12 @@ def runtime_tables(context: StudyContext) -> Exhibit:
         measured = time_stages(methods, frames, context.progress)
     found = {one.method.key: one for one in measured}
     summary = _summary(found)
+    caption = "Median time of each stage, in ms, on one thread."
     return Exhibit(
         _words(context, frames),
         tuple(_claims(found)),
         tuple(_tables(found, summary, len(frames))),
-        (
-            Plot(
-                "run_times",
-                "Median time of each stage, in ms, on one thread.",
-                png_of(_chart(found)),
-            ),
-        ),
+        (Plot("run_times", caption, png_of(_chart(found))),),
         _numbers(found, summary, len(frames)),
     )
 
@@ -522,7 +488,7 @@ def _claim(found: Found, key: str, what: str) -> Claim:
             "the thesis's disparity is for pairs of "
             f"{'x'.join(map(str, THESIS_FRAME_SIZE))}, which this mission does not have"
         )
-        return Claim(what, printed, "not measured", ClaimAgreement.UNCOMPARABLE, why)
+        return Claim(what, printed, "not measured", why)
     ratio, low, high = _middle(_ratio(found, key))
     agreement = agreement_of(ratio, PRINTED[key])
     judged = {
@@ -530,7 +496,8 @@ def _claim(found: Found, key: str, what: str) -> Claim:
         ClaimAgreement.PARTLY: "within twice the printed ratio, but not within a quarter",
     }.get(agreement, "more than twice off the printed ratio")
     why = f"judged by the median: {judged}; {_reason(found, key, agreement)}"
-    return Claim(what, printed, f"{ratio:.3g} ({low:.3g} to {high:.3g})", agreement, why)
+    came_out = f"{ratio:.3g} ({low:.3g} to {high:.3g})"
+    return Claim(what, printed, came_out, why, agreement=agreement)
 
 
 def _reason(found: Found, key: str, agreement: ClaimAgreement) -> str:
@@ -555,8 +522,8 @@ def _grid_claim(found: Found) -> Claim:
         "10x10 patches instead of superpixels make the Haralick method faster",
         f"much faster (a remark in the author's program; the number is {NOT_KNOWN})",
         f"{ratio:.3g} times ({low:.3g} to {high:.3g})",
-        ClaimAgreement.YES if low > 1 else slower,
         "agrees where even the 10th percentile of single runs is above 1",
+        agreement=ClaimAgreement.YES if low > 1 else slower,
     )
 
 

@@ -27,7 +27,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import cv2
@@ -69,15 +68,8 @@ _CONFIDENCE = 0.95
 class Rows(NamedTuple):
     """Rows of matched points, in pixels of the full resolution, and the frame of each.
 
-    Parameters
-    ----------
-    frame : array of int, shape (n,)
-    left : array of float, shape (n, 3)
-        Rows in the left view of the frame before, the frame, and the frame after.
-    right : array of float, shape (n,)
-        Row in the right view of the frame.
-    place : array of float, shape (n, 2)
-        Column and row in the left view less its middle, as parts of its width.
+    Those in the left view (n, 3) are of the frame before, the frame, and the frame after. The place
+    is column and row in the left view less its middle, (n, 2), as parts of its width.
     """
 
     frame: I64
@@ -99,15 +91,10 @@ class Rows(NamedTuple):
 class Offset:
     """By how many frames the right camera is later than the left one.
 
-    Parameters
-    ----------
-    frames : float
-    half_width : float
-        Of the 95 % confidence interval (Student's t), by the jackknife over frames.
-    n_points : int
-    by_frame : array of float, shape (n_frames, 3)
-        Frame number, median rows a frame that its points move over the offset, and median rows by
-        which they differ between the views, less what the calibration leaves.
+    The half width is of the 95 % confidence interval (Student's t), by the jackknife over frames.
+    A row of `by_frame` has the frame number, median rows a frame that its points move over the
+    offset, and median rows by which they differ between the views, less what the calibration
+    leaves.
     """
 
     frames: float
@@ -117,46 +104,21 @@ class Offset:
 
 
 class LateRight:
-    """A mission whose right frames are those of `by` frames later, on purpose.
+    """The frames of a mission, the right ones those of `SHIFTED` frames later, on purpose."""
 
-    Parameters
-    ----------
-    mission : Mission
-    by : int
-    """
+    def __init__(self, mission: Mission) -> None:
+        self._mission = mission
 
-    def __init__(self, mission: Mission, by: int) -> None:
-        self._mission, self._by = mission, by
-        self.name = mission.name
-        self.path: Path = mission.path
-        self.cameras = mission.cameras
-
-    def frames(self, camera: str = LEFT) -> list[int]:
-        """Frame numbers of one camera; of the right one those that have a later frame."""
-        if camera == LEFT:
-            return self._mission.frames(LEFT)
-        later = {number - self._by for number in self._mission.frames(RIGHT)}
-        return sorted(later & set(self._mission.frames(LEFT)))
-
-    def read(self, frame: int, camera: str = LEFT) -> U8:
-        """A left frame, or the right frame of `by` frames later."""
-        return self._mission.read(frame if camera == LEFT else frame + self._by, camera)
-
-    def encoded(self, frame: int, camera: str = LEFT) -> tuple[bytes, str]:
-        """The same as a file."""
-        return self._mission.encoded(frame if camera == LEFT else frame + self._by, camera)
+    def read(self, frame: int, camera: str) -> U8:
+        """A left frame, or the later right one."""
+        return self._mission.read(frame if camera == LEFT else frame + SHIFTED, camera)
 
 
 def rows_of(mission: Mission, calibration: StereoCalibration, frames: Sequence[int]) -> Rows:
-    """Match and follow the points of some frames.
+    """Match and follow the points of some pairs.
 
-    Parameters
-    ----------
-    mission : Mission
-    calibration : StereoCalibration
-    frames : sequence of int
-        Numbers that both cameras have. A frame without points that both cameras and both
-        neighbours see, or without neighbours, is left out.
+    A frame without points that both cameras and both neighbours see, or without neighbours, is
+    left out.
     """
     parts = [Rows(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0), np.empty((0, 2)))]
     for number in frames:
@@ -213,13 +175,7 @@ def _flow(here: U8, there: U8, start: F32) -> tuple[F32, U8]:
 
 
 def offset_of(rows: Rows) -> Offset:
-    """Fit the offset to points.
-
-    Raises
-    ------
-    ToktError
-        If fewer than `MIN_FRAMES` frames have points.
-    """
+    """Fit the offset to points; raises ToktError if fewer than `MIN_FRAMES` frames have some."""
     numbers = np.unique(rows.frame)
     if len(numbers) < MIN_FRAMES:
         raise ToktError(
@@ -280,11 +236,9 @@ _COLORS = {AS_IT_IS: "#1f4e79", ON_PURPOSE: "#d1603d"}
 
 def synchrony_figure(context: StudyContext) -> Exhibit:
     """The exhibit of figure 6.1; needs pairs of something that moves in the picture."""
-    calibration = context.calibration
-    if calibration is None:
-        raise ToktError(f"needs a calibration of the two cameras: {context.calibration_words}")
+    calibration = context.needed_calibration()
     frames = evenly_spaced(_with_neighbours(context), FRAMES)
-    missions = {AS_IT_IS: context.mission, ON_PURPOSE: LateRight(context.mission, SHIFTED)}
+    missions: dict[str, Any] = {AS_IT_IS: context.mission, ON_PURPOSE: LateRight(context.mission)}
     try:
         found = {
             words: offset_of(rows_of(mission, calibration, frames))
@@ -334,14 +288,11 @@ def claim_of(found: dict[str, Offset]) -> Claim:
     """What the offsets `AS_IT_IS` and `ON_PURPOSE` come to."""
     own, shifted = found[AS_IT_IS], found[ON_PURPOSE]
     largest = abs(own.frames) + own.half_width
-    control = abs(shifted.frames - SHIFTED - own.frames) <= SYNCHRONOUS_FRAMES
-    if not control or own.half_width > SYNCHRONOUS_FRAMES:
-        agreement = ClaimAgreement.UNCOMPARABLE
+    agreement = ClaimAgreement.UNCOMPARABLE
+    if abs(shifted.frames - SHIFTED - own.frames) > SYNCHRONOUS_FRAMES:
         why = "these frames do not tell: the control on purpose is not measured as what it is"
-        if control:
-            why = (
-                "these frames do not tell: the vehicle hardly moves, or few points can be followed"
-            )
+    elif own.half_width > SYNCHRONOUS_FRAMES:
+        why = "these frames do not tell: the vehicle hardly moves, or few points can be followed"
     elif largest <= SYNCHRONOUS_FRAMES:
         agreement = ClaimAgreement.YES
         why = (
@@ -355,8 +306,8 @@ def claim_of(found: dict[str, Offset]) -> Claim:
         "left and right frames of one number are of one moment",
         f"the pairs are used as synchronous; the figure and its numbers are {NOT_KNOWN}",
         f"right camera later by {_said(own)}; made late by {SHIFTED} on purpose: {_said(shifted)}",
-        agreement,
         why,
+        agreement=agreement,
     )
 
 

@@ -38,7 +38,7 @@ from tokt.studies.thesis.patch_scores import pooled_score
 from tokt.training.fitting.train import rendered_other_image
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
-from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .exhibit import NOT_KNOWN, Claim, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import SHOWN, new_figure, png_of, show_frame
 
 LBP_KEYS = ("lbp_10_5", "lbp_24_8")
@@ -86,15 +86,10 @@ def described(picture: U8) -> dict[str, F64]:
 
 
 def hellinger(first: F64, second: F64) -> F64:
-    """Hellinger distances between histograms: float64, shape (n, m).
+    """Hellinger distances (n, m) between histograms, (n, bins) and (m, bins), whose rows sum to 1.
 
     0 between equal ones and 1 between those with no bin in common:
     ``sqrt(1 - sum(sqrt(p q)))``.
-
-    Parameters
-    ----------
-    first, second : arrays of float64, shapes (n, bins) and (m, bins)
-        Rows sum to 1.
     """
     return np.asarray(cdist(np.sqrt(first), np.sqrt(second)) / np.sqrt(2.0), np.float64)
 
@@ -110,10 +105,6 @@ def confused(first: F64, second: F64) -> float:
 
     0 where the two separate cleanly; about 0.5 where their patches look alike. A tie is
     confused.
-
-    Parameters
-    ----------
-    first, second : arrays of float64, shapes (n, bins) and (m, bins)
     """
     means = np.stack([first.mean(axis=0), second.mean(axis=0)])
     to_first, to_second = hellinger(first, means), hellinger(second, means)
@@ -148,16 +139,9 @@ Tested = Mapping[int, dict[str, F64]]
 
 @dataclass(frozen=True)
 class Image:
-    """An image, with the features of its patches.
+    """An image, with the features of its patches by extractor.
 
-    Parameters
-    ----------
-    name, words : str
-    picture : array of uint8, shape (height, width) or (height, width, 3)
-    rows : dict
-        By extractor, float64, (n_patches, dim).
-    bright : bool
-        Whether it can be seen without raising its contrast.
+    A bright one can be seen without raising its contrast.
     """
 
     name: str
@@ -168,13 +152,7 @@ class Image:
 
 
 def training_images(context: StudyContext) -> Exhibit:
-    """Histograms of the images the thesis's models could learn from (figures 3.11, 3.12).
-
-    Raises
-    ------
-    ToktError
-        If a frame cannot be read.
-    """
+    """Histograms of the images the thesis's models could learn from (figures 3.11, 3.12)."""
     ocean = _image("ocean", context.ocean.words, context.ocean.image)
     images = {image.name: image for image in _candidates(context)}
     structure = _structure_of(context, images[STRUCTURE])
@@ -240,7 +218,6 @@ def _claims(numbers: dict[str, Any], rank: dict[str, float]) -> tuple[Claim, ...
         "the image whose LBP (10, 5) histogram is farthest from ocean's",
         NOT_KNOWN,
         found,
-        ClaimAgreement.UNCOMPARABLE,
         "The thesis's other images are not at hand; those compared here are not the same.",
     )
     if not rank:
@@ -252,7 +229,6 @@ def _claims(numbers: dict[str, Any], rank: dict[str, float]) -> tuple[Claim, ...
         f"best F1 {numbers['best_f1']:.2f} with {numbers['best_f1_image']}; the farthest, "
         f"{numbers['farthest_image']}, gives {numbers['farthest_f1']:.2f}; rank correlation "
         f"with F1: {ranks}",
-        ClaimAgreement.UNCOMPARABLE,
         "It is what choosing by histograms presumes, not a printed figure; judged on "
         f"{numbers['scored_frames']} labelled frames that no model here learnt from.",
     )

@@ -40,7 +40,7 @@ from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.methods.curves import Curves
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
 
-from .curve_figures import agreement_with_distance
+from .curve_figures import agreement_of_worst
 from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import new_figure, png_of
 
@@ -51,7 +51,6 @@ OTHER_RATES_S = (0.25, 0.5)
 """Tried beside it, as a trend looks at seconds and not at frames."""
 DISPARITY = "disparity"
 MIN_FRAMES = 12
-_AGREES, _PARTLY = 0.95, 0.7
 _FAR_OFF = 1.5
 _SPREAD = (10, 50, 90)
 _COLORS = {GROWING: "#c0392b", STEADY: "#4a8f4a", SHRINKING: "#2d6cb3", None: "0.75"}
@@ -67,10 +66,7 @@ Held = dict[str, pd.DataFrame]
 
 def trend_exhibit(context: StudyContext) -> Exhibit:
     """The exhibit of the trend; needs stereo depth of successive frames."""
-    calibration = context.calibration
-    if calibration is None:
-        raise ToktError(f"needs a calibration of the two cameras: {context.calibration_words}")
-    curves = context.curves
+    calibration, curves = context.needed_calibration(), context.curves
     measured = curves.distance_m.dropna().index
     frames = [n for n in context.pairs if len(measured) and measured.min() <= n <= measured.max()]
     if len(frames) < MIN_FRAMES:
@@ -122,14 +118,9 @@ def _whole(patches: Bools) -> bool:
 def means_of_stereo(
     context: StudyContext, calibration: StereoCalibration, frames: Sequence[int]
 ) -> tuple[pd.DataFrame, dict[int, float]]:
-    """The runtime's own disparity over frames in their order.
+    """The runtime's own disparity over frames in their order, as `trend_against_depth` takes it.
 
-    Returns
-    -------
-    seen : DataFrame
-        As `trend_against_depth` takes it.
-    depth_m : dict of int to float
-        Median of the matched depths; nan where nothing was matched, or it could not be judged.
+    The depth is the median of the matched ones.
     """
     detector = DisparityDetector(calibration, GRID)
     blind_m = StereoSetup(calibration).blind_m
@@ -159,23 +150,12 @@ def trend_against_depth(
 ) -> pd.DataFrame:
     """Follow a method's means, and hold each trend against the depth.
 
-    Parameters
-    ----------
-    seen : DataFrame
-        Index ``frame``, in order. ``mean``: of the method's 0/255 mask, 0..255, nan where it did
-        not judge; ``whole``: whether what it saw lies wholly in the picture.
-    depth_m : dict of int to float
-        By frame; nan where nothing was measured.
-    seconds_a_frame : float
-        From one frame number to the next.
-
-    Returns
-    -------
-    DataFrame
-        Index ``frame``. ``mean``, ``depth_m``; ``trend``, ``confidence``, ``contact_s`` as a
-        datagram would have them; ``unchecked_contact_s``, which would be said if the picture's
-        edge did not matter; ``by_depth`` and ``contact_s_by_depth``, what they would be by the
-        depth alone. What is not known or not said is missing.
+    Of each frame in order `seen` has the ``mean`` of the method's 0/255 mask, nan where it did not
+    judge, and whether what it saw lies ``whole`` in the picture; a depth is nan where nothing was
+    measured. Of what is found ``trend``, ``confidence``, ``contact_s`` are as a datagram would have
+    them; ``unchecked_contact_s`` would be said if the picture's edge did not matter; ``by_depth``
+    and ``contact_s_by_depth`` are what they would be by the depth alone. What is not known or not
+    said is missing.
     """
     sent, unchecked = TrendEstimator(), TrendEstimator()
     times = seen.index.to_numpy() * seconds_a_frame
@@ -195,19 +175,8 @@ def trend_against_depth(
 def depth_trend(times_s: F64, depths_m: F64) -> tuple[str, float | None] | None:
     """How the depth changes at the last of some times, over the seconds that a trend looks at.
 
-    Parameters
-    ----------
-    times_s, depths_m : array of float, shape (n,)
-        In order; nan where no depth was measured.
-
-    Returns
-    -------
-    trend : str
-        What the mean would do: one of `TRENDS`.
-    contact_s : float or None
-        Depth over its closing speed, where it falls.
-
-    None where the last depth is not known, or too few before it are.
+    What the mean would do, one of `TRENDS`, and the depth over its closing speed in seconds, where
+    it falls. None where the last depth is not known, or too few before it are.
     """
     if not len(depths_m) or not np.isfinite(depths_m[-1]):
         return None
@@ -238,8 +207,6 @@ def confusion(held: pd.DataFrame) -> pd.DataFrame:
 def score(held: pd.DataFrame) -> dict[str, float | int | None]:
     """Sum the comparison up.
 
-    Returns
-    -------
     asked, said : int
         Frames in which something is seen and the depth's change is known; those with a trend.
     same_sign, opposite_sign : int
@@ -276,12 +243,7 @@ def _ranks(held: pd.DataFrame) -> float | None:
 def contact_ratios(held: pd.DataFrame, unchecked: bool = False) -> pd.Series:
     """Time to contact from expansion over that of the depth, where both are known.
 
-    Parameters
-    ----------
-    held : DataFrame
-        As `trend_against_depth` gives it.
-    unchecked : bool
-        As if the picture's edge did not matter.
+    Unchecked it is as if the picture's edge did not matter.
     """
     said = held.unchecked_contact_s if unchecked else held.contact_s
     return (said / held.contact_s_by_depth).dropna()
@@ -319,7 +281,7 @@ def _distance_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
     if not given:
         agreement, why = ClaimAgreement.UNCOMPARABLE, "too few frames have a mean and a depth"
     else:
-        agreement = agreement_with_distance(-value for value in given)
+        agreement = agreement_of_worst(-value for value in given)
         why = {
             ClaimAgreement.YES: "every method's mean falls with depth, nearly without fail",
             ClaimAgreement.PARTLY: "the nearer, the larger, with exceptions: what is near is cut "
@@ -333,8 +295,8 @@ def _distance_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
         "the mean value is a relative distance",
         "the mean value over time serves as a relative distance (sections 5.2.1 and 7.2)",
         f"rank correlation of mean and stereo depth, frame by frame (-1: it is): {found}",
-        agreement,
         why,
+        agreement=agreement,
     )
 
 
@@ -348,23 +310,22 @@ def _sign_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
         )
         signed += both
     ours = [one for name, one in scores.items() if name in (TOKT_TEXTURE, DISPARITY)]
-    worst = min(one["sign_agreement"] or 0.0 for one in ours)
     if not signed:
         agreement, why = ClaimAgreement.UNCOMPARABLE, "no frame has a sign in both"
-    elif worst >= _AGREES:
-        agreement, why = ClaimAgreement.YES, "the sign of the trend is that of the depth's change"
-    elif worst >= _PARTLY:
-        agreement = ClaimAgreement.PARTLY
-        why = "mostly; where it is wrong, what is near leaves the picture or is no longer matched"
     else:
-        agreement, why = ClaimAgreement.NO, "too often the sign is not that of the depth's change"
+        agreement = agreement_of_worst(one["sign_agreement"] or 0.0 for one in ours)
+        why = {
+            ClaimAgreement.YES: "the sign of the trend is that of the depth's change",
+            ClaimAgreement.PARTLY: "mostly; where it is wrong, what is near leaves the picture or "
+            "is no longer matched",
+        }.get(agreement, "too often the sign is not that of the depth's change")
     return Claim(
         "a growing mean is a thing that comes nearer",
         "the mean value tells whether the distance grows or shrinks (sections 5.2.1 and 7.2)",
         "sign of the trend against the sign of the depth's change, where both have one: "
         + "; ".join(parts),
-        agreement,
         why,
+        agreement=agreement,
     )
 
 
@@ -378,7 +339,6 @@ def _contact_claim(held: Held, titles: Mapping[str, str]) -> Claim:
         "time to contact",
         "the thesis has none",
         f"from expansion over from depth, median: {found}",
-        ClaimAgreement.UNCOMPARABLE,
         _contact_why(pd.concat([contact_ratios(one) for one in held.values()])),
     )
 

@@ -5,7 +5,7 @@ judge a run of frames as ``tokt run`` does, through a policy; the compared ones 
 themselves.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -20,22 +20,13 @@ from tokt.features.extractors.extractor import build_extractor
 from tokt.features.frames.image_file import decode_image, pixel_sha256
 from tokt.features.frames.mission import LEFT, RIGHT, open_mission
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import SinglePolicy
-from tokt.inference.reason import Fault, Reason
 from tokt.inference.sources.files import MissionSource
+from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.texture.detector import TextureDetector
-from tokt.inference.verdict import (
-    OBSTACLE,
-    STATUS_MEAN_THRESHOLD,
-    UNKNOWN,
-    Detector,
-    Verdict,
-    unknown_verdict,
-)
+from tokt.inference.verdict import UNKNOWN, verdict_from_mask
 from tokt.models.bundle.bundle import frame_id, read_bundle
-from tokt.studies.baselines.baseline import Baseline
 from tokt.studies.baselines.mean_disparity import Thirds
 from tokt.studies.baselines.size_change import SizeChange
 from tokt.studies.baselines.slic import SlicTexture
@@ -52,58 +43,44 @@ from tokt.training.fitting.presets import (
 )
 from tokt.training.parallel import mapped
 
-from .mission_models import PRESET, SLIC, TOKT_TEXTURE, SuperpixelMethods, held_out_texture
+from .mission_models import (
+    PRESET,
+    TOKT_TEXTURE,
+    SuperpixelMethod,
+    SuperpixelMethods,
+    held_out_texture,
+)
 
 THESIS_DISPARITY = "disparity"
 TOKT_STEREO, TOKT_MODEL = "tokt_stereo", "tokt_model"
-MEAN_DISPARITY, SIZE_CHANGE = Thirds.name, SizeChange.name
 
-JudgeNext = Callable[[Frame], Verdict]
+MakeMethod = Callable[[], SinglePolicy | SizeChange | Thirds]
+"""Makes what judges a run of frames; it goes to another process."""
 
 
 @dataclass(frozen=True)
 class FrameTask:
     """One frame, still encoded, and the methods that judge it by itself.
 
-    Parameters
-    ----------
-    number : int
-    left, right : bytes, bytes or None
-    thesis : sequence of ThesisModel
-    superpixel_methods : sequence of Baseline
-    spec : dict or None
-        Of tokt's extractor, whose features are computed beside the methods.
-    changes : sequence of str
-        Augmentations of which the features are wanted, too.
+    Features are computed beside the methods where tokt's extractor has a `spec` here: of the frame
+    as it is, and as each of the `changes`, augmentations, makes it.
     """
 
     number: int
     left: bytes
     right: bytes | None
     thesis: Sequence[ThesisModel] = ()
-    superpixel_methods: Sequence[Baseline] = ()
+    superpixel_methods: Sequence[SuperpixelMethod] = ()
     spec: dict[str, Any] | None = None
     changes: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
 class FrameResult:
-    """The methods' results for one frame.
+    """The methods' results for one frame of `size` (height, width), or why there are none.
 
-    Parameters
-    ----------
-    number : int
-    size : (height, width)
-        Of the frame, in pixels.
-    fault : str
-        Why the frame could not be judged at all; empty where it was.
-    mean : dict of str to float
-        By method: of the 0/255 mask, 0..255.
-    status : dict of str to int
-    patches : dict of str to array of bool, shape (n_patches,)
-        Of the thesis's texture methods: the patches that are not ocean.
-    features : list of array of float64, shape (n_patches, dim)
-        Of our own extractor: of the frame as it is, then as each change makes it.
+    By method the mean of the 0/255 mask, 0..255, and the status; of the thesis's texture methods
+    the patches that are not ocean.
     """
 
     number: int
@@ -115,12 +92,8 @@ class FrameResult:
     features: list[F64] = field(default_factory=list)
 
 
-def judge_frames(tasks: Iterable[FrameTask], jobs: int) -> Iterator[FrameResult]:
-    """Judge frames, in their order; the results do not depend on `jobs`, which is `mapped`'s."""
-    return mapped(_judge, tasks, jobs)
-
-
-def _judge(task: FrameTask) -> FrameResult:
+def judge_frame(task: FrameTask) -> FrameResult:
+    """Judge one frame by each of its methods."""
     cv2.setNumThreads(1)
     try:
         left = decode_image(task.left, f"frame {task.number}")
@@ -134,8 +107,8 @@ def _judge(task: FrameTask) -> FrameResult:
         found.patches[model.name] = judged.obstacle
     _judge_pair(task, left, found)
     for method in task.superpixel_methods:
-        verdict = method.judge(left, None, float(task.number)).verdict
-        found.mean[method.name] = float("nan") if verdict.mean is None else verdict.mean
+        verdict = verdict_from_mask(method.mask(left), method.name)
+        found.mean[method.name] = float(verdict.mean or 0.0)
         found.status[method.name] = verdict.status
     if task.spec is not None:
         extractor = build_extractor(task.spec)
@@ -153,85 +126,41 @@ def _judge_pair(task: FrameTask, left: U8, found: FrameResult) -> None:
     except FrameError:
         return
     if right.shape[1::-1] == THESIS_FRAME_SIZE:
-        mean = judge_pair(left, right).mean
-        found.mean[THESIS_DISPARITY] = mean
-        found.status[THESIS_DISPARITY] = OBSTACLE if mean > STATUS_MEAN_THRESHOLD else 0
+        judged = judge_pair(left, right)
+        found.mean[THESIS_DISPARITY] = judged.mean
+        found.status[THESIS_DISPARITY] = int(judged.obstacle)
 
 
-def judge_sequences(
-    makers: Mapping[str, Callable[[], JudgeNext]], mission: Path, jobs: int
-) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Judge the frames of a mission in their order by each of some methods.
-
-    Parameters
-    ----------
-    makers : mapping of str to callable
-        By method: makes a function of the next frame. It goes to another process.
-    mission : Path
-    jobs : int
-        As for `mapped`; the results do not depend on it.
-
-    Returns
-    -------
-    iterator of (str, DataFrame)
-        The method; by frame its ``status``, the ``mean`` of its 0/255 mask, 0..255, and
-        ``distance_m``, of what is nearest; nan where not known.
-    """
-    return mapped(partial(_judge_sequence, mission), makers.items(), jobs)
-
-
-def _judge_sequence(
-    folder: Path, method: tuple[str, Callable[[], JudgeNext]]
-) -> tuple[str, pd.DataFrame]:
+def _judge_sequence(folder: Path, made_by: tuple[str, MakeMethod]) -> tuple[str, pd.DataFrame]:
+    """A method's status, mean and distance of what is nearest, for a mission's frames in order."""
     cv2.setNumThreads(1)
-    mission, (name, make) = open_mission(folder), method
-    judge, rows = make(), {}
+    mission, (name, make) = open_mission(folder), made_by
+    method, rows = make(), {}
     for frame in MissionSource(mission, SYSTEM_CLOCK, stereo=RIGHT in mission.cameras):
-        verdict = judge(frame)
+        verdict = method.judge(frame).verdict
         rows[frame.number] = verdict.status, verdict.mean, verdict.distance_m
     found = pd.DataFrame.from_dict(rows, orient="index", columns=["status", "mean", "distance_m"])
     return name, found.astype({"mean": float, "distance_m": float})
 
 
-def _by_policy(make: Callable[..., Detector], *given: Any) -> JudgeNext:
-    """A detector of ours as ``tokt run`` asks it."""
-    policy = SinglePolicy(make(*given))
-    return lambda frame: policy.judge(frame).verdict
+def _stereo(calibration: StereoCalibration) -> SinglePolicy:
+    """Our stereo as ``tokt run`` asks it."""
+    return SinglePolicy(DisparityDetector(calibration, GRID))
 
 
-def _model_of(file: Path) -> TextureDetector:
-    return TextureDetector(read_bundle(file))
-
-
-def _by_baseline(make: type[Thirds] | type[SizeChange], *given: Any) -> JudgeNext:
-    method = make(*given)
-
-    def judge(frame: Frame) -> Verdict:
-        if frame.left is None or (make is Thirds and frame.right is None):
-            return unknown_verdict(Fault(Reason.MISSING, "a picture of it cannot be read"))
-        return method.judge(frame.left, frame.right, float(frame.number)).verdict
-
-    return judge
+def _model(file: Path) -> SinglePolicy:
+    """A bundle as ``tokt run`` asks it."""
+    return SinglePolicy(TextureDetector(read_bundle(file)))
 
 
 THESIS, COMPARED, OURS = "the thesis's", "compared with", "tokt's"
-SLIC_TITLES = {f"slic_{name}": f"SLIC + {TITLES[name]}" for name in SLIC}
 
 
 @dataclass(frozen=True)
 class Method:
-    """One way of judging frames.
+    """One way of judging frames, whose (`kind`), and in words what it is and what it learnt from.
 
-    Parameters
-    ----------
-    title : str
-        For legends and tables.
-    kind : str
-        `THESIS`, `COMPARED` or `OURS`.
-    words : str
-        What it is, and what it learnt from.
-    sampled : bool
-        Whether it judged a sample of the frames only.
+    A sampled one judged a sample of the frames only.
     """
 
     title: str
@@ -240,18 +169,23 @@ class Method:
     sampled: bool = False
 
 
+def title_and_kind(method: SuperpixelMethod) -> tuple[str, str]:
+    """What a method on superpixels is called in legends and tables, and whose it is."""
+    if isinstance(method, SlicTexture):
+        return f"SLIC + {TITLES[method.name.removeprefix('slic_')]}", THESIS
+    return method.title, COMPARED
+
+
 @dataclass
 class Curves:
-    """Curves by frame.
+    """Curves of the scored frames in order, index ``frame``, a column a method.
 
     Parameters
     ----------
     mean, status : DataFrame
-        Index ``frame``: the frames that are scored, in order. A column a method. Mean of the
-        0/255 mask, 0..255, nan where the method did not judge the frame; status 1, 0, or -1
-        where it did not judge it.
+        Mean of the 0/255 mask, 0..255, nan where the method did not judge the frame; status 1, 0,
+        or -1 where it did not judge it.
     methods : dict of str to Method
-        By column.
     patches : dict of str to dict of int to array of bool, shape (n_patches,)
         Of the texture methods on the grid, by frame: the patches that are not ocean.
     distance_m : Series
@@ -271,11 +205,7 @@ class Curves:
     unreadable: tuple[int, ...] = ()
 
     def add(
-        self,
-        name: str,
-        method: Method,
-        mean: pd.Series | dict[int, float],
-        status: pd.Series | dict[int, int],
+        self, name: str, method: Method, mean: Mapping[int, float], status: Mapping[int, int]
     ) -> None:
         """Add a method's means and statuses by frame; others than the curves' are left out."""
         self.mean[name] = pd.Series(mean, dtype=float).reindex(self.mean.index)
@@ -307,7 +237,7 @@ def measure_curves(inputs: StudyInputs, superpixel_methods: SuperpixelMethods) -
     settings = settings_named(PRESET) if inputs.obstacle_patches else None
     sample, numbers = inputs.spread(), inputs.scored
     tasks = _frame_tasks(inputs, {n: superpixel_methods.of(n) for n in sample}, settings)
-    found = judge_frames(tasks, inputs.request.jobs)
+    found = mapped(judge_frame, tasks, inputs.request.jobs)
     judged = list(inputs.progress(found, len(numbers), "curves, frame by frame"))
     readable = [one for one in judged if not one.fault]
     index = pd.Index([one.number for one in readable], name="frame")
@@ -321,7 +251,9 @@ def measure_curves(inputs: StudyInputs, superpixel_methods: SuperpixelMethods) -
 
 
 def _frame_tasks(
-    inputs: StudyInputs, slow: Mapping[int, Sequence[Baseline]], settings: TrainingSettings | None
+    inputs: StudyInputs,
+    slow: Mapping[int, list[SuperpixelMethod]],
+    settings: TrainingSettings | None,
 ) -> Iterator[FrameTask]:
     """What is to be done with each scored frame; `slow` are the methods of a sample of them."""
     mission, rights = inputs.mission, set(inputs.pairs)
@@ -372,12 +304,11 @@ def _add_slow(
 ) -> None:
     """The methods on superpixels."""
     for one in methods.of(sample[0]):
-        kind = THESIS if isinstance(one, SlicTexture) else COMPARED
+        title, kind = title_and_kind(one)
         words = (
             f"{one.title} ({one.source}), {methods.words(one)}; on a sample of {len(sample)} "
             "frames, as it is slow"
         )
-        title = SLIC_TITLES.get(one.name, one.title)
         _add_judged(curves, one.name, Method(title, kind, words, sampled=True), readable)
 
 
@@ -407,8 +338,8 @@ def _add_runs(curves: Curves, inputs: StudyInputs) -> None:
     calibration, cameras = inputs.calibration, inputs.calibration_words
     # The one that takes longest first, so that the others run beside it.
     words = "growing keypoints (Mori and Scherer 2013): frames against earlier ones; learns nothing"
-    methods = {SIZE_CHANGE: Method("growing keypoints", COMPARED, words)}
-    makers: dict[str, Callable[[], JudgeNext]] = {SIZE_CHANGE: partial(_by_baseline, SizeChange)}
+    methods = {SizeChange.name: Method("growing keypoints", COMPARED, words)}
+    makers: dict[str, MakeMethod] = {SizeChange.name: SizeChange}
     if calibration is None:
         curves.left_out.append(f"tokt's stereo, and thirds: {cameras}")
     else:
@@ -416,16 +347,17 @@ def _add_runs(curves: Curves, inputs: StudyInputs) -> None:
             "left, centre and right mean disparity (Kostavelis and others 2009) on tokt's "
             f"rectified disparity, with {cameras}; learns nothing"
         )
-        methods[MEAN_DISPARITY] = Method("thirds of disparity", COMPARED, words)
-        makers[MEAN_DISPARITY] = partial(_by_baseline, Thirds, calibration)
+        methods[Thirds.name] = Method("thirds of disparity", COMPARED, words)
+        makers[Thirds.name] = partial(Thirds, calibration)
         ours = "tokt's rectified disparity as tokt run has it"
         words = f"{ours}, with {cameras}; learns no frames' looks"
         methods[TOKT_STEREO] = Method("tokt stereo", OURS, words)
-        makers[TOKT_STEREO] = partial(_by_policy, DisparityDetector, calibration, GRID)
+        makers[TOKT_STEREO] = partial(_stereo, calibration)
     if inputs.request.model is not None:
         methods[TOKT_MODEL] = _model_method(inputs)
-        makers[TOKT_MODEL] = partial(_by_policy, _model_of, inputs.request.model)
-    runs = judge_sequences(makers, inputs.mission.path, inputs.request.jobs)
+        makers[TOKT_MODEL] = partial(_model, inputs.request.model)
+    judge = partial(_judge_sequence, inputs.mission.path)
+    runs = mapped(judge, makers.items(), inputs.request.jobs)
     for name, found in inputs.progress(runs, len(makers), "curves, in order of frames"):
         curves.add(name, methods[name], found["mean"], found.status)
         if name == TOKT_STEREO:

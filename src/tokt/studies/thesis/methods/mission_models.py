@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +24,6 @@ from tokt.inference.texture.detector import MofNRun, min_mask_patches
 from tokt.inference.verdict import UNKNOWN, verdict_from_mask
 from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.models.operating_point import MofNRule, frame_step, missed_before
-from tokt.studies.baselines.baseline import Baseline
 from tokt.studies.baselines.lab_colour import LabColour, labelled_example
 from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.thesis_texture import GRID
@@ -44,7 +44,6 @@ from tokt.training.fitting.cross_validation import (
     check_features,
     check_split,
     choose_hyperparameters,
-    inner_folds,
     rows_tested,
 )
 from tokt.training.fitting.presets import (
@@ -70,24 +69,17 @@ copies."""
 _PENALTY = 1.0
 """C; not searched for, as the picture judged is no part of the mission."""
 
+SuperpixelMethod = SlicTexture | LabColour
 Tables = Mapping[int, Sequence[F64]]
 JudgeFrame = Callable[[U8], Bools | str]
 Learnt = tuple[list[MofNRule], dict[int, tuple[int, F64]]]
 """By fold its frame rule, chosen inside the training part; by frame its fold and its scores."""
 
 
-@dataclass(frozen=True)
-class HeldOutTexture:
-    """Results of held-out models, frame by frame.
+class HeldOutTexture(NamedTuple):
+    """Results of held-out models by frame, and how they were split.
 
-    Parameters
-    ----------
-    mean : dict of int to float
-    status : dict of int to int
-    patches : dict of int to array of bool, shape (n_patches,)
-        Patches whose decision value is over the threshold, whatever the frame rule says.
-    words : str
-        What it is, and how it was split.
+    Patches are those whose decision value is over the threshold, whatever the frame rule says.
     """
 
     mean: dict[int, float]
@@ -102,22 +94,10 @@ def held_out_texture(
     sizes: Mapping[int, tuple[int, int]],
     settings: TrainingSettings,
 ) -> HeldOutTexture:
-    """Judge each frame by a model of the other blocks.
+    """Judge each frame that could be read, of `sizes` (height, width), by a model of other blocks.
 
-    Parameters
-    ----------
-    inputs : StudyInputs
-        With labels.
-    features : mapping of int to sequence of array of float64, shape (n_patches, dim)
-        By frame that could be read: of the frame as it is, then as each change makes it.
-    sizes : mapping of int to (height, width)
-        Of these frames, in pixels.
-    settings : TrainingSettings
-
-    Raises
-    ------
-    ToktError
-        If the labels are too few, or all of one class, for blocks to be held out.
+    Features are of the frame as it is, then as each change of the settings makes it. Raises
+    ToktError if the labels are too few, or all of one class, for blocks to be held out.
     """
     with tempfile.TemporaryDirectory(prefix="tokt-reproduce-") as name:
         dataset, split = _dataset(inputs, Path(name), list(sizes))
@@ -170,11 +150,10 @@ def _learn(
     patches, targets = dataset.patches, dataset.targets()
     folds = blocked_folds(patches, targets, split.folds, split.embargo_frames)
     judges = _judges(dataset, folds, list(features), split.embargo_frames)
-    inner = Split(inner_folds(split.folds), split.embargo_frames)
     rules: list[MofNRule] = []
     said: dict[int, tuple[int, F64]] = {}
     for index, fold in enumerate(inputs.progress(folds, len(folds), "our texture, held out")):
-        learnt = patches, table, targets, settings, inner, augmented, inputs.request.jobs
+        learnt = patches, table, targets, settings, split.inner, augmented, inputs.request.jobs
         chosen = choose_hyperparameters(*learnt, rows=fold.train)
         pipeline = fit_rows(table, targets, fold.train, chosen.choice, settings, augmented)
         model = linear_model(pipeline, dataset.classes(), dataset.obstacle_flags())
@@ -248,25 +227,11 @@ def _words(dataset: DatasetVersion, split: Split, settings: TrainingSettings) ->
 
 
 def train_on_all_labels(inputs: StudyInputs, near: int | None = None) -> tuple[str, JudgeFrame]:
-    """A texture model of the mission's labelled frames.
+    """A texture model of the mission's labelled frames: what it learnt from, and how it judges.
 
-    Parameters
-    ----------
-    inputs : StudyInputs
-    near : int, optional
-        A frame from which to stay away by more than the embargo.
-
-    Returns
-    -------
-    words : str
-        What it learnt from.
-    judge : callable
-        Gives the obstacle patches of a frame, bool (n_patches,), or why it cannot be judged.
-
-    Raises
-    ------
-    ToktError
-        If the labels do not show both obstacles and clear water.
+    It gives the obstacle patches of a frame, or why it cannot be judged. From the frame `near` the
+    frames learnt from stay away by more than the embargo. Raises ToktError if the labels do not
+    show both obstacles and clear water.
     """
     numbers = [
         number
@@ -324,17 +289,10 @@ def tokt_model(inputs: StudyInputs) -> tuple[Bundle, str]:
 
 @dataclass(frozen=True)
 class SuperpixelMethods:
-    """SLIC with the thesis's textures, and superpixels by their colour.
+    """SLIC with the thesis's textures, and superpixels by their colour, and what they learnt from.
 
-    Parameters
-    ----------
-    textures : tuple of SlicTexture
-    colours : tuple of LabColour
-        One, or two: the first judges even blocks of frames and learnt from odd ones, the second
-        the other way round.
-    block_frames : int
-    texture_words, colour_words : str
-        What they learnt from.
+    Of two models of colours the first judges even blocks of frames and learnt from odd ones, the
+    second the other way round.
     """
 
     textures: tuple[SlicTexture, ...]
@@ -343,12 +301,12 @@ class SuperpixelMethods:
     texture_words: str
     colour_words: str
 
-    def of(self, number: int) -> list[Baseline]:
+    def of(self, number: int) -> list[SuperpixelMethod]:
         """The methods that may judge a frame of the mission: none learnt from its block."""
         block = number // self.block_frames
         return [*self.textures, self.colours[block % len(self.colours)]]
 
-    def words(self, method: Baseline) -> str:
+    def words(self, method: SuperpixelMethod) -> str:
         """What a method learnt from."""
         return self.texture_words if method in self.textures else self.colour_words
 
