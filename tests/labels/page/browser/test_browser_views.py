@@ -613,3 +613,14 @@ def test_text_is_large_and_whole_in_large_and_small_windows(open_page):
         for width, height in ((1280, 720), (1024, 640), (640, 360)):  # the last: 200 % of the first
             page.set_viewport_size({"width": width, "height": height})
             assert page.evaluate(UNREADABLE) == [], (place, width)
+
+
+def test_a_frame_fits_again_when_a_small_window_grows(open_page):
+    page = open_page("#/label/left/25", ".frame-canvas")
+    for width, height in ((1400, 850), (640, 700), (1400, 850)):
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(200)  # what is drawn anew may not make room for itself
+        page.wait_for_function(
+            "() => document.querySelector('.frame-canvas').clientHeight"
+            " === document.querySelector('.stage').clientHeight"
+        )
