@@ -11,14 +11,9 @@ _NICE = 10
 
 
 class Background:
-    """A thread of low priority that takes one step after the other, and waits when none is left.
+    """A thread of low priority that takes one `step` after the other, and waits when none is left.
 
-    Parameters
-    ----------
-    name : str
-        Of the thread.
-    step : callable
-        Does a few milliseconds of work; returns False when there is nothing to do until `wake`.
+    A step is a few milliseconds of work; it returns False when there is nothing to do until `wake`.
     """
 
     def __init__(self, name: str, step: Callable[[], bool]) -> None:

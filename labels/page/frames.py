@@ -55,13 +55,8 @@ def for_background(mission: Mission) -> Mission:
 class _KeptFrames:
     """Decoded frames of one video, the last used ones.
 
-    It does not hold the video itself, whose life it would prolong. Frames that are kept are read
-    while another thread waits for the file.
-
-    Parameters
-    ----------
-    max_bytes : int
-        Of all kept frames together.
+    It does not hold the video itself, whose life it would prolong. Frames that are kept, at most
+    `max_bytes` of them together, are read while another thread waits for the file.
     """
 
     def __init__(self, max_bytes: int) -> None:

@@ -83,27 +83,18 @@ _OTHER_HOST = """
 
 @dataclass(frozen=True)
 class AccessRules:
-    """The rules that a request must meet.
-
-    Parameters
-    ----------
-    port : int
-        The port it listens on.
-    names : frozenset of str
-        Host names by which it may be addressed, in lower case, IPv6 addresses in brackets.
-    any_address : bool
-        Whether any IP address is such a name. A rebinding attack needs a name, not an address.
-    token : str or None
-        What must be shown with every request, or None.
-    tickets : set of str
-        What may be shown in its place once, to open the page.
-    """
+    """The rules that a request must meet."""
 
     port: int
+    """The one that the server listens on."""
     names: frozenset[str] = LOOPBACK_NAMES
+    """Host names by which it may be addressed, in lower case, IPv6 addresses in brackets."""
     any_address: bool = False
+    """Whether any IP address is such a name. A rebinding attack needs a name, not an address."""
     token: str | None = None
+    """What must be shown with every request, or None."""
     tickets: set[str] = field(default_factory=set, compare=False)
+    """What may be shown in its place once, to open the page."""
 
     def is_our_host(self, header: str) -> bool:
         """Whether a Host header addresses this server."""

@@ -14,7 +14,7 @@ from tokt.labels.page.frames import read_frame
 from tokt.labels.page.state.board import LabelChanges
 from tokt.labels.page.state.live import ALIVE, event_text
 from tokt.labels.page.state.session import Session
-from tokt.labels.record import SETTLED, Cell, utc_now
+from tokt.labels.record import SETTLED, utc_now
 from tokt.labels.store.actions import Action, ActionResult, Change, Conflict
 from tokt.labels.store.store import Note
 
@@ -111,27 +111,6 @@ def post_note(session: SessionOf, body: NoteBody) -> Response:
     session.store.add_note(Note(*place, body.text, body.who, utc_now()))
     session.refresh()
     return json_response({"notes": _notes(session, body.who, body.camera, body.frame)})
-
-
-@router.get("/history")
-def get_history(
-    session: SessionOf, blind: Blind, camera: Camera, frame: Frame, cell: int
-) -> Response:
-    """Everything ever said of one patch."""
-    refuse_blind(blind)
-    check_frame(session, camera, frame)
-    check_cell(session, cell)
-    row, col = divmod(cell, session.grid.cols)
-    patch = Cell(session.mission.name, camera, frame, session.grid, row, col)
-    fields = ("label", "annotator", "time", "source", "model_version")
-    return json_response(
-        {
-            "events": [
-                {name: getattr(said, name) for name in fields}
-                for said in session.store.history(patch)
-            ]
-        }
-    )
 
 
 @router.get("/events")

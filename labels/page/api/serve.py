@@ -29,23 +29,15 @@ _IDLE_S = 60  # how long a connection is kept for the next request
 
 @dataclass(frozen=True)
 class Address:
-    """A socket that listens already, and what goes with it.
-
-    Attributes
-    ----------
-    socket : socket.socket
-    rules : AccessRules
-    url : str
-        What a person opens; holds the token if one is needed.
-    opens_once : str
-        What a browser is started with: every account sees the words that a program was started
-        with, so it holds what is good for one time only.
-    """
+    """A socket that listens already, and what goes with it."""
 
     socket: socket.socket
     rules: AccessRules
     url: str
+    """What a person opens; holds the token if one is needed."""
     opens_once: str
+    """What a browser is started with: every account sees the words that a program was started with,
+    so it holds what is good for one time only."""
 
 
 def listen(host: str, port: int, token: str | None) -> Address:
@@ -156,13 +148,7 @@ def serve(
 ) -> None:
     """Serve `session` on a listening socket until SIGINT or SIGTERM, which stay taken.
 
-    Parameters
-    ----------
-    session : Session
-    listener : socket.socket
-    rules : AccessRules
-    ready : callable
-        Called when the server answers.
+    `ready` is called when the server answers.
     """
     config = uvicorn.Config(
         create_app(session, rules),

@@ -31,15 +31,7 @@ class Doubt(NamedTuple):
 
 
 class Audits:
-    """Reads audit files when they are asked for, each state of a file once. For any thread.
-
-    Parameters
-    ----------
-    store : LabelStore
-        Its folder is the workspace.
-    board : Board
-        Says the mission, its frames and the grid.
-    """
+    """Reads audit files of the store's folder when asked for, each state once. For any thread."""
 
     def __init__(self, store: LabelStore, board: Board) -> None:
         self._workspace = store.path.parent
@@ -62,8 +54,7 @@ class Audits:
         KeyError
             If there is none.
         """
-        paths = {path.stem: path for path in audit_files(self._workspace)}
-        path = paths[name]
+        path = {path.stem: path for path in audit_files(self._workspace)}[name]
         found = path.stat()
         stamp = found.st_mtime_ns, found.st_size
         with self._lock:

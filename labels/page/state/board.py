@@ -61,22 +61,14 @@ class LabelDifference(NamedTuple):
 
 @dataclass(frozen=True)
 class LabelEvents:
-    """Label events of `n` patches, in order.
-
-    Attributes
-    ----------
-    flat : int64 array, shape (n,)
-        Patches as ``frame * n_cells + cell``.
-    codes, notes : int16 array, shape (n,)
-        Codes of the labels, and of what is to be known beside them; 0 is none.
-    blind : bool array, shape (n,)
-        Whether it was said without seeing what others said.
-    """
+    """Label events of patches, in order: codes of their labels and of what is beside these."""
 
     flat: I64
+    """The patches as ``frame * n_cells + cell``."""
     codes: I16
     notes: I16
     blind: Bools
+    """Whether it was said without seeing what others said."""
 
     def of(self, chosen: slice | I64) -> LabelEvents:
         """Some of it."""
@@ -89,45 +81,24 @@ class LabelArray:
     """One annotator's label of every patch, or the settlement of every patch.
 
     All arrays begin as untouched zeros, so that a large grid costs memory only where it is used.
-
-    Parameters
-    ----------
-    n_frames, n_cells : int
-        Frames of all cameras together, and patches of a frame.
-
-    Attributes
-    ----------
-    labels : int16 array, shape (n_frames, n_cells)
-        Code of the label of each patch; 0 is none.
-    filled : int64 array, shape (n_frames,)
-        Number of labelled patches of each frame.
-    counts : int64 array
-        Patches by label code; as long as the highest code met needs.
-    event : int
-        The last event that changed something.
+    `labels` and `notes` hold codes by frame (of all cameras together) and cell; 0 is none.
     """
 
     def __init__(self, n_frames: int, n_cells: int) -> None:
         self.labels: I16 = np.zeros((n_frames, n_cells), np.int16)
-        self.filled = np.zeros(n_frames, np.int64)
-        self.counts = np.zeros(1, np.int64)
-        self.event = 0
-        self._notes: I16 | None = None
-        self._blind: Bools | None = None
+        self.notes: I16 = np.zeros((n_frames, n_cells), np.int16)
+        self.filled = np.zeros(n_frames, np.int64)  # labelled patches of each frame
+        self.counts = np.zeros(1, np.int64)  # by label code, up to the highest code met
+        self.event = 0  # the last one that changed something
+        self._blind = np.zeros((n_frames, n_cells), bool)
 
     def put(self, said: LabelEvents) -> None:
         """Set patches, in order: the last one holds where a patch is named twice."""
         touched = np.unique(said.flat // self.labels.shape[1])
         before = self._counts(touched)
         self.labels.reshape(-1)[said.flat] = said.codes
-        if said.notes.any() and self._notes is None:
-            self._notes = np.zeros_like(self.labels)
-        if self._notes is not None:
-            self._notes.reshape(-1)[said.flat] = said.notes
-        if said.blind.any() and self._blind is None:
-            self._blind = np.zeros(self.labels.shape, bool)
-        if self._blind is not None:
-            self._blind.reshape(-1)[said.flat] = said.blind
+        self.notes.reshape(-1)[said.flat] = said.notes
+        self._blind.reshape(-1)[said.flat] = said.blind
         self._count(before, -1)
         self._count(self._counts(touched), 1)
         self.filled[touched] = np.count_nonzero(self.labels[touched], axis=1)
@@ -136,24 +107,13 @@ class LabelArray:
         """Take back the labels of patches."""
         self.labels.reshape(-1)[flat] = 0
 
-    def note(self, frame: int, cell: int) -> int:
-        """Note of one patch."""
-        return 0 if self._notes is None else int(self._notes[frame, cell])
-
-    def notes(self, frame: int) -> dict[int, int]:
-        """Notes of a frame by cell, where there is one."""
-        if self._notes is None:
-            return {}
-        cells = np.flatnonzero(self._notes[frame])
-        return {int(cell): int(self._notes[frame, cell]) for cell in cells}
-
     def count(self, code: int) -> int:
         """Number of patches with that label."""
         return int(self.counts[code]) if code < len(self.counts) else 0
 
     def blind_count(self) -> int:
         """Number of labelled patches that were labelled blind."""
-        return 0 if self._blind is None else int(np.count_nonzero(self._blind & (self.labels > 0)))
+        return int(np.count_nonzero(self._blind & (self.labels > 0)))
 
     def _counts(self, frames: I64) -> I64:
         return np.bincount(self.labels[frames].reshape(-1))
@@ -166,19 +126,7 @@ class LabelArray:
 
 @dataclass(frozen=True)
 class LabelChanges:
-    """Frames in which something was said.
-
-    Attributes
-    ----------
-    event : int
-        The last event that is counted in.
-    labelled, settled : dict of str to set of (camera, frame)
-        Frames in which that annotator labelled, and in which that annotator settled something.
-    since : int
-        Events up to this one are not counted in.
-    noted : dict of str to set of (camera, frame)
-        Frames in which that annotator wrote a note.
-    """
+    """Frames in which something was said, by annotators: events after `since`, up to `event`."""
 
     event: int
     labelled: dict[str, set[FrameName]] = field(default_factory=dict)
@@ -227,18 +175,9 @@ class LabelChanges:
 class Board:
     """The labels of every patch by every annotator, as fast as a page needs them.
 
-    Everything here follows from the store's events; `refresh` reads the new ones. Frames that
-    the mission does not have are left out. Threads may share a board.
-
-    Parameters
-    ----------
-    mission : Mission
-        Its name and its frames say which events are read.
-    grid : Grid
-        Labels of other grids are left out.
-    taxonomy : Taxonomy
-        Its classes come first among `names`.
-    store : LabelStore
+    Everything here follows from the store's events of the mission; `refresh` reads the new ones.
+    Frames that the mission does not have and labels of other grids are left out. The taxonomy's
+    classes come first among `names`. Threads may share a board.
     """
 
     def __init__(self, mission: Mission, grid: Grid, taxonomy: Taxonomy, store: LabelStore) -> None:
@@ -357,8 +296,8 @@ class Board:
     def versions(self, who: str, camera: str, frame: int) -> dict[int, str]:
         """Model versions whose suggestions this annotator confirmed, by cell."""
         with self._lock:
-            codes = self._by(who).notes(self._position[camera, frame])
-            return {cell: str(self._notes.words[code]) for cell, code in codes.items()}
+            codes = self._by(who).notes[self._position[camera, frame]].tolist()
+            return {cell: str(self._notes.words[code]) for cell, code in enumerate(codes) if code}
 
     def counts(self, who: str) -> dict[str, int]:
         """One annotator's patches by label: classes, ``unsure``, and what else this person used."""
@@ -479,7 +418,7 @@ class Board:
     def _difference(self, position: int, cell: int, of_a: I16, of_b: I16) -> LabelDifference:
         words, settled = self._labels.words, self._settled.labels[position, cell]
         code_a, code_b = of_a[position, cell], of_b[position, cell]
-        by = self._notes.words[self._settled.note(position, cell)] if settled else None
+        by = self._notes.words[self._settled.notes[position, cell]] if settled else None
         return LabelDifference(
             *self._every[position],
             cell,

@@ -25,13 +25,7 @@ CellName = tuple[str, int, int]
 
 @dataclass(frozen=True)
 class PatchLocations:
-    """Places of patches in a `FeatureSnapshot`.
-
-    Attributes
-    ----------
-    rows, cells : array of int64, shape (n,)
-        Each one's frame, and its cell in that frame.
-    """
+    """Places of patches in a `FeatureSnapshot`: each one's frame, and its cell in that frame."""
 
     rows: I64
     cells: I64
@@ -39,35 +33,21 @@ class PatchLocations:
 
 @dataclass(frozen=True)
 class FeatureSnapshot:
-    """The features known at one moment; row i of each array is one frame.
-
-    Attributes
-    ----------
-    features : array of float32, shape (at least n, n_patches, dim)
-        Only of frames that are `good`.
-    numbers : array of int64, shape (n,)
-        Frame numbers.
-    good : array of bool, shape (n,)
-        Which frames have been looked at and could be read.
-    done : int
-        How many have been looked at.
-    """
+    """The features known at one moment; row i of each array is one frame."""
 
     features: F32
+    """Of shape (at least n, n_patches, dim), only of frames that are `good`."""
     numbers: I64
     good: Bools
+    """Which frames have been looked at and could be read."""
     done: int
+    """How many have been looked at."""
 
 
 class FrameFeatures:
     """Features of every patch of the frames that were asked for. For any number of threads.
 
     It needs some 100 bytes a patch.
-
-    Parameters
-    ----------
-    mission : Mission
-    grid : Grid
     """
 
     def __init__(self, mission: Mission, grid: Grid) -> None:

@@ -25,25 +25,11 @@ _ERROR = "tokt: error: "
 
 @dataclass
 class Job:
-    """One job: commands, one after the other.
-
-    Attributes
-    ----------
-    what : str
-    steps, step : int
-        How many commands there are, and which one is running, from 1.
-    state : {"running", "done", "failed", "cancelled"}
-    progress : dict or None
-        What is being done, how much of it is done, of how much.
-    error : str
-        Why it failed.
-    lines : deque of str
-        The last lines that were printed.
-    """
+    """One job: commands, one after the other; and the last lines that they printed."""
 
     what: str
     steps: int
-    step: int = 1
+    step: int = 1  # the one that is running
     state: str = RUNNING
     progress: dict[str, Any] | None = None
     error: str = ""

@@ -2,7 +2,7 @@
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,14 +21,12 @@ class Listener:
     status: bool = False
     wake: asyncio.Event = field(default_factory=asyncio.Event)
 
-    def add_change(self, changed: LabelChanges) -> None:
-        """Something was said; a slow page gets several changes as one."""
-        self.changed = changed if self.changed is None else self.changed.merged(changed)
-        self.wake.set()
-
-    def set_status(self) -> None:
-        """The server's own state is another one; which is asked when it is told."""
-        self.status = True
+    def hear(self, changed: LabelChanges | None) -> None:
+        """A slow page gets several changes as one. None: the server's own state is another one."""
+        if changed is None:
+            self.status = True  # it is asked when it is told
+        else:
+            self.changed = changed if self.changed is None else self.changed.merged(changed)
         self.wake.set()
 
     def take(self) -> tuple[LabelChanges | None, bool]:
@@ -57,13 +55,19 @@ class Broadcaster:
         for listener in self._listeners:
             listener.wake.set()
 
-    def publish(self, changed: LabelChanges) -> None:
-        """Send a change to every page."""
-        self._to_all(lambda listener: listener.add_change(changed))
+    def publish(self, changed: LabelChanges | None) -> None:
+        """Send a change to every page; None as `publish_status`."""
+
+        def deliver() -> None:
+            for listener in self._listeners:
+                listener.hear(changed)
+
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(deliver)
 
     def publish_status(self) -> None:
         """Send the server's own state, as it is then, to every page: never an older one later."""
-        self._to_all(Listener.set_status)
+        self.publish(None)
 
     async def listen(self) -> AsyncIterator[tuple[LabelChanges | None, bool]]:
         """Yield what is to be told, or (None, False) every `ALIVE_S`, until the server ends."""
@@ -81,14 +85,6 @@ class Broadcaster:
                     yield listener.take()
         finally:
             self._listeners.discard(listener)
-
-    def _to_all(self, send: Callable[[Listener], None]) -> None:
-        def deliver() -> None:
-            for listener in self._listeners:
-                send(listener)
-
-        if self._loop is not None and not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(deliver)
 
 
 def event_text(name: str, value: dict[str, Any]) -> str:

@@ -32,16 +32,9 @@ def frame_picture(
 ) -> tuple[bytes, str]:
     """One frame as a file that browsers show, and its media type.
 
-    Parameters
-    ----------
-    mission : Mission
-    camera : str
-    frame : int
-    enhance : int
-        0 gives the camera's own file where browsers show its very pixels and otherwise a PNG of
-        them; up to 100 see `enhanced`: a JPEG.
-    width : int, optional
-        Make it that wide, in pixels (a narrower frame stays as it is): a JPEG.
+    With 0 for `enhance` it is the camera's own file where browsers show its very pixels and
+    otherwise a PNG of them; up to 100 (see `enhanced`), or made `width` pixels wide (a narrower
+    frame stays as it is), a JPEG.
 
     Raises
     ------
@@ -60,13 +53,7 @@ def frame_picture(
 
 
 class PatchPictures:
-    """Sprites of patches: many patches in one picture. For any number of threads.
-
-    Parameters
-    ----------
-    mission : Mission
-    grid : Grid
-    """
+    """Sprites of patches: many patches in one picture. For any number of threads."""
 
     def __init__(self, mission: Mission, grid: Grid) -> None:
         self._mission = mission
@@ -83,17 +70,9 @@ class PatchPictures:
     ) -> tuple[bytes, str]:
         """Patches in rows of 10, in the order given, as one JPEG and its media type.
 
-        Parameters
-        ----------
-        cells : sequence of (camera, frame, cell)
-            The last row is filled up with black. A frame that cannot be read gives crossed-out
-            tiles.
-        size : int
-            Width and height in pixels of each tile; patches keep their shape, in the middle.
-        margin : float
-            How much of its surroundings is shown around each patch, in patches: 0 to 1.
-        enhance : int
-            0 to 100, see `enhanced`.
+        The last row is filled up with black. A frame that cannot be read gives crossed-out tiles.
+        Tiles are `size` pixels wide and high; patches keep their shape, in the middle, with
+        `margin` of a patch (0 to 1) around each one.
 
         Raises
         ------

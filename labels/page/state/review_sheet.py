@@ -39,26 +39,17 @@ class Patch(NamedTuple):
 
 @dataclass(frozen=True)
 class Ranked:
-    """A class's patches.
-
-    Attributes
-    ----------
-    cells : sequence of (camera, frame, cell)
-        The patches, in the order of the frames.
-    values : array of float64, shape (n,)
-        A value a patch: lower the less it looks like its label; not a number where its frame has
-        not been looked at yet or cannot be read.
-    by : str
-        What the order goes by and how that was computed, in words.
-    done, of : int
-        Labelled frames that have been looked at, and all of them.
-    """
+    """A class's patches, in the order of the frames."""
 
     cells: Sequence[CellName]
     values: F64
+    """Lower the less it looks like its label; NaN where its frame has not been looked at yet or
+    cannot be read."""
     by: str
+    """What the order goes by and how that was computed, in words."""
     done: int
     of: int
+    """Labelled frames that have been looked at, and all of them."""
 
     @cached_property
     def _order(self) -> I64:
@@ -78,16 +69,7 @@ class Ranked:
 def rank(
     features: FrameFeatures, cells_by_class: Mapping[str, Sequence[CellName]], label: str
 ) -> Ranked:
-    """Rank the patches of a label by how they look.
-
-    Parameters
-    ----------
-    features : FrameFeatures
-        Of the frames with labels, as far as they have been looked at.
-    cells_by_class : mapping of str to sequence of (camera, frame, cell)
-        All labelled patches, by label.
-    label : str
-        One of these labels.
+    """Rank the patches of a label among all labelled ones by how they look.
 
     Raises
     ------
@@ -105,13 +87,7 @@ def rank(
 
 
 class ReviewSheet:
-    """A person's labels, ranked from the board when first asked for. For any number of threads.
-
-    Parameters
-    ----------
-    mission : Mission
-    board : Board
-    """
+    """A person's labels, ranked from the board when first asked for. For any number of threads."""
 
     def __init__(self, mission: Mission, board: Board) -> None:
         self._board = board

@@ -46,54 +46,34 @@ LITTLE_BYTES = 20_000_000
 
 @dataclass
 class Session:
-    """One mission on one workspace, served to any number of pages.
-
-    Attributes
-    ----------
-    mission : Mission
-    taxonomy : Taxonomy
-    store : LabelStore
-    board : Board
-    annotator : str
-        Who labels unless a page says otherwise.
-    version : str
-        Of tokt.
-    suggester : Suggester or None
-        The model in the loop.
-    other_grids : int
-        Number of other grids in which this mission is labelled.
-    pictures_version : str
-        Changes with the mission's files and with tokt: the same one, the same pictures.
-    live : Broadcaster
-    fault : str
-        Why nothing can be saved at present, or an empty string.
-    settings : dict of str to str
-        Of the mission, for everybody.
-    blind : frozenset of str
-        Who labels this mission blind: these hear nothing of what others or the model said,
-        whatever browser they use. The store knows it, and no page is asked.
-    taxonomy_file : Path or None
-        Where the classes come from, if not from the workspace.
-    carry : callable or None
-        Gives a right frame its labels from both frames, the left one's labels and the names of
-        what is clear.
-    """
+    """One mission on one workspace, served to any number of pages."""
 
     mission: Mission
     taxonomy: Taxonomy
     store: LabelStore
     board: Board
     annotator: str
+    """Who labels unless a page says otherwise."""
     version: str
+    """Of tokt."""
     suggester: Suggester | None = None
     other_grids: int = 0
+    """Number of other grids in which this mission is labelled."""
     pictures_version: str = ""
+    """Changes with the mission's files and with tokt: the same one, the same pictures."""
     live: Broadcaster = field(default_factory=Broadcaster)
     fault: str = ""
+    """Why nothing can be saved at present, or an empty string."""
     settings: dict[str, str] = field(default_factory=dict)
+    """Of the mission, for everybody."""
     blind: frozenset[str] = frozenset()
+    """Who labels this mission blind: these hear nothing of what others or the model said, whatever
+    browser they use. The store knows it, and no page is asked."""
     taxonomy_file: Path | None = None
+    """Where the classes come from, if not from the workspace."""
     carry: Carry | None = None
+    """Gives a right frame its labels from both frames, the left one's labels and the names of what
+    is clear."""
     changing: threading.Lock = field(default_factory=threading.Lock)
     """Held by who changes the classes."""
     jobs: Jobs = field(default_factory=Jobs)
@@ -328,14 +308,10 @@ def open_session(
 
     Parameters
     ----------
-    mission : Mission
     workspace : Path
         Made if it is not there.
-    grid : Grid
-    annotator : str
-        Who labels unless a page says otherwise.
-    version : str
-        Of tokt.
+    annotator, version : str
+        As in `Session`.
     taxonomy : Path, optional
         Instead of the workspace's or the packaged one.
     bundle : Bundle, optional

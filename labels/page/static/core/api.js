@@ -27,38 +27,23 @@ export function onFailure(handle = () => undefined) {
 }
 
 /**
- * The address of an API path with its parameters and `who`.
- * @param {string} path
- * @param {Object} [params] Those that are null or undefined are left out; a list is repeated.
- * @returns {string}
+ * The address of an API path with `who` and its parameters: those that are null or undefined are
+ * left out, a list is repeated.
  */
 export function address(path, params = {}) {
   const query = new URLSearchParams();
-  const all = { who: who() || null, ...params };
-  for (const [name, value] of Object.entries(all)) {
-    for (const one of [value].flat()) if (one !== null && one !== undefined) query.append(name, one);
+  for (const [name, value] of Object.entries({ who: who() || null, ...params })) {
+    for (const one of [value].flat()) if ((one ?? null) !== null) query.append(name, one);
   }
   return `${path}?${query}`;
 }
 
-/**
- * GET a path.
- * @param {string} path
- * @param {Object} [params]
- * @returns {Promise<*>}
- * @throws {ApiError}
- */
+/** GET a path; throws ApiError. */
 export async function get(path, params = {}) {
   return request(address(path, params));
 }
 
-/**
- * POST a body to a path; `who` is filled in where the body has none.
- * @param {string} path
- * @param {Object} body
- * @returns {Promise<*>}
- * @throws {ApiError}
- */
+/** POST a body to a path; `who` is filled in where the body has none. Throws ApiError. */
 export async function post(path, body) {
   return request(path, {
     method: "POST",
@@ -67,14 +52,7 @@ export async function post(path, body) {
   });
 }
 
-/**
- * POST a file to a path.
- * @param {string} path
- * @param {Object} params
- * @param {Blob} file
- * @returns {Promise<*>}
- * @throws {ApiError}
- */
+/** POST a file to a path; throws ApiError. */
 export async function send(path, params, file) {
   const headers = { "Content-Type": "application/octet-stream" };
   return request(address(path, params), { method: "POST", headers, body: file }, SEND_MS);

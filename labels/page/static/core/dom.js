@@ -19,12 +19,7 @@ export function el(tag, { text, on = {}, ...attributes } = {}, ...children) {
   return node;
 }
 
-/**
- * Set, or with false, null or undefined remove, an attribute.
- * @param {Element} node
- * @param {string} name
- * @param {*} value
- */
+/** Set, or with false, null or undefined remove, an attribute. */
 export function setAttribute(node, name, value) {
   if (value === false || value === null || value === undefined) return node.removeAttribute(name);
   const text = value === true ? "" : String(value);
@@ -32,11 +27,7 @@ export function setAttribute(node, name, value) {
   if (node.getAttribute(name) !== text) node.setAttribute(name, text);
 }
 
-/**
- * Set an element's words, if they are others.
- * @param {Element} node
- * @param {string} text
- */
+/** Set an element's words, if they are others. */
 export function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
@@ -44,10 +35,6 @@ export function setText(node, text) {
 /**
  * A button that gives the keyboard back to the view after a click with the mouse, so that the
  * next Enter or Space is the view's and does not press the button again.
- * @param {string} text
- * @param {Function} run
- * @param {Object} [attributes]
- * @returns {HTMLButtonElement}
  */
 export function button(text, run, attributes) {
   const click = (event) => {
@@ -59,10 +46,7 @@ export function button(text, run, attributes) {
 
 /**
  * Give the keyboard back to the view when a control was changed with the mouse, so that the next
- * key is the view's; who changes it with the keyboard stays on it.
- * @template {HTMLElement} T
- * @param {T} control
- * @returns {T}
+ * key is the view's; who changes it with the keyboard stays on it. Returns the control.
  */
 export function backAfterMouse(control) {
   let byMouse = false;
@@ -77,10 +61,7 @@ export function focusView() {
   document.querySelector("#view [data-home]")?.focus({ preventScroll: true });
 }
 
-/**
- * Read a text out (polite live region), without showing it.
- * @param {string} text
- */
+/** Read a text out (polite live region), without showing it. */
 export function announce(text) {
   document.getElementById("announcer").textContent = text;
 }
@@ -109,11 +90,7 @@ export function endToast() {
   if (!toastStays) document.getElementById("toast").classList.remove("shown");
 }
 
-/**
- * A function that runs `work` once before the next drawing, however often it is called.
- * @param {Function} work
- * @returns {Function}
- */
+/** A function that runs `work` once before the next drawing, however often it is called. */
 export function soon(work) {
   let waiting = false;
   return () => {

@@ -23,10 +23,7 @@ let viewClassKeys = null;
 const globalKeys = [];
 const held = new Map();
 
-/**
- * Set the table of the view that is shown.
- * @param {{title: string, keys?: KeyEntry[], classKeys?: (name: string) => void}} view
- */
+/** Set the table of the view that is shown, as `addView` takes it. */
 export function setViewKeys({ title, keys = [], classKeys = null }) {
   viewTitle = title;
   viewKeys = keys;
@@ -34,10 +31,7 @@ export function setViewKeys({ title, keys = [], classKeys = null }) {
   held.clear();
 }
 
-/**
- * Add keys that answer in every view, after the view's own.
- * @param {KeyEntry[]} entries
- */
+/** Add `KeyEntry`s that answer in every view, after the view's own. */
 export function addGlobalKeys(entries) {
   globalKeys.push(...entries);
 }
@@ -128,10 +122,7 @@ function ownsKey(target, { key, ctrlKey, altKey }) {
 /** Open the overlay of keys, or close it. */
 export function toggleHelp() {
   const dialog = document.getElementById("help");
-  if (dialog.open) {
-    dialog.close();
-    return;
-  }
+  if (dialog.open) return dialog.close();
   const on = { click: toggleHelp };
   dialog.replaceChildren(
     el("button", { class: "close", text: "Close (Esc)", type: "button", on }),
@@ -150,18 +141,16 @@ export function toggleHelp() {
 }
 
 function tables() {
-  const classRows = [];
-  const groups = new Map([["Classes", classRows]]);
-  const add = (group, keys, does) => {
-    groups.set(group, [...(groups.get(group) ?? []), [keys.map(reachable), does]]);
-  };
-  for (const { key, name } of classes()) if (key) classRows.push([[key], name]);
-  for (const { keys, does, group } of viewKeys) add(group ?? viewTitle, keys, does);
-  for (const { keys, does, group } of globalKeys) add(group ?? "Everywhere", keys, does);
-  return [...groups].map(([title, rows]) =>
+  const given = classes().filter(({ key }) => key);
+  const rows = [
+    ...given.map(({ key, name }) => ["Classes", [key], name]),
+    ...viewKeys.map(({ keys, does, group }) => [group ?? viewTitle, keys.map(reachable), does]),
+    ...globalKeys.map(({ keys, does }) => ["Everywhere", keys.map(reachable), does]),
+  ];
+  return [...Map.groupBy(rows, ([title]) => title)].map(([title, some]) =>
     el("section", {},
       el("h3", { text: title }),
-      el("table", {}, ...rows.map(([keys, does]) => keyRow(keys, does))),
+      el("table", {}, ...some.map(([, keys, does]) => keyRow(keys, does))),
     ),
   );
 }
@@ -177,21 +166,14 @@ function printed(key) {
   return key.replace(/Arrow\w+/, (name) => ARROWS[name]);
 }
 
-/**
- * The form in which a page key can be pressed: with Alt where a class takes it.
- * @param {string} key
- * @returns {string}
- */
+/** The form in which a page key can be pressed: with Alt where a class takes it. */
 export function reachable(key) {
   return classes().some((known) => known.key === key) ? `Alt+${key}` : key;
 }
 
 const lookKey = (key, does, run) => ({ keys: [key], does, run, group: "Seeing" });
 
-/**
- * Keys for how pictures look, the same in every view that shows pictures.
- * @type {KeyEntry[]}
- */
+/** Keys for how pictures look, the same in every view that shows pictures. */
 export const lookKeys = [
   lookKey("[", "less contrast", () => changeSetting("enhance", -CONTRAST_STEP, 100)),
   lookKey("]", "more contrast", () => changeSetting("enhance", CONTRAST_STEP, 100)),
@@ -205,10 +187,7 @@ export function toggleDrawer() {
   setSetting("drawer", !setting("drawer"));
 }
 
-/**
- * The same and further ones, for views with a toolbar.
- * @type {KeyEntry[]}
- */
+/** The same and further ones, for views with a toolbar. */
 export const labelKeys = [
   ...lookKeys,
   lookKey("<", "more suggestions are sure", () => changeSetting("confidence", -0.1, 3)),

@@ -44,11 +44,7 @@ export async function loadMission() {
 
 let settingsHeard = 0;
 
-/**
- * What to say where the server that answers now shows something else.
- * @param {Object} answer From /api/mission.
- * @returns {string} "" where it shows the mission of this page.
- */
+/** What to say where an /api/mission answer is not of this page's mission; "" where it is. */
 export function strangerWords(answer) {
   if (sameMission(answer)) return "";
   return `the server now shows mission ${answer.mission}; start it with ${mission.mission} again`;
@@ -57,8 +53,6 @@ export function strangerWords(answer) {
 /**
  * Whether an /api/mission answer is about the mission this page was opened on: another server may
  * have been started on the same port.
- * @param {Object} answer
- * @returns {boolean}
  */
 export function sameMission(answer) {
   const { rows, cols } = answer.grid;
@@ -173,11 +167,7 @@ export function classes() {
   return mission.classes;
 }
 
-/**
- * A class by its name; also for names that the taxonomy does not have.
- * @param {string} name
- * @returns {{name: string, obstacle: ?boolean, color: string, key: string, description: string}}
- */
+/** A class by its name; also for names that the taxonomy does not have. */
 export function classOf(name) {
   return byName.get(name) ?? { name, obstacle: null, color: "#e6e6e6", key: "", description: "" };
 }
@@ -219,20 +209,13 @@ export function selectedClass() {
   return chosenClass() ?? mission.classes[0]?.name ?? "";
 }
 
-/**
- * Choose the class to paint with.
- * @param {string} name
- */
+/** Choose the class to paint with. */
 export function selectClass(name) {
   setSetting("selected", name);
   changed("selected");
 }
 
-/**
- * The frame numbers of a camera, ascending.
- * @param {string} camera
- * @returns {number[]}
- */
+/** The frame numbers of a camera, ascending. */
 export function frames(camera) {
   frameLists[camera] ??= (mission.cameras[camera]?.ranges ?? []).flatMap(([first, last]) =>
     Array.from({ length: last - first + 1 }, (_, index) => first + index),
@@ -240,23 +223,13 @@ export function frames(camera) {
   return frameLists[camera];
 }
 
-/**
- * Where a frame stands in `frames(camera)`; -1 if it is not there.
- * @param {string} camera
- * @param {number} frame
- * @returns {number}
- */
+/** Where a frame stands in `frames(camera)`; -1 if it is not there. */
 export function frameIndex(camera, frame) {
   const at = indexFrom(camera, frame);
   return frames(camera)[at] === frame ? at : -1;
 }
 
-/**
- * Where the first frame with this or a higher number stands; the count of frames if there is none.
- * @param {string} camera
- * @param {number} frame
- * @returns {number}
- */
+/** Where the first frame with this or a higher number stands; their count if there is none. */
 export function indexFrom(camera, frame) {
   const list = frames(camera);
   let low = 0;
@@ -269,12 +242,7 @@ export function indexFrom(camera, frame) {
   return low;
 }
 
-/**
- * The state of a frame: u unseen, s seen, p part, d done, x disagreement; "" if it is not there.
- * @param {string} camera
- * @param {number} frame
- * @returns {string}
- */
+/** The state of a frame: u unseen, s seen, p part, d done, x disagreement; "" if not there. */
 export function stateOf(camera, frame) {
   return mission.states[camera]?.[frameIndex(camera, frame)] ?? "";
 }

@@ -18,19 +18,13 @@ function pictureAddress(camera, frame, enhance) {
   return `/api/picture/${camera}/${frame}?enhance=${enhance}&v=${mission.pictures ?? ""}`;
 }
 
-/**
- * A picture that is decoded already.
- * @returns {?ImageBitmap}
- */
+/** A picture that is decoded already, or null. */
 export function pictureNow(camera, frame, enhance) {
   return pictures.get(pictureAddress(camera, frame, enhance))?.bitmap ?? null;
 }
 
 /**
- * The picture of a frame.
- * @param {string} camera
- * @param {number} frame
- * @param {number} enhance 0..100; 0 is the frame as the camera gave it.
+ * The picture of a frame; `enhance` is 0 (as the camera gave it) to 100.
  * @returns {Promise<ImageBitmap>}
  * @throws {ApiError} Also for a frame that cannot be read (status 422, its sentence).
  */
@@ -45,24 +39,18 @@ export function picture(camera, frame, enhance) {
 
 /**
  * Fetch pictures that will be wanted soon, nearest first, and give up on all others that are
- * neither shown nor in the list.
- * @param {{camera: string, frame: number, enhance: number}[]} list
- * @param {{camera: string, frame: number, enhance: number}[]} kept Those to leave alone.
+ * neither `kept` nor in the list; both name {camera, frame, enhance}.
  */
 export function prefetchPictures(list, kept) {
-  const wanted = new Set(
-    [...kept, ...list].map(({ camera, frame, enhance }) => pictureAddress(camera, frame, enhance)),
-  );
+  const addressOf = ({ camera, frame, enhance }) => pictureAddress(camera, frame, enhance);
+  const wanted = new Set([...kept, ...list].map(addressOf));
   for (const [url, job] of pictures) {
     if (!job.bitmap && !job.error && !wanted.has(url)) {
       job.controller.abort();
       pictures.delete(url);
     }
   }
-  waits = list.map(({ camera, frame, enhance }) =>
-    jobFor(pictureAddress(camera, frame, enhance)),
-  );
-  waits = waits.filter((job) => !job.started);
+  waits = list.map((one) => jobFor(addressOf(one))).filter((job) => !job.started);
   next();
   forgetOld(wanted);
 }
@@ -74,11 +62,10 @@ export function forgetFailed() {
 
 function jobFor(url) {
   let job = pictures.get(url);
-  if (job) {
-    pictures.delete(url);
-  } else {
+  if (job) pictures.delete(url);
+  else {
     job = { url, bitmap: null, error: null, controller: new AbortController(), started: false };
-    job.promise = new Promise((resolve, reject) => Object.assign(job, { resolve, reject }));
+    Object.assign(job, Promise.withResolvers());
     // Nobody may be waiting for a prefetched one; who shows it gets the error from `promise`.
     job.promise.catch(() => {});
   }
@@ -120,31 +107,18 @@ function forgetOld(wanted) {
 const USUAL_ASPECT = 0.75;
 const aspects = new Map(); // by camera
 
-/**
- * Height of a camera's frames over their width.
- * @param {string} camera
- * @returns {number}
- */
+/** Height of a camera's frames over their width. */
 export function frameAspect(camera) {
   return aspects.get(camera) ?? USUAL_ASPECT;
 }
 
-/**
- * Height of a camera's patches over their width.
- * @param {string} camera
- * @returns {number}
- */
+/** Height of a camera's patches over their width. */
 export function patchAspect(camera) {
   const { width, height } = patchSize(1000, 1000 * frameAspect(camera));
   return height / width;
 }
 
-/**
- * Learn the shape from a picture that was loaded.
- * @param {string} camera
- * @param {HTMLImageElement} image
- * @returns {boolean} Whether it differs from what was believed.
- */
+/** Learn the shape from a picture that was loaded; whether it differs from what was believed. */
 export function learnShape(camera, image) {
   const before = frameAspect(camera);
   aspects.set(camera, image.naturalHeight / image.naturalWidth);
@@ -152,11 +126,8 @@ export function learnShape(camera, image) {
 }
 
 /**
- * Address of a small picture of a frame, enhanced as the person set it.
- * @param {string} camera
- * @param {number} frame
- * @param {number} width In CSS pixels; asked for in steps, so that pictures are found again.
- * @returns {string}
+ * Address of a small picture of a frame, enhanced as the person set it; its width in CSS pixels is
+ * asked for in steps, so that pictures are found again.
  */
 export function thumbAddress(camera, frame, width) {
   const pixels = Math.ceil((width * Math.min(2, window.devicePixelRatio || 1)) / 40) * 40;
@@ -164,10 +135,7 @@ export function thumbAddress(camera, frame, width) {
   return address(`/api/thumb/${camera}/${frame}`, { ...params, who: null });
 }
 
-/**
- * Look at the first frames' shape of each camera that is not known yet.
- * @returns {Promise<void>} Done when looked at, readable or not.
- */
+/** Look at the first frames' shape of each camera that is not known yet, readable or not. */
 export async function lookAtShapes() {
   const cameras = Object.keys(mission.cameras).filter((camera) => !aspects.has(camera));
   await Promise.all(cameras.map(lookAt));

@@ -1,6 +1,6 @@
 // The page's address says what is shown: #/label/left/17. Views register under the first word.
 
-import { el, say } from "./dom.js";
+import { el, say, setAttribute } from "./dom.js";
 import { setViewKeys } from "./keys.js";
 
 const views = new Map();
@@ -41,20 +41,13 @@ export async function loadLaterViews() {
   }
 }
 
-/**
- * Go to an address.
- * @param {string} hash "#/label/left/17"
- * @param {{replace?: boolean}} [options] `replace`: no new entry for the Back button.
- */
+/** Go to an address, "#/label/left/17"; `replace`: no new entry for the Back button. */
 export function go(hash, { replace = false } = {}) {
   if (hash !== location.hash) history[replace ? "replaceState" : "pushState"](null, "", hash);
   route();
 }
 
-/**
- * Show another address without going anywhere: what is shown moved on by itself.
- * @param {string} hash
- */
+/** Show another address without going anywhere: what is shown moved on by itself. */
 export function noteAddress(hash) {
   if (hash !== location.hash) history.replaceState(null, "", hash);
 }
@@ -64,10 +57,7 @@ export function currentView() {
   return current;
 }
 
-/**
- * Begin to follow the address.
- * @param {string} home Address for an empty or unknown one.
- */
+/** Begin to follow the address; `home` stands for an empty or unknown one. */
 export function startRouting(home) {
   first = home;
   window.addEventListener("popstate", route);
@@ -82,10 +72,7 @@ function route() {
     return void (views.has(first.split("/")[1]) && route());
   }
   const view = views.get(name);
-  if (view.load) {
-    loadView(name, view.load);
-    return;
-  }
+  if (view.load) return void loadView(name, view.load);
   const root = document.getElementById("view");
   if (name !== current) {
     if (current) views.get(current).hide();
@@ -105,8 +92,8 @@ async function loadView(name, load) {
   } catch (error) {
     failures += 1;
     if (!(error instanceof TypeError)) throw error;
-    say("This view cannot be loaded now; choose it again when the server answers.", { bad: true });
-    return;
+    const words = "This view cannot be loaded now; choose it again when the server answers.";
+    return say(words, { bad: true });
   }
   // Another address may have been asked for meanwhile.
   if (location.hash.startsWith(`#/${name}`)) route();
@@ -136,7 +123,6 @@ function buildLinks() {
 function markLink() {
   const shown = views.get(current).under ?? current;
   for (const link of document.querySelectorAll("#views a")) {
-    if (link.dataset.view === shown) link.setAttribute("aria-current", "page");
-    else link.removeAttribute("aria-current");
+    setAttribute(link, "aria-current", link.dataset.view === shown && "page");
   }
 }

@@ -14,11 +14,7 @@ function area(name) {
 
 const areas = { local: area("localStorage"), session: area("sessionStorage") };
 
-/**
- * What is stored under a name, parsed; null where there is nothing or it cannot be read.
- * @param {string} name
- * @param {Storage} [store]
- */
+/** What is stored under a name, parsed; null where there is nothing or it cannot be read. */
 export function read(name, store = areas.local) {
   try {
     return JSON.parse(store.getItem(name));
@@ -27,13 +23,7 @@ export function read(name, store = areas.local) {
   }
 }
 
-/**
- * Store a value, and look whether it is there.
- * @param {string} name
- * @param {*} value
- * @param {Storage} [store]
- * @returns {boolean} Whether it is stored.
- */
+/** Store a value; whether it is there then. */
 export function write(name, value, store = areas.local) {
   const text = JSON.stringify(value);
   try {
@@ -44,24 +34,16 @@ export function write(name, value, store = areas.local) {
   }
 }
 
-/**
- * Forget a name.
- * @param {string} name
- * @param {Storage} [store]
- */
-export function remove(name, store = areas.local) {
+/** Forget a name. */
+export function remove(name) {
   try {
-    store.removeItem(name);
+    areas.local.removeItem(name);
   } catch {
     // Storage is switched off: there is nothing to forget.
   }
 }
 
-/**
- * The stored names that start with a text, sorted.
- * @param {string} prefix
- * @returns {string[]}
- */
+/** The stored names that start with a text, sorted. */
 export function names(prefix) {
   try {
     return Object.keys(areas.local).filter((name) => name.startsWith(prefix)).sort();
@@ -94,19 +76,12 @@ let settings = { ...DEFAULTS, ...read(SETTINGS) };
 const [onSetting, settingChanged] = signal();
 export { onSetting };
 
-/**
- * The value of a setting.
- * @param {string} name
- */
+/** The value of a setting. */
 export function setting(name) {
   return settings[name];
 }
 
-/**
- * Change a setting; kept in this browser where it lets us.
- * @param {string} name
- * @param {*} value
- */
+/** Change a setting; kept in this browser where it lets us. */
 export function setSetting(name, value) {
   if (settings[name] === value) return;
   settings = { ...settings, [name]: value };
@@ -114,12 +89,7 @@ export function setSetting(name, value) {
   settingChanged(name, value);
 }
 
-/**
- * Make a number among the settings larger or smaller.
- * @param {string} name
- * @param {number} by
- * @param {number} most The least is 0.
- */
+/** Make a number among the settings larger or smaller, from 0 to `most`. */
 export function changeSetting(name, by, most) {
   const value = Math.round((settings[name] + by) * 100) / 100;
   setSetting(name, Math.min(most, Math.max(0, value)));
@@ -142,10 +112,7 @@ export function lastPerson() {
   return identity;
 }
 
-/**
- * Choose who works here.
- * @param {string} name
- */
+/** Choose who works here. */
 export function setWho(name) {
   identity = { who: name };
   write(IDENTITY, identity, areas.session);

@@ -38,7 +38,7 @@ function showClasses(root, { classes, setup, fixed }, load) {
       el("thead", {}, el("tr", {}, ...heads.map((text) => el("th", { text, scope: "col" })))),
       body,
     ),
-    fixed ? el("p", { text: fixed }) : el("div", { class: "bar" },
+    fixed ? el("p", { text: fixed }) : el("div", {},
       button("Add a class", add), button("Save the classes", save, { class: "main" })),
   );
 }

@@ -15,10 +15,7 @@ const KEYS = { acceptNext: "Enter", acceptAll: "Shift+Enter", rest: "o" };
 
 /** The bar, the toolbar and the drawer. */
 export class OverviewBar {
-  /**
-   * @param {object} does What the buttons do: `accept(all)`, `rest()`, `turn(step)`,
-   *   `resize(step)`, `otherCamera()`.
-   */
+  /** `does`, what the buttons do: accept(all), rest(), turn(step), resize(step), otherCamera(). */
   constructor(does) {
     this.range = el("span", { class: "overview-range" });
     this.words = el("span", { class: "overview-words", role: "status" });
@@ -51,11 +48,7 @@ export class OverviewBar {
     setSetting("filter", filter.value);
   }
 
-  /**
-   * Say what is shown and what the buttons would do.
-   * @param {string} range Which frames.
-   * @param {{strong: number, weak: number, open: number, waiting: number}} tally
-   */
+  /** Say what is shown (`range`: which frames) and what the buttons would do. */
   show(range, { strong, weak, open, waiting }) {
     this.range.textContent = range;
     const all = strong + weak;

@@ -146,10 +146,12 @@ function layOut() {
   const focus = Math.max(0, shown.indexOf(page.thumbs?.[page.focus]?.frame));
   Object.assign(page, { count, width, excluded, focus, cell: page.cell ?? null });
   Object.assign(page, { stroke: null, touched: new Set() });
-  const plan = { width, height, onShape: layOutSoon, onPicture: drawSoon };
-  page.thumbs = shown.map(
-    (frame, index) => new Thumb(camera, frame, { id: `thumb-${index}`, ...plan }),
-  );
+  // Those that are seen stay: what is said of others that are loading may take a line, and the
+  // thumbnails would be laid out anew without end.
+  const seen = new Map(page.thumbs?.filter((one) => one.seen).map((one) => [one.frame, one]));
+  const told = { onShape: layOutSoon, onPicture: drawSoon };
+  page.thumbs = shown.map((frame) => seen.get(frame) ?? new Thumb(camera, frame, told));
+  page.thumbs.forEach((thumb, index) => thumb.place(`thumb-${index}`, width, height));
   parts.list.replaceChildren(...page.thumbs.map((thumb) => thumb.element));
   if (shown.length === 0) parts.list.append(el("p", { class: "empty-state", text: nothing() }));
   draw();

@@ -1,7 +1,7 @@
 // One frame of the overview: its picture, its labels and suggestions, and its state in words.
 // Labels are drawn as in the view of one frame.
 
-import { el } from "../core/dom.js";
+import { el, setAttribute } from "../core/dom.js";
 import { blind, mission, setting, stateOf } from "../core/mission.js";
 import { learnShape, thumbAddress } from "../core/pictures.js";
 import { hintsOf } from "../frame/painting.js";
@@ -13,12 +13,9 @@ import { labelsOf } from "../saving/labels.js";
 
 /**
  * What a frame shows and what of it waits for a decision.
- * @param {string} camera
- * @param {number} frame
  * @returns {?{mine: (?string)[], hints: (?Object)[], waits: boolean, fault: string,
- *   noted: boolean}}
- *   Null while it is not loaded; `hints`: as `hintsOf` gives them; `waits`: the model has not come
- *   to this frame.
+ *   noted: boolean}} Null while it is not loaded; `hints`: as `hintsOf` gives them; `waits`: the
+ *   model has not come to this frame.
  */
 export function contentOf(camera, frame) {
   const labels = labelsOf(camera, frame);
@@ -36,15 +33,9 @@ export function suggesting() {
 
 /** A thumbnail. */
 export class Thumb {
-  /**
-   * @param {string} camera
-   * @param {number} frame
-   * @param {{id: string, width: number, height: number, onShape: Function,
-   *   onPicture: Function}} plan Size in CSS pixels; `onShape`: the picture has another shape than
-   *   was believed; `onPicture`: the picture is there, or cannot be had.
-   */
-  constructor(camera, frame, { id, width, height, onShape, onPicture }) {
-    Object.assign(this, { camera, frame, size: { width, height } });
+  /** `onShape`: the picture has another shape than was believed; `onPicture`: it is there, or not. */
+  constructor(camera, frame, { onShape, onPicture }) {
+    Object.assign(this, { camera, frame });
     this.image = el("img", { alt: "", draggable: "false" });
     this.canvas = el("canvas", { "aria-hidden": "true" });
     this.number = el("span", { class: "thumb-number", text: String(frame) });
@@ -52,14 +43,11 @@ export class Thumb {
     const title = "leave this frame out, or no longer (x)";
     this.leave = el("span", { class: "thumb-leave", text: "×", title });
     this.picture = el("div", { class: "thumb-picture" }, this.image, this.canvas);
-    this.element = el(
-      "div",
-      { class: "thumb", role: "option", id, "data-camera": camera, "data-frame": frame },
+    const names = { "data-camera": camera, "data-frame": frame };
+    this.element = el("div", { class: "thumb", role: "option", ...names },
       this.picture,
       el("div", { class: "thumb-caption" }, this.number, this.state, this.leave),
     );
-    this.element.style.width = `${width}px`;
-    this.picture.style.height = `${height}px`;
     /** Whether the picture is on the screen; null while it is loading. */
     this.seen = null;
     this.image.addEventListener("load", () => {
@@ -69,15 +57,19 @@ export class Thumb {
     });
     this.image.addEventListener("error", () => {
       this.seen = false;
-      this.#unreadable();
+      this.picture.classList.add("unreadable");
+      this.picture.dataset.words = "This frame cannot be shown.";
       onPicture();
     });
-    this.load(width);
   }
 
-  /** Fetch the picture, enhanced as the person set it. */
-  load(width) {
-    this.image.src = thumbAddress(this.camera, this.frame, width);
+  /** Take a place and a size in CSS pixels; a picture that is there stays until a better one is. */
+  place(id, width, height) {
+    this.element.id = id;
+    this.size = { width, height };
+    this.element.style.width = `${width}px`;
+    this.picture.style.height = `${height}px`;
+    setAttribute(this.image, "src", thumbAddress(this.camera, this.frame, width));
   }
 
   /** The cell under a point of the window; -1 if it is not over the picture. */
@@ -103,7 +95,7 @@ export class Thumb {
 
   // Drawing takes much longer than finding out that nothing is to be drawn.
   #drawOnce(cells, cursor) {
-    const drawn = JSON.stringify([setting("tint"), cursor, cells]);
+    const drawn = JSON.stringify([setting("tint"), this.size, cursor, cells]);
     if (drawn === this.drawn) return;
     this.drawn = drawn;
     drawAreas(this.canvas, this.size, cells, cursor);
@@ -122,41 +114,25 @@ export class Thumb {
     this.state.title = words;
     this.element.setAttribute("aria-label", name);
   }
-
-  #unreadable() {
-    this.picture.classList.add("unreadable");
-    this.picture.dataset.words = "This frame cannot be shown.";
-  }
 }
 
 function shownCells({ mine, hints }, painted) {
-  return mine.map((own, cell) => shownCell(painted?.has(cell) ? painted.get(cell) : own, hints[cell]));
+  const labelOf = (cell) => (painted?.has(cell) ? painted.get(cell) : mine[cell]);
+  return mine.map((_, cell) => shownCell(labelOf(cell), hints[cell]));
 }
 
-/**
- * Draw the areas.
- * @param {HTMLCanvasElement} canvas
- * @param {{width: number, height: number}} size Of the picture below it, in CSS pixels.
- * @param {ShownCell[]} cells Row by row.
- * @param {?number} cursor Cell of the keyboard's cursor.
- */
+// Draws `ShownCell`s, row by row, and the cursor over a picture of a size in CSS pixels.
 function drawAreas(canvas, { width, height }, cells, cursor) {
-  const context = fresh(canvas, width, height);
+  const scale = Math.min(2, window.devicePixelRatio || 1);
+  canvas.width = Math.round(width * scale);
+  canvas.height = Math.round(height * scale);
+  const ctx = canvas.getContext("2d");
+  ctx.scale(scale, scale);
   const patch = patchSize(width, height);
   const boxOf = (index) => {
     const [row, col] = rowCol(index);
     return { x: col * patch.width, y: row * patch.height, ...patch };
   };
-  const plan = { ctx: context, boxOf };
-  if (cells.length) drawCells(plan, cells);
-  drawCursor(plan, cursor, []);
-}
-
-function fresh(canvas, width, height) {
-  const scale = Math.min(2, window.devicePixelRatio || 1);
-  canvas.width = Math.round(width * scale);
-  canvas.height = Math.round(height * scale);
-  const context = canvas.getContext("2d");
-  context.scale(scale, scale);
-  return context;
+  if (cells.length) drawCells({ ctx, boxOf }, cells);
+  drawCursor({ ctx, boxOf }, cursor, []);
 }

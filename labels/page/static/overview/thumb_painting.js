@@ -6,9 +6,7 @@ import { cellsBetween } from "../frame/patch_grid.js";
 const STEP = 4; // CSS pixels between two looks at what a stroke passes
 
 /**
- * Let strokes be painted over thumbnails.
- * @param {HTMLElement} element that holds the thumbnails
- * @param {object} host
+ * Let strokes be painted over the thumbnails in an element.
  * @param {(x: number, y: number) => ?Thumb} host.thumbAt the thumbnail whose picture is there
  * @param {(start: Thumb) => Thumb[]} host.allThumbs those that a stroke with Ctrl paints
  * @param {(stroke: ?Map<Thumb, Set<number>>, button: number) => void} host.onStroke show what
@@ -32,7 +30,6 @@ class Stroke {
     this.last = { x: event.clientX, y: event.clientY };
     this.first = thumb.cellAt(this.last.x, this.last.y);
     this.cells = new Map();
-    this.painted = new Map();
     this.stop = new AbortController();
     this.#add(event);
   }

@@ -25,11 +25,9 @@ export const [onLabels, labelsChanged] = signal();
 
 /**
  * The labels of a frame as they shall be shown.
- * @param {string} camera
- * @param {number} frame
  * @returns {?{mine: (?string)[], models: Object, others: Object, settled: (?string)[],
- *   notes: Object[], suggestions: ?Object, pending: Set<number>}} Null while they are not loaded; `pending`: cells
- *   that the server has not acknowledged.
+ *   notes: Object[], suggestions: ?Object, pending: Set<number>}} Null while they are not loaded;
+ *   `pending`: cells that the server has not acknowledged.
  */
 export function labelsOf(camera, frame) {
   const key = frameKey(camera, frame);
@@ -67,12 +65,7 @@ function applyChange(labels, entry, change, holds) {
   }
 }
 
-/**
- * Load the labels of frames that are not there yet.
- * @param {string} camera
- * @param {number[]} frames
- * @returns {Promise<void>} Done when all of them are there (or could not be had).
- */
+/** Load the labels of frames that are not there yet; done when they are (or could not be had). */
 export function prefetch(camera, frames) {
   const waits = frames.map((frame) => {
     const key = frameKey(camera, frame);
@@ -82,10 +75,7 @@ export function prefetch(camera, frames) {
   return Promise.all(waits.filter(Boolean)).then(() => undefined);
 }
 
-/**
- * Load the labels of the frames in which patches lie.
- * @param {{camera: string, frame: number}[]} patches
- */
+/** Load the labels of the frames in which patches lie. */
 export function prefetchOf(patches) {
   for (const [camera, some] of Map.groupBy(patches, (patch) => patch.camera)) {
     prefetch(camera, [...new Set(some.map((patch) => patch.frame))]);
@@ -95,17 +85,11 @@ export function prefetchOf(patches) {
 // Frames asked for in one turn of the event loop travel in one request.
 function want(key, camera, frame) {
   if (!wanted.size) queueMicrotask(fetchWanted);
-  const batch = wanted.get(camera) ?? { frames: [], ...promiseParts() };
+  const batch = wanted.get(camera) ?? { frames: [], ...Promise.withResolvers() };
   batch.frames.push(frame);
   wanted.set(camera, batch);
   loading.set(key, batch.promise);
   return batch.promise;
-}
-
-function promiseParts() {
-  let done;
-  const promise = new Promise((resolve) => (done = resolve));
-  return { promise, done };
 }
 
 function fetchWanted() {
@@ -116,7 +100,7 @@ function fetchWanted() {
     for (let from = 0; from < batch.frames.length; from += MAX_A_REQUEST) {
       parts.push(fetchFrames(camera, batch.frames.slice(from, from + MAX_A_REQUEST)));
     }
-    Promise.all(parts).then(batch.done);
+    Promise.all(parts).then(batch.resolve);
   }
 }
 
@@ -163,11 +147,7 @@ function takeTruth(event, labels) {
   labelsChanged(camera, frame);
 }
 
-/**
- * Take an acknowledged action into what the server said.
- * @param {Entry} entry
- * @param {{event: number, conflicts: Object[]}} answer
- */
+/** Take an acknowledged action into what the server said. */
 export function acknowledge(entry, answer) {
   const refused = new Map(
     (answer.conflicts ?? []).map((c) => [`${frameKey(c.camera, c.frame)}/${c.cell}`, c.theirs]),

@@ -29,10 +29,8 @@ function show() {
   const items = [
     ...(trouble() ? [el("li", { text: trouble() })] : []),
     ...(conflicts.length > 1 ? [allConflictsItem(conflicts)] : []),
-    ...conflicts.slice(0, MAX_SHOWN).map(conflictItem),
-    ...more(conflicts, "conflicts"),
-    ...aside.slice(0, MAX_SHOWN).map(refusedItem),
-    ...more(aside, "refused actions"),
+    ...someOf(conflicts, conflictItem, "conflicts"),
+    ...someOf(aside, refusedItem, "refused actions"),
     ...foreignItems(foreign),
   ];
   const words = headline(...lists.map(({ length }) => length));
@@ -76,9 +74,10 @@ function headline(conflicts, refused, foreign) {
   return parts.join(" · ");
 }
 
-function more(list, what) {
-  if (list.length <= MAX_SHOWN) return [];
-  return [el("li", { text: `… and ${list.length - MAX_SHOWN} more ${what}` })];
+function someOf(list, itemOf, what) {
+  const items = list.slice(0, MAX_SHOWN).map(itemOf);
+  const more = list.length - items.length;
+  return more ? [...items, el("li", { text: `… and ${more} more ${what}` })] : items;
 }
 
 function trouble() {

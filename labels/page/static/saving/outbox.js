@@ -25,7 +25,7 @@ const SILENT_MS = 150000;
  * @property {string} who
  * @property {boolean} blind
  * @property {string} mission
- * @property {number[]} grid   Rows and columns.
+ * @property {Object} grid     As the server names it.
  * @property {string} kind     What the person did, for messages.
  * @property {string} source   "human" or "settled".
  * @property {string} time     UTC.
@@ -45,7 +45,7 @@ const SILENT_MS = 150000;
  */
 
 /** @type {Entry[]} */
-const queue = [];
+let queue = [];
 const byFrame = new Map();
 
 /** The key of a frame in maps. */
@@ -58,29 +58,16 @@ export function waiting() {
   return queue;
 }
 
-/**
- * Add an entry at the end, or before all others.
- * @param {Entry} entry
- * @param {{first?: boolean}} [options]
- */
+/** Add an entry at the end, or before all others. */
 export function enqueue(entry, { first = false } = {}) {
-  if (first) queue.unshift(entry);
-  else queue.push(entry);
-  for (const key of touched(entry)) {
-    const list = byFrame.get(key) ?? [];
-    if (first) list.unshift(entry);
-    else list.push(entry);
-    byFrame.set(key, list);
-  }
+  const add = (list) => (first ? [entry, ...list] : [...list, entry]);
+  queue = add(queue);
+  for (const key of touched(entry)) byFrame.set(key, add(byFrame.get(key) ?? []));
 }
 
-/**
- * Take an entry out.
- * @param {Entry} entry
- */
+/** Take an entry out. */
 export function dequeue(entry) {
-  const at = queue.indexOf(entry);
-  if (at >= 0) queue.splice(at, 1);
+  queue = queue.filter((other) => other !== entry);
   for (const key of touched(entry)) {
     const rest = (byFrame.get(key) ?? []).filter((other) => other !== entry);
     if (rest.length) byFrame.set(key, rest);
@@ -88,21 +75,12 @@ export function dequeue(entry) {
   }
 }
 
-/**
- * The waiting entries that change a frame.
- * @param {string} camera
- * @param {number} frame
- * @returns {Entry[]}
- */
+/** The waiting entries that change a frame. */
 export function waitingFor(camera, frame) {
   return byFrame.get(frameKey(camera, frame)) ?? [];
 }
 
-/**
- * The frames that an entry changes.
- * @param {Entry} entry
- * @returns {[string, number][]} Each once.
- */
+/** The frames that an entry changes, [camera, frame], each once. */
 export function framesOf(entry) {
   const seen = new Map();
   for (const { camera, frame } of entry.changes) {
@@ -135,29 +113,18 @@ export function holdPage() {
   setInterval(beat, BEAT_MS);
 }
 
-/**
- * Keep an entry.
- * @param {Entry} entry `stored` is set to its name in the storage.
- * @returns {boolean} Whether it is kept.
- */
+/** Keep an entry, whose `stored` becomes its name in the storage; whether that worked. */
 export function keep(entry) {
   entry.stored ??= `${PREFIX}${page}/${String(count++).padStart(9, "0")}`;
   return write(entry.stored, entry);
 }
 
-/**
- * Forget an entry.
- * @param {Entry} entry
- */
+/** Forget an entry. */
 export function forget(entry) {
   if (entry.stored) remove(entry.stored);
 }
 
-/**
- * Whether an entry is still there: nobody sent it or threw it away.
- * @param {Entry} entry
- * @returns {boolean}
- */
+/** Whether an entry is still there: nobody sent it or threw it away. */
 export function isKept(entry) {
   return read(entry.stored) !== null;
 }
@@ -211,11 +178,7 @@ export function unwritten() {
   return { aside, foreign, conflicts };
 }
 
-/**
- * Set an entry aside that the server will never take.
- * @param {Entry} entry
- * @param {string} refusal Why, in the server's words.
- */
+/** Set an entry aside that the server will never take, and why, in its words. */
 export function setAside(entry, refusal) {
   entry.refusal = refusal;
   if (entry.stored) keep(entry);
@@ -223,28 +186,19 @@ export function setAside(entry, refusal) {
   refusedChanged();
 }
 
-/**
- * Take a refused entry out of the list, to send it again.
- * @param {Entry} entry
- */
+/** Take a refused entry out of the list, to send it again. */
 export function takeBack(entry) {
   aside.splice(aside.indexOf(entry), 1);
   refusedChanged();
 }
 
-/**
- * Throw a refused entry away; only when a person says so.
- * @param {Entry} entry
- */
+/** Throw a refused entry away; only when a person says so. */
 export function discard(entry) {
   forget(entry);
   takeBack(entry);
 }
 
-/**
- * Name the entries that are not this page's to send.
- * @param {Entry[]} entries
- */
+/** Name the entries that are not this page's to send. */
 export function setForeign(entries) {
   if (!entries.length && !foreign.length) return;
   foreign = entries;
@@ -257,12 +211,9 @@ export function setForeign(entries) {
  * @param {Object[]} refusedCells From the server: {camera, frame, cell, theirs, yours}.
  */
 export function noteConflicts(entry, refusedCells) {
-  if (!refusedCells.length) return;
+  const { who, mission, source } = entry;
   for (const conflict of refusedCells) {
-    for (const older of conflicts.filter((noted) => isSame(noted, conflict, entry))) {
-      drop(older);
-    }
-    const { who, mission, source } = entry;
+    conflicts.filter((noted) => isSame(noted, conflict, entry)).forEach(drop);
     const noted = { ...conflict, who, mission, source, stored: CONFLICT + uniqueKey() };
     noted.kept = write(noted.stored, noted);
     conflicts.push(noted);
@@ -271,15 +222,12 @@ export function noteConflicts(entry, refusedCells) {
 }
 
 // Of two things said of a patch and not written only the newer one is still meant.
-function isSame(noted, { camera, frame, cell }, { who, mission, source }) {
-  const now = { camera, frame, cell, who, mission, source };
-  return Object.entries(now).every(([name, value]) => noted[name] === value);
+function isSame(noted, conflict, entry) {
+  const same = (other, ...parts) => parts.every((part) => noted[part] === other[part]);
+  return same(conflict, "camera", "frame", "cell") && same(entry, "who", "mission", "source");
 }
 
-/**
- * Forget conflicts that were decided.
- * @param {Object[]} decided
- */
+/** Forget conflicts that were decided. */
 export function closeConflicts(decided) {
   decided.forEach(drop);
   refusedChanged();
@@ -290,11 +238,7 @@ function drop(conflict) {
   conflicts = conflicts.filter((other) => other !== conflict);
 }
 
-/**
- * Read the conflicts that this person left open.
- * @param {string} mission
- * @param {string} who
- */
+/** Read the conflicts that this person left open. */
 export function readConflicts(mission, who) {
   const kept = names(CONFLICT).map((name) => ({ ...read(name), kept: true }));
   // Those that the browser could not keep are only here.

@@ -59,7 +59,7 @@ export function pending() {
   return waiting().length;
 }
 
-/** @returns {Promise<void>} When nothing waits any more. */
+/** Wait until nothing waits any more. */
 export function whenIdle() {
   if (!waiting().length) return Promise.resolve();
   return new Promise((resolve) => idleWaiters.push(resolve));
@@ -99,10 +99,7 @@ function release(key) {
   if (held.delete(key)) pump();
 }
 
-/**
- * Take an action back that was meant otherwise: as if it had never been, if it was not sent yet.
- * @param {string} key
- */
+/** Take an action back that was meant otherwise: as if it had never been, if not sent yet. */
 export function withdraw(key) {
   const entry = waiting().find((one) => one.key === key);
   if (!entry || !held.delete(key)) {
@@ -127,11 +124,7 @@ export function patchesAre(count) {
  *   model?: ?string}} LabelledPatch A patch, the label it shall have, and the one it is shown with.
  */
 
-/**
- * Changes as `act` takes them: one for each frame and label, cells in order.
- * @param {LabelledPatch[]} patches
- * @returns {Object[]}
- */
+/** `LabelledPatch`es as the changes that `act` takes: one for each frame and label. */
 export function changesOf(patches) {
   const groups = Map.groupBy(patches, ({ camera, frame, label, model }) =>
     JSON.stringify([camera, frame, label, model ?? null]),
@@ -144,10 +137,7 @@ export function changesOf(patches) {
 }
 
 /**
- * Give patches of many frames their labels, as one action that one undo takes back.
- * @param {string} kind
- * @param {LabelledPatch[]} patches
- * @param {{source?: string}} [options]
+ * Give `LabelledPatch`es of many frames their labels, as one action that one undo takes back.
  * @returns {number} How many change.
  */
 export function actOn(kind, patches, options = {}) {
@@ -164,14 +154,8 @@ function withBase(change, source, again) {
   const field = source === "settled" ? "settled" : "mine";
   const base = change.base ?? cells.map((cell) => labels[field][cell]);
   const kept = cells.map((_, at) => at).filter((at) => again || base[at] !== label);
-  return {
-    camera,
-    frame,
-    label,
-    model,
-    cells: kept.map((at) => cells[at]),
-    base: kept.map((at) => base[at]),
-  };
+  const [changed, were] = [cells, base].map((all) => kept.map((at) => all[at]));
+  return { camera, frame, label, model, cells: changed, base: were };
 }
 
 function newEntry(parts) {
@@ -257,10 +241,7 @@ export function undo() {
   return step("undo");
 }
 
-/**
- * Do again what was undone last.
- * @returns {Promise<?Object>} As for `undo`.
- */
+/** Do again what was undone last; gives what `undo` does. */
 export function redo() {
   return step("redo");
 }
@@ -308,10 +289,7 @@ async function oneStep(kind) {
   return head;
 }
 
-/**
- * Send an action again that the server refused.
- * @param {Entry} entry
- */
+/** Send an action again that the server refused. */
 export function sendAgain(entry) {
   takeBack(entry);
   entry.refusal = null;
@@ -371,10 +349,7 @@ async function checkServer() {
   if (stranger) throw new ApiError(421, stranger);
 }
 
-/**
- * Note whether the server shows this page's mission.
- * @param {string} words What it shows instead; "" where it does.
- */
+/** Note what the server shows instead of this page's mission; "" where it shows that. */
 export function noteStranger(words) {
   if (words === stranger) return;
   stranger = words;
@@ -406,12 +381,7 @@ function noteOwn({ event, changed }) {
   if (ownEvents.length > KEPT_RANGES) ownEvents.shift();
 }
 
-/**
- * Whether all events after `since` up to `last` are of this page's own actions.
- * @param {number} since
- * @param {number} last
- * @returns {boolean}
- */
+/** Whether all events after `since` up to `last` are of this page's own actions. */
 export function allOwn(since, last) {
   let heard = since;
   for (const range of ownEvents) if (range.before <= heard) heard = Math.max(heard, range.last);
@@ -442,10 +412,7 @@ async function refreshHeads() {
   if (answer && sameMission(answer) && !waiting().length) takeHeads(answer.undo);
 }
 
-/**
- * Note whether the server is heard.
- * @param {boolean} value
- */
+/** Note whether the server is heard. */
 export function setConnected(value) {
   if (value === connected) return;
   connected = value;
@@ -453,10 +420,7 @@ export function setConnected(value) {
   stateChanged();
 }
 
-/**
- * Take in what an event says, unless actions of ours that it cannot know of wait.
- * @param {{undo: ?Object}} news
- */
+/** Take in what an event says, unless actions of ours that it cannot know of wait. */
 export function takeEventHeads({ undo: heads }) {
   if (heads && !waiting().length) takeHeads(heads);
 }

@@ -19,11 +19,7 @@ function kappaText(kappa) {
   return kappa === null ? NONE : kappa.toFixed(3);
 }
 
-/**
- * The main figures.
- * @param {Object} found Answer of /api/agreement.
- * @returns {HTMLElement}
- */
+/** The main figures of what /api/agreement answered. */
 export function figures(found) {
   const { a, b, blind } = found;
   const unsure = [percent(found.agreement_with_unsure), kappaText(found.kappa_with_unsure)];
@@ -57,11 +53,7 @@ function kappaMeaning({ kappa, n_both_sure: sure }) {
   return " 1: always the same; 0: no better than by chance";
 }
 
-/**
- * Figures class by class.
- * @param {Object} found
- * @returns {HTMLElement}
- */
+/** Figures class by class. */
 export function classTable(found) {
   const heads = ["class", found.a, found.b, "both", "F1"];
   return el("table", { class: "numbers" },
@@ -85,11 +77,8 @@ function columnHead(text) {
 }
 
 /**
- * Who said what where: each pair of labels and how often; a pair that differs is a button.
- * @param {Object} found
- * @param {?{a: string, b: string}} chosen The pair whose conflicts are shown.
- * @param {(pair: {a: string, b: string}) => void} choose
- * @returns {HTMLElement}
+ * Who said what where: each pair {a, b} of labels and how often; one that differs is a button that
+ * gives it to `choose`, pressed if it is the `chosen` one, whose conflicts are shown.
  */
 export function confusionTable(found, chosen, choose) {
   const { labels, confusion } = found;

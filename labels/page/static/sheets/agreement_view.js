@@ -1,6 +1,6 @@
 // Agreement of two annotators: figures, the patches on which they differ, and blind labelling.
 
-import { get, onFailure } from "../core/api.js";
+import { onFailure } from "../core/api.js";
 import { choice, classButtons } from "../core/controls.js";
 import { button, el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
@@ -13,23 +13,15 @@ import { patchesAre } from "../saving/saver.js";
 import { classTable, confusionTable, figures } from "./agreement_tables.js";
 import { blindForm, blindProgress, continueBlind } from "./blind_panel.js";
 import { selectionKeys } from "./tile_grid.js";
-import { DecisionSheet, settle, settledOf, sheetRow } from "./tile_sheet.js";
+import { Asking, DecisionSheet, settle, settledOf, sheetRow } from "./tile_sheet.js";
 
 /**
- * @typedef {{camera: string, frame: number, cell: number, a: string, b: string, sure: boolean,
- *   settled: ?string, settled_by: ?string}} Conflict
- */
-
-/**
- * The conflicts of one comparison. Of the view, `only`: {a, b}, the labels that conflicts must
- * have; `unsure`: also those where one was not sure, null while nobody chose.
+ * The conflicts of one comparison, as the server names them: {camera, frame, cell, a, b, sure,
+ * settled, settled_by}. Of the view, `only`: {a, b}, the labels that conflicts must have;
+ * `unsure`: also those where one was not sure, null while nobody chose.
  */
 class ConflictSheet extends DecisionSheet {
-  /**
-   * @param {{a: string, b: string}} people Names of the annotators.
-   * @param {?Object} place Where the person was, from `place()`.
-   * @param {() => void} onChoice Other labels were chosen to look at.
-   */
+  /** `people`: {a, b}, names; `onChoice()`: other labels were chosen to look at. */
   constructor(people, place, onChoice) {
     super({
       label: "patches on which they differ",
@@ -50,12 +42,7 @@ class ConflictSheet extends DecisionSheet {
     );
   }
 
-  /**
-   * Take what the server found.
-   * @param {Conflict[]} conflicts
-   * @param {{anew: boolean}} options `anew`: show them from where the person was; else the tiles
-   *   stay as they are.
-   */
+  /** Take what the server found; `anew`: show it from where the person was, else tiles stay. */
   take(conflicts, { anew }) {
     this.patches = conflicts;
     this.view.unsure ??= !conflicts.some((conflict) => conflict.sure);
@@ -68,10 +55,7 @@ class ConflictSheet extends DecisionSheet {
     this.choose({ unsure: !this.view.unsure });
   }
 
-  /**
-   * Show only the conflicts of two labels; of the same two again: all.
-   * @param {?{a: string, b: string}} only
-   */
+  /** Show `only` the conflicts of two labels, {a, b}; of the same two again, or of null: all. */
   choosePair(only) {
     const { only: now } = this.view;
     const again = only && now?.a === only.a && now?.b === only.b;
@@ -80,10 +64,7 @@ class ConflictSheet extends DecisionSheet {
     this.grid.focus();
   }
 
-  /**
-   * Settle the selected conflicts, or the one under the cursor and go on to the next.
-   * @param {?string} label Null takes settlements back.
-   */
+  /** Settle the selected conflicts, or the one under the cursor and go on; null takes it back. */
   settle(label) {
     const targets = this.targets();
     if (targets.length === 0) return;
@@ -114,10 +95,7 @@ class ConflictSheet extends DecisionSheet {
   }
 
   opinions({ a, b }) {
-    return [
-      ["A", a, `${this.people.a} ${a}`],
-      ["B", b, `${this.people.b} ${b}`],
-    ];
+    return [["A", a, `${this.people.a} ${a}`], ["B", b, `${this.people.b} ${b}`]];
   }
 
   decisionWords(settled) {
@@ -147,15 +125,11 @@ class ConflictSheet extends DecisionSheet {
 
 // ---- The view
 
-const COMPARE_AGAIN_MS = 1000;
-
 let root = null; // null while another view is shown
 let parts = null; // the elements of a comparison; null while there is none
 let pair = null; // {a, b}: names
 let found = null; // the last answer of /api/agreement
-let event = 0; // up to which the figures are
-let asked = 0;
-let timer = 0;
+const asking = new Asking();
 let last = null; // {pair, place}: where the person was, to come back to
 
 async function show(element, [a, b]) {
@@ -173,8 +147,7 @@ async function show(element, [a, b]) {
 
 function leave() {
   if (found) last = { pair, place: parts.sheet.place() };
-  clearTimeout(timer);
-  asked += 1;
+  asking.stop();
   parts?.sheet.close();
   parts = null;
   found = null;
@@ -234,9 +207,8 @@ function build() {
   const words = el("p", { class: "agreement-words", role: "status" });
   const same = last?.pair.a === pair.a && last.pair.b === pair.b;
   const sheet = new ConflictSheet(pair, same ? last.place : null, showNumbers);
-  const section = el(
-    "section",
-    { class: "agreement tiles-view", "aria-label": "agreement of two annotators" },
+  const options = { class: "agreement tiles-view", "aria-label": "agreement of two annotators" };
+  const section = el("section", options,
     el("div", { class: "bar" },
       person("a"),
       button("⇄", swap, { title: "exchange them (s)", "aria-label": "exchange them" }),
@@ -266,14 +238,10 @@ function swap() {
 }
 
 async function compare({ anew }) {
-  const mine = (asked += 1);
-  const upTo = mission.event;
   if (!found) parts.words.textContent = "Comparing …";
-  const failed = (error) => mine === asked && showFault(error);
-  const answer = await get("/api/agreement", pair).catch(onFailure(failed));
-  if (!answer || mine !== asked) return;
+  const answer = await asking.get("/api/agreement", pair, showFault);
+  if (!answer) return;
   found = answer;
-  event = upTo;
   parts.words.textContent = "";
   parts.root.classList.remove("not-compared");
   parts.sheet.take(found.conflicts, { anew });
@@ -290,7 +258,7 @@ function showFault({ status, message }) {
   parts.words.textContent = "";
   parts.numbers.replaceChildren(
     el("p", { class: "empty-state", text: words, role: "status" }),
-    ...(yet ? [el("p", { class: "empty-state", text: hint })] : []),
+    yet ? el("p", { class: "empty-state", text: hint }) : "",
   );
 }
 
@@ -299,13 +267,6 @@ function showNumbers() {
   const { only } = sheet.view;
   const confusion = confusionTable(found, only, (chosen) => sheet.choosePair(chosen));
   numbers.replaceChildren(figures(found), confusion, classTable(found));
-}
-
-/** Labels changed somewhere: figures are computed anew, and the tiles stay where they are. */
-function compareSoon() {
-  if (!found || event === mission.event) return;
-  clearTimeout(timer);
-  timer = setTimeout(() => found && compare({ anew: false }), COMPARE_AGAIN_MS);
 }
 
 // ---- Keys
@@ -345,7 +306,8 @@ onChange((what) => {
   if (found && what === "all") compare({ anew: false });
   else if (root && what === "all") show(root, pair ? [pair.a, pair.b] : []);
   else if (root && blind()) showBlind();
-  else compareSoon();
+  // Figures are computed anew, and the tiles stay where they are.
+  else if (found) asking.soon(() => compare({ anew: false }));
 });
 onReload(() => {
   if (root) leave();

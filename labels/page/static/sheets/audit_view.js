@@ -1,34 +1,32 @@
 // Label audit: patches whose label a model that did not learn it contradicts, the worst first.
 // Each is confirmed or relabelled by a person; nothing changes by itself.
 
-import { get, onFailure } from "../core/api.js";
 import { classButtons, nothingYet } from "../core/controls.js";
 import { button, el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
-import { blind, mission, onChange, onReload, onSetting } from "../core/mission.js";
+import { blind, onChange, onReload, onSetting } from "../core/mission.js";
 import { lookAtShapes } from "../core/pictures.js";
 import { addView } from "../core/router.js";
-import { labelsOf, onLabels } from "../saving/labels.js";
-import { CONFIRM, actOn, patchesAre } from "../saving/saver.js";
+import { onLabels } from "../saving/labels.js";
+import { CONFIRM, patchesAre } from "../saving/saver.js";
 import { selectionKeys } from "./tile_grid.js";
-import { DecisionSheet, settle, settledOf, sheetRow } from "./tile_sheet.js";
+import { nameOf } from "./tile_pictures.js";
+import {
+  Asking, DecisionSheet, mineOf, relabel, settle, settledOf, sheetRow, tab,
+} from "./tile_sheet.js";
 
-const LEARN_MS = 1000;
 const NONE = "No audit doubts a label of this mission.";
 const LOOK = "Look for labels that may be wrong";
 
-/**
- * @typedef {{camera: string, frame: number, cell: number, label: string, suggested: string,
- *   margin: number, reason: string, mine: ?string, settled: ?string, decided: ?string}} Doubt What
- *   `who` says, what is settled and what was decided since the audit, when it was loaded.
- */
+const labelOf = ({ label }) => label;
+const suggestedOf = ({ suggested }) => suggested;
 
-/** One audit's patches. */
+/**
+ * One audit's patches as the server names them, the worst first: {camera, frame, cell, label,
+ * suggested, margin, reason}, and as they were when it was loaded {mine, settled, decided}: what
+ * the person says, what is settled and what was decided since the audit.
+ */
 class AuditSheet extends DecisionSheet {
-  /**
-   * @param {Doubt[]} patches The worst first.
-   * @param {?Object} place Where the person was, from `place()`.
-   */
   constructor(patches, place) {
     super({
       label: "patches whose label is doubted",
@@ -40,8 +38,8 @@ class AuditSheet extends DecisionSheet {
     this.patches = patches;
     const decisions = this.bar(
       "decide on the selected patches",
-      button("label is right", () => this.confirm(), { title: "keep the label (y)" }),
-      button("suggestion is right", () => this.takeSuggestion(), { title: "relabel (n)" }),
+      button("label is right", () => this.decide(labelOf), { title: "keep the label (y)" }),
+      button("suggestion is right", () => this.decide(suggestedOf), { title: "relabel (n)" }),
       ...classButtons((label) => this.decide(() => label)),
       button("take back", () => this.takeBack(), { title: "not decided (Delete)" }),
       this.filters,
@@ -49,35 +47,17 @@ class AuditSheet extends DecisionSheet {
     this.element = el("div", { class: "conflicts" }, decisions, this.tiles);
   }
 
-  /**
-   * Take in what is decided now.
-   * @param {Doubt[]} patches As the server has them.
-   */
+  /** Take in what is decided now, as the server has it. */
   learn(patches) {
-    const placeOf = ({ camera, frame, cell }) => `${camera}:${frame}:${cell}`;
-    const known = new Map(patches.map((doubt) => [placeOf(doubt), doubt]));
-    for (const doubt of this.patches) {
-      const now = known.get(placeOf(doubt));
-      if (now) Object.assign(doubt, now);
-    }
+    const known = new Map(patches.map((doubt) => [nameOf(doubt), doubt]));
+    for (const doubt of this.patches) Object.assign(doubt, known.get(nameOf(doubt)));
     this.refresh();
-  }
-
-  /** The labels of the selected patches are right. */
-  confirm() {
-    this.decide((doubt) => doubt.label);
-  }
-
-  /** The selected patches are what the model takes them for. */
-  takeSuggestion() {
-    this.decide((doubt) => doubt.suggested);
   }
 
   /**
    * Decide what the selected patches are, or the one under the cursor and go on to the next.
    * Labels of one's own are changed; a confirmation, and a decision on what somebody else
    * labelled, stands beside the labels as a settlement: one action, which one undo takes back.
-   * @param {(doubt: Doubt) => string} labelFor
    */
   decide(labelFor) {
     const targets = this.targets();
@@ -100,7 +80,7 @@ class AuditSheet extends DecisionSheet {
     const relabelled = targets.filter(
       (doubt) => settledOf(doubt) === null && mineOf(doubt) === this.decisionOn(doubt),
     );
-    const undone = relabel(relabelled, (doubt) => doubt.label, "take back");
+    const undone = relabel(relabelled, labelOf, "take back");
     const count = settle(settled, () => null) + undone;
     say(count === 0 ? "Nothing to take back." : `${patchesAre(count)} open again.`);
   }
@@ -114,10 +94,7 @@ class AuditSheet extends DecisionSheet {
   }
 
   opinions({ label, suggested }) {
-    return [
-      ["", label, `labelled ${label}`],
-      ["?", suggested, `taken for ${suggested}`],
-    ];
+    return [["", label, `labelled ${label}`], ["?", suggested, `taken for ${suggested}`]];
   }
 
   decisionWords(decision) {
@@ -144,24 +121,12 @@ class AuditSheet extends DecisionSheet {
   }
 }
 
-function mineOf({ camera, frame, cell, mine }) {
-  const known = labelsOf(camera, frame);
-  return known ? known.mine[cell] : mine;
-}
-
-function relabel(doubts, labelFor, kind = "relabel") {
-  const wanted = doubts.map((one) => ({ ...one, label: labelFor(one), base: mineOf(one) }));
-  return actOn(kind, wanted);
-}
-
 // ---- The view
 
 let parts = null; // the elements on show; null while another view is
 let sheet = null; // an AuditSheet; null while there is nothing to show
 let name = "";
-let event = 0; // up to which the decisions are known
-let asked = 0;
-let timer = 0;
+const asking = new Asking();
 const places = new Map(); // audit -> where the person was, to come back to
 
 async function show(root, [wanted]) {
@@ -175,8 +140,7 @@ async function show(root, [wanted]) {
 
 function leave() {
   if (sheet) places.set(name, sheet.place());
-  asked += 1;
-  clearTimeout(timer);
+  asking.stop();
   sheet?.close();
   sheet = null;
   parts = null;
@@ -186,50 +150,34 @@ function build() {
   const tabs = el("nav", { class: "sheet-tabs", "aria-label": "audits" });
   const words = el("p", { class: "sheet-words", role: "status" });
   const body = el("div", { class: "audit-body" });
-  const root = el(
-    "section",
-    { class: "sheet tiles-view", "aria-label": "label audit", tabindex: -1 },
-    tabs,
-    el("div", { class: "bar" }, words),
-    body,
-  );
+  const options = { class: "sheet tiles-view", "aria-label": "label audit", tabindex: -1 };
+  const root = el("section", options, tabs, el("div", { class: "bar" }, words), body);
   return { root, tabs, words, body };
 }
 
 async function load(wanted) {
-  const mine = (asked += 1);
+  asking.stop();
   if (blind()) return void (parts.words.textContent = "Not while labelling blind.");
   parts.words.textContent = "Loading ...";
-  await loadAudit(wanted, mine).catch(
-    onFailure(({ message }) => {
-      if (mine === asked) parts.words.textContent = `It could not be loaded: ${message}.`;
-    }),
-  );
-}
-
-async function loadAudit(wanted, mine) {
-  const { audits } = await get("/api/audits");
-  if (mine !== asked) return;
+  const failed = ({ message }) => (parts.words.textContent = `It could not be loaded: ${message}.`);
+  const listed = await asking.get("/api/audits", {}, failed);
+  if (!listed) return;
+  const { audits } = listed;
   const chosen = audits.find((one) => one.name === wanted) ?? audits[0];
   name = chosen?.name ?? "";
   showTabs(audits);
   if (!chosen) return parts.words.replaceChildren(nothingYet(NONE, LOOK, "#/files"));
-  event = mission.event;
-  const audit = await get("/api/audit", { name });
-  if (mine === asked) showAudit(audit);
+  const audit = await asking.get("/api/audit", { name }, failed);
+  if (audit) showAudit(audit);
 }
 
 function showTabs(audits) {
   const back = el("a", { class: "tab", text: "‹ by class", href: "#/sheet" });
   const tabs = audits.map((one) => {
-    const options = {
-      class: "tab",
-      href: `#/audit/${encodeURIComponent(one.name)}`,
-      title: one.fault || one.of,
-      "aria-current": one.name === name && "page",
-    };
-    const count = el("span", { class: "count", text: one.patches.toLocaleString("en") });
-    return el("a", options, el("span", { text: `Audit ${one.name}` }), count);
+    const href = `#/audit/${encodeURIComponent(one.name)}`;
+    const made = tab(`Audit ${one.name}`, one.patches, href, one.name === name);
+    made.title = one.fault || one.of;
+    return made;
   });
   parts.tabs.replaceChildren(back, ...tabs);
 }
@@ -246,18 +194,10 @@ function showAudit({ of, rule, total, patches }) {
 }
 
 /** Labels changed somewhere, maybe in frames that are not shown: tiles stay where they are. */
-function learnSoon() {
-  if (!sheet || event === mission.event) return;
-  clearTimeout(timer);
-  timer = setTimeout(learn, LEARN_MS);
-}
-
 async function learn() {
-  const mine = asked;
-  event = mission.event;
   // Where the server is away the page says so; what was decided meanwhile is learnt with the next.
-  const audit = await get("/api/audit", { name }).catch(onFailure());
-  if (audit && mine === asked) sheet.learn(audit.patches);
+  const audit = await asking.get("/api/audit", { name });
+  if (audit) sheet.learn(audit.patches);
 }
 
 const row = sheetRow(() => sheet);
@@ -270,8 +210,8 @@ addView("audit", {
   classKeys: (label) => sheet?.decide(() => label),
   keys: [
     { keys: ["class key"], does: "the selected patches are of this class" },
-    row(["y"], "the label is right", (it) => it.confirm()),
-    row(["n"], "the label is wrong, the suggestion right", (it) => it.takeSuggestion()),
+    row(["y"], "the label is right", (it) => it.decide(labelOf)),
+    row(["n"], "the label is wrong, the suggestion right", (it) => it.decide(suggestedOf)),
     row(["Delete", "Backspace"], "take the decision back", (it) => it.takeBack()),
     row(["Enter"], "open the frame of the patch", (it) => it.openCurrent()),
     row(["/"], "filter: open, decided, all", (it) => it.nextWhich()),
@@ -286,7 +226,7 @@ addView("audit", {
 onLabels(soon(() => sheet?.refresh()));
 onChange((what) => {
   if (parts && !sheet && what === "all") load(name);
-  else learnSoon();
+  else if (sheet) asking.soon(learn);
 });
 onReload(() => {
   places.clear();

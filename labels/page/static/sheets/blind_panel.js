@@ -15,11 +15,11 @@ const SIGNS = {
   d: { sign: "●", text: "done" },
 };
 
-/**
- * The form that begins a blind labelling.
- * @param {{of: string, onCancel: ?Function}} options `of`: whose frames are proposed.
- * @returns {HTMLElement}
- */
+const WHY_BLIND =
+  "A second person labels the same frames without seeing the first one's labels or any " +
+  "suggestion. Only then does agreement say something about the labels.";
+
+/** The form that begins a blind labelling; `of`: whose frames are proposed. */
 export function blindForm({ of, onCancel }) {
   const whose = choice(mission.annotators, of, { id: "blind-of" });
   const name = el("input", { id: "blind-who", required: true, maxlength: 60, autocomplete: "off" });
@@ -30,11 +30,7 @@ export function blindForm({ of, onCancel }) {
   };
   return el("form", { class: "blind-form", on: { submit: begin } },
     el("h2", { text: "Label a second time, blind" }),
-    el("p", {
-      text:
-        "A second person labels the same frames without seeing the first one's labels or any " +
-        "suggestion. Only then does agreement say something about the labels.",
-    }),
+    el("p", { text: WHY_BLIND }),
     el("label", { text: "Frames that were labelled by", for: "blind-of" }),
     whose,
     el("label", { text: "Your name (another one)", for: "blind-who" }),
@@ -46,18 +42,12 @@ export function blindForm({ of, onCancel }) {
   );
 }
 
-/**
- * Work blind from now on, as `name`, on the frames of `of`.
- * @param {string} of
- * @param {string} name
- */
+/** Work blind from now on, as `name`, on the frames of `of`. */
 async function beginBlind(of, name) {
   if (!name) return;
   if (name === of) {
-    say(`${of} labelled these frames first; the second labelling needs another person's name.`, {
-      bad: true,
-    });
-    return;
+    const words = "labelled these frames first; the second labelling needs another person's name.";
+    return say(`${of} ${words}`, { bad: true });
   }
   setSetting("blindOf", of);
   await changePerson(async () => {
@@ -88,11 +78,7 @@ async function changePerson(change) {
   await change().catch(onFailure(explain)).finally(listenAnew);
 }
 
-/**
- * How far a blind labelling is.
- * @param {string} fault Why there is no list; "" where there is.
- * @returns {HTMLElement}
- */
+/** How far a blind labelling is; `fault`: why there is no list, "" where there is. */
 export function blindProgress(fault) {
   const list = blindFrames();
   const done = list.filter(({ camera, frame }) => stateOf(camera, frame) === "d").length;

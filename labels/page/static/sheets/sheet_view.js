@@ -1,6 +1,5 @@
 // The review sheet: all patches of a class, odd ones first, many relabelled at once.
 
-import { get, onFailure } from "../core/api.js";
 import { classButtons, classTag, nothingYet, pager, sizeButtons } from "../core/controls.js";
 import { button, el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
@@ -9,24 +8,24 @@ import {
 } from "../core/mission.js";
 import { lookAtShapes } from "../core/pictures.js";
 import { addView, go } from "../core/router.js";
-import { labelsOf, onLabels, prefetchOf } from "../saving/labels.js";
-import { actOn, patchesAre } from "../saving/saver.js";
+import { onLabels, prefetchOf } from "../saving/labels.js";
+import { patchesAre } from "../saving/saver.js";
 import { selectionKeys } from "./tile_grid.js";
-import { MARGINS, nameOf } from "./tile_pictures.js";
-import { PAGE, TileSheet, sheetRow } from "./tile_sheet.js";
+import { nameOf } from "./tile_pictures.js";
+import { Asking, PAGE, TileSheet, mineOf, relabel, sheetRow, tab } from "./tile_sheet.js";
 
 const ASK_AGAIN_MS = 2000;
 const SIZES = [48, 64, 84, 112, 150];
+const MARGINS = [0, 0.25, 1]; // around a patch, in patches
 
 /** A person's patches of one class. */
 class ReviewSheet extends TileSheet {
-  /** @param {string} label The class. */
   constructor(label) {
     super(`patches labelled ${label}`, 0);
     this.label = label;
     /** {offset, total, by, ready, done, of, tiles}; null until it is loaded. */
     this.page = null;
-    this.asked = 0;
+    this.asking = new Asking();
     this.tabs = el("nav", { class: "sheet-tabs", "aria-label": "classes" });
     this.words = el("p", { class: "sheet-words", role: "status" });
     this.range = el("span", { class: "sheet-range" });
@@ -44,9 +43,8 @@ class ReviewSheet extends TileSheet {
 
   #controls() {
     const again = button("reload", () => this.reload(), { title: "order the patches anew (r)" });
-    const around = button("surroundings", changeMargin, {
-      title: "more or less around each patch (m)",
-    });
+    const title = "more or less around each patch (m)";
+    const around = button("surroundings", changeMargin, { title });
     return [pager((step) => this.turn(step), this.range, again), sizeButtons(resize, around)];
   }
 
@@ -74,7 +72,7 @@ class ReviewSheet extends TileSheet {
 
   close() {
     clearTimeout(this.timer);
-    this.asked += 1;
+    this.asking.stop();
     super.close();
   }
 
@@ -82,46 +80,48 @@ class ReviewSheet extends TileSheet {
 
   /** Load the page that begins with the patch at `offset`. */
   async load(offset, { quietly = false } = {}) {
-    const mine = (this.asked += 1);
     clearTimeout(this.timer);
     if (!quietly) this.words.textContent = "Loading ...";
     const answer = await this.#ask(offset, PAGE, ({ message }) => {
-      if (mine === this.asked) {
-        this.words.textContent = `The patches could not be loaded: ${message}.`;
-      }
+      this.words.textContent = `The patches could not be loaded: ${message}.`;
     });
-    if (!answer || mine !== this.asked) return;
+    if (!answer) return;
     // Somebody began to choose patches meanwhile: other tiles must not take their places.
     if (quietly && !this.#untouched()) {
       this.page.newOrder = true;
       this.#showState();
     } else if (answer.patches.length === 0 && offset > 0) this.load(0);
-    else this.show({ ...answer, offset, tiles: answer.patches }, null);
+    else {
+      const tiles = answer.patches.map((patch) => ({ ...patch, mine: this.label }));
+      this.show({ ...answer, offset, tiles }, null);
+    }
   }
 
-  #ask(offset, limit, explain) {
-    return get("/api/sheet", { class: this.label, offset, limit }).catch(onFailure(explain));
+  #ask(offset, limit, failed) {
+    return this.asking.get("/api/sheet", { class: this.label, offset, limit }, failed);
   }
 
   /** While features are being computed, ask how far they are; order anew only untouched pages. */
   async #askAgain() {
-    const mine = this.asked;
     // Where the server is away the page says so; the question is asked again.
-    const answer = await this.#ask(this.page.offset, 1);
-    if (mine !== this.asked) return;
-    if (answer) {
-      const { done, of, ready } = answer;
-      Object.assign(this.page, { done, of });
-      if (ready && this.#untouched()) return void this.load(this.page.offset, { quietly: true });
-      this.page.newOrder = ready;
-    }
+    const answer = await this.#ask(this.page.offset, 1, () => this.#showState());
+    if (!answer) return;
+    const { done, of, ready } = answer;
+    Object.assign(this.page, { done, of });
+    if (ready && this.#untouched()) return void this.load(this.page.offset, { quietly: true });
+    this.page.newOrder = ready;
     this.#showState();
   }
 
   #untouched() {
     const { busy, selection } = this.grid;
     if (busy || selection.chosen.size > 0 || selection.pointed) return false;
-    return this.page.tiles.every((tile) => this.#labelNow(tile) === this.label);
+    return this.#still().length === this.page.tiles.length;
+  }
+
+  /** The tiles that are still of this class. */
+  #still() {
+    return this.page.tiles.filter((tile) => mineOf(tile) === this.label);
   }
 
   /** Order the patches anew. */
@@ -135,8 +135,7 @@ class ReviewSheet extends TileSheet {
     const { offset, tiles, total } = this.page;
     if (step > 0 && offset + tiles.length >= total) return say("This is the last page.");
     if (step < 0 && offset === 0) return say("This is the first page.");
-    const here = tiles.filter((tile) => this.#labelNow(tile) === this.label).length;
-    this.load(Math.max(0, offset + (step > 0 ? here : -PAGE)));
+    this.load(Math.max(0, offset + (step > 0 ? this.#still().length : -PAGE)));
   }
 
   // ---- What is shown
@@ -144,12 +143,9 @@ class ReviewSheet extends TileSheet {
   #showTabs() {
     const audit = el("a", { class: "tab", text: "Audit", href: "#/audit" });
     audit.title = "labels that a model which did not learn them contradicts";
-    const tabs = classes().map(({ name }) => {
-      const count = (mission.counts[name] ?? 0).toLocaleString("en");
-      const current = name === this.label && "page";
-      const options = { class: "tab", href: addressOf(name), "aria-current": current };
-      return el("a", options, classTag(name), el("span", { class: "count", text: count }));
-    });
+    const tabs = classes().map(({ name }) =>
+      tab(classTag(name), mission.counts[name] ?? 0, addressOf(name), name === this.label),
+    );
     this.tabs.replaceChildren(...tabs, audit);
   }
 
@@ -178,32 +174,23 @@ class ReviewSheet extends TileSheet {
   }
 
   about(tile) {
-    const now = this.#labelNow(tile);
+    const now = mineOf(tile);
     const odd = tile.value === null ? [] : [`Ordered by its value, ${tile.value.toFixed(2)}.`];
     return [now ? `Labelled ${now}.` : "No label.", ...odd, "Enter opens its frame."];
   }
 
   describe(tile) {
-    const now = this.#labelNow(tile);
+    const now = mineOf(tile);
     if (now === this.label) return { name: nameOf(tile), lines: [] };
     const lines = [now ? classTag(now) : el("span", { text: "no label" })];
     return { name: `${nameOf(tile)}, now ${now ?? "without label"}`, lines, faded: true };
-  }
-
-  /** My label of the patch, with what has not reached the server yet. */
-  #labelNow({ camera, frame, cell }) {
-    const mine = labelsOf(camera, frame)?.mine;
-    return mine ? mine[cell] : this.label;
   }
 
   /** Give the selected patches another label; null takes it away. */
   relabel(name) {
     const targets = this.targets();
     if (targets.length === 0) return;
-    const count = actOn(
-      "relabel",
-      targets.map((tile) => ({ ...tile, label: name, base: this.#labelNow(tile) })),
-    );
+    const count = relabel(targets, () => name);
     this.grid.select((selection) => selection.clear());
     const now = name === null ? "without a label" : name;
     if (count === 0) say(`Nothing to change: ${patchesAre(targets.length)} ${now} already.`);

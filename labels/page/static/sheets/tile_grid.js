@@ -1,6 +1,6 @@
 // A scrolling grid of patch tiles, selected by mouse, by rectangle or by keyboard.
 
-import { el } from "../core/dom.js";
+import { el, setAttribute } from "../core/dom.js";
 import { patchAspect } from "../core/pictures.js";
 import { TilePictures, patchInTile, putAt } from "./tile_pictures.js";
 
@@ -12,7 +12,6 @@ let grids = 0;
  * that a plain click adds to the selection, because odd patches lie scattered.
  */
 class TileSelection {
-  /** @param {number} count how many tiles there are */
   constructor(count = 0) {
     this.count = count;
     this.cursor = 0;
@@ -57,17 +56,14 @@ class TileSelection {
 
   /** Add these tiles (or take them away) on top of an earlier selection. */
   sweep(earlier, tiles, remove) {
-    this.chosen = new Set(earlier);
-    for (const tile of tiles) {
-      if (remove) this.chosen.delete(tile);
-      else this.chosen.add(tile);
-    }
+    const others = [...earlier].filter((tile) => !tiles.includes(tile));
+    this.chosen = new Set(remove ? others : [...others, ...tiles]);
     this.before = null;
   }
 
   /** Select every tile. */
   all() {
-    this.chosen = new Set(Array.from({ length: this.count }, (_, tile) => tile));
+    this.chosen = new Set(Array(this.count).keys());
   }
 
   /** Select nothing. */
@@ -86,19 +82,16 @@ class TileSelection {
 /** Grid of tiles; a tile is anything with `camera`, `frame` and `cell`. */
 export class TileGrid {
   /**
-   * @param {object} options
-   * @param {string} options.label what the grid holds, for screen readers
-   * @param {(tile: object) => {name: string, lines: Node[], faded?: boolean}} options.describe
+   * @param {string} label what the grid holds, for screen readers
+   * @param {number} captionLines lines kept free under each picture; 0: the caption stands over it
+   * @param {object} sheet
+   * @param {(tile: object) => {name: string, lines: Node[], faded?: boolean}} sheet.describe
    *   the tile in words, and what stands under its picture
-   * @param {number} options.captionLines lines kept free under each picture; 0: the caption
-   *   stands over it
-   * @param {() => void} options.onChange the selection or the cursor changed
-   * @param {(tile: object) => void} options.onOpen a tile was double clicked
+   * @param {() => void} sheet.showSelection the selection or the cursor changed
+   * @param {(tile: object) => void} sheet.open a tile was double clicked
    */
-  constructor({ label, describe, captionLines, onChange, onOpen }) {
-    this.describe = describe;
-    this.onChange = onChange;
-    this.onOpen = onOpen;
+  constructor(label, captionLines, sheet) {
+    this.sheet = sheet;
     this.prefix = `tiles-${(grids += 1)}`;
     this.tiles = [];
     this.elements = [];
@@ -109,35 +102,39 @@ export class TileGrid {
       class: "tiles", role: "listbox", "aria-multiselectable": "true", "aria-label": label,
       tabindex: 0, "data-home": true, "data-caption-lines": captionLines,
     });
-    this.band = el("div", { class: "tile-band", "aria-hidden": "true" });
-    this.band.hidden = true;
+    this.band = el("div", { class: "tile-band", "aria-hidden": "true", hidden: true });
     this.element = el("div", { class: "tile-scroller" }, this.list, this.band);
     this.pictures = new TilePictures(this.element);
     this.list.addEventListener("pointerdown", (event) => this.#press(event));
     this.list.addEventListener("dblclick", (event) => this.#open(event));
   }
 
-  /**
-   * Show these tiles.
-   * @param {object[]} tiles
-   * @param {{width: number, margin: number}} look Width in CSS pixels, margin around each patch in
-   *   patches.
-   */
+  /** Show these tiles, as `resize` does. */
   show(tiles, look) {
     this.tiles = tiles;
     this.selection = new TileSelection(tiles.length);
-    this.#build(look);
+    this.resize(look);
   }
 
-  /** Show the same tiles at another size; selection and cursor stay. */
-  resize(look) {
-    this.#build(look);
+  /**
+   * Show the same tiles, maybe at another size; selection and cursor stay.
+   * @param {{width: number, margin: number}} look Width in CSS pixels, margin around each patch in
+   *   patches.
+   */
+  resize({ width, margin }) {
+    this.list.style.setProperty("--tile-width", `${width}px`);
+    this.elements = this.tiles.map((tile, index) => this.#tile(tile, index, width, margin));
+    this.list.replaceChildren(...this.elements);
+    const pictures = this.elements.map((element) => element.firstElementChild);
+    this.pictures.show(this.tiles, pictures, { width, height: this.height, margin });
+    this.refresh();
+    this.sheet.showSelection();
   }
 
   /** Describe all tiles anew: labels changed. */
   refresh() {
     this.elements.forEach((element, index) => {
-      const { name, lines, faded } = this.describe(this.tiles[index]);
+      const { name, lines, faded } = this.sheet.describe(this.tiles[index]);
       element.setAttribute("aria-label", name);
       element.classList.toggle("faded", Boolean(faded));
       element.lastElementChild.replaceChildren(...lines);
@@ -160,7 +157,7 @@ export class TileGrid {
     change(this.selection);
     this.#mark();
     this.elements[this.selection.cursor]?.scrollIntoView({ block: "nearest" });
-    this.onChange();
+    this.sheet.showSelection();
   }
 
   /** Let the keyboard's next key go here. */
@@ -178,16 +175,6 @@ export class TileGrid {
   /** Forget the tiles; the view is left. */
   close() {
     this.pictures.stop();
-  }
-
-  #build({ width, margin }) {
-    this.list.style.setProperty("--tile-width", `${width}px`);
-    this.elements = this.tiles.map((tile, index) => this.#tile(tile, index, width, margin));
-    this.list.replaceChildren(...this.elements);
-    const pictures = this.elements.map((element) => element.firstElementChild);
-    this.pictures.show(this.tiles, pictures, { width, height: this.height, margin });
-    this.refresh();
-    this.onChange();
   }
 
   #tile(tile, index, width, margin) {
@@ -211,9 +198,8 @@ export class TileGrid {
       element.setAttribute("aria-selected", String(chosen.has(index)));
       element.classList.toggle("at-cursor", index === cursor);
     });
-    if (this.tiles.length > 0) {
-      this.list.setAttribute("aria-activedescendant", `${this.prefix}-${cursor}`);
-    } else this.list.removeAttribute("aria-activedescendant");
+    const active = this.tiles.length > 0 && `${this.prefix}-${cursor}`;
+    setAttribute(this.list, "aria-activedescendant", active);
   }
 
   #indexOf(event) {
@@ -222,7 +208,7 @@ export class TileGrid {
 
   #open(event) {
     const tile = this.tiles[this.#indexOf(event)];
-    if (tile) this.onOpen(tile);
+    if (tile) this.sheet.open(tile);
   }
 
   #press(event) {
@@ -238,21 +224,18 @@ export class TileGrid {
       band = rectangle;
       this.#sweep(band, earlier, move.ctrlKey);
     };
-    const ended = (end) => {
+    const stop = new AbortController();
+    const ended = ({ type, shiftKey }) => {
       this.busy = false;
-      window.removeEventListener("pointermove", moved);
-      window.removeEventListener("pointerup", ended);
-      window.removeEventListener("pointercancel", ended);
+      stop.abort();
       this.band.hidden = true;
-      if (!band && end.type === "pointerup" && pressed >= 0) this.#click(pressed, end.shiftKey);
+      if (band || type !== "pointerup" || pressed < 0) return;
+      this.select((tiles) => (shiftKey ? tiles.extendTo(pressed) : tiles.toggle(pressed)));
     };
-    window.addEventListener("pointermove", moved);
-    window.addEventListener("pointerup", ended);
-    window.addEventListener("pointercancel", ended);
-  }
-
-  #click(index, extend) {
-    this.select((selection) => (extend ? selection.extendTo(index) : selection.toggle(index)));
+    const { signal } = stop;
+    window.addEventListener("pointermove", moved, { signal });
+    window.addEventListener("pointerup", ended, { signal });
+    window.addEventListener("pointercancel", ended, { signal });
   }
 
   #point(event) {
@@ -264,15 +247,13 @@ export class TileGrid {
   }
 
   #sweep(band, earlier, remove) {
-    const hit = this.elements
-      .map((element, index) => [element, index])
-      .filter(([element]) => overlaps(band, element))
-      .map(([, index]) => index);
+    const every = [...this.elements.keys()];
+    const hit = every.filter((index) => overlaps(band, this.elements[index]));
     this.band.hidden = false;
     putAt(this.band, band);
     this.selection.sweep(earlier, hit, remove);
     this.#mark();
-    this.onChange();
+    this.sheet.showSelection();
   }
 }
 
@@ -283,32 +264,26 @@ const STEPS = {
   ArrowDown: (grid) => grid.columns(),
 };
 
-/**
- * Rows of a view's table of keys that move the cursor of its grid and select.
- * @param {() => TileGrid} gridOf
- * @returns {KeyEntry[]}
- */
+/** Rows of a view's table of keys that move the cursor of its grid and select. */
 export function selectionKeys(gridOf) {
-  const select = (change) => gridOf()?.select(change);
-  const move = (event) => {
-    const grid = gridOf();
-    grid?.select((selection) => selection.move(STEPS[event.key](grid), event.shiftKey));
+  const row = (keys, does, change) => {
+    const run = (event) => {
+      const grid = gridOf();
+      grid?.select((selection) => change(selection, event, grid));
+    };
+    return { keys, does, run, group: "Selecting patches" };
   };
-  const row = (keys, does, run) => ({ keys, does, run, group: "Selecting patches" });
+  const move = (selection, { key, shiftKey }, grid) => selection.move(STEPS[key](grid), shiftKey);
+  const toEnd = (selection, { key }) => selection.place(key === "Home" ? 0 : selection.count - 1);
+  const toggle = (selection) => selection.count && selection.toggle(selection.cursor);
   const arrows = Object.keys(STEPS);
   return [
     row(arrows, "move the cursor", move),
     row(arrows.map((key) => `Shift+${key}`), "select what the cursor passes", move),
-    row(["Home", "End"], "first, last patch of the page", (event) =>
-      select((selection) => selection.place(event.key === "Home" ? 0 : selection.count - 1)),
-    ),
-    row(["Space"], "select the patch under the cursor, or no longer", () =>
-      select((selection) => selection.count && selection.toggle(selection.cursor)),
-    ),
-    row(["Ctrl+A"], "select all patches of the page", () =>
-      select((selection) => selection.all()),
-    ),
-    row(["Escape"], "select nothing", () => select((selection) => selection.clear())),
+    row(["Home", "End"], "first, last patch of the page", toEnd),
+    row(["Space"], "select the patch under the cursor, or no longer", toggle),
+    row(["Ctrl+A"], "select all patches of the page", (selection) => selection.all()),
+    row(["Escape"], "select nothing", (selection) => selection.clear()),
   ];
 }
 

@@ -11,16 +11,7 @@ const COLUMNS = 10;
 const CHUNK = 20;
 const LARGEST = 256; // pixels; the server makes no larger tile
 
-/** Margins around a patch that a person can choose, in patches. */
-export const MARGINS = [0, 0.25, 1];
-
-/**
- * Address of one image with these patches, ten square tiles to a row.
- * @param {{camera: string, frame: number, cell: number}[]} tiles
- * @param {number} width Of a tile, in CSS pixels.
- * @param {number} margin Around each patch, in patches.
- * @returns {string}
- */
+// Address of one image with these patches, ten square tiles to a row.
 function patchesAddress(tiles, width, margin) {
   const pixels = Math.round(width * Math.min(2, window.devicePixelRatio || 1));
   return address("/api/patches", {
@@ -30,18 +21,10 @@ function patchesAddress(tiles, width, margin) {
     enhance: setting("enhance"),
     v: mission.pictures,
     who: null,
-    blind: null,
   });
 }
 
-/**
- * Show one tile of a sprite in an element as wide as a tile and of the patches' shape.
- * @param {HTMLElement} element
- * @param {string} sprite
- * @param {number} position
- * @param {number} width
- * @param {number} height
- */
+// Show one tile of a sprite in an element as wide as a tile and of the patches' shape.
 function placeTile(element, sprite, position, width, height) {
   const [column, row] = [position % COLUMNS, Math.floor(position / COLUMNS)];
   // Tiles are square with the patch in their middle: what is above and below it is cut off.
@@ -51,14 +34,7 @@ function placeTile(element, sprite, position, width, height) {
   element.style.backgroundPosition = `${-column * width}px ${-top}px`;
 }
 
-/**
- * Where the patch itself lies within its tile, which at a frame's edge is not the middle.
- * @param {{camera: string, cell: number}} tile
- * @param {number} width
- * @param {number} height
- * @param {number} margin
- * @returns {{left: number, top: number, width: number, height: number}} In pixels.
- */
+/** The rectangle of the patch itself within its tile, which at a frame's edge is not the middle. */
 export function patchInTile({ camera, cell }, width, height, margin) {
   const { rows, cols } = mission.grid;
   const [row, col] = rowCol(cell);
@@ -77,7 +53,6 @@ export function patchInTile({ camera, cell }, width, height, margin) {
 
 /** Fills elements with the pictures of their patches as they scroll into view. */
 export class TilePictures {
-  /** @param {Element} scroller The element that scrolls. */
   constructor(scroller) {
     this.chunkOf = new Map();
     this.observer = new IntersectionObserver((entries) => this.#seen(entries), {
@@ -87,9 +62,7 @@ export class TilePictures {
   }
 
   /**
-   * Show these patches.
-   * @param {{camera: string, frame: number, cell: number}[]} tiles
-   * @param {HTMLElement[]} elements One for each tile.
+   * Show these patches, each in one of the elements.
    * @param {{width: number, height: number, margin: number}} look Size in CSS pixels, margin
    *   around each patch in patches.
    */
@@ -142,11 +115,7 @@ function load(chunk) {
 const PREVIEW = 240; // CSS pixels, the width of both pictures
 const PREVIEW_MARGIN = 1;
 
-/**
- * A patch in words: "left 17, row 3, column 4".
- * @param {{camera: string, frame: number, cell: number}} tile
- * @returns {string}
- */
+/** A patch in words: "left 17, row 3, column 4". */
 export function nameOf({ camera, frame, cell }) {
   return `${camera} ${frame}, ${cellName(cell)}`;
 }
@@ -166,11 +135,7 @@ export class PatchPreview {
     );
   }
 
-  /**
-   * Show a patch.
-   * @param {{camera: string, frame: number, cell: number} | undefined} tile Nothing: hide.
-   * @param {(string | Node)[]} lines What to say about it.
-   */
+  /** Show a patch, and say these lines about it; without one hide. */
   show(tile, lines) {
     this.element.classList.toggle("nothing", !tile);
     if (!tile) return;
@@ -198,11 +163,7 @@ export class PatchPreview {
   }
 }
 
-/**
- * Put an element where a rectangle is.
- * @param {HTMLElement} element
- * @param {{left: number, top: number, width: number, height: number}} rectangle In pixels.
- */
+/** Put an element where a rectangle {left, top, width, height} is, in pixels. */
 export function putAt(element, rectangle) {
   for (const [side, value] of Object.entries(rectangle)) element.style[side] = `${value}px`;
 }

@@ -1,8 +1,10 @@
-// What the three sheets of patches share: tiles with a preview of the one under the cursor; and, of
-// the two on which people decide, the filters, the pages and the settling.
+// What the three sheets of patches share: tiles with a preview of the one under the cursor, and how
+// the server is asked; of the two on which people decide, filters, pages and settling.
 
+import { get, onFailure } from "../core/api.js";
 import { pager, swatch } from "../core/controls.js";
 import { button, el, say } from "../core/dom.js";
+import { mission } from "../core/mission.js";
 import { go } from "../core/router.js";
 import { labelsOf, prefetchOf } from "../saving/labels.js";
 import { actOn } from "../saving/saver.js";
@@ -15,6 +17,41 @@ export const PAGE = 200;
 const OPEN = "open";
 const ALL = "all";
 const TILE_WIDTH = 110;
+const AGAIN_MS = 1000;
+
+/** What a sheet asks of the server, one thing at a time. */
+export class Asking {
+  #asked = 0;
+  #busy = 0;
+  #event = 0; // up to which the last answer knows
+  #timer = 0;
+
+  /** The answer; null if it fails, which `failed` hears of, or something was asked meanwhile. */
+  async get(path, params, failed) {
+    const mine = (this.#asked += 1);
+    const event = mission.event;
+    this.#busy += 1;
+    const explain = (error) => mine === this.#asked && failed?.(error);
+    const request = get(path, params).finally(() => (this.#busy -= 1));
+    const answer = await request.catch(onFailure(explain));
+    if (!answer || mine !== this.#asked) return null;
+    this.#event = event;
+    return answer;
+  }
+
+  /** Ask again by `work` in a while, if labels changed somewhere since the last answer. */
+  soon(work) {
+    if (this.#event === mission.event) return;
+    clearTimeout(this.#timer);
+    this.#timer = setTimeout(() => (this.#busy ? this.soon(work) : work()), AGAIN_MS);
+  }
+
+  /** Take no answer any more, nor ask again. */
+  stop() {
+    clearTimeout(this.#timer);
+    this.#asked += 1;
+  }
+}
 
 /**
  * A grid of tiles and what stands beside it. A sheet says of its tiles `describe(tile)` (as
@@ -22,18 +59,8 @@ const TILE_WIDTH = 110;
  * the buttons that act on the selected ones).
  */
 export class TileSheet {
-  /**
-   * @param {string} label What the grid holds, for screen readers.
-   * @param {number} captionLines As `TileGrid` takes them.
-   */
   constructor(label, captionLines) {
-    this.grid = new TileGrid({
-      label,
-      describe: (tile) => this.describe(tile),
-      captionLines,
-      onChange: () => this.showSelection(),
-      onOpen: open,
-    });
+    this.grid = new TileGrid(label, captionLines, this);
     this.preview = new PatchPreview();
     this.chosen = el("span", { class: "sheet-chosen", role: "status" });
     this.tiles = el("div", { class: "tiles-and-preview" }, this.grid.element, this.preview.element);
@@ -79,17 +106,18 @@ export class TileSheet {
     const tile = this.grid.current();
     if (!tile) return;
     this.grid.select((selection) => selection.place(selection.cursor));
-    open(tile);
+    this.open(tile);
+  }
+
+  /** Open the frame of a patch. */
+  open({ camera, frame, cell }) {
+    go(`#/label/${camera}/${frame}/${cell}`);
   }
 
   /** The view is left. */
   close() {
     this.grid.close();
   }
-}
-
-function open({ camera, frame, cell }) {
-  go(`#/label/${camera}/${frame}/${cell}`);
 }
 
 /**
@@ -99,12 +127,9 @@ function open({ camera, frame, cell }) {
  */
 export class DecisionSheet extends TileSheet {
   /**
-   * @param {object} options
-   * @param {string} options.label What the grid holds.
-   * @param {string} options.filters What is filtered, for screen readers.
-   * @param {string} options.decided The word for patches that are not open.
-   * @param {number} options.margin Around each patch, in patches.
-   * @param {?Object} options.place Where the person was, from `place()`.
+   * `label`: what the grid holds; `filters`: what is filtered, for screen readers; `decided`: the
+   * word for patches that are not open; `margin` around each patch, in patches; `place`: where the
+   * person was, from `place()`, or nothing.
    */
   constructor({ label, filters, decided, margin, place }) {
     super(label, 3);
@@ -120,10 +145,7 @@ export class DecisionSheet extends TileSheet {
     return { ...this.view, ...(this.cursor() !== null && { at: this.grid.current() }) };
   }
 
-  /**
-   * Show the patches from where the person is.
-   * @param {?object} at The patch pointed at before: it is shown also if it does not match now.
-   */
+  /** Show the patches from where the person is; the one pointed `at` also if it does not match. */
   show(at = this.place().at) {
     const isAt = (patch) => at && nameOf(patch) === nameOf(at);
     const matching = new Set(this.matching(this.view.which));
@@ -225,21 +247,43 @@ export class DecisionSheet extends TileSheet {
   }
 }
 
+/** One of the tabs that lead from sheet to sheet: its words, how many patches it has. */
+export function tab(words, patches, href, isCurrent) {
+  const options = { class: "tab", href, "aria-current": isCurrent && "page" };
+  const count = el("span", { class: "count", text: patches.toLocaleString("en") });
+  return el("a", options, words, count);
+}
+
 function captionLine(mark, name) {
   return el("span", {}, el("b", { text: mark }), swatch(name), el("span", { text: name }));
 }
 
 /** What is settled of a patch, with what has not reached the server yet. */
-export function settledOf({ camera, frame, cell, settled }) {
-  const known = labelsOf(camera, frame);
-  return known ? known.settled[cell] : settled;
+export function settledOf(patch) {
+  return nowOf(patch, "settled");
+}
+
+/** The person's own label of a patch, with what has not reached the server yet. */
+export function mineOf(patch) {
+  return nowOf(patch, "mine");
+}
+
+function nowOf(patch, what) {
+  const known = labelsOf(patch.camera, patch.frame);
+  return known ? known[what][patch.cell] : patch[what];
 }
 
 /**
- * Settle patches: both opinions stay, and what holds stands beside them.
- * @param {object[]} patches
- * @param {(patch: object) => ?string} labelFor Null takes the settlement back.
- * @param {string} [kind]
+ * Give patches other labels of one's own; null takes them away.
+ * @returns {number} How many change.
+ */
+export function relabel(patches, labelFor, kind = "relabel") {
+  const wanted = patches.map((one) => ({ ...one, label: labelFor(one), base: mineOf(one) }));
+  return actOn(kind, wanted);
+}
+
+/**
+ * Settle patches: both opinions stay, and what holds stands beside them; null takes it back.
  * @returns {number} How many change.
  */
 export function settle(patches, labelFor, kind = "settle") {
@@ -247,11 +291,7 @@ export function settle(patches, labelFor, kind = "settle") {
   return actOn(kind, wanted, { source: "settled" });
 }
 
-/**
- * Makes rows of a view's table of keys that only work while its sheet is shown.
- * @param {() => ?TileSheet} sheetOf
- * @returns {(keys: string[], does: string, run: (sheet: TileSheet) => *) => KeyEntry}
- */
+/** Makes rows of a view's table of keys that only work while its sheet is shown. */
 export function sheetRow(sheetOf) {
   return (keys, does, run) => ({
     keys,

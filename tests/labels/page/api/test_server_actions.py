@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 
 from tests.tiers import scaled
 from tests.waiting import until
+from tokt.features.frames.grid import Grid
+from tokt.labels.record import Cell
 from tokt.labels.store.store import FILE_NAME, LabelStore
 
 pytestmark = pytest.mark.xdist_group("server_actions")  # what they share is made once
@@ -97,8 +99,9 @@ def test_confirmed_suggestions_keep_the_model(server):
     change = {"camera": "left", "frame": 4, "label": "reef", "cells": [7], "base": [None]}
     server.paint("yes-1", 4, [], None, changes=[{**change, "model": "reefs/3"}], kind="accept")
     assert _frame(server, 4)["models"] == {"7": "reefs/3"}
-    events = server.get("/api/history", camera="left", frame=4, cell=7)["events"]
-    found = [(said["label"], said["source"], said["model_version"]) for said in events]
+    with LabelStore(server.workspace / FILE_NAME) as store:
+        said = store.history(Cell(server.mission.name, "left", 4, Grid(10, 10, 360), 0, 7))
+    found = [(one.label, one.source, one.model_version) for one in said]
     assert found == [("reef", "human", "reefs/3")]
 
 
@@ -256,7 +259,6 @@ def test_no_json_is_a_fault_of_the_server(server):
         "labels?camera=left&frames=1&suggest=maybe",
         *("mission?who=", "mission?who=" + "x" * 300),
         *("events?since=-1", "events?since=9999999999999999999"),
-        *("history?camera=left&frame=1&cell=100", "history?camera=left&frame=1&cell=x"),
         *("queue?n=0", "queue?n=99999", "picture/left/1?enhance=101", "picture/left/1?enhance=-1"),
         *("thumb/left/1?width=0", "patches?cells=left:1:0&size=7"),
         *(f"patches?cells=left:1:0&margin={margin}" for margin in (-0.1, 1.1)),

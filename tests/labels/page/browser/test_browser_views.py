@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from tests.waiting import until
 from tokt.features.frames.grid import Grid
 from tokt.labels.agreement import agreement
 from tokt.labels.formats.audit_csv import Audit, AuditedPatch, write_audit
@@ -379,6 +380,22 @@ def test_strokes_and_rectangles_in_thumbnails_paint_as_one_action_each(open_page
         assert changes() == left
 
 
+QUIET = """() => new Promise((resolve) => {
+  const list = document.querySelector(".thumbs");
+  new MutationObserver(() => resolve(false)).observe(list, { childList: true });
+  setTimeout(() => resolve(!list.querySelector(".loading")), 500);
+})"""
+
+
+def test_the_overview_comes_to_rest_also_where_its_words_take_two_lines(open_page):
+    page = open_page("#/overview/left/18", ".thumb")
+    page.wait_for_selector("text=suggestions sure")
+    for width in (600, 640, 680):
+        page.set_viewport_size({"width": width, "height": 700})
+        until(lambda: page.evaluate(QUIET))
+        assert "suggestions sure" in page.inner_text(".overview-words")
+
+
 def test_a_double_click_on_a_picture_opens_the_frame_and_writes_nothing(open_page, server, changes):
     page = open_page("#/overview/left/31", ".thumb:not(.loading)")
     before = events(server)
@@ -563,7 +580,8 @@ def test_what_cannot_be_shown_is_said_in_a_sentence(browse, page_server):
     page.keyboard.press("?")
     page.wait_for_selector("dialog[open] >> text=leave this frame out")
     known = lonely.get("/api/classes")
-    kept = [{key: said for key, said in one.items() if key != "labels"} for one in known["classes"]]
+    told = {"labels", "given"}
+    kept = [{key: one[key] for key in one if key not in told} for one in known["classes"]]
     page.goto(page.url.partition("#")[0] + "#/label/left/1")
     page.wait_for_selector(".painter:has-text('reef')")
     kelp = {**kept[3], "name": "kelp", "key": "9"}
@@ -595,3 +613,14 @@ def test_text_is_large_and_whole_in_large_and_small_windows(open_page):
         for width, height in ((1280, 720), (1024, 640), (640, 360)):  # the last: 200 % of the first
             page.set_viewport_size({"width": width, "height": height})
             assert page.evaluate(UNREADABLE) == [], (place, width)
+
+
+def test_a_frame_fits_again_when_a_small_window_grows(open_page):
+    page = open_page("#/label/left/25", ".frame-canvas")
+    for width, height in ((1400, 850), (640, 700), (1400, 850)):
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(200)  # what is drawn anew may not make room for itself
+        page.wait_for_function(
+            "() => document.querySelector('.frame-canvas').clientHeight"
+            " === document.querySelector('.stage').clientHeight"
+        )
