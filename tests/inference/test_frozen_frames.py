@@ -216,6 +216,7 @@ def test_compressed_still_water_is_new_each_time(quality, levels, sigma):
 
 
 @pytest.mark.mission
+@pytest.mark.study
 @pytest.mark.parametrize("side", [LEFT, RIGHT])
 def test_all_frames_of_the_real_mission_are_new_and_frozen_ones_are_not(mission, side):
     dive = open_mission(mission)

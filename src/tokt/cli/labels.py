@@ -102,9 +102,7 @@ def label(
     ] = None,
     calibration: Annotated[
         Path | None,
-        Option(
-            metavar="FILE", help="Carry labels from the left camera to the right one by this."
-        ),
+        Option(metavar="FILE", help="Carry labels from the left camera to the right one by this."),
     ] = None,
     no_browser: Annotated[
         bool, Option("--no-browser", help="Print the address and open no browser.")

@@ -288,6 +288,7 @@ def whole_run(mission, calibration_path, request):
 
 
 @pytest.mark.mission
+@pytest.mark.study
 def test_no_labelled_frame_of_the_sea_trial_is_clear_and_no_water_an_obstacle(mission, whole_run):
     tower = labelled(mission / "labels.csv")
     assert len(tower) == 107

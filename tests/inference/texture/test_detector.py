@@ -219,6 +219,7 @@ def test_a_picture_with_zeroed_data_is_refused(mission, suffix):
 
 
 @pytest.mark.mission
+@pytest.mark.study
 def test_every_frame_of_the_sea_trial_can_be_judged(mission):
     paths = sorted(mission.glob("*/*.jpg"))
     assert len(paths) == 492

@@ -90,6 +90,6 @@ function advice(waiting, said) {
   }
   if (!mission.model) return "No model yet: paint; Settings say more.";
   if (!suggesting()) return "Suggestions are switched off.";
-  if (waiting > 0) return `${waiting} frames are still being loaded.`;
+  if (waiting > 0) return `Frames that are still being loaded: ${waiting}.`;
   return `${said} Dashed: sure; “?”: unsure.`;
 }
