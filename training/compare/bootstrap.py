@@ -126,9 +126,10 @@ def spread_of_ap(draws: F64, counts: F64) -> F64:
 
 
 def interval(spread: F64, blocks: int) -> dict[str, float] | None:
-    """Low and high bound at `CONFIDENCE` from a figure's resampled values; None of too few blocks.
+    """Low and high bound at `CONFIDENCE` from a figure's resampled values.
 
-    Percentiles, further out the fewer blocks there are, as few blocks vary too little.
+    None of too few blocks, or where most resamples have no value. Percentiles, further out the
+    fewer blocks there are, as few blocks vary too little.
 
     References
     ----------

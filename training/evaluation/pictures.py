@@ -64,7 +64,7 @@ def beside_labels(
     for y0, y1, x0, x1 in boxes[predicted]:
         cv2.rectangle(tint, (x0, y0), (x1 - 1, y1 - 1), _PREDICTED_BGR, -1)
     view = cv2.addWeighted(view, 0.65, tint, 0.35, 0)
-    for record in records:
+    for record in {(one.row, one.col): one for one in records}.values():
         y0, y1, x0, x1 = boxes[record.row * grid.cols + record.col]
         if record.label == UNSURE:
             cv2.rectangle(view, (x0 + 1, y0 + 1), (x1 - 2, y1 - 2), _UNSURE_BGR, 1)

@@ -368,7 +368,7 @@ def cross_validate(
     """
     features = np.asarray(features)
     tables, whole = {"": features, **(stress or {})}, whole or {}
-    for table in (*tables.values(), *augmented):
+    for table in (features, *augmented, *(stress or {}).values()):
         check_features(dataset, table)
     patches, targets = dataset.patches, dataset.targets()
     folds, dives = split.cut(patches, targets), split.dives(patches)

@@ -199,7 +199,12 @@ def honest_score(
     held-out blocks are known already: the trial of the whole dataset trained on just that part.
 
     There is each trial on the `whole` dataset, and the same `inside` the training part of each
-    fold; chosen are the winners' names inside the folds.
+    fold.
+
+    Returns
+    -------
+    dict
+        score; chosen: the winner's name inside each fold; how, in words.
     """
     chosen = [winner(ranked(tallies)).trial for tallies in inside]
     parts = [(whole[trial], whole[trial].folds == fold) for fold, trial in enumerate(chosen)]

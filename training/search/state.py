@@ -98,11 +98,15 @@ class SearchState:
 def opened_state(
     root: Path, question: Mapping[str, Any], dataset: str, *, fresh: bool
 ) -> Iterator[SearchState]:
-    """The state of a search, new (`fresh`) or as an earlier run left it, for this process alone.
+    """The state of a search as an earlier run left it, if not `fresh`, for this process alone.
 
-    `root` is the workspace's ``searches`` folder; the question is all that can change a trial's
-    score or the winner. Raises ToktError if another process is at the same search, or the state is
-    damaged or of a newer format.
+    `root` is the workspace's ``searches`` folder; the dataset's name begins the search's own. The
+    question is all that can change a trial's score or the winner.
+
+    Raises
+    ------
+    ToktError
+        If another process is at the same search, or the state is damaged or of a newer format.
     """
     key = f"{dataset}-{json_sha256(question)[:_KEY_CHARS]}"
     folder = root / key

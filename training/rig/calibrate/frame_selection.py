@@ -25,7 +25,13 @@ MAX_FRAMES = 100
 
 
 def stereo_frames(mission: Mission, wanted: Sequence[int] | None = None) -> list[int]:
-    """Frames that both cameras have, or the wanted ones of these; ToktError where there is none."""
+    """Frames that both cameras have, or the wanted ones of these.
+
+    Raises
+    ------
+    ToktError
+        If there is none.
+    """
     both = sorted(set(mission.frames(LEFT)) & set(mission.frames(RIGHT)))
     if not both:
         raise ToktError(f"mission {mission.path} has no frames of two cameras (Left/ and Right/)")

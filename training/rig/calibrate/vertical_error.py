@@ -98,7 +98,7 @@ class CalibrationCheck:
     reason: str
     trim_px: float  # by how much the right view has to be moved down
     error: VerticalError
-    after_trim: VerticalError  # median and p90 with that trim
+    after_trim: VerticalError  # with that trim
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form."""

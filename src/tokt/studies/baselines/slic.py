@@ -65,7 +65,7 @@ def resized_bgr(frame: U8) -> U8:
 
 
 def superpixels(picture: U8) -> I64:
-    """The number of each pixel's superpixel, from 1, of about `N_SEGMENTS`.
+    """The number of each pixel's superpixel, int64 (height, width), from 1, of some `N_SEGMENTS`.
 
     The first of the picture's three channels is taken for red, as scikit-image does.
     """

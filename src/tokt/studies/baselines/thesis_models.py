@@ -70,7 +70,8 @@ def thesis_classifier(rows: F64, obstacle: I64) -> LinearSVC:
     """A LinearSVC as the thesis fits it: C = 100, seed 42, unscaled features.
 
     What it leaves to scikit-learn is written out as its release of 2016 had it: the dual problem,
-    at most 1000 iterations. Unscaled Haralick features do not converge in these.
+    at most 1000 iterations. Unscaled Haralick features do not converge in these. The rows are
+    (n, dim); obstacles are 1, ocean 0.
     """
     classifier = LinearSVC(C=100.0, random_state=42, dual=True, max_iter=1000)
     with warnings.catch_warnings():

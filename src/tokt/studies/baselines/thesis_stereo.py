@@ -79,7 +79,7 @@ _MATCHER.setSpeckleWindowSize(0)
 def disparity_map(left: U8, right: U8) -> U8:
     """The disparities of a decoded pair of 1360x1024 stretched to 0..255, margin included.
 
-    0 is where nothing was matched.
+    They are uint8, (1024, 1360); 0 is where nothing was matched.
     """
     found = _MATCHER.compute(undistorted(left, LEFT_CAMERA), undistorted(right, RIGHT_CAMERA))
     stretched = cv2.normalize(found, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)  # type: ignore[call-overload]
@@ -101,8 +101,9 @@ def judge_pair(left: U8, right: U8) -> ThesisStereoResult:
 def margin_of(stretched: U8) -> dict[str, float]:
     """The effect of cutting the margin off a map.
 
-    Parts of the pixels that have a disparity in the margin and without it, and the mean value
-    with it and without it, 0..255.
+    Parts of the pixels that have a disparity without the margin and in it (``matched_inside``,
+    ``matched_margin``), and the mean value, 0..255, with it and without it (``mean_whole``,
+    ``mean_inside``).
     """
     inside = cropped(stretched)
     margin = np.hstack([stretched[:, :CROP_PX], stretched[:, -CROP_PX:]])
