@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -50,7 +51,9 @@ STARTING = ("typer", "tokt.cli.app", "numpy", "cv2", "fastapi.applications", "uv
 def test_ctrl_c_while_it_starts_prints_nothing(tiny, tmp_path, module):
     command = [sys.executable, "-X", "importtime", "-c", "from tokt.cli import main; main()"]
     command += ["label", str(tiny.path), "--no-browser", "--port", "0", "--workspace", tmp_path]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    # A shell lets what it starts in the background ignore Ctrl-C, tests and all.
+    heeded = {"preexec_fn": partial(signal.signal, signal.SIGINT, signal.SIG_DFL)}
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **heeded) as process:
         names = (line.split()[-1] for line in process.stderr)
         found = next(name for name in names if name in (module, LAST))
         process.send_signal(signal.SIGINT)
