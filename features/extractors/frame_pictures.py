@@ -95,7 +95,7 @@ class FramePictures:
         )
 
     def box_means(self, cells: int) -> I64:
-        """Mean colour of each part of each patch, in 1/256 level.
+        """Mean colour of each part of each patch, int64, in 1/256 level.
 
         A patch has cells x cells parts, each of one frame pixel at least: (grid.rows * cells,
         grid.cols * cells, channels).

@@ -45,7 +45,7 @@ class Extractor(ABC):
     images: tuple[Quantization | None, ...]
     needs_colour = False
     energies: tuple[bool, ...] = ()
-    _spec: dict[str, Any]
+    _spec: dict[str, Any]  # which every class sets; `spec` gives it out as a copy
 
     @property
     def spec(self) -> dict[str, Any]:
@@ -72,7 +72,7 @@ class OnePicture(Extractor):
     """An extractor that works on one picture, each patch by itself.
 
     The image says how that picture is prepared; another than the plain one goes before the
-    features' names. With one of the `later` options, which version 1 does not know, a spec is of
+    features' names. With `sampling` or `scale`, which version 1 does not know, a spec is of
     version 2.
     """
 
@@ -82,12 +82,15 @@ class OnePicture(Extractor):
         options: dict[str, Any],
         image: Quantization | None,
         names: Sequence[str],
-        **later: str | None,
+        *,
+        sampling: str | None = None,
+        scale: str | None = None,
     ) -> None:
         self.image = image
         self.images = (image,)
         self.names = tuple(names if image is None else (f"{image.label}.{each}" for each in names))
         self.dim = len(self.names)
+        later = {"sampling": sampling, "scale": scale}
         newer = {key: value for key, value in later.items() if value is not None}
         version = 2 if newer else SPEC_VERSION
         shown = PLAIN_IMAGE if image is None else image.to_json()

@@ -71,8 +71,8 @@ def _by_patch(
     use: str, kernel: Any, picture: NDArray[Any], grid: Grid, threads: int, n: Any, *options: Any
 ) -> I64:
     """The whole numbers that a kernel has for each patch, `n` of them: a number, or a shape."""
+    size = grid.patch_size(*picture.shape)  # first: it refuses what would not fit into memory
     found = np.zeros((grid.n_patches, *np.atleast_1d(n)), np.int64)
-    size = grid.patch_size(*picture.shape)
     _do_rows(use, kernel, grid.rows, threads, picture, grid.cols, *size, *options, found)
     return found
 

@@ -270,6 +270,8 @@ class Kernels:
 
         Parameters
         ----------
+        gray : array of uint8, shape (height, width)
+            The picture's rows.
         weights : array of uint64, shape (pieces, words), in C order
             Of each 8 pixels of a row's pieces, at least one of each; as many as a row has.
         lag, largest : int

@@ -98,7 +98,10 @@ class RegisteredVersion:
     def check_signature(self, key: PublicKey) -> bool:
         """Whether `key` signed this registration; False where nobody signed it.
 
-        ToktError if it is signed, but not by this key or not as it now is.
+        Raises
+        ------
+        ToktError
+            If it is signed, but not by this key or not as it now is.
         """
         if SIGNATURE_TAG not in self.tags:
             return False

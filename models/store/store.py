@@ -220,8 +220,11 @@ class Store:
     def trusted_keys(self) -> TrustedKeys:
         """The keys whose signatures this store asks for.
 
-        ToktError if they cannot be known: the file is damaged, cannot be read or was written by a
-        newer tokt, or is gone although the active model was activated by its signature.
+        Raises
+        ------
+        ToktError
+            If they cannot be known: the file is damaged, cannot be read or was written by a newer
+            tokt, or is gone although the active model was activated by its signature.
         """
         where = f"store {self.path}: its keys file {self._keys_file.name}"
         try:
@@ -277,8 +280,10 @@ class Store:
     def rollback_stack(self) -> RollbackStack:
         """The models a runtime may go back to; a lost pointer is read from its copy.
 
-        ToktError if a newer tokt wrote to the store, or its newest entry is damaged wherever it
-        stands.
+        Raises
+        ------
+        ToktError
+            If a newer tokt wrote to the store, or its newest entry is damaged wherever it stands.
         """
         reading = self.read()
         entries = list(reading.entries)

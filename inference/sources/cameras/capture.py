@@ -26,8 +26,8 @@ SIDES = ("left", "right")
 class Capture:
     """One exposure of one camera.
 
-    Its picture is gray or in BGR order, in memory of its own, which nobody writes again; None where
-    `fault` says why.
+    Its picture is gray (height, width) or in BGR order (height, width, 3), in memory of its own,
+    which nobody writes again; None where `fault` says why.
     """
 
     camera: int  # `LEFT` or `RIGHT`

@@ -424,12 +424,16 @@ def test_bgr_has_no_texture(kernels):
 
 
 @fast
+@pytest.mark.parametrize("rows", [4, 10**9, 10**30])  # with what fits into no memory
 @pytest.mark.parametrize("shape", [(8, 40), (40, 8), (2, 2), (1, 1), (11, 12)])
-def test_patches_under_3_pixels(kernels, shape):
-    gray, grid = np.zeros(shape, np.uint8), Grid(4, 4, None)
+def test_patches_under_3_pixels(kernels, shape, rows):
+    gray, grid = np.zeros(shape, np.uint8), Grid(rows, 4, None)
     for border in ("patch", "frame"):
         refuses("least is 3x3", kernels.lbp_counts, gray, grid, 8, 1, border)
+        refuses("least is 3x3", kernels.lbp_nearest_counts, gray, grid, 8, 1, border)
     refuses("least is 3x3", kernels.haralick_features, gray, grid, False)
+    refuses("least is 3x3", kernels.structure_sums, gray, grid)
+    refuses("least is 3x3", kernels.line_sums, gray, grid, 128, (2, 4))
 
 
 @fast

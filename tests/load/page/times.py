@@ -9,7 +9,7 @@ from tests.load.report import WORST, Timing
 
 from .tab import ACK, FRAME, Tab
 
-FIRST_MS, FRAME_MS, ACK_MS, LIVE_MS = 1000.0, 100.0, 25.0, 2000.0
+FIRST_MS, FRAME_MS, ACK_MS, LIVE_MS = 1000.0, 50.0, 25.0, 2000.0
 """What is asked for, in ms."""
 STEP_KEY = "d"
 _BETWEEN_STEPS_MS, _BETWEEN_CLICKS_MS = 250, 200
