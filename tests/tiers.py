@@ -33,11 +33,12 @@ class Tier:
     examples: int
 
 
+_STUDIES = ("compare", "fitting", "rig", "search")
 CORE = Tier("core", (), 100)
 TIERS = (
     Tier("browser", ("labels/page/browser",), 20),
-    Tier("process", ("process", "labels/page/api"), 20),
-    Tier("study", ("studies", "training/compare", "training/search"), 50),
+    Tier("process", ("process", "labels/page/api", "models/registry"), 20),
+    Tier("study", ("studies", *(f"training/{room}" for room in _STUDIES)), 50),
     Tier("load", ("load",), 20),
     Tier("fuzz", ("fuzz",), 100),
     CORE,

@@ -26,7 +26,6 @@ from tokt.training.fitting.classifier import decision_values, fit_rows
 from tokt.training.fitting.train import train
 from tokt.training.fitting.whole_frames import WholeFrames, judged
 
-pytestmark = pytest.mark.study
 FRAMES = (2, 3, 9, 13, 17, 21, 26, 30, 34, 38)
 FIGURES = ("f1", "average_precision", "precision", "recall", "false_positive", "false_negative")
 

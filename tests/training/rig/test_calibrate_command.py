@@ -194,7 +194,6 @@ def test_the_printed_form_gives_focal_length_and_lens(rendered, tmp_path, done):
 
 
 @pytest.mark.mission
-@pytest.mark.study
 def test_the_real_mission_fit_even_tested_odd(mission_dir, tmp_path, told):
     """Fourteen frames, for time; the reference's depths are in the mission's README."""
     out = tmp_path / "own.yml"
