@@ -7,6 +7,7 @@ import pytest
 
 from tests.inference.stereo.plain_rig import PLAIN
 from tests.inference.stereo.test_carried_labels import coverage, pair
+from tests.waiting import until
 from tokt.inference.stereo.calibration_writer import write_calibration
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 
@@ -151,8 +152,12 @@ def test_labels_of_the_left_camera_are_proposed_where_they_lie_in_the_right(
     page = browse(server, "#/label/left/1")
     page.wait_for_selector("[data-command=carry][title^='Labels go from the left']")
     page.keyboard.press("s")
-    page.click("[data-command=carry]:not([aria-disabled])")
-    page.wait_for_function("() => document.querySelector('#toast').textContent.includes('copied')")
+
+    def proposed():  # not while the picture is on its way
+        page.click("[data-command=carry]:not([aria-disabled])")
+        return "copied" in page.inner_text("#toast")
+
+    until(proposed)
     page.keyboard.press("Enter")
     page.wait_for_selector('#save-state[data-state="saved"]')
     (stored,) = server.get("/api/labels", who="anna", camera="right", frames=1)["frames"]
