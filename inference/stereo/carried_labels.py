@@ -87,7 +87,7 @@ class LabelCarrier:
         for box, label in zip(self._boxes, labels, strict=True):
             if label in names[1:] and (shift := self._shift(even, box)) is not None:
                 found.append((shift, *box.clip(0), names.index(label)))
-        painted = np.zeros(views[1].shape, np.uint8)
+        painted = np.zeros(views[1].shape, np.int16)
         for shift, x0, y0, x1, y1, code in sorted(found):  # the nearest hides what is behind it
             painted[y0:y1, max(x0 - shift, 0) : max(x1 - shift, 0)] = code
         x, y = self._places[..., 0], self._places[..., 1]

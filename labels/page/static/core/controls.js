@@ -105,7 +105,7 @@ export function obstacleChoice() {
 
 async function setObstacleClass(value) {
   const explain = ({ message }) => say(`Not kept: ${message}`, { bad: true, stays: true });
-  // All pages hear of it, this one too: its answer may be here before what was so until then.
+  // All pages hear of it as an event, this one too: events come in order, an answer may not.
   await post("/api/settings", { name: "obstacle_as", value }).catch(onFailure(explain));
 }
 

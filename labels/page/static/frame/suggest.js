@@ -96,8 +96,8 @@ export function suggestedLabels(camera, frame) {
     const { label } = followed(says, before?.[cell]);
     const against = kindOf(label) !== kindOf(says.label);
     const confident = !against && says.value >= threshold;
-    const { value, percent } = says;
-    return { label, value, percent, confident, said: says.label, against };
+    const percent = percentRight(says.obstacle, says.value);
+    return { label, value: says.value, percent, confident, said: says.label, against };
   });
 }
 
@@ -114,7 +114,8 @@ export function percentRight(obstacle, value) {
   return mission.model.right.find(holds)?.[3] ?? null;
 }
 
-// What the model alone says: {label, value, named} a patch; `named`: by a class of the taxonomy.
+// What the model alone says: {label, value, named, obstacle} a patch; `named`: by a class of the
+// taxonomy; `obstacle`: whether it is one to the model.
 function modelSays(camera, frame) {
   const { model } = mission;
   const suggestions = model && labelsOf(camera, frame)?.suggestions;
@@ -123,11 +124,11 @@ function modelSays(camera, frame) {
   const words = model.classes.map((_, index) => ({
     label: labelFor(index),
     named: isNamed(index),
+    obstacle: model.obstacle[index],
   }));
   return suggestions.classes.map((index, cell) => ({
     ...words[index],
     value: suggestions.values[cell],
-    percent: percentRight(model.obstacle[index], suggestions.values[cell]),
   }));
 }
 
