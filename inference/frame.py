@@ -44,6 +44,9 @@ class Frame:
     arrived : float or None
         The clock's `monotonic` when the frame reached this process: what its age is counted from,
         as the time of day may be set back. None where it has no age.
+    captured_t : float or None
+        Seconds since 1970 (UTC) when it was taken, by the clock of the camera or of its server.
+        None where that does not tell.
     """
 
     number: int
@@ -55,6 +58,7 @@ class Frame:
     missed: int = 0
     timed: bool = False
     arrived: float | None = None
+    captured_t: float | None = None
 
 
 class Source(Protocol):

@@ -1,11 +1,28 @@
-"""Network addresses as users write them, and looking their host up."""
+"""Network addresses as users write them, their host looked up, and who may ask a server."""
 
+import os
 import re
+import secrets
 import socket
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
+from .atomic import write_text
 from .errors import ToktError
 
+LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "[::1]"})
+"""Host names of this computer in a Host header, for itself."""
+_HOST = re.compile(r"(\[[0-9a-f:.]+\]|[^:\[\]]+)(?::(\d{1,5}))?")
+_FOR_OWNER, _OTHERS = 0o600, 0o077
+USER_INFO = re.compile(r"(://)[^/?#\s]*@")
+"""Credentials in a URL, after its first group."""
+# A password may have a / that ought to be quoted: up to the last @, be it a port and a path.
+_SHOWN_INFO = re.compile(r"(://)(?:[^/?#@\s]*:[^,]*|[^/?#\s]*)@")
+# Some cameras want them in the query, or in the path: /user=admin&password=...
+_SECRET = re.compile(
+    r"((?:user|usr|login|pass|pwd|token|auth|key|secret)\w*=)[^&/?#,\s]*", re.IGNORECASE
+)
 _ADDRESS = re.compile(r"(?:\[([^\]]+)\]|([^:\s]+)):(\d{1,5})")
 
 
@@ -39,3 +56,33 @@ def resolve(host: str, port: int) -> tuple[socket.AddressFamily, Any]:
         raise ToktError(f"host {host!r} cannot be found: {error}") from None
     family, _, _, _, address = min(found, key=lambda one: one[0] is not socket.AF_INET)
     return family, address
+
+
+def host_header(text: str) -> tuple[str, int] | None:
+    """The host name, in lower case, and the port of an HTTP request's Host header."""
+    match = _HOST.fullmatch(text.lower())
+    return None if match is None else (match[1], int(match[2] or 80))
+
+
+def kept_token(file: Path) -> str:
+    """A server's token, which outlasts a restart: a page that is open or bookmarked goes on.
+
+    Made where there is none, or where others could read it. Where it cannot be kept for its owner
+    alone, it is of this run only.
+    """
+    with suppress(OSError, UnicodeDecodeError):
+        token = file.read_text("ascii").strip()
+        if token and not (os.name == "posix" and file.stat().st_mode & _OTHERS):
+            return token
+    token = secrets.token_urlsafe(18)
+    with suppress(OSError):
+        write_text(file, token + "\n", mode=_FOR_OWNER)
+    return token
+
+
+def without_credentials(text: str) -> str:
+    """A URL, or words with one, as it may be shown and logged.
+
+    A user and a password before ``@`` are left out; so is what query and path say of either.
+    """
+    return _SECRET.sub(r"\1...", _SHOWN_INFO.sub(r"\1", text)) if "://" in text else text

@@ -10,6 +10,7 @@ import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from .errors import ToktError
 
@@ -49,14 +50,9 @@ def write_bytes(target: Path, data: bytes, spare: Path | None = None, mode: int 
         Who may read and write it, less what the umask takes; on Windows nothing.
     """
     target.parent.mkdir(parents=True, exist_ok=True)
-    partial = _partial_name(target)
     try:
-        # Path.open takes no opener, and a file made first would be open to all for a moment.
-        with open(partial, "wb", opener=lambda name, flags: os.open(name, flags, mode)) as handle:
+        with new_file(target, mode) as handle:
             handle.write(data)
-            handle.flush()
-            os.fsync(handle.fileno())
-        partial.replace(target)
     except OSError as error:
         # One that is too short was perhaps cut by a process that was killed here: it has its block.
         if spare is None or error.errno not in _FULL or not spare.is_file():
@@ -67,14 +63,28 @@ def write_bytes(target: Path, data: bytes, spare: Path | None = None, mode: int 
             handle.flush()
             os.fsync(handle.fileno())
         spare.replace(target)
-    finally:
-        partial.unlink(missing_ok=True)
-    fsync_folder(target.parent)
+        fsync_folder(target.parent)
 
 
 def write_text(target: Path, text: str, spare: Path | None = None, mode: int = 0o666) -> None:
     """`write_bytes` of UTF-8 text."""
     write_bytes(target, text.encode("utf-8"), spare, mode)
+
+
+@contextmanager
+def new_file(target: Path, mode: int = 0o666) -> Iterator[BinaryIO]:
+    """Yield a file to write, which becomes `target` when the block ends without an exception."""
+    partial = _partial_name(target)
+    try:
+        # Path.open takes no opener, and a file made first would be open to all for a moment.
+        with open(partial, "wb", opener=lambda name, flags: os.open(name, flags, mode)) as handle:
+            yield handle
+            handle.flush()
+            os.fsync(handle.fileno())
+        partial.replace(target)
+    finally:
+        partial.unlink(missing_ok=True)
+    fsync_folder(target.parent)
 
 
 def keep_spare(spare: Path, least: int, size: int) -> None:

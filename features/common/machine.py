@@ -25,7 +25,8 @@ def _cpu() -> str:
     return platform.processor() or platform.machine()
 
 
-def _version(names: tuple[str, ...]) -> str | None:
+def installed_version(*names: str) -> str | None:
+    """Which version of the first of these packages that is installed; None where none is."""
     for name in names:
         try:
             return version(name)
@@ -41,5 +42,5 @@ def machine() -> dict[str, Any]:
         "cores": os.cpu_count(),
         "system": f"{platform.system()} {platform.release()}",
         "python": platform.python_version(),
-        **{name: _version(names) for name, names in _LIBRARIES.items()},
+        **{name: installed_version(*names) for name, names in _LIBRARIES.items()},
     }

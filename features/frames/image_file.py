@@ -22,6 +22,7 @@ from tokt.features.common.errors import FrameError, os_errors_as
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".pgm", ".ppm"})
 
 _JPEG_START = b"\xff\xd8"
+_JPEG_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # headers with the picture's size
 _JPEG_SCAN = 0xDA
 _JPEG_END = 0xD9
 # In entropy-coded data FF 00 is a stuffed byte, FF D0..D7 a restart and FF FF a fill byte.
@@ -34,28 +35,30 @@ _FEW_BITS_GREY = 16
 """12 bits in 16 reach this grey level at most (OpenCV rounds some); what stays below is dark."""
 _REMEDY = "convert it to 8 bits, all files alike (12-bit levels: divided by 16)"
 _MAX_PIXELS = 100_000_000
-"""No camera gives more, and a PNG of some kilobytes can say that it does."""
+"""No camera gives more, and a file of some kilobytes can say that it does."""
 
 
-def _jpeg_is_whole(data: bytes) -> bool:
+def _jpeg_fault(data: bytes) -> str:
     """Walk the segments of a JPEG to its end-of-image marker (ITU-T T.81, annex B)."""
     position = 2
     while position + 4 <= len(data) or data[position : position + 2] == b"\xff\xd9":
         if data[position] != 0xFF:
-            return False
+            break
         marker = data[position + 1]
         if marker == 0xFF:
             position += 1
             continue
         if marker == _JPEG_END:
-            return True
+            return ""
+        if marker in _JPEG_FRAMES and (pixels := _product(data, position + 5, 2)) > _MAX_PIXELS:
+            return f"the JPEG says that it has {pixels} pixels"
         position += 2 + int.from_bytes(data[position + 2 : position + 4], "big")
         if marker == _JPEG_SCAN:
             found = _JPEG_MARKER.search(data, position)
             if found is None:
-                return False
+                break
             position = found.start()
-    return False
+    return "the JPEG is truncated"
 
 
 def _png_chunks(data: bytes) -> set[bytes]:
@@ -67,9 +70,10 @@ def _png_chunks(data: bytes) -> set[bytes]:
     return names
 
 
-def _png_pixels(data: bytes) -> int:
-    """Width times height from the header (PNG specification, section 11.2.2)."""
-    return int.from_bytes(data[16:20], "big") * int.from_bytes(data[20:24], "big")
+def _product(data: bytes, at: int, size: int) -> int:
+    """Width times height, two numbers of so many bytes."""
+    first, second = data[at : at + size], data[at + size : at + 2 * size]
+    return int.from_bytes(first, "big") * int.from_bytes(second, "big")
 
 
 def decode_image(data: bytes, name: str) -> U8:
@@ -95,12 +99,12 @@ def decode_image(data: bytes, name: str) -> U8:
     """
     if not data:
         raise FrameError(f"{name}: the file is empty")
-    if data.startswith(_JPEG_START) and not _jpeg_is_whole(data):
-        raise FrameError(f"{name}: the JPEG is truncated")
+    if data.startswith(_JPEG_START) and (fault := _jpeg_fault(data)):
+        raise FrameError(f"{name}: {fault}")
     if data.startswith(_PNG_START) and b"IEND" not in _png_chunks(data):
         raise FrameError(f"{name}: the PNG is truncated")
-    if data.startswith(_PNG_START) and _png_pixels(data) > _MAX_PIXELS:
-        raise FrameError(f"{name}: the PNG says that it has {_png_pixels(data)} pixels")
+    if data.startswith(_PNG_START) and (pixels := _product(data, 16, 4)) > _MAX_PIXELS:
+        raise FrameError(f"{name}: the PNG says that it has {pixels} pixels")
     maximum = _PNM_MAXIMUM.match(data)
     if maximum and int(maximum[1]) not in (255, 65535):
         words = f"{int(maximum[1])}, not 255 or 65535"

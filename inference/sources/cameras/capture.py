@@ -37,6 +37,7 @@ class Capture:
     t: float  # the same as wall time: seconds since 1970 (UTC)
     picture: U8 | None
     fault: Fault = NO_FAULT
+    captured_t: float | None = None  # seconds since 1970 by the camera's clock, where it tells
 
 
 Deliver = Callable[[Capture], None]

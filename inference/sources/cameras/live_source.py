@@ -137,7 +137,7 @@ class CameraKeeper(threading.Thread):
     def _deliver(self, capture: Capture) -> None:
         if self._is_lost:
             return
-        captured_s = capture.arrived - self._clock.suspended()
+        captured_s = awake_s(self._clock)  # now: what queued came earlier, but comes
         if self._captured_s is not None:
             self._gap_s = captured_s - self._captured_s
         self._captured_s = captured_s
@@ -204,6 +204,9 @@ class CameraSource:
         Given an `Event` named ``camera_lost`` or ``camera_back``, on a camera's own thread.
     wait : bool
         Whether cameras that are not there at the start are waited for.
+    split : bool
+        Whether the one camera's pictures hold the left view in their left half and the right view
+        in the other.
     """
 
     live = True
@@ -212,6 +215,7 @@ class CameraSource:
     clock: Clock
     on_event: Callable[[Event], None]
     wait: bool = False
+    split: bool = False
 
     def __post_init__(self) -> None:
         self.counts = [CameraCounts() for _ in self.drivers]
@@ -296,6 +300,9 @@ class CameraSource:
     def captured(self, capture: Capture) -> None:
         """Take a capture."""
         camera, back = capture.camera, None
+        if capture.fault and capture.fault.reason is Reason.CAMERA_LOST:
+            self.lost(camera, capture.fault)  # its driver looks for it itself
+            return
         with self._changed:
             counts, fit = self.counts[camera], self._fit(camera)
             if capture.picture is not None and (fault := fit.old(capture)):
@@ -383,11 +390,14 @@ class CameraSource:
         assert first is not None
         missed = self._missed(moment.at)
         arrived = [view.arrived for view in (moment.left, moment.right) if view is not None]
-        return self._delivered(moment, first.t, missed, min(arrived))
+        frame = self._delivered(moment, first.t, missed, min(arrived))
+        return replace(frame, captured_t=first.captured_t)
 
     def _delivered(self, moment: Moment, t: float, missed: int, arrived: float) -> Frame:
         left, left_fault = self._view(LEFT, moment.left, moment.alone)
         right, right_fault = self._view(RIGHT, moment.right, moment.alone)
+        if self.split:
+            (left, right), right_fault = _halves(left), left_fault
         self._number += 1 + (missed if missed < MANY_MISSED else 0)
         views = left, right, left_fault, right_fault
         return Frame(self._number, t, *views, missed, timed=True, arrived=arrived)
@@ -415,3 +425,11 @@ class CameraSource:
         if math.isnan(at - last) or not periods:
             return skipped
         return max(skipped, round(min((at - last) / min(periods) - 1, MANY_MISSED)))
+
+
+def _halves(picture: U8 | None) -> tuple[U8 | None, U8 | None]:
+    """The left and the right half of a picture, each in memory of its own."""
+    if picture is None:
+        return None, None
+    width = picture.shape[1] // 2
+    return picture[:, :width].copy(), picture[:, picture.shape[1] - width :].copy()

@@ -1,179 +1,55 @@
-"""The driver of one GenICam camera: its process, and the thread that takes its frames.
+"""The driver of one GenICam camera: what its process is told.
 
-::
-
-    camera ── producer ── harvesters ──> pipe ──> reader thread ──> deliver
-    └───────────── process ─────────┘            └── this process ──────┘
-
-Newest wins: when `deliver` is slow the pipe is full, the camera's process waits, and its producer
-overwrites what nobody took. What waited in the pipe is as old as it is: `Capture.arrived` is when
-the camera's process had it.
+When `deliver` is slow the camera's process waits, and its producer overwrites what nobody took.
 """
 
-import contextlib
-import math
-import queue
-import subprocess
-import threading
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 from tokt.features.common.errors import ToktError
-from tokt.features.frames.camera_frame import frame_from_camera
-from tokt.inference.clock import SYSTEM_CLOCK, Clock
+from tokt.inference.clock import Clock
 from tokt.inference.config import SourceConfig
-from tokt.inference.reason import Fault, Reason
-from tokt.inference.sources.cameras.capture import CameraDriver, Capture, Deliver
+from tokt.inference.sources.cameras.capture import CameraDriver, Deliver
+from tokt.inference.sources.cameras.process_driver import ProcessDriver
 
-from .messages import Message, program, read_message, write_message
 from .producers import ListedCamera, Place, check_installed, is_index, list_cameras
 
-Answers = queue.SimpleQueue[dict[str, Any]]
-"""What a camera's process says, besides frames."""
 
-_OPEN_S = 30.0
-_CLOSE_S = 3.0
+class GenicamDriver(ProcessDriver):
+    """A `CameraDriver` through harvesters. Without a place it is looked for by its name at start.
 
-
-@dataclass(eq=False)
-class GenicamDriver:
-    """A `CameraDriver` through harvesters, of the camera `capture.LEFT` or `capture.RIGHT`.
-
-    Its `name` is as the user called it. Without a place it is looked for by that at each start.
-    `share` is its part of the bandwidth, and `open_s` how long opening it may take.
+    `share` is its part of the bandwidth.
     """
 
-    camera: int
-    name: str
-    place: Place | None
-    options: SourceConfig
-    share: float
-    clock: Clock
-    open_s: float = _OPEN_S
+    kind = "cameras.genicam"
 
-    def __post_init__(self) -> None:
-        self._process: subprocess.Popen[bytes] | None = None
-        self._reader = threading.Thread()
-        self._stopping = threading.Event()
-        self._lost = ""
-        self.period_s: float | None = None
-        self.shared_clock = False
-        self.failures = 0
+    def __init__(
+        self,
+        camera: int,
+        name: str,
+        place: Place | None,
+        options: SourceConfig,
+        share: float,
+        clock: Clock,
+        open_s: float = ProcessDriver.open_s,
+    ) -> None:
+        order = {
+            "name": name,
+            "place": None if place is None else asdict(place),
+            "options": asdict(options),
+            "share": share,
+        }
+        super().__init__(camera, name, order, clock, open_s)
 
     def start(self, deliver: Deliver) -> None:
-        """Start the camera's process, and wait until it sends.
-
-        ToktError if it is not there, cannot be set as asked, or does not answer in time.
-        """
-        self.stop()
+        """Start the camera's process, and wait until it sends; ToktError as `ProcessDriver`."""
         check_installed()
-        self._stopping.clear()
-        self._lost = ""
-        try:
-            process = subprocess.Popen(
-                program(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-            )
-        # A machine short of memory or handles now may have some when it is tried again.
-        except OSError as error:
-            raise ToktError(f"camera {self.name}: no process for it: {error}") from error
-        self._process = process
-        opened: Answers = queue.SimpleQueue()
-        name, told = f"tokt camera {self.name}", (process, opened, deliver)
-        self._reader = threading.Thread(target=self._read, args=told, name=name, daemon=True)
-        self._reader.start()
-        order = {
-            "name": self.name,
-            "place": None if self.place is None else asdict(self.place),
-            "options": asdict(self.options),
-            "share": self.share,
-        }
-        assert process.stdin is not None
-        # One that has ended already is noticed by the reader.
-        with contextlib.suppress(BrokenPipeError):
-            write_message(process.stdin, order)
-        try:
-            answer = opened.get(timeout=self.open_s)
-        except queue.Empty:
-            words = f"camera {self.name} does not answer in {self.open_s:g} s"
-            answer = {"kind": "refused", "words": words}
-        if answer["kind"] != "ready":
-            self.stop()
-            raise ToktError(answer["words"])
-        self.place = Place(**answer["place"])
+        super().start(deliver)
 
-    def stop(self) -> None:
-        """Deliver nothing more and end the camera's process, by force if it does not end."""
-        process, self._process = self._process, None
-        if process is None:
-            return
-        assert process.stdin is not None and process.stdout is not None
-        self._stopping.set()
-        with contextlib.suppress(BrokenPipeError):
-            process.stdin.close()
-        try:
-            process.wait(_CLOSE_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        self._reader.join()
-        process.stdout.close()
-
-    def lost(self) -> str:
-        """Why the camera is gone: what its producer said, or how its process ended."""
-        return self._lost
-
-    def _read(self, process: subprocess.Popen[bytes], opened: Answers, deliver: Deliver) -> None:
-        """Take messages until the process ends; the thread's whole life."""
-        assert process.stdout is not None
-        try:
-            while (message := read_message(process.stdout)) is not None:
-                if message.header["kind"] == "frame":
-                    self._take(message, deliver)
-                else:
-                    self._hear(message.header, opened)
-        except (OSError, ValueError, LookupError, TypeError) as error:
-            self._lose(f"camera {self.name}: its process does not make sense: {error!r}", opened)
-        self._lose(f"camera {self.name}: its process ended with {process.wait()}", opened)
-
-    def _hear(self, answer: dict[str, Any], opened: Answers) -> None:
-        """Everything but frames."""
-        if answer["kind"] != "ready":
-            self._lose(answer["words"], opened)
-            return
-        self.period_s = answer["period_s"]
-        self.shared_clock = answer["shared_clock"]
-        opened.put(answer)
-
-    def _lose(self, words: str, opened: Answers) -> None:
-        """The camera is gone, for the first reason that is known."""
-        if not self._stopping.is_set() and not self._lost:
-            self._lost = words
-        opened.put({"kind": "refused", "words": words})
-
-    def _take(self, message: Message, deliver: Deliver) -> None:
-        """Deliver a frame."""
-        capture = self._capture(message)
-        try:
-            deliver(capture)
-        except Exception:  # noqa: BLE001 - the thread is the camera's: it outlives all
-            self.failures += 1
-
-    def _capture(self, message: Message) -> Capture:
-        header = message.header
-        # One clock for all processes of a machine.
-        age_s = max(0.0, SYSTEM_CLOCK.monotonic() - header["fetched_s"])
-        arrived, t = self.clock.monotonic() - age_s, self.clock.time() - age_s
-        taken_s = math.nan if header["taken_s"] is None else header["taken_s"]
-        picture, fault = None, Fault(Reason(header["reason"]), header["words"])
-        if message.data is not None:
-            try:
-                picture = frame_from_camera(
-                    message.data, header["height"], header["width"], header["pixel_format"]
-                )
-            except ValueError as error:
-                fault = Fault(Reason.UNREADABLE, str(error))
-        return Capture(self.camera, header["frame_id"], taken_s, arrived, t, picture, fault)
+    def answered(self, answer: dict[str, Any]) -> None:
+        """Look for it at the same place from now on."""
+        self.order["place"] = answer["place"]
 
 
 def open_drivers(ids: Sequence[str], options: SourceConfig, clock: Clock) -> list[CameraDriver]:

@@ -5,11 +5,10 @@ a frame, looks for cameras or opens one (a wait of 100 ms stops every thread for
 are the vendors' native code: one that crashes or hangs is a camera lost, and not the runtime. And a
 producer that lost its camera may keep its memory; here that goes with the process.
 
-What it is told and what it answers: `messages`.
+What it is told and what it answers: `cameras.messages`.
 """
 
 import json
-import os
 import signal
 import sys
 import threading
@@ -18,9 +17,14 @@ from typing import IO, Any
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
+from tokt.inference.sources.cameras.messages import (
+    answers_out,
+    end_unless_called_again,
+    watch_input,
+    write_message,
+)
 
 from .camera import CameraGoneError, FetchedFrame, GenicamCamera, opened_camera
-from .messages import write_message
 from .producers import ListedCamera, Listing, Place, in_one_line, opened_producers
 
 _SLOW_S = 0.02
@@ -32,8 +36,8 @@ def main() -> None:
     """Do what the first line of the standard input says until that is closed."""
     # The runtime has its own way to end on Ctrl-C, which a terminal sends to all of its processes.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _end_unless_called_again(_OPEN_S)
-    answers = _answers()
+    end_unless_called_again(_OPEN_S)
+    answers = answers_out()
     order = json.loads(sys.stdin.buffer.readline())
     try:
         if "list" in order:
@@ -50,17 +54,10 @@ def main() -> None:
         write_message(answers, {"kind": "refused", "words": words})
 
 
-def _answers() -> IO[bytes]:
-    """The standard output, which from now on is out of reach: producers print, too."""
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)
-    return answers
-
-
 def _run(answers: IO[bytes], order: dict[str, Any]) -> None:
     """Send a camera's frames."""
     stop = threading.Event()
-    threading.Thread(target=_watch_input, args=(stop,), daemon=True).start()
+    threading.Thread(target=watch_input, args=(stop,), daemon=True).start()
     options = SourceConfig(**order["options"])
     with opened_producers() as producers:
         listed = _chosen(producers.listing, order)
@@ -72,30 +69,11 @@ def _run(answers: IO[bytes], order: dict[str, Any]) -> None:
             write_message(answers, {**ready, "shared_clock": camera.shared_clock})
             try:
                 while not stop.is_set():
-                    _end_unless_called_again(_HUNG_S)
+                    end_unless_called_again(_HUNG_S)
                     _send_next(answers, camera)
             except CameraGoneError as error:
                 # Told before it is closed, which may hang or fail as well.
                 write_message(answers, {"kind": "lost", "words": str(error)})
-
-
-def _end_unless_called_again(limit_s: float) -> None:
-    """Have the system end this process should it hang for longer than that.
-
-    The runtime ends one that hangs, as long as there is a runtime. Without it nobody would: native
-    code that hangs may hold Python's lock, and the camera would stay taken for the next runtime.
-    """
-    if sys.platform != "win32":
-        signal.signal(signal.SIGALRM, signal.SIG_DFL)
-        signal.setitimer(signal.ITIMER_REAL, limit_s)
-
-
-def _watch_input(stop: threading.Event) -> None:
-    """Stop when the runtime closes its end, or is gone."""
-    # Not through sys.stdin: a thread that waits in it makes Python abort when it ends.
-    while os.read(0, 1):
-        pass
-    stop.set()
 
 
 def _chosen(listing: Listing, order: dict[str, Any]) -> ListedCamera:

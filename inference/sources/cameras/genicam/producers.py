@@ -24,8 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
-
-from .messages import program
+from tokt.inference.sources.cameras.messages import program
 
 PATH_VARIABLE = "GENICAM_GENTL64_PATH"
 """Folders of producers, as the GenTL standard names the variable; separated like PATH."""
@@ -124,7 +123,7 @@ def list_cameras(timeout_s: float = _TIMEOUT_S) -> Listing:
     check_installed()
     try:
         ran = subprocess.run(
-            program(),
+            program("cameras.genicam"),
             input=b'{"list": true}\n',
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -1,10 +1,10 @@
-"""Cameras of Allied Vision and their streams, through pymba and the Vimba SDK."""
+"""Cameras of Allied Vision and their streams, by the Vimba SDK or Vimba X."""
 
 import ctypes
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from tokt.inference.sources.cameras.capture import CameraDriver, Capture, Delive
 
 from .features import VimbaFeatures, set_features
 from .system import VimbaSystem, load_pymba
+from .vimbax_system import load_vimbax
 
 _BUFFERS = 6  # a buffer is away for the few ms of its copy: these cover a pause of a tenth of a s
 
@@ -26,50 +27,46 @@ _BUFFERS = 6  # a buffer is away for the few ms of its copy: these cover a pause
 class VimbaStream:
     """The stream of one opened camera, from `start` to `stop`.
 
-    By pymba's own bindings and not by its `Camera.arm`, for three reasons. There a callback that
+    By the C API and not by pymba's `Camera.arm`, for three reasons. There a callback that
     raises never queues its buffer again, and after as many as there are buffers nothing comes any
     more. There each buffer gets a new callback from within the old one, whose memory is then freed
     while it runs; if queueing fails after that, Python reports an exception of a function that is
     no more. And there `disarm` gives up at the first step that a camera which was pulled out
-    refuses, so that buffers stay announced whose memory is about to go.
+    refuses, so that buffers stay announced whose memory is about to go; so does vmbpy's `Stream`.
 
-    `received` is given pymba's VmbFrame of each buffer that was filled, on a thread of the
+    `received` is given the VmbFrame of each buffer that was filled, on a thread of the
     library's. The buffer is written again as soon as it returns. What it raises is counted.
     """
 
-    def __init__(self, camera: Any, received: Callable[[Any], None]) -> None:
-        from pymba import vimba_c
-
+    def __init__(self, system: VimbaSystem, camera: Any, received: Callable[[Any], None]) -> None:
         self.failures = 0
+        self._system = system
         self._camera = camera
         self._received = received
-        self._api = vimba_c
         self._running = False
         self._frames: list[Any] = []
-        self._callback = vimba_c.vmb_frame_callback_func(self._filled)
+        self._callback = camera.callback(self._filled)
 
-    def start(self) -> None:
-        """Announce and queue the buffers and let the camera send.
+    def start(self, features: VimbaFeatures) -> None:
+        """Announce and queue the buffers, as the camera's features ask, and let it send.
 
         ToktError if one of the steps is refused; `stop` then undoes those before.
         """
-        from pymba import VimbaException
-
+        camera, call = self._camera, self._system.call
         try:
-            for _ in range(_BUFFERS):
-                frame = self._camera.new_frame()
-                frame.announce()
+            alignment = features.get("StreamBufferAlignment") or 1
+            for _ in range(max(_BUFFERS, features.get("StreamAnnounceBufferMinimum") or 1)):
+                frame = self._new_frame(alignment)
                 self._frames.append(frame)
-            self._camera.start_capture()
+                announced = ctypes.byref(frame), ctypes.sizeof(frame)
+                call("vmb_frame_announce", camera.stream, *announced)
+            call("vmb_capture_start", camera.stream)
             self._running = True
             for frame in self._frames:
-                code = self._queue(frame.data)
-                if code:
-                    raise VimbaException(code)
-            self._camera.run_feature_command("AcquisitionStart")
-        # AttributeError is pymba's way to say that the camera has no such feature.
-        except (VimbaException, AttributeError) as error:
-            raise ToktError(f"camera {self._camera.camera_id} does not stream: {error}") from error
+                self._queue(frame)
+            camera.run_feature_command("AcquisitionStart")
+        except self._system.errors as error:
+            raise ToktError(f"camera {camera.camera_id} does not stream: {error}") from error
 
     def stop(self) -> bool:
         """Undo every step of `start` that can be undone; the last callback has returned then.
@@ -78,13 +75,15 @@ class VimbaStream:
         holds the memory that the library may still write to.
         """
         self._running = False
-        handle = self._camera.handle
-        self._api.vmb_feature_command_run(handle, b"AcquisitionStop")
-        self._api.vmb_capture_end(handle)  # joins the thread of the callbacks
-        self._api.vmb_capture_queue_flush(handle)
-        codes = [self._api.vmb_frame_revoke_all(handle), self._api.vmb_camera_close(handle)]
-        released = 0 in codes
-        if released:
+        handle, stream = self._camera.handle, self._camera.stream
+        done = [
+            self._is_done("vmb_feature_command_run", handle, b"AcquisitionStop"),
+            self._is_done("vmb_capture_end", stream),  # joins the thread of the callbacks
+            self._is_done("vmb_capture_queue_flush", stream),
+            self._is_done("vmb_frame_revoke_all", stream),
+            self._is_done("vmb_camera_close", handle),
+        ]
+        if released := any(done[-2:]):
             self.forget()
         return released
 
@@ -92,20 +91,38 @@ class VimbaStream:
         """Free the memory of the buffers."""
         self._frames.clear()
 
-    def _queue(self, frame: Any) -> int:
-        queued = self._camera.handle, ctypes.byref(frame), self._callback
-        return int(self._api.vmb_capture_frame_queue(*queued))
+    def _new_frame(self, step: int) -> Any:
+        """A VmbFrame with memory of its own, which begins and ends at multiples of a step."""
+        size = -(-self._camera.payload() // step) * step
+        memory = (ctypes.c_ubyte * (size + step - 1))()
+        address = ctypes.addressof(memory)
+        frame = self._system.c.VmbFrame()
+        frame.memory = memory  # it must not go before the frame does
+        frame.buffer, frame.bufferSize = address + -address % step, size
+        return frame
 
-    def _filled(self, handle: int | None, frame: Any) -> None:
+    def _queue(self, frame: Any) -> None:
+        queued = self._camera.stream, ctypes.byref(frame), self._callback
+        self._system.call("vmb_capture_frame_queue", *queued)
+
+    def _is_done(self, name: str, *arguments: Any) -> bool:
+        with suppress(*self._system.errors):
+            self._system.call(name, *arguments)
+            return True
+        return False
+
+    def _filled(self, *called: Any) -> None:
         """The library's callback: looks at a buffer and queues it again, whatever happens."""
+        frame = called[-1].contents
         try:
-            self._received(frame.contents)
+            self._received(frame)
         # Called from C, on a thread of the library's, there is nobody to raise to: Python would
         # print it and go on. A lost capture is counted; a lost buffer would be one for good.
         except Exception:  # noqa: BLE001
             self.failures += 1
         if self._running:
-            self._queue(frame.contents)
+            with suppress(*self._system.errors):  # of a camera that was pulled out
+                self._queue(frame)
 
 
 _COMPLETE = 0  # VmbFrameStatusComplete
@@ -138,7 +155,6 @@ class VimbaDriver:
     options: SourceConfig
     share: float
     clock: Clock
-    pymba: ModuleType
     system: VimbaSystem
 
     def __post_init__(self) -> None:
@@ -168,16 +184,19 @@ class VimbaDriver:
         except ToktError:
             self.system.leave()
             raise
-        self._stream = VimbaStream(opened, lambda frame: deliver(self._capture(frame)))
+        self._stream = VimbaStream(
+            self.system, opened, lambda frame: deliver(self._capture(frame, opened.image(frame)))
+        )
+        errors = self.system.errors
         try:
-            features = VimbaFeatures(opened, self.pymba.VimbaException, self.name, self.clock)
+            features = VimbaFeatures(opened, errors, self.name, self.clock)
             self._ticks_per_s, self.period_s = set_features(features, self.options, self.share)
             self.shared_clock = self.options.ptp
-            self._stream.start()
+            self._stream.start(features)
         except ToktError:
             self.stop()
             raise
-        except self.pymba.VimbaException as error:
+        except errors as error:
             self.stop()
             raise ToktError(f"camera {self.name} cannot be set: {error}") from error
 
@@ -199,27 +218,27 @@ class VimbaDriver:
             return ""
         return f"camera {self.name} is no longer found"
 
-    def _capture(self, frame: Any) -> Capture:
+    def _capture(self, frame: Any, image: tuple[int, int, int]) -> Capture:
         """What is in a buffer, in memory of its own."""
         arrived, t = self.clock.monotonic(), self.clock.time()
         taken_s = math.nan
         if frame.receiveFlags & _HAS_TIMESTAMP and frame.timestamp:  # 0 is a camera's way to say no
             taken_s = frame.timestamp / self._ticks_per_s
-        picture, fault = _picture(frame)
+        picture, fault = _picture(frame, *image)
         return Capture(self.camera, frame.frameID, taken_s, arrived, t, picture, fault)
 
 
-def _picture(frame: Any) -> tuple[U8 | None, Fault]:
+def _picture(frame: Any, address: int, size: int, room: int) -> tuple[U8 | None, Fault]:
     """A copy of a buffer's picture, or why there is none."""
     if frame.receiveStatus != _COMPLETE:
         return None, _INCOMPLETE
     pixel_format = _FORMATS.get(frame.pixelFormat)
     if pixel_format is None:
         return None, Fault(Reason.DAMAGED, f"pixel format {frame.pixelFormat:#010x} is not known")
-    if not 0 < frame.imageSize <= frame.bufferSize:
-        words = f"the frame has {frame.imageSize} bytes in a buffer of {frame.bufferSize}"
+    if not 0 < size <= room:
+        words = f"the frame has {size} bytes in a buffer of {room}"
         return None, Fault(Reason.DAMAGED, words)
-    buffer = (ctypes.c_ubyte * frame.imageSize).from_address(frame.buffer)
+    buffer: Any = (ctypes.c_ubyte * size).from_address(address)
     data = np.frombuffer(buffer, np.uint8)
     try:
         return frame_from_camera(data, frame.height, frame.width, pixel_format), NO_FAULT
@@ -227,7 +246,9 @@ def _picture(frame: Any) -> tuple[U8 | None, Fault]:
         return None, Fault(Reason.DAMAGED, str(error))
 
 
-def open_drivers(ids: Sequence[str], options: SourceConfig, clock: Clock) -> Sequence[CameraDriver]:
+def open_drivers(
+    ids: Sequence[str], options: SourceConfig, clock: Clock, vimbax: bool = False
+) -> Sequence[CameraDriver]:
     """The drivers of one camera, or of a left and a right one; nothing is opened yet.
 
     Parameters
@@ -235,16 +256,21 @@ def open_drivers(ids: Sequence[str], options: SourceConfig, clock: Clock) -> Seq
     ids : sequence of str
     options : SourceConfig
     clock : Clock
+    vimbax : bool
+        Whether Vimba X drives them, and not the Vimba SDK.
 
     Raises
     ------
     ToktError
-        If pymba or the Vimba SDK is missing.
+        If pymba or vmbpy is missing, or its library.
     """
-    pymba = load_pymba()
-    system = VimbaSystem(pymba)
+    if vimbax:
+        system = load_vimbax()
+    else:
+        pymba = load_pymba()
+        # AttributeError is its way to say that the camera has no such feature.
+        system = VimbaSystem(pymba.vimba_c, (pymba.VimbaException, AttributeError))
     share = 1 / len(ids)
     return [
-        VimbaDriver(camera, name, options, share, clock, pymba, system)
-        for camera, name in enumerate(ids)
+        VimbaDriver(camera, name, options, share, clock, system) for camera, name in enumerate(ids)
     ]

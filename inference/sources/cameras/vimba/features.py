@@ -16,16 +16,17 @@ from tokt.inference.sources.cameras.capture import bandwidth_bytes_s
 _EXPOSURE = ("ExposureTimeAbs", "ExposureTime")
 _FRAME_RATE = ("AcquisitionFrameRateAbs", "AcquisitionFrameRate")
 _PACKET_SIZE = ("GVSPPacketSize", "GevSCPSPacketSize")
+_BYTES_S, _LINK_LIMIT = "StreamBytesPerSecond", "DeviceLinkThroughputLimit"
 _NS_PER_S = 1e9  # ticks of a camera that does not say how many it has a second: USB ones
 _ADJUST_S, _PTP_S, _LOOK_S = 3.0, 15.0, 0.02
 
 
 @dataclass(eq=False)
 class VimbaFeatures:
-    """The features of an opened ``pymba.camera.Camera``."""
+    """The features of an opened camera, as ``pymba.camera.Camera`` has them."""
 
     camera: Any
-    error: type[Exception]  # pymba's VimbaException
+    errors: tuple[type[Exception], ...]
     name: str  # the camera, for messages
     clock: Clock
 
@@ -45,12 +46,12 @@ class VimbaFeatures:
         """What can be chosen; nothing where the camera has no such feature."""
         return list(self.camera.feature(name).range) if name in self._names else []
 
-    def limits(self, name: str) -> tuple[int, int] | None:
-        """The least and the most that a whole number can be set to; None where there is none."""
-        if name not in self._names:
-            return None
-        least, most = self.camera.feature(name).range
-        return int(least), int(most)
+    def nearest(self, value: float, name: str) -> int:
+        """The whole number at or below a value that a feature can be set to."""
+        feature = self.camera.feature(name)
+        least, most = map(int, feature.range)
+        step = getattr(feature, "step", 1)
+        return least + (min(max(round(value), least), most) - least) // step * step
 
     def demand(self, what: str, value: Any, *names: str) -> None:
         """Set what the user asked for.
@@ -65,7 +66,7 @@ class VimbaFeatures:
         whole = isinstance(value, float) and isinstance(feature.value, int)
         try:
             feature.value = round(value) if whole else value
-        except self.error as error:
+        except self.errors as error:
             allowed = ", ".join(map(str, feature.range or ()))
             refused = f"camera {self.name} refuses {name} = {value} (it has {allowed})"
             raise ToktError(f"{refused}: {error}") from error
@@ -143,10 +144,15 @@ def _set_network(features: VimbaFeatures, options: SourceConfig, share: float) -
         features.demand("packet size", options.packet_size, *_PACKET_SIZE)
     elif features.first("GVSPAdjustPacketSize"):
         features.run("GVSPAdjustPacketSize", _ADJUST_S)
-    limits = features.limits("StreamBytesPerSecond")
-    if limits is not None:
-        bytes_s = min(max(round(bandwidth_bytes_s(options) * share), limits[0]), limits[1])
-        features.demand("bandwidth", bytes_s, "StreamBytesPerSecond")
+    # The default is a gigabit's: of other cameras than GigE ones only what was asked for is set.
+    gige = features.first(*_PACKET_SIZE) is not None
+    newer = [_LINK_LIMIT] if gige or options.bandwidth is not None else []
+    name = features.first(_BYTES_S, *newer)
+    if name is not None:
+        features.offer("On", f"{_LINK_LIMIT}Mode")
+        features.demand(
+            "bandwidth", features.nearest(bandwidth_bytes_s(options) * share, name), name
+        )
 
 
 def _set_trigger(features: VimbaFeatures, options: SourceConfig) -> None:

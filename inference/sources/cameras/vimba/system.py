@@ -1,13 +1,16 @@
 """The Vimba API as a whole: pymba, which loads it, its start, the cameras that it finds."""
 
+import ctypes
 import subprocess
 import sys
 import threading
-from importlib.metadata import PackageNotFoundError, version
+from collections.abc import Callable
+from contextlib import suppress
 from types import ModuleType
 from typing import Any
 
 from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
+from tokt.features.common.machine import installed_version
 
 NO_PYMBA = "no pymba; live cameras need tokt[camera]"
 WHAT_TO_SET = (
@@ -16,14 +19,6 @@ WHAT_TO_SET = (
 )
 # How pymba 0.3.7 says that there is no Vimba at all, and not one that does not load.
 _NO_VIMBA = ("_PATH environment set", "No libVimbaC.so found", "VimbaC.dll not found")
-
-
-def pymba_version() -> str | None:
-    """Which pymba is installed; None where there is none."""
-    try:
-        return version("pymba")
-    except PackageNotFoundError:
-        return None
 
 
 def is_missing(reason: str) -> bool:
@@ -36,7 +31,7 @@ def load_pymba() -> ModuleType:
 
     ToktError says what to install and set if it is not installed, or its library cannot be loaded.
     """
-    installed = pymba_version()
+    installed = installed_version("pymba")
     if installed is None:
         raise ToktError(NO_PYMBA)
     try:
@@ -53,14 +48,18 @@ def load_pymba() -> ModuleType:
     return module
 
 
-_ACCESS_DENIED = -6  # VmbErrorInvalidAccess; pymba names it ERR_OPERATION_INVALID_FOR_ACCESS_MODE
+_IN_USE = (-6, -27)  # VmbErrorInvalidAccess, VmbErrorInUse; they have other names in pymba
 
 
 class VimbaSystem:
-    """The API, open for as long as somebody uses it."""
+    """The API by pymba, open for as long as somebody uses it; `VimbaXSystem` overrides its steps.
 
-    def __init__(self, pymba: ModuleType) -> None:
-        self._pymba = pymba
+    What these raise is one of `errors`, the first that of the C API, of which `c` has the types.
+    """
+
+    def __init__(self, c: Any, errors: tuple[type[Exception], ...]) -> None:
+        self.errors = errors
+        self.c = c
         self._lock = threading.Lock()
         self._users = 0
         self._vimba: Any = None
@@ -71,18 +70,13 @@ class VimbaSystem:
         ToktError if it does not start.
         """
         with self._lock:
-            vimba = self._vimba or self._pymba.Vimba()
             try:
                 if self._users == 0:
-                    vimba.startup()  # discovers as well
-                elif vimba.system().GeVTLIsPresent:
-                    # A camera that was pulled out is found again only if it is looked for.
-                    vimba.system().GeVDiscoveryAllOnce()
-            except (self._pymba.VimbaException, AttributeError) as error:
-                if self._users == 0:
-                    vimba.shutdown()
+                    self._start()
+                else:
+                    self._look_again()
+            except self.errors as error:
                 raise ToktError(f"the Vimba API does not start: {error}") from error
-            self._vimba = vimba
             self._users += 1
 
     def leave(self) -> None:
@@ -90,8 +84,7 @@ class VimbaSystem:
         with self._lock:
             self._users -= 1
             if self._users == 0:
-                self._vimba.shutdown()
-                self._vimba = None
+                self._shut_down()
 
     def camera_id(self, text: str) -> str:
         """The ID of the camera that a user means; ToktError lists those that there are.
@@ -104,7 +97,7 @@ class VimbaSystem:
                 if text in (camera["id"], camera["serial"]):
                     return camera["id"]
             named = self._asked(text.replace(":", "").replace("-", "")) or self._asked(text)
-        except self._pymba.VimbaException as error:
+        except self.errors as error:
             raise ToktError(f"the Vimba API lists no cameras: {error}") from error
         if named:
             return named
@@ -115,45 +108,99 @@ class VimbaSystem:
 
     def is_there(self, camera_id: str) -> bool:
         """Whether the API still knows of a camera."""
-        return bool(self._asked(camera_id))
+        with suppress(*self.errors):
+            return any(each["id"] == camera_id for each in self._found())
+        return False
 
     def open(self, camera_id: str) -> Any:
         """Open a camera, as a new object: one that was lost may not be used again.
 
         ToktError if it does not open.
         """
+        try:
+            return self._opened(camera_id)
+        except self.errors as error:
+            if self._code(error) in _IN_USE:
+                raise ToktError(f"camera {camera_id} is in use by another program") from error
+            raise ToktError(f"camera {camera_id} cannot be opened: {error}") from error
+
+    def call(self, name: str, *arguments: Any) -> None:
+        """Call a function of the C API, by pymba's name for it; one of `errors` if it fails."""
+        if code := getattr(self.c, name)(*arguments):
+            raise self.errors[0](code)
+
+    def _start(self) -> None:
+        from pymba import Vimba
+
+        vimba = Vimba()
+        try:
+            vimba.startup()  # discovers as well
+        except self.errors:
+            vimba.shutdown()
+            raise
+        self._vimba = vimba
+
+    def _look_again(self) -> None:
+        # A camera that was pulled out is found again only if it is looked for.
+        if self._vimba.system().GeVTLIsPresent:
+            self._vimba.system().GeVDiscoveryAllOnce()
+
+    def _shut_down(self) -> None:
+        self._vimba.shutdown()
+        self._vimba = None
+
+    def _opened(self, camera_id: str) -> Any:
         from pymba.camera import Camera
 
         camera = Camera(self._vimba, camera_id)
-        try:
-            camera.open(adjust_packet_size=False)
-        except self._pymba.VimbaException as error:
-            if error.error_code == _ACCESS_DENIED:
-                raise ToktError(f"camera {camera_id} is in use by another program") from error
-            raise ToktError(f"camera {camera_id} cannot be opened: {error}") from error
-        return camera
+        camera.open(adjust_packet_size=False)
+        return PymbaCamera(camera, self.c.vmb_frame_callback_func)
+
+    def _code(self, error: Any) -> int:
+        return int(getattr(error, "error_code", 0))
 
     def _found(self) -> list[dict[str, str]]:
-        ids = self._vimba.camera_ids()
-        infos = [self._vimba.camera(camera_id).info for camera_id in ids]
-        return [
-            {
-                "id": camera_id,
-                "model": (info.modelName or b"").decode(errors="replace"),
-                "serial": (info.serialString or b"").decode(errors="replace"),
-            }
-            for camera_id, info in zip(ids, infos, strict=True)
-        ]
+        count, size = ctypes.c_uint32(), ctypes.sizeof(self.c.VmbCameraInfo)
+        self.call("vmb_cameras_list", None, 0, ctypes.byref(count), size)
+        infos = (self.c.VmbCameraInfo * count.value)()
+        if count.value:
+            self.call("vmb_cameras_list", infos, count.value, ctypes.byref(count), size)
+        return [_known_by(info) for info in infos[: count.value]]
 
     def _asked(self, text: str) -> str:
         """The ID of the camera that the API itself knows by this name; empty if it knows none."""
-        if not text.isascii():
-            return ""
-        try:
-            info = self._vimba.camera(text).info
-        except self._pymba.VimbaException:
-            return ""
-        return str((info.cameraIdString or b"").decode(errors="replace"))
+        info = self.c.VmbCameraInfo()
+        if text.isascii():
+            with suppress(*self.errors):
+                asked = text.encode(), ctypes.byref(info), ctypes.sizeof(info)
+                self.call("vmb_camera_info_query", *asked)
+        return _known_by(info)["id"]
+
+
+def _known_by(info: Any) -> dict[str, str]:
+    """Whose a library's VmbCameraInfo is: ``id``, ``model``, ``serial``."""
+    names = {"id": "cameraIdString", "model": "modelName", "serial": "serialString"}
+    return {
+        key: (getattr(info, name) or b"").decode(errors="replace") for key, name in names.items()
+    }
+
+
+class PymbaCamera:
+    """An opened camera of pymba's, and what its stream needs."""
+
+    def __init__(self, camera: Any, callback: Any) -> None:
+        self._camera, self.callback, self.stream = camera, callback, camera.handle
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._camera, name)
+
+    def payload(self) -> int:
+        """Bytes that a buffer needs."""
+        return int(self._camera.PayloadSize)
+
+    def image(self, frame: Any) -> tuple[int, int, int]:
+        """Address and bytes of a filled buffer's image, and the bytes that there is room for."""
+        return frame.buffer, frame.imageSize, frame.bufferSize
 
 
 NAME = "camera driver"
@@ -162,24 +209,37 @@ _PROGRAM = "import pymba; print('VimbaC', pymba.Vimba.version())"
 
 
 def camera_driver_finding(timeout_s: float = _TIMEOUT_S) -> Finding:
-    """Whether pymba is there and loads its library.
+    """Whether pymba is there and loads its library in so many seconds."""
+    return library_finding(NAME, "pymba", NO_PYMBA, _PROGRAM, _without_sdk, timeout_s)
 
-    It is tried in another process: pymba loads the vendor's library when it is imported, and one
-    that crashes, hangs or prints shall not take this process with it.
 
-    Parameters
-    ----------
-    timeout_s : float
-        How long the library may take, in seconds.
+def _without_sdk(reason: str) -> str:
+    # Without the exception's name.
+    message = " ".join((reason.partition(": ")[2] or reason).split())
+    return f"no Vimba library ({message}): {WHAT_TO_SET}" if is_missing(reason) else ""
+
+
+def library_finding(
+    name: str,
+    package: str,
+    no_package: str,
+    program: str,
+    missing: Callable[[str], str],
+    timeout_s: float,
+) -> Finding:
+    """Whether a package is there and loads its vendor's library, by a program that prints its name.
+
+    It is tried in another process: the library is loaded on import, and one
+    that crashes, hangs or prints shall not take this process with it. `missing` says of the reason
+    for which the program failed what is to be installed; nothing where that is not it.
     """
-    installed = pymba_version()
-    if installed is None:
-        return Finding(NAME, NOTE, NO_PYMBA)
-    pymba = f"pymba {installed}"
+    if (installed := installed_version(package)) is None:
+        return Finding(name, NOTE, no_package)
+    module = f"{package} {installed}"
     try:
         tried = subprocess.run(
             # -P: a folder named pymba in the current one is not it.
-            [sys.executable, "-P", "-c", _PROGRAM],
+            [sys.executable, "-P", "-c", program],
             capture_output=True,
             text=True,
             errors="replace",
@@ -188,13 +248,11 @@ def camera_driver_finding(timeout_s: float = _TIMEOUT_S) -> Finding:
             stdin=subprocess.DEVNULL,
         )
     except subprocess.TimeoutExpired:
-        return Finding(NAME, FAULT, f"{pymba}: its library does not answer in {timeout_s:g} s")
+        return Finding(name, FAULT, f"{module}: its library does not answer in {timeout_s:g} s")
     if tried.returncode == 0:
-        library = (tried.stdout.splitlines() or ["VimbaC"])[-1]
-        return Finding(NAME, OK, f"{pymba} with {library}")
+        library = (tried.stdout.splitlines() or ["its library"])[-1]
+        return Finding(name, OK, f"{module} with {library}")
     reason = (tried.stderr.strip().splitlines() or [f"ended with {tried.returncode}"])[-1]
-    if is_missing(reason):
-        # Without the exception's name.
-        message = " ".join((reason.partition(": ")[2] or reason).split())
-        return Finding(NAME, NOTE, f"{pymba}, but no Vimba library ({message}): {WHAT_TO_SET}")
-    return Finding(NAME, FAULT, f"{pymba} cannot be used: {reason}")
+    if words := missing(reason):
+        return Finding(name, NOTE, f"{module}, but {words}")
+    return Finding(name, FAULT, f"{module} cannot be used: {reason}")

@@ -12,7 +12,7 @@ from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
 from tokt.inference.report import Event
 from tokt.inference.sources.cameras.live_source import CameraSource
-from tokt.inference.sources.cameras.open import open_camera_source
+from tokt.inference.sources.open import open_camera_source
 
 from .simulated_rig import FOLDERS, Delivered, Live, Simulator
 

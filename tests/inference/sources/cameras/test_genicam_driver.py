@@ -21,11 +21,11 @@ from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
 from tokt.inference.reason import NO_FAULT, Reason
 from tokt.inference.report import Event
+from tokt.inference.sources.cameras import process_driver
 from tokt.inference.sources.cameras.capture import LEFT, Capture, Deliver
 from tokt.inference.sources.cameras.genicam import driver as genicam_driver
 from tokt.inference.sources.cameras.genicam import producers as genicam_producers
 from tokt.inference.sources.cameras.genicam.driver import GenicamDriver, open_drivers
-from tokt.inference.sources.cameras.genicam.messages import read_message, write_message
 from tokt.inference.sources.cameras.genicam.producers import (
     ListedCamera,
     Listing,
@@ -33,6 +33,7 @@ from tokt.inference.sources.cameras.genicam.producers import (
     list_cameras,
 )
 from tokt.inference.sources.cameras.live_source import CameraSource
+from tokt.inference.sources.cameras.messages import read_message, write_message
 
 genicam = pytest.importorskip("genicam")
 pytest.importorskip("harvesters")
@@ -77,8 +78,8 @@ def instead(monkeypatch):
 
     def use(program: str) -> None:
         command = [sys.executable, "-I", "-S", "-c", head + program]
-        monkeypatch.setattr(genicam_driver, "program", lambda: command)
-        monkeypatch.setattr(genicam_producers, "program", lambda: command)
+        monkeypatch.setattr(process_driver, "program", lambda kind: command)
+        monkeypatch.setattr(genicam_producers, "program", lambda kind: command)
 
     return use
 
@@ -219,7 +220,7 @@ def test_producers_that_crash_or_hang(instead):
     ],
 )
 def test_cameras_that_do_not_open(program, words, open_camera, instead, monkeypatch):
-    monkeypatch.setattr(genicam_driver, "_CLOSE_S", 0.1)
+    monkeypatch.setattr(process_driver, "_CLOSE_S", 0.1)
     instead(program)
     driver = open_camera(open_s=0.3 if "sleep" in program else MAX_S)
     refuses(words, driver.start, lambda capture: None)
@@ -248,7 +249,7 @@ def test_cameras_that_are_lost(program, words, open_camera, instead):
 
 
 def test_a_process_that_does_not_end_is_ended(open_camera, instead, monkeypatch):
-    monkeypatch.setattr(genicam_driver, "_CLOSE_S", 0.1)
+    monkeypatch.setattr(process_driver, "_CLOSE_S", 0.1)
     instead("say(ready)\ntime.sleep(60)")
     driver = open_camera()
     driver.start(lambda capture: None)
@@ -280,7 +281,7 @@ def test_a_process_without_a_runtime_ends_though_it_hangs():
 
 
 def test_a_process_that_cannot_be_started_is_a_camera_that_cannot(open_camera, monkeypatch):
-    monkeypatch.setattr(genicam_driver, "program", lambda: ["/no/such/program"])
+    monkeypatch.setattr(process_driver, "program", lambda kind: ["/no/such/program"])
     words = "camera 0: no process for it: .*/no/such/program"
     refuses(words, open_camera().start, lambda capture: None)
 

@@ -28,7 +28,7 @@ from tokt.inference.reason import Reason
 from tokt.inference.sources.cameras import live_source
 from tokt.inference.sources.cameras.capture import LEFT, RIGHT, Capture, Deliver
 from tokt.inference.sources.cameras.live_source import CameraSource
-from tokt.inference.sources.cameras.open import open_camera_source
+from tokt.inference.sources.open import open_camera_source
 
 from .simulated_rig import RATE_HZ, seen
 

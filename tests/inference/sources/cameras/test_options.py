@@ -8,11 +8,7 @@ from tests.calls import refuses
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
 from tokt.inference.sources.cameras.capture import bandwidth_bytes_s
-from tokt.inference.sources.cameras.open import (
-    check_camera_options,
-    is_camera_source,
-    open_camera_source,
-)
+from tokt.inference.sources.open import check_camera_options, is_camera_source, open_camera_source
 
 
 @pytest.mark.parametrize(
@@ -40,7 +36,9 @@ def test_what_can_be_meant():
     assert bandwidth_bytes_s(options) == 115_000_000
 
 
-@pytest.mark.parametrize("text", ["pymba:", "pymba:1,", "pymba:1,2,3", "genicam:", "usb:1"])
+@pytest.mark.parametrize(
+    "text", ["pymba:", "pymba:1,", "pymba:1,2,3", "vimbax:1,", "genicam:", "usb:1"]
+)
 def test_what_names_no_cameras(text):
     refuses("live cameras are", open_camera_source, SourceConfig(text), SYSTEM_CLOCK, print)
 
@@ -52,4 +50,5 @@ def test_one_camera_is_not_two():
 
 def test_cameras_and_folders_are_told_apart():
     assert is_camera_source("pymba:0") and is_camera_source("genicam:x,y")
+    assert is_camera_source("vimbax:0")
     assert not is_camera_source("pymba") and not is_camera_source("dives/pymba:0")

@@ -5,14 +5,20 @@ those with ``"bytes"`` followed by so many bytes. When the runtime closes its en
 """
 
 import json
+import os
+import signal
 import sys
+import threading
 from dataclasses import dataclass
 from typing import IO, Any
 
 
-def program() -> list[str]:
-    """The command of such a process. -P: no package of the current folder is one of tokt's."""
-    return [sys.executable, "-P", "-m", "tokt.inference.sources.cameras.genicam.process"]
+def program(kind: str) -> list[str]:
+    """The command of such a process. -P: no package of the current folder is one of tokt's.
+
+    `kind` is the folder of its ``process``, such as ``cameras.genicam``.
+    """
+    return [sys.executable, "-P", "-m", f"tokt.inference.sources.{kind}.process"]
 
 
 @dataclass(frozen=True)
@@ -54,3 +60,29 @@ def read_message(source: IO[bytes]) -> Message | None:
             return None
         filled += count
     return Message(header, data)
+
+
+def answers_out() -> IO[bytes]:
+    """The standard output, which from now on is out of reach: libraries print, too."""
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    return answers
+
+
+def end_unless_called_again(limit_s: float) -> None:
+    """Have the system end this process should it hang for longer than that.
+
+    The runtime ends one that hangs, as long as there is a runtime. Without it nobody would: native
+    code that hangs may hold Python's lock, and the camera would stay taken for the next runtime.
+    """
+    if sys.platform != "win32":
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.setitimer(signal.ITIMER_REAL, limit_s)
+
+
+def watch_input(stop: threading.Event) -> None:
+    """Stop when the runtime closes its end, or is gone."""
+    # Not through sys.stdin: a thread that waits in it makes Python abort when it ends.
+    while os.read(0, 1):
+        pass
+    stop.set()

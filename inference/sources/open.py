@@ -1,9 +1,9 @@
-"""Open live cameras as a user names them: ``pymba:ID[,ID]`` or ``genicam:ID[,ID]``."""
+"""Open live cameras as users name them: ``pymba:``, ``vimbax:``, ``genicam:``, an address."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from tokt.features.common.errors import ToktError
@@ -11,11 +11,13 @@ from tokt.features.frames.camera_frame import PIXEL_FORMATS
 from tokt.inference.clock import Clock
 from tokt.inference.config import SourceConfig
 from tokt.inference.report import Event
+from tokt.inference.sources.video.address import is_video_source, parse_video_sources
 
 if TYPE_CHECKING:
-    from .live_source import CameraSource
+    from .cameras.capture import CameraDriver
+    from .cameras.live_source import CameraSource
 
-PYMBA, GENICAM = "pymba:", "genicam:"
+PYMBA, VIMBAX, GENICAM = PREFIXES = "pymba:", "vimbax:", "genicam:"
 
 _MIN_PACKET, _MAX_PACKET = 500, 16_384  # bytes; what GigE cameras' GevSCPSPacketSize spans
 _POSITIVE = {
@@ -26,8 +28,8 @@ _POSITIVE = {
 
 
 def is_camera_source(text: str) -> bool:
-    """Whether this names live cameras, and not a folder or a file."""
-    return text.startswith((PYMBA, GENICAM))
+    """Whether this names live cameras or streams, and not a folder or a file."""
+    return text.startswith(PREFIXES) or is_video_source(text)
 
 
 def check_camera_options(wanted: SourceConfig) -> None:
@@ -40,6 +42,8 @@ def check_camera_options(wanted: SourceConfig) -> None:
         value = getattr(wanted, name)
         if value is not None and not 0 < value < math.inf:
             raise ToktError(f"{words}, not {value}")
+    if wanted.split not in (None, "left-right"):
+        raise ToktError(f"--split is left-right, not {wanted.split!r}")
     if wanted.gain_db is not None and not math.isfinite(wanted.gain_db):
         raise ToktError(f"a gain is a number of dB, not {wanted.gain_db}")
     if wanted.pixel_format is not None and wanted.pixel_format not in PIXEL_FORMATS:
@@ -62,8 +66,8 @@ def open_camera_source(
     Parameters
     ----------
     wanted : SourceConfig
-        Its `source` is ``pymba:`` or ``genicam:`` and the left camera's ID; for two a comma and the
-        right one's.
+        Its `source` is one of `PREFIXES` and the left camera's ID, or its video's address; for two
+        a comma and the right one's.
     clock : Clock
     on_event : callable
         Given each `Event`, on a thread of a camera's.
@@ -75,19 +79,34 @@ def open_camera_source(
         missing, or they cannot be opened.
     """
     check_camera_options(wanted)
+    from .cameras.live_source import CameraSource
+
+    split = wanted.split is not None
+    source = CameraSource(_drivers(wanted, clock), clock, on_event, wanted.wait, split)
+    source.start()
+    return source
+
+
+def _drivers(wanted: SourceConfig, clock: Clock) -> Sequence[CameraDriver]:
+    """The drivers of what a user named; nothing is opened yet."""
     text = wanted.source
-    prefix = PYMBA if text.startswith(PYMBA) else GENICAM
+    if is_video_source(text):
+        from tokt.inference.sources.video import driver as video
+
+        addresses = parse_video_sources(text)
+        if wanted.split and len(addresses) > 1:
+            raise ToktError("--split is for one source that holds both views, not for two")
+        return video.open_drivers(addresses, clock)
+    prefix = next((each for each in PREFIXES if text.startswith(each)), PYMBA)
     ids = [part.strip() for part in text.removeprefix(prefix).split(",")]
     if not is_camera_source(text) or len(ids) > 2 or not all(ids):
         raise ToktError(f"live cameras are {prefix}ID or {prefix}LEFT,RIGHT, not {text!r}")
     if len(set(ids)) < len(ids):
         raise ToktError(f"the left and the right camera are both {ids[0]!r}")
-    from .live_source import CameraSource
-
-    if prefix == PYMBA:
-        from tokt.inference.sources.cameras.vimba.driver import open_drivers
-    else:
+    if prefix == GENICAM:
         from tokt.inference.sources.cameras.genicam.driver import open_drivers
-    source = CameraSource(open_drivers(ids, wanted, clock), clock, on_event, wanted.wait)
-    source.start()
-    return source
+
+        return open_drivers(ids, wanted, clock)
+    from tokt.inference.sources.cameras.vimba import driver as vimba
+
+    return vimba.open_drivers(ids, wanted, clock, vimbax=prefix == VIMBAX)

@@ -1,0 +1,119 @@
+"""Addresses of video as users write them: network streams and USB cameras."""
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Self
+from urllib.parse import parse_qsl, unquote, urlsplit
+
+from tokt.features.common.address import USER_INFO, without_credentials
+from tokt.features.common.errors import ToktError
+
+USER_VARIABLE, PASSWORD_VARIABLE = "TOKT_SOURCE_USER", "TOKT_SOURCE_PASSWORD"
+"""Environment variables with the credentials of an address that has none."""
+
+SCHEMES = ("rtsp", "rtspu", "rtsps", "rtp", "udp", "http", "https", "v4l2")
+_OPTIONS = {"rtp": {"codec"}, "udp": set[str](), "v4l2": {"size", "rate", "format"}}
+_CODECS = ("h264", "h265")
+_FORMATS = ("yuyv", "mjpeg", "h264")
+_NEXT = re.compile(rf",(?=(?:{'|'.join(SCHEMES)}):)")
+
+
+def is_video_source(text: str) -> bool:
+    """Whether this names network video or a USB camera, and not a folder or a file."""
+    return text.partition(":")[0].lower() in SCHEMES and ":" in text
+
+
+@dataclass(frozen=True)
+class VideoAddress:
+    """One camera's video."""
+
+    scheme: str  # one of `SCHEMES`
+    name: str  # what is shown: the address without credentials
+    url: str = field(repr=False)  # as the user wrote it, without user and password
+    host: str = ""  # to connect to; for rtp and udp this computer's to listen on, or empty for any
+    port: int | None = None
+    user: str = field(default="", repr=False)
+    password: str = field(default="", repr=False)
+    options: Mapping[str, str] = field(default_factory=dict)  # after the ? of rtp, udp and v4l2
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Read one; ToktError, which holds no credentials, if it cannot be meant."""
+        shown = without_credentials(text)
+        scheme, _, rest = text.partition(":")
+        scheme = scheme.lower()
+        if scheme != "v4l2" and not rest.startswith("//"):
+            raise ToktError(f"a source of this kind begins with {scheme}://")
+        try:
+            parts = urlsplit(f"//{rest}" if scheme == "v4l2" else f"{scheme}:{rest}")
+            port = None if scheme == "v4l2" else parts.port
+            host = parts.hostname or ""
+        except ValueError as error:
+            words = "no such address"
+            if "port" in str(error).lower():
+                words = "its port is no number up to 65535, or a password's / ? # are not quoted"
+            raise ToktError(f"source {shown}: {words}") from None
+        known = _OPTIONS.get(scheme)
+        options = {} if known is None else dict(parse_qsl(parts.query, keep_blank_values=True))
+        made = cls(scheme, shown, USER_INFO.sub(r"\1", f"{scheme}:{rest}"), host, port)
+        user, password = unquote(parts.username or ""), unquote(parts.password or "")
+        made = replace(made, user=user, password=password, options=options)
+        if wrong := made._wrong(known):
+            raise ToktError(f"source {shown}: {wrong}")
+        return made
+
+    def _wrong(self, known: set[str] | None) -> str:
+        """What cannot be meant, in words."""
+        if self.scheme in ("rtp", "udp") and not self.port:
+            return f"write the port to listen on, such as {self.scheme}://:5600"
+        if self.scheme.startswith(("rtsp", "http")) and not self.host:
+            return "it names no host"
+        if self.scheme == "v4l2" and not self.device.startswith("/"):
+            return "write the device, such as v4l2:/dev/video0"
+        if known is not None and (unknown := sorted(set(self.options) - known)):
+            have = ", ".join(sorted(known)) or "none"
+            return f"unknown option {unknown[0]!r} (it has {have})"
+        return self._wrong_option()
+
+    def _wrong_option(self) -> str:
+        """What an option cannot be, in words."""
+        given = self.options.get
+        if given("codec", "h264") not in _CODECS:
+            return f"codec is {' or '.join(_CODECS)}, not {given('codec')!r}"
+        if given("format", "mjpeg") not in _FORMATS:
+            return f"format is {' or '.join(_FORMATS)}, not {given('format')!r}"
+        if not re.fullmatch(r"[1-9]\d{0,4}x[1-9]\d{0,4}", given("size", "1x1")):
+            return f"size is WIDTHxHEIGHT, such as 1280x720, not {given('size')!r}"
+        if not re.fullmatch(r"[1-9]\d{0,3}(\.\d{1,3})?", given("rate", "1")):
+            return f"rate is frames per second, such as 30, not {given('rate')!r}"
+        return ""
+
+    @property
+    def device(self) -> str:
+        """The device file of a USB camera."""
+        return self.url.partition(":")[2].partition("?")[0]
+
+    def with_environment(self) -> Self:
+        """The same with the environment's credentials, where the address has none of its own."""
+        if self.user or self.password:
+            return self
+        user, password = (os.environ.get(name, "") for name in (USER_VARIABLE, PASSWORD_VARIABLE))
+        return replace(self, user=user, password=password)
+
+
+def parse_video_sources(text: str) -> list[VideoAddress]:
+    """The addresses of one camera, or of a left and a right one with a comma between.
+
+    Raises
+    ------
+    ToktError
+        If there are more than two, the same twice, or one cannot be meant.
+    """
+    addresses = [VideoAddress.parse(each.strip()) for each in _NEXT.split(text)]
+    if len(addresses) > 2:
+        raise ToktError(f"a source is one camera or two, not {len(addresses)}")
+    if len({each.url for each in addresses}) < len(addresses):
+        raise ToktError(f"the left and the right camera are both {addresses[0].name}")
+    return addresses

@@ -1,0 +1,138 @@
+"""The process of one camera's video: ``python -m`` this module.
+
+::
+
+    socket, device ── reader ──> newest reading ──> sender ──> pipe
+                      first thread                  second thread
+
+A process of its own, since FFmpeg and drivers may hang or crash, and decoding takes the time of a
+core. A stream that ends or falls silent is looked for again here; meanwhile the sender goes on
+saying that it is lost. What the process is told and what it answers: `cameras.messages`.
+"""
+
+import json
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from importlib import import_module
+from typing import IO, Any
+
+import numpy as np
+
+from tokt.features.common.address import without_credentials
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.reason import Fault, Reason
+from tokt.inference.sources.cameras.messages import answers_out, watch_input, write_message
+
+from .address import VideoAddress
+from .newest import NewestReading, Reading, StreamLostError
+
+OPEN_S = 8.0
+"""Seconds until the first one, after which the source is refused."""
+MIN_PAUSE_S, MAX_PAUSE_S = 0.2, 1.0
+"""Seconds until a lost stream is tried again: the first time, and at most."""
+
+_LOOK_S = 0.1
+_TELL_S = 0.3  # between two times that it is said to be lost
+_READERS = {
+    "rtp": ("rtp_stream", "read_rtp"),
+    "rtsp": ("rtsp", "read_rtsp"),
+    "udp": ("mpegts", "read_mpegts"),
+    "http": ("mjpeg", "read_mjpeg"),
+    "v4l2": ("v4l2", "read_v4l2"),
+}
+Reader = Callable[[VideoAddress, NewestReading], None]
+
+
+def main() -> None:
+    """Do what the first line of the standard input says until that is closed."""
+    # The runtime has its own way to end on Ctrl-C, which a terminal sends to all of its processes.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    answers = answers_out()
+    order = json.loads(sys.stdin.buffer.readline())
+    address = VideoAddress(**order["address"])
+    newest = NewestReading()
+    newest.alive()
+    threading.Thread(target=watch_input, args=(newest.stopped,), daemon=True).start()
+    sender = threading.Thread(target=_send, args=(answers, address.name, newest))
+    sender.start()
+    try:
+        _read(reader_of(address), address, newest)
+    finally:
+        newest.stopped.set()
+        sender.join()
+
+
+def reader_of(address: VideoAddress) -> Reader:
+    """What reads such an address."""
+    module, name = _READERS[address.scheme if address.scheme == "v4l2" else address.scheme[:4]]
+    reader: Reader = getattr(import_module(f"{__package__}.{module}"), name)
+    return reader
+
+
+def _read(reader: Reader, address: VideoAddress, newest: NewestReading) -> None:
+    """Read, and again when the stream is lost, until stopped."""
+    pause_s = MIN_PAUSE_S
+    while not newest.stopped.is_set():
+        newest.alive()
+        began = SYSTEM_CLOCK.monotonic()
+        try:
+            reader(address, newest)
+        except StreamLostError as error:
+            if newest.last_put > began:
+                pause_s = MIN_PAUSE_S
+            newest.lost = without_credentials(str(error))
+        newest.stopped.wait(pause_s)
+        pause_s = min(2 * pause_s, MAX_PAUSE_S)
+
+
+def _send(answers: IO[bytes], name: str, newest: NewestReading) -> None:
+    """Send the newest reading, again and again; the thread's whole life."""
+    opened, told, ready, number = SYSTEM_CLOCK.monotonic(), 0.0, False, 0
+    try:
+        while not newest.stopped.is_set():
+            taken = newest.take(_LOOK_S)
+            now = SYSTEM_CLOCK.monotonic()
+            if taken is None and not ready and now - opened > OPEN_S:
+                words = newest.lost or f"nothing has come in {OPEN_S:g} s"
+                write_message(answers, {"kind": "refused", "words": f"source {name}: {words}"})
+                break
+            if taken is not None and not ready:
+                ready = True
+                write_message(answers, {"kind": "ready", "period_s": None, "shared_clock": False})
+            if taken is not None:
+                number, reading = taken
+                _write(answers, number, reading)
+            elif ready and (silent_s := newest.silent_s(now)) and now - told > _TELL_S:
+                told, words = now, newest.lost or "nothing comes"
+                fault = Fault(Reason.CAMERA_LOST, f"{name}: {words}, for {silent_s:.0f} s")
+                _write(answers, number, Reading(None, now, fault))
+    except BrokenPipeError:
+        pass  # the runtime is gone, or does not listen any more
+    finally:
+        newest.stopped.set()
+
+
+def _write(answers: IO[bytes], number: int, reading: Reading) -> None:
+    header: dict[str, Any] = {
+        "kind": "frame",
+        "frame_id": number,
+        "taken_s": reading.taken_s,
+        "captured_t": reading.captured_t,
+        "fetched_s": reading.arrived,
+        "reason": reading.fault.reason,
+        "words": str(reading.fault),
+    }
+    picture = reading.picture
+    if picture is None:
+        write_message(answers, header)
+        return
+    pixels = picture if isinstance(picture, np.ndarray) else picture.to_ndarray(format="bgr24")
+    header["height"], header["width"] = pixels.shape[:2]
+    header["pixel_format"] = "Mono8" if pixels.ndim == 2 else "BGR8"
+    write_message(answers, header, np.ascontiguousarray(pixels).data.cast("B"))
+
+
+if __name__ == "__main__":
+    main()
