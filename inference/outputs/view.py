@@ -1,0 +1,198 @@
+"""The live view (``--view``, ``--view-record``): what the loop sees, passed on to its process.
+
+::
+
+    loop ──> newest frame ──> thread ──pipe──> process: draws, serves, writes the video
+             (never a queue)    │ <──drawn────────┘
+                                └──> starts it again when it dies or hangs
+"""
+
+import math
+import multiprocessing
+import socket
+import threading
+from collections import deque
+from collections.abc import Callable
+from contextlib import closing, suppress
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from multiprocessing.connection import Connection
+from pathlib import Path
+from urllib.parse import quote
+
+from tokt.features.common.address import resolve
+from tokt.features.common.arrays import U8
+from tokt.features.common.errors import ToktError, os_errors_as, os_words
+from tokt.inference.clock import Clock, awake_s
+from tokt.inference.frame import Frame
+from tokt.inference.frame_checks import shape_fault
+from tokt.inference.policy.policy import Judgement
+from tokt.inference.publisher import Observer
+from tokt.inference.report import Event, Report
+
+from .view_picture import ViewMoment, fitted
+from .view_process import new_video, serve
+
+LOOPBACK = "127.0.0.1"
+VIEW_LOST, VIDEO_FAILED = "view_lost", "video_failed"
+"""Events: the process died or hung, and is started again; the video is not written any more."""
+
+START_S, ANSWER_S = 60.0, 5.0
+"""Seconds after which the process is taken for hung: as it starts, and later."""
+_PERIOD_S, _POLL_S = 1 / 15, 0.02
+_PAUSE_S, _CLOSE_S = 5.0, 2.0
+_KEPT_STATUSES = 2000
+_ANY_ADDRESS = ("0.0.0.0", "::")
+
+
+def listening(host: str, port: int) -> socket.socket:
+    """A socket that listens there.
+
+    Raises ToktError if the port is taken, or the address not of this computer.
+    """
+    if not 0 <= port <= 65535:
+        raise ToktError(f"--view is a port, 1 to 65535, not {port}")
+    family, address = resolve(host, port)
+    with os_errors_as(f"the view cannot be served on {host}:{port}"):
+        return socket.create_server(address[:2], family=family)
+
+
+def view_url(host: str, port: int, token: str | None) -> str:
+    """What a person opens; holds the token, if one is needed."""
+    shown = socket.gethostname() if host in _ANY_ADDRESS else host
+    shown = f"[{shown}]" if ":" in shown else shown
+    asks = "" if token is None else f"?token={quote(token, safe='')}"
+    return f"http://{shown}:{port}/{asks}"
+
+
+@dataclass(eq=False)
+class LiveView(Observer):
+    """Pass what the loop sees on to the view's process, and keep that alive.
+
+    Raises ToktError if the video is no ``.mp4``, its file cannot be made, or PyAV is not installed.
+    """
+
+    listener: socket.socket | None  # to serve on; closed by `close`. Without one `listen` is tried
+    token: str | None  # that a request has to show
+    record: Path | None  # of the video
+    stale_s: float  # from which age on a frame is old
+    clock: Clock
+    tell: Callable[[Event], None]  # from another thread
+    listen: Callable[[], socket.socket] | None = None
+
+    def __post_init__(self) -> None:
+        if self.record is not None and self.record.suffix.lower() != ".mp4":
+            raise ToktError(f"--view-record writes an .mp4 file, not {self.record.name!r}")
+        if self.record is not None and find_spec("av") is None:
+            raise ToktError("--view-record needs the extra 'video': pip install 'tokt[video]'")
+        self._part = None if self.record is None else new_video(self.record)
+        # No lock: the loop would wait for whoever has it, should that be kept from the processor.
+        self._newest: deque[tuple[ViewMoment, U8 | None, Judgement | None]] = deque(maxlen=1)
+        self._statuses: deque[tuple[float, int]] = deque(maxlen=_KEPT_STATUSES)
+        self._ended = threading.Event()
+        self._told: set[str] = set()
+        self._process: multiprocessing.process.BaseProcess | None = None
+        self._hung_at = math.inf
+        self._thread = threading.Thread(target=self._run, name="tokt view", daemon=True)
+        self._thread.start()
+
+    def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
+        """Remember the frame as the newest; nothing is copied here."""
+        self._put(report, frame.arrived, frame.left, judgement)
+
+    def heartbeat(self, report: Report) -> None:
+        """Remember that unknown was said."""
+        arrived = None if report.age_ms is None else self.clock.monotonic() - report.age_ms / 1000
+        self._put(report, arrived, None, None)
+
+    def _put(
+        self, report: Report, arrived: float | None, left: U8 | None, judgement: Judgement | None
+    ) -> None:
+        now = self.clock.monotonic()
+        self._statuses.append((now, report.verdict.status))
+        moment = ViewMoment(report, now, now if arrived is None else arrived, ())
+        self._newest.append((moment, left, judgement))
+        if awake_s(self.clock) > self._hung_at and self._process is not None:
+            self._process.kill()
+
+    def close(self) -> None:
+        """Have the last picture say that the run is over, and end the process."""
+        self._ended.set()
+        self._thread.join(_CLOSE_S)
+        if self._process is not None and self._thread.is_alive():
+            self._process.kill()
+            self._thread.join(_CLOSE_S)
+        if self.listener is not None:
+            self.listener.close()
+
+    def _run(self) -> None:
+        """Start the process again and again, until the run is over; what the thread does."""
+        while True:
+            why = self._one_process()
+            if self._ended.is_set():
+                return
+            self._say(VIEW_LOST, f"the live view is started again: {why}")
+            if self._ended.wait(_PAUSE_S):
+                return
+            if self.record is not None and self._part is None:
+                try:
+                    self._part = new_video(self.record)
+                except ToktError as error:
+                    self._say(VIDEO_FAILED, str(error))
+
+    def _one_process(self) -> str:
+        """Start it and pass moments on, until the run is over or it is; why it is."""
+        if self.listener is None and self.listen is not None:
+            try:
+                self.listener = self.listen()
+            except ToktError as error:
+                return str(error)
+        spawning = multiprocessing.get_context("spawn")
+        ours, theirs = spawning.Pipe()
+        does = (theirs, self.listener, self.token, self._part, self.stale_s)
+        made = spawning.Process(target=serve, args=does, name="tokt view", daemon=True)
+        self._hung_at = awake_s(self.clock) + START_S
+        with closing(ours):
+            try:
+                with closing(theirs):
+                    made.start()
+            except OSError as error:
+                return f"its process cannot be started: {os_words(error)}"
+            self._process, self._part = made, None
+            with suppress(EOFError, OSError):
+                self._pass_on(ours)
+        made.join(_CLOSE_S)
+        made.kill()  # Python would wait at its end for one that is still there
+        made.join(_CLOSE_S)
+        hung, self._hung_at = awake_s(self.clock) > self._hung_at, math.inf
+        return "its process did not answer" if hung else f"exit code {made.exitcode}"
+
+    def _pass_on(self, connection: Connection) -> None:
+        connection.recv()  # it has begun
+        while True:
+            self._hung_at = math.inf
+            found = self._next()
+            self._hung_at = awake_s(self.clock) + ANSWER_S
+            connection.send(found)
+            if found is None:
+                return
+            if fault := connection.recv():
+                self._say(VIDEO_FAILED, f"the video is not written: {fault}")
+
+    def _next(self) -> ViewMoment | None:
+        """The newest, waiting for one; None when the run is over."""
+        self._ended.wait(_PERIOD_S)  # no more are shown
+        while not self._newest:
+            if self._ended.wait(_POLL_S):
+                return None
+        moment, left, judgement = self._newest.pop()
+        said = tuple(self._statuses.popleft() for _ in range(len(self._statuses)))
+        moment = replace(moment, statuses=said)
+        if left is None or judgement is None or shape_fault(left):
+            return moment
+        return replace(moment, picture=fitted(left), mask=judgement.mask, grid=judgement.grid)
+
+    def _say(self, name: str, words: str) -> None:
+        if name not in self._told:
+            self._told.add(name)
+            self.tell(Event(self.clock.time(), name, words))

@@ -1,0 +1,224 @@
+"""The picture of the live view: frame, grid, mask, box, arrow, verdict, and a strip of a minute.
+
+Every state has a word and a shape of its own, so that none is told by its colour alone. What is
+unknown, old or over is said over the picture's whole width.
+"""
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from tokt.features.common.arrays import U8
+from tokt.features.frames.grid import Grid
+from tokt.inference.report import Report
+from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN, Verdict
+
+WIDTH, BANNER, PANEL, STRIP = 720, 50, 54, 18
+"""In pixels: of the picture, and the heights of what stands above and below the frame."""
+STRIP_S = 60.0
+"""Seconds that the strip shows."""
+WAITING, OLD, ENDED = "WAITING", "OLD", "ENDED"
+AGELESS = (WAITING, ENDED)
+
+Colour = tuple[int, int, int]
+_WHITE, _BLACK, _YELLOW, _GREY = (255, 255, 255), (0, 0, 0), (0, 200, 255), (70, 70, 70)
+_COLOURS: dict[str, Colour] = {"OBSTACLE": (30, 30, 200), "CLEAR": (60, 110, 20)}
+_RANKS = {CLEAR: 1, UNKNOWN: 2, OBSTACLE: 3}
+"""A column of the strip shows the worst status of its time, 0 where nothing was said."""
+_BARS = ((2, 3, _COLOURS["CLEAR"]), (1, 2, _YELLOW), (0, 3, _COLOURS["OBSTACLE"]))
+_STRIPED = np.arange(WIDTH) % 28 < 14
+
+
+@dataclass(frozen=True)
+class ViewMoment:
+    """What was said, and the picture that it was said of.
+
+    Times are of the clock that all processes share (`tokt.inference.clock.SystemClock.monotonic`).
+    """
+
+    report: Report
+    said_s: float
+    arrived_s: float  # its frame
+    statuses: tuple[tuple[float, int], ...]  # said since the moment before, and when; with this one
+    picture: U8 | None = None  # `fitted`; without one the one before stays, darkened
+    mask: U8 | None = None  # as of `tokt.inference.policy.policy.Judgement`
+    grid: Grid | None = None
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a picture says, in words: for the page, and drawn into it."""
+
+    word: str
+    why: str
+    age_s: float
+    facts: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(eq=False)
+class ViewState:
+    """The newest moment, the last picture there was, and the last minute.
+
+    Frames are old from `stale_s` on; `ended` says how the run ended, and is empty before.
+    """
+
+    stale_s: float
+    ended: str = ""
+    moment: ViewMoment | None = None
+    picture: U8 | None = None
+
+    def __post_init__(self) -> None:
+        self._statuses: list[tuple[float, int]] = []
+
+    def take(self, moment: ViewMoment) -> None:
+        """Show this from now on."""
+        self.moment = moment
+        if moment.picture is not None:
+            self.picture = moment.picture
+        oldest = moment.said_s - STRIP_S - self.stale_s
+        said = [*self._statuses, *moment.statuses]
+        self._statuses = [each for each in said if each[0] >= oldest]
+
+    def shown(self, now: float) -> Shown:
+        """What is to be said at that time."""
+        if self.moment is None:
+            return Shown(ENDED if self.ended else WAITING, self.ended or "no frame yet", 0.0)
+        verdict, age_s = self.moment.report.verdict, now - self.moment.arrived_s
+        word, why = STATUS_WORDS[verdict.status].upper(), ""
+        if self.ended:
+            word, why = ENDED, self.ended
+        elif verdict.status == UNKNOWN:
+            # Its reason says more than that it is old, and the age counts up beside it.
+            why = f"{verdict.reason.value}: {verdict.health}"
+        elif age_s > self.stale_s:
+            seen = "an obstacle was seen; " if verdict.status == OBSTACLE else ""
+            word, why = OLD, f"{seen}nothing newer for {age_s:.1f} s"
+        return Shown(word, why, age_s, _facts(verdict, word in _COLOURS))
+
+    def draw(self, shown: Shown, now: float) -> U8:
+        """The picture of that: BGR, of one size as long as the frames are, both sides even."""
+        frame = np.zeros((540, WIDTH, 3), np.uint8) if self.picture is None else self.picture.copy()
+        if shown.word in _COLOURS and self.moment is not None and self.moment.picture is not None:
+            _draw_verdict(frame, self.moment)
+        else:
+            cv2.convertScaleAbs(frame, frame, 0.35)
+            _draw_band(frame, shown)
+        whole = np.vstack((_banner(shown), frame, _panel(shown), self._strip(now)))
+        return np.asarray(whole[: len(whole) // 2 * 2])
+
+    def _strip(self, now: float) -> U8:
+        """The last minute: an obstacle is a high bar, unknown a middle one, clear a low one."""
+        strip = np.full((STRIP, WIDTH, 3), 30, np.uint8)
+        if not self._statuses:
+            return strip
+        times, ranks = np.array([(at, _RANKS[status]) for at, status in self._statuses]).T
+        at = now - STRIP_S * (1 - (np.arange(WIDTH) + 0.5) / WIDTH)
+        last = np.searchsorted(times, at) - 1
+        held = (last >= 0) & (at - times[last] <= self.stale_s)
+        columns = np.where(held, ranks[last], 0)
+        # A status that was said between two columns counts as well.
+        place = ((times - now + STRIP_S) / STRIP_S * WIDTH).astype(int).clip(max=WIDTH - 1)
+        seen = times > now - STRIP_S
+        np.maximum.at(columns, place[seen], ranks[seen])
+        for rank, (top, bottom, colour) in enumerate(_BARS, 1):
+            strip[top * STRIP // 3 : bottom * STRIP // 3, columns == rank] = colour
+        return strip
+
+
+def _facts(verdict: Verdict, of_now: bool) -> dict[str, str]:
+    """The rest of a verdict, in words; where to only while it is of now."""
+    told: dict[str, str] = {}
+    if of_now and verdict.distance_m is not None:
+        told["distance"] = f"{verdict.distance_m:.1f} m"
+    ways = ((verdict.x, "left", "right"), (verdict.y, "up", "down"))
+    steer = [f"{less if px < 0 else more} {abs(px)} px" for px, less, more in ways if px]
+    if of_now and steer:
+        told["steer"] = ", ".join(steer)
+    return {**told, "model": verdict.model or verdict.method, "health": verdict.health}
+
+
+def fitted(picture: U8) -> U8:
+    """A frame in colour, `WIDTH` wide: 1 ms; a mean of what each pixel covers would take ten."""
+    # A strip of a picture would become as high as the memory is.
+    high = min(max(round(picture.shape[0] * WIDTH / picture.shape[1]), 2), 2 * WIDTH)
+    picture = np.asarray(cv2.resize(picture, (WIDTH, high)), np.uint8)
+    return picture if picture.ndim == 3 else np.asarray(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR))
+
+
+def _draw_verdict(frame: U8, moment: ViewMoment) -> None:
+    """The grid, the cells judged obstacle, the box around them and the way to steer."""
+    height, verdict = frame.shape[0], moment.report.verdict
+    high, wide = verdict.mask_size or (height, WIDTH)
+    if moment.grid is not None:
+        patch_high, patch_wide = moment.grid.patch_size(high, wide)
+        lines = [frame[row * patch_high * height // high] for row in range(1, moment.grid.rows)]
+        across = [col * patch_wide * WIDTH // wide for col in range(1, moment.grid.cols)]
+        for line in [*lines, *(frame[:, x] for x in across)]:
+            line[:] = line // 2 + 70
+    if moment.mask is not None and moment.mask.any():
+        mask = cv2.resize(moment.mask, (WIDTH, height), interpolation=cv2.INTER_NEAREST)
+        # Hatched: what is beneath stays to be seen, and nothing in the sea looks like it.
+        rows, columns = np.ogrid[:height, :WIDTH]
+        frame[(mask > 0) & ((rows + columns) % 13 < 2)] = _YELLOW
+        outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        cv2.drawContours(frame, outlines, -1, _YELLOW, 2)
+    if verdict.box is None:
+        return
+    x, y, box_wide, box_high = verdict.box
+    corners = ((x, y), (x + box_wide - 1, y + box_high - 1))
+    one, other = [(x * WIDTH // wide, y * height // high) for x, y in corners]
+    cv2.rectangle(frame, one, other, _WHITE, 2)
+    way, middle = np.array([verdict.x or 0, verdict.y or 0], float), np.array([WIDTH, height]) / 2
+    if way.any():
+        tip = middle + way / np.hypot(*way) * min(WIDTH, height) / 4
+        start, end = middle.astype(int).tolist(), tip.astype(int).tolist()
+        for colour, thick in ((_BLACK, 9), (_WHITE, 4)):
+            cv2.arrowedLine(frame, start, end, colour, thick, cv2.LINE_AA, tipLength=0.35)
+
+
+def _draw_band(frame: U8, shown: Shown) -> None:
+    """Words over the whole width, where a picture is none to go by."""
+    middle = frame.shape[0] // 2
+    band = frame[max(0, middle - 80) : middle + 80]
+    band[:] = _BLACK
+    band[:10, _STRIPED] = band[-10:, _STRIPED] = _YELLOW
+    _write(band, shown.word, (None, len(band) // 2 + 6), 2.1, _YELLOW)
+    _write(band, shown.why, (None, len(band) // 2 + 48), 0.8, _WHITE)
+
+
+def _banner(shown: Shown) -> U8:
+    """The verdict's word, a shape that no other has, and the age."""
+    banner = np.full((BANNER, WIDTH, 3), _COLOURS.get(shown.word, _BLACK), np.uint8)
+    if shown.word == "OBSTACLE":
+        cv2.fillPoly(banner, [np.array([(25, 8), (7, 42), (43, 42)])], _WHITE, cv2.LINE_AA)
+    elif shown.word == "CLEAR":
+        cv2.circle(banner, (25, 25), 17, _WHITE, 3, cv2.LINE_AA)
+    else:
+        banner[:, _STRIPED] = _GREY
+        cv2.drawMarker(banner, (25, 25), _YELLOW, cv2.MARKER_TILTED_CROSS, 34, 3)
+    _write(banner, shown.word, (68, 37), 1.3, _WHITE)
+    if shown.word not in AGELESS:
+        _write(banner, f"{shown.age_s:.1f} s", (590, 37), 1.1, _WHITE)
+    return banner
+
+
+def _panel(shown: Shown) -> U8:
+    """The other facts, two lines."""
+    panel = np.full((PANEL, WIDTH, 3), 20, np.uint8)
+    facts = [f"{name} {text}" for name, text in shown.facts.items()]
+    for line, text in enumerate(("   ".join(facts[:-1]), *facts[-1:])):
+        _write(panel, text, (9, 21 + 25 * line), 0.65, _WHITE)
+    return panel
+
+
+def _write(on: U8, text: str, at: tuple[int | None, int], scale: float, colour: Colour) -> None:
+    """Write a line, from `at` or in the middle, smaller where it is long; to be cut at the end."""
+    text = text.encode("ascii", "replace").decode()
+    wide = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)[0][0] or 1
+    room = WIDTH - (at[0] or 0) - 12
+    smaller = max(0.6, min(1.0, room / wide))
+    left = max(6, int(WIDTH - wide * smaller) // 2) if at[0] is None else at[0]
+    thick = max(1, round(2 * scale * smaller))
+    font = (cv2.FONT_HERSHEY_SIMPLEX, scale * smaller, colour, thick, cv2.LINE_AA)
+    cv2.putText(on, text, (left, at[1]), *font)

@@ -1,0 +1,461 @@
+"""The live view over real sockets: who may ask, clients that misbehave, a process that dies."""
+
+import json
+import multiprocessing
+import os
+import re
+import signal
+import socket
+import struct
+import threading
+import time
+from contextlib import suppress
+
+import numpy as np
+import psutil
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.calls import refused, refuses
+from tests.inference.live import start_tokt
+from tests.inference.test_faults import hold_row
+from tests.inference.view_client import STREAM, Viewed, decoded, stream_parts, viewed
+from tests.tiers import scaled
+from tests.waiting import MAX_S, until
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.config import Limits
+from tokt.inference.outputs import view as view_module
+from tokt.inference.outputs import view_process
+from tokt.inference.outputs.view import LiveView, listening, view_url
+from tokt.inference.outputs.view_picture import Shown
+from tokt.inference.outputs.view_process import MAX_CLIENTS, Pictures, new_video
+
+RED, GREEN = (30, 30, 200), (60, 110, 20)
+
+
+@pytest.fixture(scope="module")
+def view():
+    """One that all tests here look at which do it no harm."""
+    with viewed() as made:
+        yield made
+
+
+def is_banner(picture, colour):
+    return np.abs(decoded(picture)[4, 60].astype(int) - colour).max() < 12
+
+
+def test_the_picture_and_its_words_are_of_one_moment(view):
+    for word, patches, colour in (("OBSTACLE", [(4, 2)], RED), ("CLEAR", [], GREEN)):
+        words, picture = view.until_shown(word, patches)
+        assert np.abs(picture[4, 60].astype(int) - colour).max() < 12
+        assert list(words) == ["number", "word", "why", "age_s", "facts"]
+        assert words["facts"]["model"] == "noise/1" and 0 <= words["age_s"] < MAX_S
+        assert ("steer" in words["facts"]) == (word == "OBSTACLE")
+    if os.name == "posix":
+        assert psutil.Process(view.child).nice() > psutil.Process().nice()
+    assert view.until_shown("UNKNOWN", left=np.zeros((271, 360), np.uint8))[0]["why"].startswith(
+        "dark"
+    )
+
+
+def test_an_answer_is_another_picture_than_the_last(view):
+    words, _ = view.until_shown("CLEAR")
+    status, headers, _ = view.get(f"/picture?after={words['number']}")
+    assert status == 200 and json.loads(headers["X-Tokt"])["number"] > words["number"]
+
+
+def test_what_is_asked_wrongly_is_refused(view):
+    here = f"127.0.0.1:{view.port}"
+    view.until_shown("CLEAR")
+    for status, path, headers in (
+        (404, "/other", {}),
+        (404, "/../../etc/passwd", {}),
+        (403, "/", {"Host": f"evil.example:{view.port}"}),
+        (403, "/picture", {"Host": f"evil.example:{view.port}"}),
+        (403, "/stream.mjpg", {"Host": "127.0.0.1"}),
+        (403, "/", {"Host": ""}),
+        (200, "/", {"Host": f"LocalHost:{view.port}"}),
+        (200, "/picture?after=99999999999999999999999", {"Host": here}),
+        (200, "/picture?after=%00&after=x&token=x", {"Host": here}),
+    ):
+        assert view.get(path, **headers)[0] == status, (path, headers)
+    with view.connect(b"GET http://[/ HTTP/1.1\r\nHost: %b\r\n\r\n" % here.encode()) as opened:
+        assert opened.recv(4096).startswith(b"HTTP/1.1 404")
+    for method in ("POST", "PUT", "DELETE", "OPTIONS", "CONNECT"):
+        assert view.get("/", method)[0] == 501
+    for path in ("/", "/picture", "/stream.mjpg"):
+        status, headers, body = view.get(path, "HEAD")
+        assert (status, body) == (200, b"") and headers["Content-Type"]
+
+
+def test_any_page_may_frame_it_and_its_script_alone_runs(view):
+    _, headers, page = view.get("/")
+    policy = headers["Content-Security-Policy"]
+    assert "X-Frame-Options" not in headers and "frame-ancestors" not in policy
+    (nonce,) = set(re.findall(r"'nonce-([\w-]+)'", policy))
+    assert page.decode().count(f'nonce="{nonce}"') == 2 and "unsafe" not in policy
+    assert nonce not in view.get("/")[1]["Content-Security-Policy"]
+    assert (headers["Cache-Control"], headers["Referrer-Policy"]) == ("no-store", "no-referrer")
+
+
+@settings(max_examples=scaled(60))
+@given(
+    st.one_of(
+        st.binary(max_size=2000),
+        st.binary(max_size=200).map(lambda raw: b"GET /" + raw + b" HTTP/1.1\r\n\r\n"),
+        st.binary(max_size=200).map(lambda raw: b"GET / HTTP/1.1\r\nHost: " + raw + b"\r\n\r\n"),
+        st.text(max_size=99).map(
+            lambda text: f"GET /picture?after={text} HTTP/1.0\r\n\r\n".encode()
+        ),
+    )
+)
+def test_any_bytes_are_a_request_that_is_refused(view, said):
+    """What is no request for the page gets an error or nothing, and the next client its page."""
+    with view.connect(said) as opened:
+        opened.shutdown(socket.SHUT_WR)
+        answer = b"".join(iter(lambda: _received(opened), b""))
+    assert re.match(rb"HTTP/1\.\d (4|5)\d\d |<!DOCTYPE|$", answer), answer
+    assert view.get("/", "HEAD")[0] == 200
+
+
+def _received(opened):
+    try:
+        return opened.recv(65_536)
+    except ConnectionError:
+        return b""
+
+
+def test_twenty_clients_some_of_which_never_read_all_see_the_newest(view):
+    stalled = [view.connect(STREAM % view.port) for _ in range(4)]
+    slow = [view.connect(b"GET / HT") for _ in range(4)]
+    reading = [view.connect(STREAM % view.port) for _ in range(20)]
+    seen = set()
+
+    def look(opened, colour):
+        stream_parts(opened, lambda jpeg: is_banner(jpeg, colour))
+        seen.add(opened)
+
+    for patches, colour in (([(4, 2)], RED), ([], GREEN)):
+        seen.clear()
+        for opened in reading:
+            threading.Thread(target=look, args=(opened, colour), daemon=True).start()
+        until(lambda patches=patches: view.see(patches) and len(seen) == 20)
+    for opened in stalled:  # each is hung up on, as its pictures do not fit any more
+        opened.settimeout(MAX_S)
+    assert view.events == []
+    for opened in (*stalled, *slow, *reading):
+        opened.close()
+
+
+def test_who_asks_a_letter_at_a_time_is_hung_up_on():
+    with viewed() as view:
+        view.until_shown("CLEAR")
+        opened = view.connect(b"GET / HTTP/1.1\r\n")
+
+        def cut():
+            try:
+                opened.sendall(b"X")
+                opened.settimeout(0.2)
+                return not opened.recv(1)
+            except TimeoutError:
+                return False
+            except ConnectionError:
+                return True
+
+        until(cut)
+        opened.close()
+
+
+def test_a_request_that_is_too_long_is_no_request(view):
+    """Else a few clients' headers would fill the vehicle's memory."""
+    view.until_shown("CLEAR")
+    many = b"".join(b"X-%d: %b\r\n" % (number, 60_000 * b"x") for number in range(90))
+    asks = b"GET / HTTP/1.1\r\nHost: 127.0.0.1:%d\r\n" % view.port
+    for more, answered in ((many, False), (b"X: " + 9000 * b"x" + b"\r\n", True)):
+        with view.connect() as opened:
+            with suppress(ConnectionError):
+                opened.sendall(asks + more + b"\r\n")
+            assert _received(opened).startswith(b"HTTP/1.1 200") == answered
+
+
+def test_an_answer_says_how_old_its_picture_is_when_it_is_sent(monkeypatch):
+    monkeypatch.setattr(view_process, "_FRESH_S", MAX_S)
+    pictures = Pictures()
+    pictures.put(b"jpeg", Shown("CLEAR", "", 1.0), SYSTEM_CLOCK.monotonic() - 2)
+    assert pictures.after("")[2].age_s >= 3
+
+
+def test_more_clients_than_there_is_room_for_are_turned_away():
+    with viewed() as view:
+        view.until_shown("CLEAR")
+        many = [view.connect(STREAM % view.port) for _ in range(MAX_CLIENTS)]
+        until(lambda: view.get("/")[0] == 0)
+        for opened in many:
+            opened.close()
+        until(lambda: view.see() and view.get("/")[0] == 200)
+
+
+def test_a_stream_goes_on_without_frames_and_its_last_picture_says_ended():
+    with viewed(Limits(1.0, MAX_S)) as view:
+        view.until_shown("CLEAR")
+        opened = view.connect(STREAM % view.port)
+        until(lambda: view.see() and stream_parts(opened, lambda jpeg: is_banner(jpeg, GREEN)))
+        # Not one frame more: it is drawn anew all the same, and is old.
+        words, _ = until(lambda: _says(view, "OLD"))
+        assert words["age_s"] > 1
+        began = time.monotonic()
+        _, pictures = stream_parts(opened, lambda jpeg: time.monotonic() - began > 3)
+        assert pictures >= 6
+        view.view.close()
+        data = b"".join(iter(lambda: opened.recv(65_536), b""))
+        opened.close()
+    assert data.endswith(b"\r\n--frame--\r\n")
+    last = decoded(data[data.rindex(b"\xff\xd8\xff") :])
+    assert (last[50 + (len(last) - 122) // 2 - 60] < 25).all()
+
+
+def _says(view, word):
+    status, headers, body = view.get("/picture")
+    words = json.loads(headers["X-Tokt"]) if status == 200 else {"word": status}
+    return (words, body) if words["word"] == word else None
+
+
+def test_a_run_that_stops_in_the_middle_of_a_moment_keeps_no_picture_waiting():
+    spawning = multiprocessing.get_context("spawn")
+    ours, theirs = spawning.Pipe()
+    with listening("127.0.0.1", 0) as listener:
+        here = type("Here", (), {"port": listener.getsockname()[1]})
+        given = (theirs, listener, None, None, 0.5)
+        process = spawning.Process(target=view_process.serve, args=given, daemon=True)
+        process.start()
+    try:
+        theirs.close()
+        ours.recv()
+        os.write(ours.fileno(), struct.pack("!i", 1000) + b"half")
+        for number in range(3):
+            status, headers, _ = Viewed.get(here, f"/picture?after={number}")
+            assert status == 200 and json.loads(headers["X-Tokt"])["word"] == "WAITING"
+        ours.close()
+        until(lambda: not process.is_alive())
+    finally:
+        process.kill()
+        process.join()
+
+
+def test_who_looks_after_a_while_gets_what_is_drawn_now():
+    with viewed(Limits(0.5, MAX_S)) as view:
+        view.until_shown("CLEAR")
+        time.sleep(4)  # nobody looks, and nothing is drawn
+        status, headers, _ = view.get("/picture")
+        words = json.loads(headers["X-Tokt"])
+        assert (status, words["word"]) == (200, "OLD") and words["age_s"] > 4
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_process_that_dies_or_hangs_is_told_once_and_started_again(how, monkeypatch):
+    monkeypatch.setattr(view_module, "ANSWER_S", 1.0)
+    monkeypatch.setattr(view_module, "_PAUSE_S", 0.05)
+    with viewed() as view:
+        for _ in range(2):
+            view.until_shown("CLEAR")
+            child = view.child
+            view.signal(how)
+            began = time.monotonic()
+            spent = []
+            while view.view._process.pid == child:  # whatever it does, the loop goes on
+                before = time.perf_counter()
+                report = view.see()
+                spent.append(time.perf_counter() - before)
+                assert report.verdict.status == 0
+                assert time.monotonic() - began < MAX_S
+            assert np.median(spent) < 0.1
+        view.until_shown("OBSTACLE", [(4, 2)])
+        (event,) = view.events
+        assert event.name == "view_lost"
+        why = "exit code -9" if how == signal.SIGKILL else "did not answer"
+        assert why in event.words
+
+
+def test_a_run_that_ends_while_the_view_is_gone_leaves_no_empty_video(tmp_path):
+    pytest.importorskip("av")
+    with viewed(record=tmp_path / "out.mp4", served=False) as view:
+        view.signal(signal.SIGKILL)
+        until(lambda: view.see() and view.events)
+    assert [each.name for each in tmp_path.iterdir()] == ["out.mp4.part"]
+
+
+def test_one_that_cannot_be_started_is_told(monkeypatch):
+    def refuse(process):
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(multiprocessing.get_context("spawn").Process, "start", refuse)
+    with viewed() as view:
+        until(lambda: view.events)
+        assert "cannot be started: Resource temporarily" in view.events[0].words
+
+
+def test_on_another_address_a_token_is_asked_for():
+    with viewed(token="a b/c") as view:
+        assert view.url == f"http://127.0.0.1:{view.port}/?token=a%20b%2Fc"
+        for query in ("", "?token=", "?token=a", "?token=a+b%2Fd", "?token=%ff", "?token=%C5%A1"):
+            for path in ("/", "/picture", "/stream.mjpg", "/other"):
+                assert view.get(path + query)[0] == 401
+        shown = until(lambda: view.see() and view.get("/picture?token=a+b%2Fc"))
+        assert shown[0] == 200
+        # A vehicle's name may be anything: who has the token is no rebound page.
+        assert view.get("/?token=a%20b%2Fc", Host="blueos.local")[0] == 200
+
+
+def frames_of(path):
+    import av
+
+    with av.open(str(path)) as container:
+        return [
+            (float(frame.time), frame.to_ndarray(format="bgr24"))
+            for frame in container.decode(video=0)
+        ]
+
+
+def test_a_video_has_the_run_s_own_times_and_overwrites_nothing(tmp_path):
+    pytest.importorskip("av")
+    path = tmp_path / "out.mp4"
+    path.write_bytes(b"another's")
+    with viewed(record=path, served=False) as view:
+        part = tmp_path / "out-2.mp4.part"
+        assert part.exists()
+        # Two frames that are 10 s apart by their arrival, though shown one after the other.
+        until(lambda: view.see([(4, 2)], age_s=10) and part.stat().st_size)
+        began = time.monotonic()
+        until(lambda: view.see() and time.monotonic() - began > 1)
+    assert path.read_bytes() == b"another's" and not part.exists()
+    frames = frames_of(tmp_path / "out-2.mp4")
+    times = [at for at, _ in frames]
+    assert times[0] == 0 and times == sorted(set(times))
+    assert 10 < times[-1] < 10 + MAX_S
+    assert np.abs(frames[0][1][4, 60].astype(int) - RED).max() < 25
+    last = frames[-1][1]
+    assert (last[50 + (len(last) - 122) // 2 - 60] < 25).all()  # ENDED
+
+
+def test_a_killed_process_s_video_can_be_read(tmp_path, monkeypatch):
+    pytest.importorskip("av")
+    monkeypatch.setattr(view_module, "_PAUSE_S", 0.05)
+    path = tmp_path / "out.mp4"
+    with viewed(record=path, served=False) as view:
+        part = tmp_path / "out.mp4.part"
+        until(lambda: view.see() and part.stat().st_size > 20_000)
+        view.signal(signal.SIGKILL)
+        until(lambda: view.see() and (tmp_path / "out-2.mp4.part").exists())
+        assert len(frames_of(part)) >= 10
+        until(lambda: view.see() and (tmp_path / "out-2.mp4.part").stat().st_size > 1000)
+    assert frames_of(tmp_path / "out-2.mp4") and part.exists() and not path.exists()
+
+
+def test_a_video_that_cannot_be_written_is_told_and_the_view_goes_on(tmp_path, monkeypatch):
+    pytest.importorskip("av")
+    path = tmp_path / "out.mp4"
+    with viewed(record=path) as view:
+        part = tmp_path / "out.mp4.part"
+        part.unlink()
+        part.symlink_to("/dev/full")
+        until(lambda: view.see() and view.events)
+        view.until_shown("CLEAR")
+        (event,) = view.events
+        assert event.name == "video_failed" and "No space left" in event.words
+    hold_row("the live view's video: its disk is full", "as without it", "event `video_failed`")
+
+
+def test_what_a_user_can_get_wrong(tmp_path, monkeypatch, make_mission, bundle_file):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        refuses(f"the view cannot be served on 127.0.0.1:{port}", listening, "127.0.0.1", port)
+    refuses("is a port", listening, "127.0.0.1", 70_000)
+    refuses("cannot be found", listening, "no such host", 0)
+    refuses("out.mp4 cannot be written: No such file", new_video, tmp_path / "none" / "out.mp4")
+    made = (None, None, tmp_path / "out.avi", 0.5, None, None)
+    refuses("writes an .mp4 file, not 'out.avi'", LiveView, *made)
+    monkeypatch.setattr(view_module, "find_spec", lambda name: None)
+    made = (None, None, tmp_path / "out.mp4", 0.5, None, None)
+    refuses(r"pip install 'tokt\[video\]'", LiveView, *made)
+    asked = ("run", "--source", make_mission([[]]), "--bundle", bundle_file)
+    refused("--view-host is of no use without --view", *asked, "--view-host", "0.0.0.0")
+    refused("--view-record is for live cameras, or", *asked, "--view-record", tmp_path / "o.mp4")
+
+
+def test_a_wildcard_s_url_has_a_name(monkeypatch):
+    monkeypatch.setattr(socket, "gethostname", lambda: "rov")
+    assert view_url("0.0.0.0", 8200, "t") == "http://rov:8200/?token=t"
+    assert view_url("::1", 8200, None) == "http://[::1]:8200/"
+
+
+def test_a_port_that_is_taken_is_waited_for_where_verdicts_must_go_on(monkeypatch, tmp_path):
+    pytest.importorskip("av")
+    monkeypatch.setattr(view_module, "_PAUSE_S", 0.05)
+    told, tries = [], []
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+
+        def listen():
+            tries.append(port)
+            return listening("127.0.0.1", port)
+
+        record = tmp_path / "out.mp4"
+        view = LiveView(None, None, record, 0.5, SYSTEM_CLOCK, told.append, listen)
+        until(lambda: len(tries) > 3)
+    here = type("Here", (), {"port": port})
+    until(lambda: Viewed.get(here, "/")[0] == 200)
+    assert [each.name for each in tmp_path.iterdir()] == ["out.mp4.part"]  # not one for each try
+    view.close()
+    assert [event.name for event in told] == ["view_lost"] and "in use" in told[0].words
+
+
+def test_a_run_shows_films_and_ends(make_mission, bundle_file, closed_port, tmp_path, monkeypatch):
+    pytest.importorskip("av")
+    monkeypatch.chdir(tmp_path)
+    process = start_tokt(
+        *("run", "--bundle", bundle_file, "--source", make_mission([[(1, 1)], []] * 100)),
+        *("--udp", f"127.0.0.1:{closed_port}", "--rate", "20", "--view", "0"),
+        *("--view-host", "127.0.0.1", "--view-record", tmp_path / "dive.mp4"),
+    )
+    line = process.stderr.readline()
+    port, token = re.fullmatch(r"view: http://127.0.0.1:(\d+)/\?token=(\S+)\n", line).groups()
+    assert (tmp_path / ".tokt" / "view-token").read_text().strip() == token
+    found = Viewed.get
+    here = type("Here", (), {"port": int(port)})
+    until(lambda: found(here, f"/picture?token={token}")[0] == 200)
+    assert found(here, "/picture")[0] == 401
+    part = tmp_path / "dive.mp4.part"
+    until(lambda: part.stat().st_size > 10_000)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=MAX_S)
+    assert process.returncode == 0 and "frames in" in err and "Traceback" not in err
+    assert len(frames_of(tmp_path / "dive.mp4")) > 5
+
+
+def test_a_run_that_is_killed_leaves_no_view_behind(make_mission, bundle_file, closed_port):
+    """The next one has the port, and at the old one's page a reader sees that it died."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    here = type("Here", (), {"port": port})
+    process = start_tokt(
+        *("run", "--bundle", bundle_file, "--source", make_mission([[]] * 2000), "--rate", "10"),
+        *("--udp", f"127.0.0.1:{closed_port}", "--view", port, "--watchdog"),
+    )
+    try:
+        for _ in range(3):
+            until(lambda: Viewed.get(here, "/picture")[0] == 200)
+            (runtime,) = psutil.Process(process.pid).children()
+            before = runtime.children()
+            with socket.create_connection(("127.0.0.1", port), timeout=MAX_S) as opened:
+                opened.sendall(STREAM % port)
+                stream_parts(opened, lambda jpeg: True)
+                runtime.kill()
+                data = b"".join(iter(lambda: opened.recv(65_536), b""))
+            assert data.endswith(b"--frame--\r\n")
+            psutil.wait_procs(before, MAX_S)
+            assert not any(each.is_running() for each in before)
+    finally:
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=MAX_S)
+    assert err.count("ended with signal 9") == 3 and "Traceback" not in err, err

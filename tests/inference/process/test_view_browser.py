@@ -1,0 +1,214 @@
+"""The live view's page in Chromium: on a phone, in another page, and with its server gone."""
+
+import http.server
+import signal
+import threading
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.inference.view_client import viewed
+from tests.load.page.tab import chromium
+from tests.waiting import MAX_S, until
+from tokt.features.common.errors import ToktError
+from tokt.inference.config import Limits
+from tokt.inference.outputs import view as view_module
+
+pytestmark = pytest.mark.browser
+PHONE = {"width": 360, "height": 640}
+
+
+@pytest.fixture(scope="module")
+def browser():
+    try:
+        with chromium() as started:
+            yield started
+    except ToktError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture
+def open_page(browser):
+    """A tab of that size with its errors, which are none."""
+    opened, errors = [], []
+
+    def go(url, size=PHONE):
+        context = browser.new_context(viewport=size, has_touch=size is PHONE)
+        context.set_default_timeout(1000 * MAX_S)
+        page = context.new_page()
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("console", lambda said: errors.append(said.text) if "Policy" in said.text else None)
+        page.goto(url)
+        opened.append(context)
+        return page
+
+    yield go
+    for context in opened:
+        context.close()
+    assert errors == []
+
+
+def verdict(page):
+    """What stands beside ``verdict``, and the big word that covers the picture, where one does."""
+    cover = page.locator("#cover")
+    words = (
+        page.locator("dd").first.text_content(timeout=1000) if page.locator("dd").count() else ""
+    )
+    return words, page.locator("#cover b").text_content() if cover.is_visible() else ""
+
+
+def until_says(view, page, word, covered=False, patches=None):
+    """Show frames, if any are given, until the page says that word, covered or not."""
+
+    def look():
+        if patches is not None:
+            view.see(patches)
+        words, cover = verdict(page)
+        return words.split()[:1] == word.split()[:1] and bool(cover) == covered
+
+    until(look, lambda: verdict(page))
+
+
+def pixels(page, of="img"):
+    """A screenshot of a part of the page."""
+    shot = page.locator(of).screenshot()
+    return cv2.imdecode(np.frombuffer(shot, np.uint8), cv2.IMREAD_COLOR).astype(int)
+
+
+def test_a_phone_shows_all_of_it_without_scrolling_sideways(open_page):
+    with viewed() as view:
+        page = open_page(view.url)
+        until_says(view, page, "OBSTACLE", patches=[(4, 2)])
+        named = [page.locator(kind).all_inner_texts() for kind in ("dt", "dd")]
+        facts = dict(zip(*named, strict=True))
+        assert list(facts) == ["verdict", "age", "steer", "model", "health"]
+        assert facts["steer"].startswith("right") and facts["age"].endswith(" s")
+        assert page.evaluate("document.documentElement.scrollWidth") <= 360
+        box = page.locator("img").bounding_box()
+        assert (box["x"], box["width"]) == (0, 360) and box["y"] == 0
+        assert page.evaluate("getComputedStyle(document.querySelector('dd')).fontSize") == "16px"
+        assert np.abs(pixels(page)[3, 34] - [30, 30, 200]).max() < 20  # the banner
+        # Of the last minute: now is at the right, and moves on while the page is drawn.
+        until(
+            lambda: (
+                view.see([(4, 2)])
+                and (np.abs(pixels(page)[-4, -6:] - [30, 30, 200]).max(axis=1) < 40).any()
+            )
+        )
+        until_says(view, page, "CLEAR", patches=[])
+        assert np.abs(pixels(page)[3, 34] - [60, 110, 20]).max() < 20
+
+
+@pytest.fixture
+def other_site():
+    """A page of another origin that frames an address, and shows a stream beside it."""
+
+    class Site(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            body = self.server.page.encode()
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *told): ...
+
+    with http.server.HTTPServer(("127.0.0.1", 0), Site) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield server
+        server.shutdown()
+
+
+@pytest.mark.parametrize("token", [None, "a b/c"])
+def test_another_site_s_page_frames_it_and_shows_the_stream(open_page, other_site, token):
+    with viewed(token=token) as view:
+        stream = view.url.replace("/?", "/stream.mjpg?") if token else view.url + "stream.mjpg"
+        other_site.page = f'<iframe src="{view.url}"></iframe><img src="{stream}">'
+        page = open_page(
+            f"http://localhost:{other_site.server_address[1]}/", {"width": 900, "height": 500}
+        )
+        inner = page.frames[1]
+        until_says(view, inner, "OBSTACLE", patches=[(4, 2)])
+        until(
+            lambda: view.see([(4, 2)]) and page.evaluate("document.images[0].naturalWidth") == 720
+        )
+        # The stream alone says it, too, in its own pixels.
+        until(
+            lambda: (
+                view.see() and np.abs(pixels(page, "body > img")[4, 60] - [60, 110, 20]).max() < 20
+            )
+        )
+
+
+def test_a_hidden_frame_shows_what_is_true_when_it_is_back(open_page, other_site):
+    """As Cockpit hides the widgets of another of its views."""
+    with viewed() as view:
+        other_site.page = f'<iframe src="{view.url}"></iframe>'
+        page = open_page(f"http://localhost:{other_site.server_address[1]}/")
+        until_says(view, page.frames[1], "CLEAR", patches=[])
+        page.evaluate("document.querySelector('iframe').style.display = 'none'")
+        page.wait_for_timeout(2000)
+        view.until_shown("OBSTACLE", [(4, 2)])
+        page.evaluate("document.querySelector('iframe').style.display = ''")
+        until_says(view, page.frames[1], "OBSTACLE", patches=[(4, 2)])
+
+
+def test_without_the_token_it_says_what_to_open(open_page):
+    with viewed(token="abc") as view:
+        page = open_page(view.url)
+        until_says(view, page, "CLEAR", patches=[])
+        page.evaluate("history.replaceState(null, '', '/?token=no')")
+        page.reload()
+        assert page.locator("#cover").count() == 0
+        assert "Open the address that tokt run printed" in page.content()
+
+
+@pytest.mark.parametrize("how", [signal.SIGSTOP, signal.SIGKILL])
+def test_a_server_that_hangs_or_is_gone_is_no_signal_until_it_is_back(open_page, monkeypatch, how):
+    monkeypatch.setattr(view_module, "ANSWER_S", 1.0)
+    with viewed() as view:
+        page = open_page(view.url)
+        until_says(view, page, "CLEAR", patches=[])
+        view.signal(how)
+        until_says(view, page, "NO SIGNAL", covered=True)
+        seconds = page.evaluate("passed(news) / 1000")
+        assert seconds >= 1
+        cover, whole = page.locator("#cover").bounding_box(), page.locator("img").bounding_box()
+        assert all(abs(cover[side] - whole[side]) < 1 for side in ("x", "y", "width", "height"))
+        shown = pixels(page, "#cover")
+        assert (shown.max(axis=2) - shown.min(axis=2) < 30).mean() > 0.8  # nothing of the picture
+        until_says(view, page, "OBSTACLE", patches=[(4, 2)])
+
+
+def test_old_counts_up_and_ended_stays(open_page):
+    with viewed(Limits(1.0, MAX_S)) as view:
+        page = open_page(view.url)
+        until_says(view, page, "CLEAR", patches=[])
+        until_says(view, page, "OLD")
+        ages = []
+        until(
+            lambda: ages.append(float(page.locator("dd").nth(1).inner_text()[:-2])) or ages[-1] > 3
+        )
+        assert ages == sorted(ages) and len(set(ages)) > 5
+        view.view.close()
+        until_says(view, page, "ENDED")
+        page.wait_for_timeout(1500)
+        assert verdict(page) == ("ENDED the run is over", "")
+
+
+def test_a_computer_that_slept_shows_nothing_of_before(open_page):
+    """The page's monotonic clock stood still meanwhile: at once, not a second after it woke."""
+    with viewed() as view:
+        page = open_page(view.url)
+        until_says(view, page, "CLEAR", patches=[])
+        slept = """() => {
+          const now = Date.now;
+          Date.now = () => now() + 60000;
+          look();
+          const covered = !document.getElementById("cover").hidden;
+          Date.now = now;
+          return covered;
+        }"""
+        assert page.evaluate(slept)
+        until_says(view, page, "CLEAR", patches=[])
