@@ -2,11 +2,14 @@
 
 import json
 import math
+import sys
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any, ClassVar
+
+from tokt.inference.links.vehicle import VehiclePlace
 
 from .verdict import Verdict
 
@@ -15,49 +18,27 @@ HEALTH_BYTES, MODEL_BYTES = 300, 420
 """Longest health text and model name that are sent or logged, in the bytes that JSON takes for
 them: any datagram fits one Ethernet frame (1472), and every model's name of ASCII is whole."""
 
-FIRST, REPLAYABLE, WITH_TREND, WITH_ANCHOR, WITH_BOUNDARY = 1, 2, 3, 4, 5
+FIRST, REPLAYABLE, WITH_TREND, WITH_ANCHOR, WITH_BOUNDARY, WITH_PLACE = 1, 2, 3, 4, 5, 6
 """Versions of the table: the first datagrams, the first logs that can be replayed, and those since
-a trend, an anchor and a boundary that moves. A new field gets a new version and stands at the end
-of its datagram or log line, where every older reader leaves it out."""
+a trend, an anchor, a boundary that moves and the vehicle's place. A new field gets a new version
+and stands at the end of its datagram or log line, where every older reader leaves it out."""
 
 
 @dataclass(frozen=True)
 class ReportField:
-    """One field of what is said about a frame; docs/udp.md and docs/observability.md explain it.
-
-    Parameters
-    ----------
-    name : str
-    kind : type
-        Its JSON type: int, float, str, bool, or list for a box of four ints.
-    filled : str
-        Where a `Report` has its value; one of log lines only, where
-        `tokt.inference.recording.run_log` has it.
-    nullable : bool
-    unit : str
-    since : int
-        `FIRST` or later: older datagrams and logs do not have it.
-    v1, v2 : bool
-        Whether datagrams of that version have it. Logs have every field.
-    metric : str
-        What tells it among the metrics, without ``tokt_``.
-    replayed : bool
-        Whether it says what was judged, and not when: a replay compares it.
-    max_bytes : int
-        Where its text is cut, if it is.
-    """
+    """One field of what is said about a frame; docs/udp.md and docs/observability.md explain it."""
 
     name: str
-    kind: type
-    filled: str
+    kind: type  # in JSON: int, float, str, bool, or list for a box of four ints
+    filled: str  # where a `Report` has its value; of log lines only: where `recording.run_log` has
     nullable: bool = True
     unit: str = ""
-    since: int = FIRST
-    v1: bool = False
+    since: int = FIRST  # older datagrams and logs do not have it
+    v1: bool = False  # whether datagrams of that version have it; logs have every field
     v2: bool = True
-    metric: str = ""
-    replayed: bool = False
-    max_bytes: int = 0
+    metric: str = ""  # what tells it among the metrics, without ``tokt_``
+    replayed: bool = False  # it says what was judged, and not when: a replay compares it
+    max_bytes: int = 0  # where its text is cut, if it is
 
     def as_json(self, value: Any) -> Any:
         """A value as JSON has it: not a number that is not finite, of a long text the beginning."""
@@ -72,6 +53,20 @@ class ReportField:
             while len(json.dumps(value)) - 2 > self.max_bytes:
                 value = value[:-1]
         return value
+
+    def fits(self, value: Any) -> bool:
+        """Whether a JSON value other than None can be this field's."""
+        if self.kind is list:
+            return isinstance(value, list) and len(value) == 4 and all(map(_is_finite, value))
+        if self.kind is float:
+            return _is_finite(value, (int, float))
+        return _is_finite(value) if self.kind is int else isinstance(value, self.kind)
+
+
+def _is_finite(value: Any, kinds: type | tuple[type, ...] = int) -> bool:
+    """Neither NaN, nor infinite (1e999 is, to a JSON parser), nor whole but beyond any float."""
+    number = isinstance(value, kinds) and not isinstance(value, bool)
+    return number and abs(value) <= sys.float_info.max
 
 
 def _verdict(name: str, kind: type, **more: Any) -> ReportField:
@@ -117,6 +112,10 @@ FIELDS = (
     _verdict("anchor_x", float, since=WITH_ANCHOR),
     _verdict("anchor_y", float, since=WITH_ANCHOR),
     _verdict("anchor_size", float, since=WITH_ANCHOR),
+    ReportField("depth_m", float, "place.depth_m", unit="m", since=WITH_PLACE),
+    ReportField("heading_deg", float, "place.heading_deg", unit="deg", since=WITH_PLACE),
+    ReportField("lat_deg", float, "place.lat_deg", unit="deg", since=WITH_PLACE),
+    ReportField("lon_deg", float, "place.lon_deg", unit="deg", since=WITH_PLACE),
     _log("run", str, "run", nullable=False),
     _log("frame", int, "report.frame"),
     _log("missed", int, "frame.missed", nullable=False, metric="frames_missed_total"),
@@ -126,6 +125,11 @@ FIELDS = (
     _log("left", str, "left", nullable=False),
     _log("right", str, "right", nullable=False),
     _log("boundary", float, "judgement.boundary", since=WITH_BOUNDARY),
+    _log("place_age_ms", float, "report.place.age_ms", unit="ms", since=WITH_PLACE),
+    _log("roll_deg", float, "report.place.roll_deg", unit="deg", since=WITH_PLACE),
+    _log("pitch_deg", float, "report.place.pitch_deg", unit="deg", since=WITH_PLACE),
+    _log("vehicle_t", float, "report.place.vehicle_t", unit="s", since=WITH_PLACE),
+    _log("captured_t", float, "frame.captured_t", unit="s", since=WITH_PLACE),
 )
 """All of them, in the order in which they are written."""
 V1_FIELDS = tuple(each for each in FIELDS if each.v1)
@@ -151,32 +155,17 @@ _v2 = filler(V2_FIELDS)
 class Report:
     """What is said about one frame, or, as a heartbeat, of there being none.
 
-    Parameters
-    ----------
-    seq : int
-        1 for the first report of a run, then rising by one, whatever was sent.
-    frame : int or None
-        The frame's number in its source; None in a heartbeat.
-    t : float or None
-        Frame time: seconds since 1970 (UTC) when the source delivered it. A heartbeat has that of
-        the newest frame, or None before the first.
-    latency_ms : float or None
-        From when the frame was taken up to its verdict, in milliseconds.
-    verdict : Verdict
-    age_ms : float or None
-        From the frame's arrival in this process to the datagram, in milliseconds; a heartbeat has
-        that of the newest frame.
-    left_out : int
-        Frames between the one before and this one that there was no time for.
+    A heartbeat has no number, and time and age of the newest frame, or None before the first.
     """
 
-    seq: int
-    frame: int | None
-    t: float | None
-    latency_ms: float | None
+    seq: int  # 1 for a run's first report, then rising by one, whatever was sent
+    frame: int | None  # its number in its source
+    t: float | None  # seconds since 1970 (UTC) when the source delivered it
+    latency_ms: float | None  # from when it was taken up to its verdict
     verdict: Verdict
-    age_ms: float | None = None
-    left_out: int = 0
+    age_ms: float | None = None  # from its arrival in this process to the datagram
+    left_out: int = 0  # frames just before it that there was no time for
+    place: VehiclePlace = VehiclePlace()  # noqa: RUF009 - frozen; where the vehicle was then
     v: ClassVar[int] = V2
 
     def fields(self) -> dict[str, Any]:
@@ -190,24 +179,12 @@ _MAX_WAITING = 1000
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened besides frames, such as a new model.
+    """Something that happened besides frames, such as a new model."""
 
-    Parameters
-    ----------
-    t : float
-        Seconds since 1970 (UTC).
-    name : str
-        What kind, for programs: ``start``, ``model``, ``camera_lost``, ...
-    words : str
-        One line for people.
-    fields : mapping
-        JSON: the figures that belong to it.
-    """
-
-    t: float
-    name: str
-    words: str
-    fields: Mapping[str, Any] = field(default_factory=dict)
+    t: float  # seconds since 1970 (UTC)
+    name: str  # what kind, for programs: ``start``, ``model``, ``camera_lost``, ...
+    words: str  # one line for people
+    fields: Mapping[str, Any] = field(default_factory=dict)  # JSON: the figures that belong to it
 
 
 class EventQueue:

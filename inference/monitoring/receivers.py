@@ -1,4 +1,4 @@
-"""Receivers that the system refuses to send to, told while the run goes on."""
+"""Links that fail, told while the run goes on: receivers that are refused, a place that is lost."""
 
 from collections.abc import Callable, Mapping
 
@@ -10,6 +10,39 @@ from tokt.inference.report import Event, Report
 
 REFUSED_S = 1.0
 """Seconds without a datagram that went out, after which a receiver's refusals are told."""
+
+
+LOST_S = 5.0
+"""Seconds without the vehicle's place after which that is told."""
+
+
+class PlaceWatch(Observer):
+    """Tell when the vehicle's place is not known, and when it is again.
+
+    The events are ``place_lost`` and ``place_back``; `why` gives what its link complains of, if
+    anything.
+    """
+
+    def __init__(self, clock: Clock, tell: Callable[[Event], None], why: Callable[[], str]) -> None:
+        self._clock, self._tell, self._why = clock, tell, why
+        self._known_s = clock.monotonic()
+        self._lost = False
+
+    def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
+        """Look at its place."""
+        self.heartbeat(report)
+
+    def heartbeat(self, report: Report) -> None:
+        """Look at its place."""
+        now, is_known = self._clock.monotonic(), report.place.age_ms is not None
+        self._known_s = now if is_known else self._known_s
+        if is_known if self._lost else now - self._known_s >= LOST_S:
+            self._lost = not self._lost
+            name, words = "place_back", "the vehicle's place is known again"
+            if self._lost:
+                parts = ["the vehicle's place is not known", self._why()]
+                name, words = "place_lost", ": ".join(filter(None, parts))
+            self._tell(Event(self._clock.time(), name, words))
 
 
 class ReceiverWatch(Observer):

@@ -1,31 +1,31 @@
-"""MAVLink: verdicts as the distances that ArduPilot and other autopilots read.
+"""MAVLink: verdicts as the distances that autopilots read, and what the pilot's screen shows.
 
-What each message means, and what autopilots make of it, is in docs/mavlink.md. Unknown is kept
-apart from clear in the way the autopilot at the other end can tell them apart: ArduPilot takes a
-message full of "unknown" for a healthy sensor that sees nothing, and only silence for a sensor
-that gives no data. Hence nothing but heartbeats is sent for an unknown verdict, unless asked for.
+What each message means, and what autopilots make of it, is in docs/mavlink.md. ArduPilot takes a
+message full of "unknown" for a healthy sensor that sees nothing, and only silence for one without
+data: nothing but heartbeats, words and figures is sent for an unknown verdict, unless asked for.
 """
 
 from __future__ import annotations
 
 import math
-import re
+from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
-from types import ModuleType
+from operator import attrgetter
 
-from tokt.features.common.address import parse_address
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import Clock
-from tokt.inference.config import OutputConfig
+from tokt.inference.config import OPTIONS, OutputConfig
+from tokt.inference.links.autopilot import AUTOPILOT, MavlinkReader, mavlink_dialect
+from tokt.inference.links.link import Link
+from tokt.inference.links.vehicle import VehicleState
 from tokt.inference.reason import Reason
-from tokt.inference.report import Report
+from tokt.inference.report import Event, Report
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.matching import FARTHEST_M
 from tokt.inference.stereo.pushbroom import DISTANCES_M
 from tokt.inference.verdict import CLEAR, DISPARITY, OBSTACLE, PUSHBROOM, UNKNOWN, Verdict
 
-from .udp import DatagramSocket
+from .pilot_words import ENDED, PilotWords
 
 SECTORS = 72
 """As many as MAVLink's OBSTACLE_DISTANCE has."""
@@ -75,13 +75,7 @@ class Lens:
 
 
 def lens_of(fov_deg: float | None, calibration: StereoCalibration | None) -> Lens:
-    """The lens of the angle a user gave, otherwise of the calibration.
-
-    Raises
-    ------
-    ToktError
-        If there is neither.
-    """
+    """The lens of the angle a user gave, otherwise of the calibration; ToktError without both."""
     if fov_deg is not None:
         return Lens.of_fov_deg(fov_deg)
     if calibration is None:
@@ -94,18 +88,11 @@ def lens_of(fov_deg: float | None, calibration: StereoCalibration | None) -> Len
     return Lens(float(K1[0, 0] / width), float((K1[0, 2] + 0.5) / width))
 
 
-def sectors_touching(left_deg: float, right_deg: float) -> list[int]:
-    """Indices of the sectors that any part of a range of angles lies in, from left to right."""
-    first = math.ceil((left_deg - SECTOR_DEG / 2) / SECTOR_DEG)
-    last = math.floor((right_deg + SECTOR_DEG / 2) / SECTOR_DEG)
-    return [k % SECTORS for k in range(first, last + 1)]
-
-
-def sectors_within(left_deg: float, right_deg: float) -> list[int]:
-    """Indices of the sectors that lie wholly in a range of angles, from left to right."""
-    first = math.ceil((left_deg + SECTOR_DEG / 2) / SECTOR_DEG)
-    last = math.floor((right_deg - SECTOR_DEG / 2) / SECTOR_DEG)
-    return [k % SECTORS for k in range(first, last + 1)]
+def sectors_of(left_deg: float, right_deg: float, wholly: bool) -> list[int]:
+    """Indices of the sectors that a range of angles touches, or holds `wholly`; left to right."""
+    half = SECTOR_DEG / 2 if wholly else -SECTOR_DEG / 2
+    first, last = (left_deg + half) / SECTOR_DEG, (right_deg - half) / SECTOR_DEG
+    return [k % SECTORS for k in range(math.ceil(first), math.floor(last) + 1)]
 
 
 UNKNOWN_CM = 65535
@@ -119,13 +106,7 @@ MEASURED_TO_M = {DISPARITY: FARTHEST_M, PUSHBROOM: max(DISTANCES_M)}
 
 @dataclass(frozen=True)
 class Ranges:
-    """A judged frame in distances, all in whole centimetres.
-
-    A receiver that thinks in distances cannot be told "obstacle" or "clear" without one. Where the
-    verdict measured none, one has to be assumed, and the same figure serves both: an obstacle
-    without a distance is said to be that near, and a clear without a range to reach no farther.
-    Smaller is more careful either way.
-    """
+    """A judged frame in distances, all in whole centimetres."""
 
     nearest: int  # to the obstacle; `most` + 1 where there is none
     most: int  # up to where there would have been said to be one
@@ -136,19 +117,18 @@ NOTHING_KNOWN = (UNKNOWN_CM,) * SECTORS
 
 
 def ranges_of(verdict: Verdict, lens: Lens, assumed_m: float) -> Ranges | None:
-    """A verdict in distances, or None of one that is unknown.
+    """A verdict in distances, or None of one that is unknown; `assumed_m` where none was measured.
 
     A clear is one of the sectors that are wholly in view. An obstacle is in every sector that its
-    box touches, or in all of the view where the verdict does not say in which picture its box is;
-    of the rest of that view nothing is said: an obstacle's verdict judged the frame, not each of
-    its columns. Where nothing was measured `assumed_m` is said.
+    box touches, or in all of the view where the verdict does not say in which picture its box is.
     """
     if verdict.status == CLEAR:
         most = _cm(_reach_m(verdict.method, assumed_m))
-        return Ranges(most + 1, most, _spread(most + 1, sectors_within(*lens.edges_deg)))
+        return Ranges(most + 1, most, _spread(most + 1, sectors_of(*lens.edges_deg, wholly=True)))
     if verdict.status == OBSTACLE:
         nearest, most = _obstacle_cm(verdict, assumed_m)
-        return Ranges(nearest, most, _spread(nearest, sectors_touching(*_span_deg(verdict, lens))))
+        sectors = sectors_of(*_span_deg(verdict, lens), wholly=False)
+        return Ranges(nearest, most, _spread(nearest, sectors))
     return None
 
 
@@ -159,11 +139,7 @@ def _reach_m(method: str, otherwise_m: float) -> float:
 
 
 def _obstacle_cm(verdict: Verdict, assumed_m: float) -> tuple[int, int]:
-    """The obstacle's distance, and the range it is in.
-
-    It is kept inside the range, since an obstacle at its very end is taken for none by PX4, and
-    one beyond it by ArduPilot too.
-    """
+    """The obstacle's distance, and the range it is in: PX4 takes one at its very end for none."""
     distance_m = verdict.distance_m
     if distance_m is None or not math.isfinite(distance_m):
         return _cm(assumed_m) - 1, _cm(assumed_m)
@@ -193,177 +169,152 @@ def _spread(distance_cm: int, sectors: list[int]) -> tuple[int, ...]:
 
 
 HEARTBEAT_S = 1.0
-
+VALUES_S = 0.2
+"""Between two sets of figures to plot, unless the status changes."""
 _VARIANCE_UNKNOWN = 255
 _QUALITY_UNKNOWN = 0
-_DEVICE = re.compile(r"udpout:(.+)")
+_NO_VALUE = -1.0
+_CHOICES = {
+    "mavlink_messages": ("both", "obstacle_distance", "distance_sensor"),
+    "mavlink_unknown": ("silence", "message"),
+}
 
 
-class Messages(StrEnum):
-    """The MAVLink messages that carry the distances."""
+def check_mavlink(wanted: OutputConfig) -> None:
+    """Refuse what MAVLink does not have: a `ToktError`."""
+    if not 0.1 <= wanted.mavlink_assumed_m <= 100:
+        raise ToktError(f"an assumed distance is 0.1 to 100 m, not {wanted.mavlink_assumed_m:g}")
+    for name in ("mavlink_system", "mavlink_component", "mavlink_words_component"):
+        number = getattr(wanted, name)
+        if number is not None and not 1 <= number <= 255:
+            raise ToktError(f"--{OPTIONS[name].key} is 1 to 255, not {number}")
+    if wanted.mavlink_component == AUTOPILOT:
+        raise ToktError(f"--mavlink-component {AUTOPILOT} is the autopilot: give a free number")
+    for name, known in _CHOICES.items():
+        if (word := getattr(wanted, name)) not in known:
+            raise ToktError(f"--{OPTIONS[name].key} is {' or '.join(known)}, not {word!r}")
 
-    BOTH = "both"
-    OBSTACLE_DISTANCE = "obstacle_distance"
-    DISTANCE_SENSOR = "distance_sensor"
 
+class MavlinkSender:
+    """Send verdicts as MAVLink messages over one link, and read what is heard on it.
 
-class WhenUnknown(StrEnum):
-    """Choices of what is sent for an unknown verdict, besides the heartbeat."""
-
-    SILENCE = "silence"
-    MESSAGE = "message"
-    """OBSTACLE_DISTANCE with every sector unknown: for PX4, not for ArduPilot."""
-
-
-@dataclass(frozen=True)
-class MavlinkOptions:
-    """Settings by which verdicts become distances, and the MAVLink ids of their sender.
-
-    Parameters
-    ----------
-    lens : Lens
-        Of the left camera, in water.
-    assumed_m : float
-        Metres to an obstacle whose distance nothing measured, and up to which a clear holds that
-        no stereo detector gave.
-    system, component : int
-        MAVLink's numbers of the sender.
-    messages : Messages
-    unknown : WhenUnknown
-
-    Raises
-    ------
-    ToktError
-        If a number is not one MAVLink has, or the distance is not 0.1 to 100 m.
+    A heartbeat goes out with the first report a second after the one before, CRITICAL where that is
+    unknown, such as while the loop hangs. The lens is the left camera's,
+    in water; `vehicle` is told what the autopilot says of itself; `tell` is given the event
+    ``mavlink_clash``. ToktError without pymavlink, or for an option that MAVLink does not have.
     """
 
-    lens: Lens
-    assumed_m: float = OutputConfig.mavlink_assumed_m
-    system: int = OutputConfig.mavlink_system
-    component: int = OutputConfig.mavlink_component
-    messages: Messages = Messages.BOTH
-    unknown: WhenUnknown = WhenUnknown.SILENCE
+    # Messages that the system took, those that it did not, and why not the last of these.
+    sent = property(attrgetter("_to.sent"))
+    failed = property(attrgetter("_to.failed"))
+    last_error = property(attrgetter("_to.last_error"))
 
-    def __post_init__(self) -> None:
-        if not 0.1 <= self.assumed_m <= 100:
-            raise ToktError(f"an assumed distance is 0.1 to 100 m, not {self.assumed_m:g}")
-        for name, number in (("system", self.system), ("component", self.component)):
-            if not 1 <= number <= 255:
-                raise ToktError(f"a MAVLink {name} is numbered 1 to 255, not {number}")
-
-
-def parse_device(text: str) -> tuple[str, int]:
-    """Read ``udpout:HOST:PORT``, as pymavlink and MAVProxy write a UDP address to send to.
-
-    Raises
-    ------
-    ToktError
-        If it is something else; another kind of link needs a router such as mavlink-router.
-    """
-    match = _DEVICE.fullmatch(text.strip())
-    if match is None:
-        raise ToktError(
-            f"not a MAVLink address: {text!r} (write udpout:HOST:PORT; what speaks MAVLink over "
-            "another link is reached through a MAVLink router)"
-        )
-    return parse_address(match[1])
-
-
-class MavlinkSender(DatagramSocket):
-    """Send verdicts as MAVLink messages to one address, one message a datagram.
-
-    A heartbeat goes out with the first report a second after the one before. It is no thread's
-    own: a loop that says nothing any more has no heartbeat either.
-
-    Parameters
-    ----------
-    host, port
-        As of `DatagramSocket`.
-    options : MavlinkOptions
-    clock : Clock
-        Its `monotonic` stamps the messages, as time since boot; what day it is does not matter.
-
-    Raises
-    ------
-    ToktError
-        If the host name is not known, or pymavlink is not installed.
-    """
-
-    def __init__(self, host: str, port: int, options: MavlinkOptions, clock: Clock) -> None:
-        try:
-            from pymavlink.dialects.v20 import common  # in version 2's framing
-        except ImportError:
-            wanted = "MAVLink needs the extra 'mavlink': pip install 'tokt[mavlink]'"
-            raise ToktError(wanted) from None
-        self._words: ModuleType = common
-        super().__init__(host, port)
-        self.options = options
-        self._clock = clock
-        self._heartbeat_due = -math.inf
+    def __init__(
+        self,
+        link: Link,
+        lens: Lens,
+        wanted: OutputConfig,
+        clock: Clock,
+        vehicle: VehicleState,
+        tell: Callable[[Event], None],
+    ) -> None:
+        check_mavlink(wanted)
+        self._words = mavlink_dialect()
+        self._to, self._lens, self._wanted = link, lens, wanted
+        self._clock, self._tell = clock, tell
+        self._heartbeat_due = self._values_due = -math.inf
+        self._values_status = UNKNOWN
         self._stamp_us = 0
-        # It numbers and frames what it is given, and writes that to this socket.
-        self._link = self._words.MAVLink(self, options.system, options.component)
+        # They number and frame what they are given, and write that to the link.
+        ids = wanted.mavlink_system, wanted.mavlink_component
+        self._link = self._pilot = self._words.MAVLink(link, *ids)
+        if wanted.mavlink_words_component not in (None, ids[1]):
+            self._pilot = self._words.MAVLink(link, ids[0], wanted.mavlink_words_component)
+        self._pilot_words = PilotWords()
+        self._reader = MavlinkReader(ids, link.whole, vehicle, self._clashed)
+        self._gaps = link.gaps
+        link.listen(self._reader.heard)
+
+    def close(self) -> None:
+        """Say that nothing more is said, and end the link."""
+        self._send_text(self._words.MAV_SEVERITY_WARNING, ENDED)
+        self._to.close()
+
+    def _clashed(self) -> None:
+        ids = f"system {self._wanted.mavlink_system}, component {self._wanted.mavlink_component}"
+        advice = "give one of the two another number (--mavlink-component)"
+        words = f"another MAVLink sender is {ids}, too: {advice}"
+        self._tell(Event(self._clock.time(), "mavlink_clash", words))
 
     def send(self, report: Report) -> None:
-        """Send what a report comes to in distances, and a heartbeat when one is due."""
-        now = self._clock.monotonic()
+        """Send what a report comes to in distances, words and figures, and a heartbeat when due."""
+        verdict, now = report.verdict, self._clock.monotonic()
         if now >= self._heartbeat_due:
             self._heartbeat_due = now + HEARTBEAT_S
-            self._send_heartbeat(report)
-        age_ms = report.age_ms or 0.0  # since the frame arrived, where that is known
-        known = math.isfinite(age_ms) and age_ms > 0
-        taken = max(now - age_ms / 1000, 0.0) if known else max(now, 0.0)
-        self._stamp_us = max(self._stamp_us, int(1e6 * taken))
-        ranges = ranges_of(report.verdict, self.options.lens, self.options.assumed_m)
-        if ranges is None:
-            self._tell_unknown()
-            return
-        # This order: ArduPilot keeps what the last of the two said of the sectors ahead.
-        if self.options.messages is not Messages.OBSTACLE_DISTANCE:
-            self._send_distance(ranges, report.verdict.mask_size)
-        if self.options.messages is not Messages.DISTANCE_SENSOR:
-            self._send_sectors(ranges.sectors, ranges.most)
+            self._send_heartbeat(verdict)
+        self._send_ranges(report, now)
+        if now >= self._values_due or verdict.status != self._values_status:
+            self._values_due, self._values_status = now + VALUES_S, verdict.status
+            self._send_values(verdict, now)
+        if (gaps := self._to.gaps + self._reader.met) != self._gaps:
+            self._gaps = gaps
+            self._pilot_words.tell_again()
+        text = self._pilot_words.due(verdict, now)
+        if text is not None:
+            words, is_clear = self._words, verdict.status == CLEAR
+            # Stations read warnings aloud: a clear is not to be relied on by ear.
+            severity = words.MAV_SEVERITY_INFO if is_clear else words.MAV_SEVERITY_WARNING
+            self._send_text(severity, text)
 
-    def _send_heartbeat(self, report: Report) -> None:
-        words = self._words
-        state = words.MAV_STATE_ACTIVE
-        if report.verdict.status == UNKNOWN:
-            starting = report.verdict.reason is Reason.NO_FRAME
+    def _send_heartbeat(self, verdict: Verdict) -> None:
+        words, state = self._words, self._words.MAV_STATE_ACTIVE
+        if verdict.status == UNKNOWN:
+            starting = verdict.reason is Reason.NO_FRAME
             state = words.MAV_STATE_BOOT if starting else words.MAV_STATE_CRITICAL
         kind, none = words.MAV_TYPE_ONBOARD_CONTROLLER, words.MAV_AUTOPILOT_INVALID
         self._link.heartbeat_send(kind, none, 0, 0, state)
 
-    def _tell_unknown(self) -> None:
-        by_message = self.options.unknown is WhenUnknown.MESSAGE
-        # DISTANCE_SENSOR is never sent: its quality "invalid" is read by no one but rangefinders.
-        if by_message and self.options.messages is not Messages.DISTANCE_SENSOR:
-            self._send_sectors(NOTHING_KNOWN, NEAREST_CM + 1)
+    def _send_text(self, severity: int, text: str) -> None:
+        self._pilot.statustext_send(severity, text.encode("ascii"))
 
-    def _send_sectors(self, sectors: tuple[int, ...], most_cm: int) -> None:
-        words = self._words
+    def _send_values(self, verdict: Verdict, now: float) -> None:
+        """Figures to plot, -1 where there is none: a station shows the last one for ever."""
+        figures = verdict.status, verdict.mean, verdict.distance_m
+        for name, value in zip((b"tokt_stat", b"tokt_mean", b"tokt_dist"), figures, strict=True):
+            number = _NO_VALUE if value is None or not 0 <= value < 1e9 else float(value)
+            self._pilot.named_value_float_send(int(1000 * now) % 2**32, name, number)
+
+    def _send_ranges(self, report: Report, now: float) -> None:
+        age_ms = report.age_ms or 0.0  # since the frame arrived, where that is known
+        known = math.isfinite(age_ms) and age_ms > 0
+        taken = max(now - age_ms / 1000, 0.0) if known else max(now, 0.0)
+        self._stamp_us = max(self._stamp_us, int(1e6 * taken))
+        ranges = ranges_of(report.verdict, self._lens, self._wanted.mavlink_assumed_m)
+        messages = self._wanted.mavlink_messages
+        if ranges is None:
+            if self._wanted.mavlink_unknown == "silence":
+                return
+            # DISTANCE_SENSOR says it never: its quality "invalid" only rangefinders read.
+            ranges = Ranges(0, NEAREST_CM + 1, NOTHING_KNOWN)
+        elif messages != "obstacle_distance":
+            # Before the other: ArduPilot keeps what the last of the two said of the sectors ahead.
+            self._send_distance(ranges, report.verdict.mask_size)
+        if messages != "distance_sensor":
+            self._send_sectors(ranges)
+
+    def _send_sectors(self, ranges: Ranges) -> None:
+        unknown, frame = self._words.MAV_DISTANCE_SENSOR_UNKNOWN, self._words.MAV_FRAME_BODY_FRD
+        sectors = ranges.sectors, int(SECTOR_DEG), NEAREST_CM, ranges.most
         self._link.obstacle_distance_send(
-            self._stamp_us,
-            words.MAV_DISTANCE_SENSOR_UNKNOWN,
-            sectors,
-            int(SECTOR_DEG),
-            NEAREST_CM,
-            most_cm,
-            increment_f=SECTOR_DEG,
-            angle_offset=0.0,
-            frame=words.MAV_FRAME_BODY_FRD,
+            *(self._stamp_us, unknown, *sectors), increment_f=SECTOR_DEG, frame=frame
         )
 
     def _send_distance(self, ranges: Ranges, mask_size: tuple[int, int] | None) -> None:
-        words, lens = self._words, self.options.lens
+        words, lens = self._words, self._lens
         height_deg = 0.0 if mask_size is None else lens.fov_deg(mask_size[0] / mask_size[1])
         self._link.distance_sensor_send(
-            self._stamp_us // 1000 % 2**32,
-            NEAREST_CM,
-            ranges.most,
-            ranges.nearest,
-            words.MAV_DISTANCE_SENSOR_UNKNOWN,
-            0,
-            words.MAV_SENSOR_ROTATION_NONE,
+            *(self._stamp_us // 1000 % 2**32, NEAREST_CM, ranges.most, ranges.nearest),
+            *(words.MAV_DISTANCE_SENSOR_UNKNOWN, 0, words.MAV_SENSOR_ROTATION_NONE),
             _VARIANCE_UNKNOWN,
             horizontal_fov=math.radians(lens.fov_deg()),
             vertical_fov=math.radians(height_deg),

@@ -4,16 +4,14 @@ Both formats are fixed in docs/udp.md. Unknown is never sent as clear: v1 has no
 sends nothing, so that LabVIEW's receive time-out acts; v2 sends status -1.
 """
 
-import ipaddress
 import json
 import math
 import re
-import socket
-import sys
 from typing import Any, NamedTuple
 
-from tokt.features.common.address import parse_address, resolve
-from tokt.features.common.errors import ToktError, os_words
+from tokt.features.common.address import parse_address
+from tokt.features.common.errors import ToktError
+from tokt.inference.links.datagrams import DatagramSocket
 from tokt.inference.report import FIRST, V1_FIELDS, V2, V2_FIELDS, Report
 from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Verdict
 
@@ -30,12 +28,9 @@ FORMATS = {"v1": 1, "v2": 2}
 
 
 def encode_v1(verdict: Verdict) -> bytes | None:
-    """One ASCII datagram of eight comma-separated fields, or None for what v1 cannot say.
+    """One ASCII datagram of eight comma-separated fields.
 
-    Returns
-    -------
-    bytes or None
-        None for an unknown verdict, and for a mean that is not finite.
+    None for what v1 cannot say: an unknown verdict, or a mean that is not finite.
     """
     if verdict.status not in (OBSTACLE, CLEAR) or verdict.x is None or verdict.y is None:
         return None
@@ -53,19 +48,10 @@ def encode_v2(report: Report) -> bytes:
 
 
 def decode(data: bytes) -> dict[str, Any]:
-    """Read a datagram of either format.
+    """Read a datagram of either format; ToktError if it is neither.
 
-    Returns
-    -------
-    dict
-        For v1 ``{"v": 1, "status", "x", "y", "mean"}``; for v2 exactly the fields of
-        `Report.fields`, whatever else its JSON object holds; what an older sender does not know
-        yet is None. Every number is finite.
-
-    Raises
-    ------
-    ToktError
-        If it is neither.
+    For v1 ``{"v": 1, "status", "x", "y", "mean"}``; for v2 exactly the fields of `Report.fields`,
+    whatever else it holds, None for what an older sender does not know. Every number is finite.
     """
     match = _V1.fullmatch(data)
     if match is not None:
@@ -89,27 +75,14 @@ def _contract_fields(value: Any) -> dict[str, Any]:
     if not isinstance(value, dict) or type(value.get("v")) is not int or value["v"] != V2:
         raise ToktError("not a tokt datagram: JSON, but not version 2")
     for each in V2_FIELDS:
-        kinds = (int, float) if each.kind is float else (each.kind,)
         # What was added later is not in the datagrams of older senders.
-        late = each.since > FIRST and each.name not in value
-        if not (late or _fits(value.get(each.name), kinds, each.nullable and each.name in value)):
+        empty = each.nullable if each.name in value else each.since > FIRST
+        field = value.get(each.name)
+        if not (empty if field is None else each.fits(field)):
             raise ToktError(f"not a tokt datagram: v2 with a wrong or missing {each.name!r}")
     if value["status"] not in (OBSTACLE, CLEAR, UNKNOWN):
         raise ToktError(f"not a tokt datagram: status {value['status']}")
     return {each.name: value.get(each.name) for each in V2_FIELDS}
-
-
-def _fits(field: Any, types: tuple[type, ...], optional: bool) -> bool:
-    if field is None:
-        return optional
-    if isinstance(field, bool) or not isinstance(field, types):
-        return False
-    if isinstance(field, list):
-        return len(field) == 4 and all(_fits(part, (int,), False) for part in field)
-    if isinstance(field, int | float):
-        # Neither NaN, nor infinite (1e999 is, to a JSON parser), nor whole but beyond any float.
-        return abs(field) <= sys.float_info.max
-    return True
 
 
 class Receiver(NamedTuple):
@@ -121,19 +94,7 @@ class Receiver(NamedTuple):
 
 
 def parse_receiver(text: str, version: int) -> Receiver:
-    """Read ``HOST:PORT``, or ``v1@HOST:PORT`` where a receiver has a format of its own.
-
-    Parameters
-    ----------
-    text : str
-    version : {1, 2}
-        The format of a receiver that names none.
-
-    Raises
-    ------
-    ToktError
-        If the address or the format is none.
-    """
+    """Read ``HOST:PORT``, or ``v1@HOST:PORT`` of a format of its own; ToktError if it is none."""
     format_, at, address = text.rpartition("@")
     if at:
         version = version_of(format_)
@@ -141,91 +102,14 @@ def parse_receiver(text: str, version: int) -> Receiver:
 
 
 def version_of(format_: str) -> int:
-    """The version that a format's name, such as ``v2``, stands for.
-
-    Raises
-    ------
-    ToktError
-        If there is no such format.
-    """
+    """The version that a format's name, such as ``v2``, stands for; ToktError if it is none."""
     if format_.strip() not in FORMATS:
         raise ToktError(f"unknown format {format_!r} (choose from {', '.join(FORMATS)})")
     return FORMATS[format_.strip()]
 
 
-class DatagramSocket:
-    """A socket for datagrams to one address, which never waits for the network.
-
-    It does not block and is not connected: an unreachable host, a cable that is out or a receiver
-    that is not running costs one failed call at most, and sending works again by itself when the
-    network does. What one receiver's network does touches no other's socket.
-
-    Parameters
-    ----------
-    host : str
-        Name or address. A name is looked up once, here: a look-up can take seconds, which no loop
-        that keeps a pilot informed has. A receiver whose address changes needs a new start.
-    port : int
-
-    Attributes
-    ----------
-    sent : int
-        Datagrams the operating system took. UDP does not tell whether anyone listens.
-    failed : int
-        Datagrams it refused (no route, full buffer, ...).
-    last_error : str
-        Why the last refused datagram was refused.
-
-    Raises
-    ------
-    ToktError
-        If the host name is not known, or is none that can be sent to.
-    """
-
-    def __init__(self, host: str, port: int) -> None:
-        self.sent = 0
-        self.failed = 0
-        self.last_error = ""
-        family, self._address = resolve(host, port)
-        receiver = ipaddress.ip_address(self._address[0])
-        if receiver.is_unspecified:
-            raise ToktError(f"{host} is an address to listen on: name the receiver's own")
-        if family is socket.AF_INET6 and receiver.is_link_local and not self._address[3]:
-            raise ToktError(f"{host} is on no network yet: add its name, such as [{host}%eth0]")
-        self._socket = socket.socket(family, socket.SOCK_DGRAM)
-        if family is socket.AF_INET:
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
-        self._socket.setblocking(False)
-
-    def write(self, data: bytes) -> None:
-        """Send one datagram, or count why not."""
-        try:
-            self._socket.sendto(data, self._address)
-        except OSError as error:
-            self.failed += 1
-            self.last_error = os_words(error)
-        else:
-            self.sent += 1
-
-    def close(self) -> None:
-        """Close the socket."""
-        self._socket.close()
-
-
 class UdpSender(DatagramSocket):
-    """Send every report to one address, in one of the formats.
-
-    Parameters
-    ----------
-    host, port
-        As of `DatagramSocket`.
-    version : {1, 2}
-
-    Raises
-    ------
-    ToktError
-        If the host name is not known.
-    """
+    """Send every report to one address, as v1 or v2; ToktError as of `DatagramSocket`."""
 
     def __init__(self, host: str, port: int, version: int) -> None:
         super().__init__(host, port)

@@ -17,6 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.calls import refuses
+from tokt.inference.links.vehicle import VehiclePlace
 from tokt.inference.outputs.udp import decode, encode_v1, encode_v2
 from tokt.inference.policy.temporal_cues import GROWING, Anchor, wholly_in_view
 from tokt.inference.reason import Fault, Reason
@@ -224,7 +225,8 @@ def test_no_v2_datagram_is_larger_than_labview_reads():
             *(far, "texture+disparity+pushbroom", f"{name}/{name}", words),
             *(far, far, Reason.DETECTOR_FAILED, None, "shrinking", *[far] * 5),
         )
-        data = encode_v2(Report(10**15, 412, far, far, verdict, far))
+        place = VehiclePlace(-9999.99, 359.9, -89.1234567, -179.1234567, 1234.5)
+        data = encode_v2(Report(10**15, 412, far, far, verdict, far, place=place))
         assert len(data) <= ETHERNET < MAX_SIZE
         health = decode(data)["health"]
         assert words.startswith(health) and len(health) >= HEALTH_BYTES // 12

@@ -16,18 +16,18 @@ from tests.inference.conftest import HandClock
 from tests.inference.live import BROADCAST, bound_socket, refuse
 from tests.tiers import scaled
 from tokt.inference.clock import Clock
+from tokt.inference.config import OutputConfig
+from tokt.inference.links.datagrams import UdpLink
+from tokt.inference.links.vehicle import VehicleState
 from tokt.inference.outputs.mavlink import (
     Lens,
-    MavlinkOptions,
     MavlinkSender,
-    Messages,
-    WhenUnknown,
+    check_mavlink,
     lens_of,
-    parse_device,
     ranges_of,
-    sectors_touching,
-    sectors_within,
+    sectors_of,
 )
+from tokt.inference.outputs.pilot_words import ENDED
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.report import Report
 from tokt.inference.stereo.calibration import StereoCalibration
@@ -36,6 +36,7 @@ from tokt.inference.verdict import Verdict, unknown_verdict, verdict_from_mask
 common = pytest.importorskip("pymavlink.dialects.v20.common")
 
 UNKNOWN = 65535
+WORDS = ("STATUSTEXT", "NAMED_VALUE_FLOAT")
 LENS = Lens.of_fov_deg(60)
 DARK = unknown_verdict(Fault(Reason.DARK, "left: too dark"))
 LEFT, AHEAD, RIGHT = slice(0, 60), slice(150, 210), slice(300, 360)
@@ -49,6 +50,12 @@ def seen(columns, method="texture", distance_m=None) -> Verdict:
     return verdict_from_mask(mask, method, None, distance_m)
 
 
+def sender_over(link, clock, vehicle=None, tell=lambda event: None, lens=LENS, **options):
+    """A sender with these of MAVLink's options."""
+    wanted = OutputConfig(**{f"mavlink_{name}": value for name, value in options.items()})
+    return MavlinkSender(link, lens, wanted, clock, vehicle or VehicleState(clock), tell)
+
+
 class Link:
     """A sender, and an autopilot's end of its line."""
 
@@ -56,18 +63,20 @@ class Link:
         self.receiver = receiver
         # What the last report sends ends with a datagram of this one, on the same way.
         self.marker = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.sender = MavlinkSender(*receiver.getsockname(), MavlinkOptions(LENS, **options), clock)
+        self.sender = sender_over(UdpLink(*receiver.getsockname()), clock, **options)
         self.parser = common.MAVLink(None)
         self.seq = 0
 
     def says(self, verdict: Verdict, age_ms: float | None = None) -> dict[str, Any]:
-        """The messages that a verdict comes to, by name."""
+        """The messages of distances that a verdict comes to, by name."""
         self.seq += 1
         self.sender.send(Report(self.seq, self.seq, 0.0, 1.0, verdict, age_ms))
         self.marker.sendto(b"end", self.receiver.getsockname())
         found = {}
         while (data := self.receiver.recv(4096)) != b"end":
             (message,) = self.parser.parse_buffer(data)
+            if message.get_type() in WORDS:  # tests/inference/outputs/test_pilot_words.py
+                continue
             assert message.get_type() not in found
             found[message.get_type()] = message
         return found
@@ -176,15 +185,15 @@ def test_unknown_is_silence_and_a_heartbeat(link, hand_clock):
 
 
 def test_unknown_as_a_message_is_unknown_everywhere(link):
-    said = link(unknown=WhenUnknown.MESSAGE).says(DARK)
+    said = link(unknown="message").says(DARK)
     assert set(said) == {"HEARTBEAT", "OBSTACLE_DISTANCE"}
     assert set(said["OBSTACLE_DISTANCE"].distances) == {UNKNOWN}
 
 
 def test_the_messages_can_be_chosen(link):
-    for messages in (Messages.OBSTACLE_DISTANCE, Messages.DISTANCE_SENSOR):
-        assert set(link(messages=messages).says(seen(None))) == {"HEARTBEAT", messages.name}
-    alone = link(messages=Messages.DISTANCE_SENSOR, unknown=WhenUnknown.MESSAGE)
+    for messages in ("obstacle_distance", "distance_sensor"):
+        assert set(link(messages=messages).says(seen(None))) == {"HEARTBEAT", messages.upper()}
+    alone = link(messages="distance_sensor", unknown="message")
     assert set(alone.says(DARK)) == {"HEARTBEAT"}
 
 
@@ -220,7 +229,8 @@ def test_times_count_from_boot_and_never_step_back(link, hand_clock):
 def test_messages_are_numbered_for_the_receiver(link):
     wire = link()
     numbers = [message.get_seq() for _ in range(2) for message in wire.says(seen(None)).values()]
-    assert numbers == [0, 1, 2, 3, 4]
+    # After the first three: three figures and a line of words.
+    assert numbers == [0, 1, 2, 7, 8]
 
 
 anything = st.floats(allow_nan=True, allow_infinity=True) | st.floats(0, 20)
@@ -240,13 +250,20 @@ verdicts = st.builds(
 
 
 @settings(max_examples=scaled(80))
-@given(verdicts, anything, st.sampled_from(WhenUnknown), st.floats(0.1, 100), st.floats(10, 170))
+@given(
+    verdicts,
+    anything,
+    st.sampled_from(["silence", "message"]),
+    st.floats(0.1, 100),
+    st.floats(10, 170),
+)
 def test_unknown_is_never_no_obstacle_and_an_obstacle_always_one(
     verdict, age_ms, unknown, assumed_m, fov_deg
 ):
     with bound_socket() as receiver:
-        options = MavlinkOptions(Lens.of_fov_deg(fov_deg), assumed_m, unknown=unknown)
-        sender = MavlinkSender(*receiver.getsockname(), options, HandClock())
+        options = {"assumed_m": assumed_m, "unknown": unknown}
+        link, lens = UdpLink(*receiver.getsockname()), Lens.of_fov_deg(fov_deg)
+        sender = sender_over(link, HandClock(), lens=lens, **options)
         sender.send(Report(1, 1, 0.0, 1.0, verdict, age_ms))
         sender.close()
         said = {}
@@ -280,11 +297,11 @@ def test_an_obstacle_s_sectors_hold_all_of_its_box(x0, width, fov_deg):
 
 
 def test_sectors_of_a_range_of_angles():
-    assert sectors_touching(-1, 1) == [0]
-    assert sectors_touching(-7, 3) == [71, 0, 1]
-    assert sectors_within(-7.5, 7.5) == [71, 0, 1]
-    assert sectors_within(-7.4, 7.5) == [0, 1]
-    assert sectors_within(-2, 2) == []
+    assert sectors_of(-1, 1, wholly=False) == [0]
+    assert sectors_of(-7, 3, wholly=False) == [71, 0, 1]
+    assert sectors_of(-7.5, 7.5, wholly=True) == [71, 0, 1]
+    assert sectors_of(-7.4, 7.5, wholly=True) == [0, 1]
+    assert sectors_of(-2, 2, wholly=True) == []
 
 
 def test_the_lens_of_a_calibration_is_its_left_camera_s():
@@ -303,30 +320,30 @@ def test_the_lens_of_a_calibration_is_its_left_camera_s():
 def test_angles_of_view_and_options_that_are_none():
     for fov_deg in (0, 9.9, 171, -60, math.nan):
         refuses("field of view", Lens.of_fov_deg, fov_deg)
-    for assumed_m in (0.0, math.nan):
-        refuses("assumed distance", MavlinkOptions, LENS, assumed_m=assumed_m)
-    refuses("system is numbered", MavlinkOptions, LENS, system=0)
-    refuses("component is numbered", MavlinkOptions, LENS, component=256)
-
-
-def test_devices():
-    assert parse_device("udpout:192.168.2.2:14550") == ("192.168.2.2", 14550)
-    assert parse_device(" udpout:[::1]:9 ") == ("::1", 9)
-    for text in ("192.168.2.2:14550", "udpin:0.0.0.0:14550", "tcp:1.2.3.4:5", "/dev/ttyUSB0", ""):
-        refuses("udpout:HOST:PORT", parse_device, text)
-    refuses("not an address", parse_device, "udpout:here")
+    for words, name, value in (
+        *(("assumed distance", "assumed_m", metres) for metres in (0.0, 101, math.nan)),
+        ("--mavlink-system is 1 to 255", "system", 0),
+        ("--mavlink-component is 1 to 255", "component", 256),
+        ("--mavlink-component 1 is the autopilot", "component", 1),
+        ("--mavlink-words-component is 1 to 255", "words_component", 0),
+        ("--mavlink-messages is both or ", "messages", "all"),
+        ("--mavlink-unknown is silence or message", "unknown", ""),
+    ):
+        refuses(words, check_mavlink, OutputConfig(**{f"mavlink_{name}": value}))
 
 
 def test_a_receiver_that_is_not_there_costs_nothing(closed_port):
     clock = HandClock()
-    sender = MavlinkSender("127.0.0.1", closed_port, MavlinkOptions(LENS), clock)
-    refused = MavlinkSender(BROADCAST, 9, MavlinkOptions(LENS), clock)
-    refuse(refused)
+    sender = sender_over(UdpLink("127.0.0.1", closed_port), clock)
+    broadcast = UdpLink(BROADCAST, 9)
+    refused = sender_over(broadcast, clock)
+    refuse(broadcast)
     for _ in range(10):
         sender.send(Report(1, 1, 0.0, 1.0, seen(AHEAD)))
         refused.send(Report(1, 1, 0.0, 1.0, seen(AHEAD)))
-    assert sender.sent + sender.failed == 21 and clock.slept == []  # a heartbeat and ten times two
-    assert (refused.sent, refused.failed) == (0, 21) and refused.last_error
+    # A heartbeat, three figures, a line of words, and ten times two.
+    assert sender.sent + sender.failed == 25 and clock.slept == []
+    assert (refused.sent, refused.failed) == (0, 25) and refused.last_error
     sender.close()
     refused.close()
 
@@ -336,10 +353,11 @@ def test_without_pymavlink_the_extra_is_named(tmp_path):
     program = (
         "from tokt.features.common.errors import ToktError\n"
         "from tokt.inference.clock import SYSTEM_CLOCK\n"
-        "from tokt.inference.outputs.mavlink import Lens\n"
-        "from tokt.inference.outputs.mavlink import MavlinkOptions, MavlinkSender\n"
+        "from tokt.inference.config import OutputConfig\n"
+        "from tokt.inference.outputs.mavlink import Lens, MavlinkSender\n"
         "try:\n"
-        "    MavlinkSender('127.0.0.1', 9, MavlinkOptions(Lens.of_fov_deg(60)), SYSTEM_CLOCK)\n"
+        "    lens, wanted = Lens.of_fov_deg(60), OutputConfig()\n"
+        "    MavlinkSender(None, lens, wanted, SYSTEM_CLOCK, None, print)\n"
         "except ToktError as error:\n"
         "    print(error)\n"
     )
@@ -357,9 +375,16 @@ def test_the_command_sends_what_the_frames_show(make_mission, bundle_file, recei
         *("--mavlink-messages", "obstacle_distance", "--mavlink-assumed-m", "2"),
     )
     assert done.returncode == 0, done.stderr
-    parser = common.MAVLink(None)
-    beat, left, right, water = (parser.parse_buffer(receiver.recv(4096))[0] for _ in range(4))
+    parser, said = common.MAVLink(None), []
+    while not said or getattr(said[-1], "text", "") != ENDED:
+        (message,) = parser.parse_buffer(receiver.recv(4096))
+        said.append(message)
+    beat, left, right, water = (one for one in said if one.get_type() not in WORDS)
     assert beat.get_type() == "HEARTBEAT"
+    texts = [one.text for one in said if one.get_type() == "STATUSTEXT"]
+    # Whether more is told hangs on how long the run takes.
+    del texts[1:-1]
+    assert texts == ["tokt: obstacle on the left", ENDED]
     assert ahead_of(left.distances, -30, 30) == [199] * 2 + [UNKNOWN] * 11
     assert ahead_of(right.distances, -30, 30) == [UNKNOWN] * 11 + [199] * 2
     assert ahead_of(water.distances, -25, 25) == [201] * 11
