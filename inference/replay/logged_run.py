@@ -1,7 +1,7 @@
 """A run as its log or its recording tells it: its beginning, and its frames one by one."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -85,7 +85,7 @@ class LoggedRun:
         model, exchanged = self.start.model, 0
         continuity = _Recorded() if self.recorded else _Logged()
         gaps: list[LogGap] = []
-        for line in _lines(self.path, self.run, gaps):
+        for line in logged_lines(self.path, self.run, gaps):
             if "event" in line:
                 if line["event"] == MODEL:
                     model, exchanged = _model(line, str(self.path)), exchanged + 1
@@ -124,7 +124,7 @@ def open_run(path: Path, run: str | None = None) -> LoggedRun:
         raise ToktError(f"{path} has no run {run} (it has {', '.join(starts)})")
     first = starts[run].model
     named = ([] if first is None else [first]) + models.get(run, [])
-    frames = sum(_is_frame(line) for line in _lines(path, run, []))
+    frames = sum(_is_frame(line) for line in logged_lines(path, run, []))
     others = tuple(other for other in starts if other != run)
     return LoggedRun(path, run, starts[run], tuple(dict.fromkeys(named)), frames, others)
 
@@ -162,13 +162,24 @@ def _events(path: Path) -> Iterator[dict[str, Any]]:
     yield from read_log(events)
 
 
-def _lines(path: Path, run: str, gaps: list[LogGap]) -> Iterator[dict[str, Any]]:
-    """A run's lines: events that come before a frame's line happened before it."""
+def logged_lines(
+    path: Path,
+    run: str | None,
+    gaps: list[LogGap],
+    sound: Callable[[dict[str, Any]], bool] = lambda _: True,
+) -> Iterator[dict[str, Any]]:
+    """A run's lines, or all runs', that are sound, each event before a frame that came after it.
+
+    Without its events a log has only the others.
+    """
+
+    def kept(lines: Iterator[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+        return (line for line in lines if run in (None, line.get("run")) and sound(line))
+
     if is_recording(path):
-        lines = read_recording(path, gaps)
-    else:
-        lines = _merged(list(_events(path)), read_log(path, gaps))
-    return (line for line in lines if line.get("run") == run)
+        return kept(read_recording(path, gaps))
+    events = [] if path.is_file() and not events_path(path).exists() else list(kept(_events(path)))
+    return _merged(events, kept(read_log(path, gaps)))
 
 
 def _merged(
@@ -184,6 +195,8 @@ def _merged(
         while due and _is_frame(line) and _whole(due[0], "seq") < _whole(line, "seq"):
             yield due.pop(0)
         yield line
+    for rest in waiting.values():
+        yield from rest
 
 
 def _is_frame(line: Mapping[str, Any]) -> bool:

@@ -25,16 +25,16 @@ from typing import Any
 
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
-from tokt.features.frames.mission import LEFT, RIGHT, Mission
+from tokt.features.frames.mission import LEFT, RIGHT, Mission, open_mission
 from tokt.inference.clock import FixedStopwatch
 from tokt.inference.frame import MANY_MISSED, Frame, pixel_mark
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.policy.temporal_cues import HORIZON_S, Anchor
 from tokt.inference.publisher import mark_overloaded, mark_stale
-from tokt.inference.reason import Fault
+from tokt.inference.reason import NO_FAULT, Fault
 from tokt.inference.recording.run_log import json_values
-from tokt.inference.recording.run_start import ModelName
+from tokt.inference.recording.run_start import ModelName, RunStart
 from tokt.inference.report import Report
 from tokt.inference.sources.files import read_picture
 from tokt.inference.texture.detector import TextureDetector
@@ -42,12 +42,48 @@ from tokt.inference.verdict import STATUS_WORDS, TEXTURE, status_table
 from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.models.store.store import Store
 
-from .logged_run import TREND, VERDICT, LoggedFrame, LoggedRun
+from .logged_run import TREND, VERDICT, LoggedFrame, LoggedRun, is_recording
 
 VALUES = "decision_values"
 NOT_SHOWN = "its pictures are not there"
 CHANGED = "its pictures are not those that were judged"
 BEFORE = "what came before it is not known"
+
+
+def judged_picture(
+    mission: Mission, number: int, camera: str, pixel_format: str | None, mark: str
+) -> tuple[U8 | None, str]:
+    """The picture of a frame whose log has this mark, or why it is not shown."""
+    picture, _ = read_picture(mission, number, camera, pixel_format)
+    if picture is None:
+        return None, NOT_SHOWN
+    return (picture, "") if pixel_mark(picture) == mark else (None, CHANGED)
+
+
+def pictures_of(
+    log: Path, run: str, start: RunStart | None, source: Path | None
+) -> tuple[Mission, str | None]:
+    """Where a run's pictures are, and how they hold pixels: a recording, as they were judged.
+
+    They are in `source`, beside a recording's own log, where the run had them from, or in its
+    recording.
+
+    Raises
+    ------
+    ToktError
+        If they are not there.
+    """
+    place = source or (log if is_recording(log) else None)
+    if place is None:
+        known = start and (Path(start.source), Path(start.record or start.source, run))
+        place = next((each for each in known or () if each.exists()), None)
+    if place is None:
+        raise ToktError(
+            f"the pictures of {start.source if start else run} are not there: say where they are, "
+            "or where a recording of the run is (--source FOLDER)"
+        )
+    raw = None if start is None or is_recording(place) else start.pixel_format
+    return open_mission(place), raw
 
 
 @dataclass(frozen=True)
@@ -138,12 +174,11 @@ class Replay:
             if isinstance(then, Fault):
                 pictures.append((None, then))
                 continue
-            picture, fault = read_picture(self.mission, logged.number, camera, self.pixel_format)
+            where = self.mission, logged.number, camera, self.pixel_format
+            picture, why_not = judged_picture(*where, then)
             if picture is None:
-                return None, NOT_SHOWN
-            if pixel_mark(picture) != then:
-                return None, CHANGED
-            pictures.append((picture, fault))
+                return None, why_not
+            pictures.append((picture, NO_FAULT))
         (left, left_fault), (right, right_fault) = pictures
         views = left, right, left_fault, right_fault
         return Frame(logged.number, logged.t, *views, logged.missed, timed=logged.timed), ""
@@ -340,7 +375,7 @@ def models_of_run(run: LoggedRun, store: Path | None = None) -> dict[str, Bundle
         If one is not there any more, or fails its checks.
     """
     place = store or (Path(run.start.models_from) if run.start.models_from else None)
-    return {name.sha256: _found(name, place) for name in run.models}
+    return {name.sha256: model_of(name, place) for name in run.models}
 
 
 def model_named(place: Path) -> Bundle:
@@ -354,7 +389,8 @@ def model_named(place: Path) -> Bundle:
     return Store(place).active() if place.is_dir() else read_bundle(place)
 
 
-def _found(name: ModelName, place: Path | None) -> Bundle:
+def model_of(name: ModelName, place: Path | None) -> Bundle:
+    """The model of this name, of a bundle file or a store; ToktError if it is not there."""
     if place is None:
         raise ToktError(f"where model {name.label} is the log does not say (--store STORE)")
     if place.is_dir():

@@ -323,7 +323,8 @@ def test_a_recording_is_compared_where_enough_of_it_is_known(
     for number in range(1, 17):
         picture = draw_frame([(4, 4)] if number in (1, 2, 11, 12, 13) else [], number)
         cv2.imwrite(str(folder / f"t_{number}.png"), picture)
-    start = texture_start(folder, ruled, model_note="the last good model")
+    record = str(tmp_path / "kept")
+    start = texture_start(folder, ruled, model_note="the last good model", record=record)
 
     def recorder(run: str) -> list[Observer]:
         disk = DiskLimits(most_mb=100.0, reserve_mb=0.0)
@@ -342,6 +343,7 @@ def test_a_recording_is_compared_where_enough_of_it_is_known(
     assert found["not_compared"] == before and found["same"]
     # The log with the recording's pictures: what was not recorded is not there.
     found = replayed(log, "--source", kept, code=1)
+    assert found == replayed(log, code=1)
     assert found["compared"] == found["same_to_the_bit"] == 10
     assert found["not_compared"] == {"its pictures are not there": 4, **before}
     blind = variant(ruled, tmp_path / "blind.tokt", 10.0, TWO_OF_THREE)
