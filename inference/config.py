@@ -17,6 +17,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, Self, get_args, get_origin
 
+from tokt.features.common.address import without_credentials
 from tokt.features.common.errors import ToktError, os_errors_as
 
 STALE_S = 0.5
@@ -29,7 +30,9 @@ MATCHERS = (BM, SGBM)
 DEFAULT_SCALE = 0.5
 """Width of the views that are matched over the frames' width."""
 
-CAMERAS = "live cameras (--source pymba:ID or genicam:ID)"
+CAMERAS = "live cameras (--source pymba:ID, vimbax:ID or genicam:ID)"
+VIDEO = "network video and USB cameras"
+LIVE = "live cameras and network video"
 FILES = "recorded frames"
 PICTURES = "recorded frames and live cameras"
 REAL_TIME = "live cameras, or recorded frames with --rate"
@@ -136,8 +139,10 @@ class SourceConfig:
 
     source: str = option(
         "",
-        "Required. A folder of frames, a video file, live cameras (pymba:ID or genicam:ID, for two "
-        "pymba:LEFT,RIGHT), or another program's frames: stream:HOST:PORT (docs/closed_loop.md).",
+        "Required. A folder of frames, a video file, network video (rtsp://HOST/PATH, "
+        "rtp://:5600, udp://:PORT, http://HOST/PATH), a USB camera (v4l2:/dev/video0), live "
+        "cameras (pymba:ID, vimbax:ID or genicam:ID; two: LEFT,RIGHT), or another program's "
+        "frames (stream:HOST:PORT).",
         logged="source",
     )
     frames: str | None = option(None, "Only these frames, such as 61-80,141-160.", only=FILES)
@@ -162,7 +167,18 @@ class SourceConfig:
     camera_rate: float | None = option(None, "Live cameras: frame rate.", "frames/s", only=CAMERAS)
     trigger: str | None = option(None, "Live cameras: trigger, such as Line1.", only=CAMERAS)
     ptp: bool = option(False, "Live cameras: synchronise their clocks by PTP.", only=CAMERAS)
-    wait: bool = option(False, "Live cameras: wait until they are there.", only=CAMERAS)
+    wait: bool = option(False, "Wait until the cameras or streams are there.", only=LIVE)
+    split: str | None = option(
+        None, "Each picture holds both cameras' views: left-right.", only=VIDEO
+    )
+    nmea: str | None = option(
+        None,
+        "Where the vehicle is, by NMEA: udpin:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[:BAUD].",
+        metavar="LINK",
+    )
+    nmea_dpt: bool = option(
+        False, "DPT sentences tell the vehicle's own depth, not the water's.", needs=("nmea",)
+    )
 
 
 @dataclass(frozen=True)
@@ -241,7 +257,10 @@ class OutputConfig:
         STALE_S, "After this long without a verdict, unknown is sent.", "s", only=REAL_TIME
     )
     mavlink: list[str] | None = option(
-        None, "Also send MAVLink there. Repeatable.", metavar="udpout:HOST:PORT"
+        None,
+        "Also speak MAVLink there: udpout:HOST:PORT, udpin:HOST:PORT, tcp:HOST:PORT or "
+        "serial:DEVICE[:BAUD]. Repeatable.",
+        metavar="LINK",
     )
     camera_fov_deg: float | None = option(
         None, "MAVLink: the left camera's horizontal field of view in water.", "deg", needs=_MAVLINK
@@ -253,6 +272,11 @@ class OutputConfig:
     )
     mavlink_system: int = option(1, "MAVLink: system ID.", needs=_MAVLINK)
     mavlink_component: int = option(196, "MAVLink: component ID.", needs=_MAVLINK)
+    mavlink_words_component: int | None = option(
+        None,
+        "MAVLink: component ID of the words for the pilot. 1 for Cockpit. Default: the same.",
+        needs=_MAVLINK,
+    )
     mavlink_messages: str = option(
         "both", "MAVLink: both, obstacle_distance or distance_sensor.", needs=_MAVLINK
     )
@@ -267,6 +291,20 @@ class MonitoringConfig:
 
     metrics: str | None = option(
         None, "Serve Prometheus metrics on this port, or HOST:PORT.", metavar="PORT"
+    )
+    view: int | None = option(
+        None,
+        "Show what the run sees on this port: a page and an MJPEG stream (docs/view.md).",
+        metavar="PORT",
+    )
+    view_host: str | None = option(
+        None,
+        "Show it on this address, to whoever has the token. Default: this computer alone.",
+        metavar="HOST",
+        needs=("view",),
+    )
+    view_record: Path | None = option(
+        None, "Record what the view shows as a video, .mp4.", metavar="FILE", only=REAL_TIME
     )
     watchdog: bool = option(False, "Run supervised; restart on crash or hang.")
     json: bool = option(False, "Print a summary as one JSON object at the end.")
@@ -345,7 +383,8 @@ class RunConfig:
             lines += ["", f"[{section}]"]
             for each in options:
                 given, value = each.name in self.given, self.value(each.name)
-                text = _toml(value) if given or value else each.place or "..."
+                shown = without_credentials(value) if each.name == "source" else value
+                text = _toml(shown) if given or value else each.place or "..."
                 lines.append(f"{'' if given else '# '}{each.key} = {text}  # {each.text}")
         return "\n".join(lines) + "\n"
 

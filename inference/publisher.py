@@ -6,10 +6,11 @@ such as while a detector hangs. One lock keeps their reports in order.
 
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from tokt.inference.links.vehicle import VehiclePlace
 from tokt.inference.policy.policy import Judgement
 
 from .clock import Clock
@@ -25,9 +26,17 @@ _KEPT_HEARTBEATS = 1000
 class Sender(Protocol):
     """A receiver of reports, such as a UDP socket."""
 
-    sent: int
-    failed: int
-    last_error: str
+    @property
+    def sent(self) -> int:
+        """Datagrams or messages that went out."""
+
+    @property
+    def failed(self) -> int:
+        """Those that did not."""
+
+    @property
+    def last_error(self) -> str:
+        """Why the last of these did not."""
 
     def send(self, report: Report) -> None:
         """Pass a report on; never waits and never raises for what the network does."""
@@ -39,17 +48,8 @@ class Sender(Protocol):
 def mark_stale(verdict: Verdict, age_s: float, judging_s: float, stale_s: float) -> Verdict:
     """The same verdict while its frame is young; a clear of an old one is unknown.
 
-    An old obstacle stays one, and says so.
-
-    Parameters
-    ----------
-    verdict : Verdict
-    age_s : float
-        Seconds since the frame arrived.
-    judging_s : float
-        Seconds of them that it was being judged.
-    stale_s : float
-        Age in seconds that is old.
+    An old obstacle stays one, and says so. In seconds: `age_s` since the frame arrived,
+    `judging_s` of them that it was being judged, `stale_s` that are old.
     """
     if age_s <= stale_s or verdict.status not in (CLEAR, OBSTACLE):
         return verdict
@@ -82,6 +82,7 @@ class ReportPublisher:
     clock: Clock
     limits: Limits
     live: bool
+    place: Callable[[], VehiclePlace] = VehiclePlace  # where the vehicle is
 
     def __post_init__(self) -> None:
         self._lock = threading.Lock()
@@ -110,7 +111,8 @@ class ReportPublisher:
             self._judging_since, self._judged_s = None, now
             latency_ms, age_ms = _ms(judging_s), _ms(age_s)
             seq, number = self._seq + 1, frame.number
-            report = Report(seq, number, frame.t, latency_ms, verdict, age_ms, left_out)
+            place = self.place()
+            report = Report(seq, number, frame.t, latency_ms, verdict, age_ms, left_out, place)
             return self._send(report, now)
 
     def heartbeat(self) -> None:
@@ -123,7 +125,8 @@ class ReportPublisher:
             if frame is not None:
                 t, age_s = frame.t, None if frame.arrived is None else now - frame.arrived
             verdict = unknown_verdict(self._silence_fault(now))
-            report = Report(self._seq + 1, None, t, None, verdict, _ms(age_s))
+            place = self.place()
+            report = Report(self._seq + 1, None, t, None, verdict, _ms(age_s), place=place)
             self._heartbeats.append(self._send(report, now))
 
     def heartbeats(self) -> list[Report]:
@@ -162,15 +165,9 @@ class Observer:
     """
 
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
-        """A frame has its verdict.
+        """A frame has its verdict; its pictures are not to be written to.
 
-        Parameters
-        ----------
-        frame : Frame
-            As it was judged; its pictures are not to be written to.
-        judgement : Judgement
-        report : Report
-            What was sent; its verdict may differ from the judgement's, as a late clear is unknown.
+        What was sent, the report's, may differ from the judgement's: a late clear is unknown.
         """
 
     def heartbeat(self, report: Report) -> None:

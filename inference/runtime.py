@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from tokt.inference.links.vehicle import VehiclePlace
 from tokt.inference.policy.policy import Policy
 
 from .clock import Clock
@@ -166,40 +167,29 @@ class Summary:
 class Runtime:
     """Judge the frames of a source and tell about each.
 
-    Parameters
-    ----------
-    source : Source
-    policy : Policy
-    senders : sequence of Sender
-    clock : Clock
-        Durations come from its `monotonic`.
-    observers : sequence of Observer
-        Told after the senders, in this order, by the loop's thread.
-    limits : Limits
-    events : EventQueue
-        Passed on to the observers between two frames.
-    between : callable
-        Called between two frames, such as to exchange the model; gives what there is to tell before
-        the next one.
-    alive : callable
-        Called each time the loop comes round, at least every `POLL_S` seconds unless a frame is
-        being judged: what a watchdog goes by.
+    Observers are told after the senders, in their order, by the loop's thread. `between` two frames
+    the model is exchanged; it gives what there is to tell before the next one. `alive` is called
+    each time the loop comes round, at least every `POLL_S` seconds unless a frame is being judged:
+    what a watchdog goes by. `place` gives where the vehicle is, for any thread.
     """
 
     source: Source
     policy: Policy
     senders: Sequence[Sender]
-    clock: Clock
+    clock: Clock  # durations come from its `monotonic`
     observers: Sequence[Observer] = ()
     limits: Limits = Limits()  # noqa: RUF009 - frozen
-    events: EventQueue = field(default_factory=EventQueue)
+    events: EventQueue = field(default_factory=EventQueue)  # passed on between two frames
     between: Callable[[], Sequence[Event]] = tuple
     alive: Callable[[], None] = lambda: None
+    place: Callable[[], VehiclePlace] = VehiclePlace
 
     def __post_init__(self) -> None:
         self._stuck_frames = StuckFrameDetector(self.limits)
         self._suspend = SuspendDetector(self.clock, self.limits)
-        self._publisher = ReportPublisher(self.senders, self.clock, self.limits, self.source.live)
+        self._publisher = ReportPublisher(
+            self.senders, self.clock, self.limits, self.source.live, self.place
+        )
         self._heartbeat_alive: Callable[[], bool] = lambda: True
 
     def run(self) -> Summary:

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F64, U8
+from tokt.features.frames.grid import Grid
 from tokt.models import operating_point
 
 from .frame import Frame
@@ -56,6 +57,8 @@ class Detection:
         What the decision values come from.
     boundary : float or None
         Where water ended in this frame, where that moves (`tokt.models.water`).
+    grid : Grid or None
+        Of the patches that the mask is painted from, where it is.
     fault : Fault
         Why the frame could not be judged; empty when it was.
     vetoes_clear : bool
@@ -75,6 +78,7 @@ class Detection:
     decision_values: F64 | None = None
     features: F64 | None = None
     boundary: float | None = None
+    grid: Grid | None = None
     fault: Fault = NO_FAULT
     vetoes_clear: bool = False
     note: str = ""

@@ -148,6 +148,9 @@ class RunCollector:
         for name, words in _CAMERA_COUNTS.items():
             values = _by_name({side: getattr(counts, name) for side, counts in sides})
             yield _counter(f"camera_{name}", words, values, "camera")
+        drivers = zip(("left", "right"), self.cameras.drivers, strict=False)
+        failures = _by_name({side: driver.failures for side, driver in drivers})
+        yield _counter("camera_failures", "Captures lost to an error.", failures, "camera")
         back = self.counts.events.get("camera_back", 0)
         yield _counter("camera_reconnects", "Lost cameras that came back.", back)
 

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from tokt.features.common.arrays import F64, U8
+from tokt.features.frames.grid import Grid
 from tokt.inference.clock import SYSTEM_STOPWATCH, Stopwatch
 from tokt.inference.frame import Frame
 from tokt.inference.reason import Fault, Reason
@@ -49,6 +50,8 @@ class Judgement:
         Seconds that the texture detector took, where the verdict depends on it.
     boundary : float or None
         As of `Detection`.
+    mask, grid
+        As of `Detection`.
     """
 
     verdict: Verdict
@@ -56,6 +59,8 @@ class Judgement:
     features: F64 | None = None
     texture_s: float | None = None
     boundary: float | None = None
+    mask: U8 | None = None
+    grid: Grid | None = None
 
 
 class Policy(Protocol):
@@ -90,7 +95,7 @@ def _judgement(detection: Detection, health: str, reason: Reason) -> Judgement:
     return Judgement(whole, **behind)
 
 
-_BEHIND = ("decision_values", "features", "boundary")
+_BEHIND = ("decision_values", "features", "boundary", "mask", "grid")
 """What a judgement has of a detection besides its verdict."""
 
 

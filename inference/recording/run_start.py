@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Self
 
@@ -13,6 +12,7 @@ import cv2
 import numpy as np
 
 from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.common.machine import installed_version
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.inference.config import Limits, RunConfig
 
@@ -54,12 +54,8 @@ def used_file(path: Path) -> UsedFile:
 
 def software() -> dict[str, str]:
     """What computes a verdict on this machine, besides model and calibration."""
-    try:
-        tokt = version("tokt")
-    except PackageNotFoundError:
-        tokt = "not installed"
     return {
-        "tokt": tokt,
+        "tokt": installed_version("tokt") or "not installed",
         "kernels": KERNELS.name,
         "numpy": np.__version__,
         "opencv": cv2.__version__,

@@ -72,7 +72,7 @@ Notice = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Reading:
+class StoreReading:
     """The pointer and the history as read, and what is wrong with them.
 
     `last_number` is the highest one that may have been given, by a damaged line as well.
@@ -249,7 +249,7 @@ class Store:
             raise ToktError(reading.damage[0])
         return reading.entries
 
-    def read(self) -> Reading:
+    def read(self) -> StoreReading:
         """Both files, with whatever is damaged in them; ToktError if a newer tokt wrote them."""
         lines = self._history_bytes().splitlines()
         entries: list[Activation] = []
@@ -275,7 +275,7 @@ class Store:
             if not entries or entries[-1].number < active.number:
                 entries.append(active)
             last_number = max(last_number, active.number)
-        return Reading(active, pointer_damage, entries, list(damage.values()), last_number)
+        return StoreReading(active, pointer_damage, entries, list(damage.values()), last_number)
 
     def rollback_stack(self) -> RollbackStack:
         """The models a runtime may go back to; a lost pointer is read from its copy.
@@ -415,7 +415,7 @@ class Store:
             signed_by = self.trusted_keys().check(bundle.data, f"model {bundle.label}")
             return self._activate(bundle, "rollback", reason, reading, signed_by, notice)
 
-    def _goal(self, reading: Reading, to: str) -> Activation:
+    def _goal(self, reading: StoreReading, to: str) -> Activation:
         """The entry whose model is to be active again."""
         if to:
             try:
@@ -437,7 +437,7 @@ class Store:
         bundle: Bundle,
         action: str,
         reason: str,
-        reading: Reading,
+        reading: StoreReading,
         signed_by: str,
         notice: Notice,
     ) -> Activation:

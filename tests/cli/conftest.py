@@ -3,6 +3,7 @@
 import pytest
 
 from tests.calls import run_python
+from tests.inference.sources.video.v4l2_device import device, stand_in  # noqa: F401
 
 
 def without(modules, folder, *arguments, **environment):

@@ -15,6 +15,7 @@ import pytest
 
 from tests.calls import free_port, refuses, run_python, succeeds
 from tests.features.kernels.each_kernel import changed
+from tokt.cli import doctor as doctor_module
 from tokt.cli.doctor import missing_packages
 from tokt.features.common import atomic
 from tokt.features.common.sqlite_copy import copy_database
@@ -374,3 +375,9 @@ def test_a_camera_library_that_is_none(tmp_path, monkeypatch):
 def test_no_pymba_is_a_note(monkeypatch):
     monkeypatch.setattr(sys, "path", [entry for entry in sys.path if "site-packages" not in entry])
     assert camera_driver_finding().text.startswith("no pymba")
+
+
+def test_the_extra_for_video_names_ffmpeg(monkeypatch):
+    assert re.fullmatch(r"PyAV \d.* with FFmpeg \S+, aiortsp \d.*", doctor_module._video().text)
+    monkeypatch.setattr(doctor_module, "missing_packages", lambda *_: ["av"])
+    assert "pip install 'tokt[video]'" in doctor_module._video().text

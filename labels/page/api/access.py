@@ -9,26 +9,21 @@ computer, or another computer, can send anything: so a request must show the tok
 import hashlib
 import hmac
 import ipaddress
-import os
 import re
-import secrets
-from contextlib import suppress
 from dataclasses import dataclass, field
 from http.cookies import CookieError, SimpleCookie
-from pathlib import Path
 from urllib.parse import parse_qs, unquote
 
 from starlette.datastructures import Headers
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from tokt.features.common.atomic import write_text
+from tokt.features.common.address import LOOPBACK_NAMES, host_header
 
 from .messages import error_response
 
 TOKEN_FILE = "page-token"
 
-LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "[::1]"})
 MAX_BODY = 1_000_000  # bytes
 UPLOAD, MAX_UPLOAD = "/api/import", 200_000_000
 """Where a file is the body, and how long it may be."""
@@ -41,12 +36,10 @@ SECURITY_HEADERS = {
     "referrer-policy": "no-referrer",
     "cross-origin-resource-policy": "same-origin",
 }
-_FOR_OWNER, _OTHERS = 0o600, 0o077
 _COOKIE_S = 30 * 24 * 3600
 _SAFE_METHODS = ("GET", "HEAD")
 _OWN_SITES = ("same-origin", "none")
 _LENGTH = re.compile(r"[0-9]{1,18}")
-_HOST = re.compile(r"(\[[0-9a-f:.]+\]|[^:\[\]]+)(?::(\d{1,5}))?")
 # Also for who has no token: the page that asks for it looks like the others.
 _STYLE = "/static/core/page.css"
 _PAGE = f"""<!doctype html>
@@ -98,10 +91,10 @@ class AccessRules:
 
     def is_our_host(self, header: str) -> bool:
         """Whether a Host header addresses this server."""
-        match = _HOST.fullmatch(header.lower())
-        if match is None or int(match[2] or 80) != self.port:
+        found = host_header(header)
+        if found is None or found[1] != self.port:
             return False
-        return match[1] in self.names or (self.any_address and _is_address(match[1]))
+        return found[0] in self.names or (self.any_address and _is_address(found[0]))
 
     @property
     def cookie(self) -> str:
@@ -124,23 +117,6 @@ def _is_address(host: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def kept_token(workspace: Path) -> str:
-    """The workspace's token, which outlasts a restart: a page that is open or bookmarked goes on.
-
-    Made where there is none, or where others could read it. Where it cannot be kept for its owner
-    alone, it is of this run only.
-    """
-    file = workspace / TOKEN_FILE
-    with suppress(OSError, UnicodeDecodeError):
-        token = file.read_text("ascii").strip()
-        if token and not (os.name == "posix" and file.stat().st_mode & _OTHERS):
-            return token
-    token = secrets.token_urlsafe(18)
-    with suppress(OSError):
-        write_text(file, token + "\n", mode=_FOR_OWNER)
-    return token
 
 
 class Access:

@@ -16,10 +16,11 @@ from urllib.parse import quote
 import uvicorn
 from uvicorn.server import HANDLED_SIGNALS
 
+from tokt.features.common.address import LOOPBACK_NAMES
 from tokt.features.common.errors import ToktError
 from tokt.labels.page.state.session import Session
 
-from .access import LOOPBACK_NAMES, AccessRules
+from .access import AccessRules
 from .app import create_app
 
 _WILDCARDS = ("0.0.0.0", "::")

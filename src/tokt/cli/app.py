@@ -14,7 +14,7 @@ from typer import Option
 
 from tokt.features.common.errors import ToktError, os_words
 
-from . import compare, dataset, doctor, labels, models, replay, rig, run, studies, train
+from . import cameras, compare, dataset, doctor, labels, models, replay, rig, run, studies, train
 from .interrupts import interrupt_ends
 from .output import live_without_terminal, open_standard_files, say
 
@@ -26,6 +26,8 @@ _EXTRAS = {
     **dict.fromkeys(("matplotlib", "jinja2", "skimage", "mahotas"), "train"),
     **dict.fromkeys(("fastapi", "starlette", "pydantic", "uvicorn"), "label"),
     "pymba": "camera",
+    "av": "video",
+    "vmbpy": "vimbax",
     "cryptography": "sign",
     **dict.fromkeys(("dask", "distributed", "psutil"), "cluster"),
     "threadpoolctl": "train",
@@ -84,6 +86,7 @@ app.command("store")(models.store)
 app.command("run", cls=run.RunCommand)(run.run)
 app.command("replay")(replay.replay)
 app.command("shadow")(replay.shadow)
+app.command("cameras")(cameras.cameras)
 app.command("calibrate")(rig.calibrate)
 app.command("depth")(rig.depth)
 app.command("listen")(run.listen)

@@ -52,10 +52,16 @@ def _findings(store: Path | None, workspace: Path) -> list[Finding]:
         from tokt.features.kernels.health import kernel_findings
 
         found.extend(kernel_findings())
+    with _examined("extra video", found):
+        found.append(_video())
     with _examined("camera driver", found):
         from tokt.inference.sources.cameras.vimba.system import camera_driver_finding
 
         found.append(camera_driver_finding())
+    with _examined("Vimba X", found):
+        from tokt.inference.sources.cameras.vimba.vimbax_system import vimbax_finding
+
+        found.append(vimbax_finding())
     with _examined("genicam cameras", found):
         from tokt.inference.sources.cameras.genicam.producers import genicam_finding
 
@@ -119,9 +125,24 @@ def _extra(extra: str) -> Finding:
     return Finding(f"extra {extra}", OK, "complete", figures)
 
 
+def _video() -> Finding:
+    """The extra that reads network video and USB cameras, and FFmpeg's version in it."""
+    found = _extra("video")
+    if found.state != OK:
+        return found
+    from importlib.metadata import version
+
+    import av
+
+    ffmpeg = f"PyAV {av.__version__} with FFmpeg {av.ffmpeg_version_info}"
+    return Finding(found.name, OK, f"{ffmpeg}, aiortsp {version('aiortsp')}", found.figures)
+
+
 def missing_packages(package: str, extra: str) -> list[str]:
     """Names of the packages that an extra of an installed package asks for and that are absent."""
-    from importlib.metadata import PackageNotFoundError, requires, version
+    from importlib.metadata import requires
+
+    from tokt.features.common.machine import installed_version
 
     missing = []
     for line in requires(package) or []:
@@ -129,9 +150,7 @@ def missing_packages(package: str, extra: str) -> list[str]:
         if wanted is None or of_extra is None or of_extra[1] != extra:
             continue
         name, own_extras = wanted[1], wanted[2]
-        try:
-            version(name)
-        except PackageNotFoundError:
+        if installed_version(name) is None:
             missing.append(name)
         else:
             for own in filter(None, re.split(r"\s*,\s*", own_extras or "")):

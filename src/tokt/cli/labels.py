@@ -116,9 +116,10 @@ def label(
     """Label a mission's patches in the browser, until Ctrl-C."""
     with interrupt_ends():
         from tokt import __version__
+        from tokt.features.common.address import kept_token
         from tokt.features.frames.grid import Grid
         from tokt.features.frames.mission import open_mission
-        from tokt.labels.page.api.access import kept_token
+        from tokt.labels.page.api.access import TOKEN_FILE
         from tokt.labels.page.api.serve import listen, serve
         from tokt.labels.page.state.session import open_session
 
@@ -136,7 +137,8 @@ def label(
             if len(frames.cameras) < 2:
                 raise ToktError(f"--calibration: {frames.name} has the frames of one camera only")
             carry = LabelCarrier(read_calibration_file(calibration), patches).carry
-        address = listen(host, port, None if no_token else token or kept_token(workspace))
+        kept = None if no_token else token or kept_token(workspace / TOKEN_FILE)
+        address = listen(host, port, kept)
         session = open_session(
             frames, workspace, patches, annotator or _user(), __version__, taxonomy, bundle
         )

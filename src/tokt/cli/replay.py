@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,9 +16,9 @@ from .output import answer, progress, say
 from .output import print_line as print
 
 if TYPE_CHECKING:
-    from tokt.features.frames.mission import Mission
     from tokt.inference.policy.assembly import StereoSetup
     from tokt.inference.replay.logged_run import LoggedRun
+    from tokt.inference.replay.mcap_file import Exported
     from tokt.inference.replay.replay import Replay, ReplayStretch, Tally
     from tokt.inference.replay.shadow_report import ShadowReport, ShadowStretch
     from tokt.inference.stereo.odometry import Odometry
@@ -44,13 +45,23 @@ def replay(
         Path | None,
         Option(
             help="Where the pictures are: the mission, or a recording of the run. Default: the "
-            "recording itself, or the log's source."
+            "recording itself, or the log's source or recording."
         ),
     ] = None,
     calibration: Annotated[
         Path | None, Option(help="Stereo calibration file. Default: the log's, unchanged.")
     ] = None,
-    run: LoggedRunOption = None,
+    run: Annotated[
+        str | None, Option(help="Which run of the log. Default: its last; with --export, all.")
+    ] = None,
+    export: Annotated[
+        Path | None,
+        Option(
+            metavar="FILE.mcap|FILE.csv",
+            help="Judge nothing: write what the log says, and with .mcap the pictures that were "
+            "judged, for Foxglove, ROS 2 or a spreadsheet.",
+        ),
+    ] = None,
     json: JsonOption = False,
 ) -> int:
     """Judge a logged run's frames again and show where verdicts differ.
@@ -59,10 +70,23 @@ def replay(
     changed. 2: it cannot be judged again.
     """
     from tokt.inference.replay.logged_run import open_run
-    from tokt.inference.replay.replay import Replay, Tally, model_named, models_of_run
+    from tokt.inference.replay.replay import Replay, Tally, model_named, models_of_run, pictures_of
 
+    if export is not None:
+        if bundle is not None or calibration is not None:
+            raise ToktError("--export judges nothing: leave out --bundle and --calibration")
+        if export.suffix.lower() == ".csv" and (source is not None or store is not None):
+            raise ToktError("a CSV file has no pictures or patches: leave out --source and --store")
+        from tokt.inference.replay.export import export_log
+
+        shown = partial(progress, what="exported")
+        done = export_log(log, export, run, source, store, shown)
+        for note in done.notes:
+            say(f"note: {note}")
+        answer(json, {"file": str(export), **vars(done)}, lambda: _show_export(export, done))
+        return 0
     logged = open_run(log, run)
-    mission, pixel_format = _pictures(logged, source)
+    mission, pixel_format = pictures_of(log, logged.run, logged.start, source)
     stereo = _stereo(logged, calibration)
     other = None if bundle is None else model_named(bundle)
     if other is not None and [name.sha256 for name in logged.models] == [other.sha256]:
@@ -90,20 +114,16 @@ def replay(
     return 0 if tally.agrees else DIFFERENT
 
 
-def _pictures(logged: LoggedRun, source: Path | None) -> tuple[Mission, str | None]:
-    """Where the pictures are, and how they are held."""
-    from tokt.features.frames.mission import open_mission
-    from tokt.inference.replay.logged_run import is_recording
-
-    place = source or (logged.path if logged.recorded else Path(logged.start.source))
-    if source is None and not place.exists():
-        raise ToktError(
-            f"the pictures of {logged.start.source} are not there: say where they are, or where "
-            "a recording of the run is (--source FOLDER)"
-        )
-    # A recording holds pictures as they were judged.
-    raw = None if is_recording(place) else logged.start.pixel_format
-    return open_mission(place), raw
+def _show_export(target: Path, done: Exported) -> None:
+    print(f"{target}: {done.frames} frames, {done.heartbeats} heartbeats, {done.events} events")
+    if done.damaged:
+        print(f"{done.damaged} places of the log cannot be read and are left out")
+    if done.untimed:
+        print(f"{done.untimed} lines left out: they have no time")
+    if done.with_picture or done.no_picture:
+        print(f"{done.with_picture} frames with pictures, {sum(done.no_picture.values())} without")
+    for why, count in done.no_picture.items():
+        print(f"  {count}: {why}")
 
 
 def _stereo(logged: LoggedRun, calibration: Path | None) -> StereoSetup | None:

@@ -14,27 +14,34 @@ import sys
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, closing
 from dataclasses import replace
-from enum import StrEnum
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from tokt.features.common.address import without_credentials
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import parse_frames
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import (
     CAMERAS,
     FILES,
+    LIVE,
     MODELS,
     OPTIONS,
     PICTURES,
     REAL_TIME,
+    VIDEO,
     ModelConfig,
     RunConfig,
+    SourceConfig,
     StereoConfig,
 )
 from tokt.inference.frame import Source
+from tokt.inference.links.link import open_link
+from tokt.inference.links.nmea import NmeaReader
+from tokt.inference.links.vehicle import VehicleState
 from tokt.inference.monitoring.drift import DriftMonitor
-from tokt.inference.monitoring.receivers import ReceiverWatch
+from tokt.inference.monitoring.receivers import PlaceWatch, ReceiverWatch
 from tokt.inference.monitoring.reload import ModelReloader
 from tokt.inference.monitoring.run_counts import RunCounts
 from tokt.inference.monitoring.status_line import StatusLine
@@ -54,22 +61,21 @@ from tokt.inference.recording.run_log import RunLog, events_path, new_run_id
 from tokt.inference.recording.run_start import ModelName, RunStart
 from tokt.inference.report import Event, EventQueue
 from tokt.inference.runtime import Runtime, Summary
-from tokt.inference.sources.cameras.open import is_camera_source, open_camera_source
 from tokt.inference.sources.files import open_source
+from tokt.inference.sources.open import is_camera_source, open_camera_source
 from tokt.inference.sources.stream import StreamSource, is_stream_source
+from tokt.inference.sources.video.address import is_video_source
 from tokt.inference.texture.detector import TextureDetector
 from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.models.store.last_good import load_running
 from tokt.models.store.store import Store
 
-from .options import read_calibration_file
+from .options import DEFAULT_WORKSPACE, read_calibration_file
 from .output import print_json, real_stderr, say, stop_on_signal
 
 if TYPE_CHECKING:
-    from tokt.inference.outputs.mavlink import MavlinkOptions
     from tokt.inference.recording.recorder import Recorder
 
-Word = TypeVar("Word", bound=StrEnum)
 _END_S = 1.0
 """Seconds from the end of all work until the system ends the process, if it does not by itself."""
 
@@ -87,7 +93,7 @@ def check(config: RunConfig) -> None:
     logs = () if log is None else (log, events_path(log))
     if shadow_log is not None and shadow_log.absolute() in [path.absolute() for path in logs]:
         raise ToktError("--shadow-log names a file that --log writes: give it one of its own")
-    _check_anchor(config)
+    _check_told(config)
     useless = _useless(config)
     for each in given:
         if each.only in useless:
@@ -96,11 +102,14 @@ def check(config: RunConfig) -> None:
 
 def _useless(config: RunConfig) -> dict[str, str]:
     """The kinds of runs that this one is not; what options for them are for."""
-    source, useless = config.source.source, {}
-    if is_camera_source(source):
-        useless[FILES] = f"{FILES}, not for live cameras"
+    source = config.source.source
+    useless: dict[str, str] = {}
+    if is_video_source(source):
+        useless |= {CAMERAS: CAMERAS, **dict.fromkeys((FILES, PICTURES), f"{FILES}, not for video")}
+    elif is_camera_source(source):
+        useless |= {VIDEO: VIDEO, FILES: f"{FILES}, not for live cameras"}
     else:
-        useless[CAMERAS] = CAMERAS
+        useless |= {CAMERAS: CAMERAS, VIDEO: VIDEO, LIVE: LIVE}
         if is_stream_source(source):
             useless |= dict.fromkeys((FILES, PICTURES), f"{FILES}, not for a stream")
         if config.source.rate is None:
@@ -110,17 +119,19 @@ def _useless(config: RunConfig) -> dict[str, str]:
     return useless
 
 
-def _check_anchor(config: RunConfig) -> None:
-    """Refuse a share that cannot be held, and one of which nobody would hear."""
-    if config.policy.anchor is None:
-        return
-    Anchor(config.policy.anchor)
+def _check_told(config: RunConfig) -> None:
+    """Refuse an anchor or a place of which nobody would hear, and a share that cannot be held."""
+    if config.policy.anchor is not None:
+        Anchor(config.policy.anchor)
+    asked = {"anchor": config.policy.anchor, "nmea": config.source.nmea}
     version = version_of(config.outputs.format)
     receivers = config.outputs.udp or []
     versions = {parse_receiver(text, version).version for text in receivers} or {version}
-    if versions == {1} and config.recording.log is None and config.recording.record is None:
+    if versions != {1} or config.recording.log is not None or config.recording.record is not None:
+        return
+    for name in (name for name, value in asked.items() if value is not None):
         raise ToktError(
-            "--anchor is of no use without a receiver of v2 (--format v2 or --udp v2@HOST:PORT), "
+            f"--{name} is of no use without a receiver of v2 (--format v2 or --udp v2@HOST:PORT), "
             "--log or --record"
         )
 
@@ -205,7 +216,9 @@ def carry_out(config: RunConfig) -> None:
     with ExitStack() as opened:
         pairs = _stereo(config)
         source = _source(config, pairs, events, opened)
-        senders = _senders(config, pairs, opened)
+        vehicle = VehicleState(SYSTEM_CLOCK)
+        senders = _senders(config, pairs, vehicle, events, opened)
+        nmea_fault = _read_nmea(config.source, vehicle, opened)
         model = RunModel(config.model)
         size = config.policy.anchor
         anchor = None if size is None else Anchor(size)
@@ -217,7 +230,7 @@ def carry_out(config: RunConfig) -> None:
             raise ToktError(f"model {label} looks at colours: not with --pixel-format Mono8")
         if assembly.texture is not None:
             assembly.texture.note = "; ".join(model.notes)
-        looking = _observers(config, pairs, senders, source, events, opened)
+        looking = _observers(config, pairs, senders, source, events, opened, nmea_fault)
         for line in model.words():
             say(line)
         # Who writes to the terminal from now on writes across it.
@@ -244,6 +257,7 @@ def carry_out(config: RunConfig) -> None:
             events=events,
             between=tuple if watch is None else watch.exchange,
             alive=alive,
+            place=vehicle.place,
         )
         events.put(_start_event(config, model, source))
         # What was made up to here stays: the collector need not go through it at sea.
@@ -326,7 +340,7 @@ def _start_event(config: RunConfig, model: RunModel, source: Source) -> Event:
     start = RunStart.of(
         config,
         # Whole paths: a replay begins somewhere else.
-        source=str(Path(named).absolute()) if is_path else named,
+        source=str(Path(named).absolute()) if is_path else without_credentials(named),
         live=source.live,
         model=None if bundle is None else ModelName(bundle.label, bundle.sha256),
         model_fault=model.fault,
@@ -334,7 +348,7 @@ def _start_event(config: RunConfig, model: RunModel, source: Source) -> Event:
         frame_rule=None if bundle is None else bundle.operating_point.rule.to_json(),
     )
     restarts = _restarts()
-    words = f"tokt run on {named}, policy {start.policy}"
+    words = f"tokt run on {without_credentials(named)}, policy {start.policy}"
     if restarts:
         words += f", started again by its watchdog ({restarts})"
     return Event(SYSTEM_CLOCK.time(), "start", words, {**start.fields(), "restarts": restarts})
@@ -344,7 +358,24 @@ def _restarts() -> int:
     return int(os.environ.get(RESTARTS_VARIABLE, "0"))
 
 
-def _senders(config: RunConfig, pairs: StereoSetup | None, opened: ExitStack) -> dict[str, Sender]:
+def _read_nmea(wanted: SourceConfig, vehicle: VehicleState, opened: ExitStack) -> Callable[[], str]:
+    """Hear where the vehicle is, where that was asked for; gives what fails of that."""
+    if wanted.nmea is None:
+        return str
+    if wanted.nmea.strip().startswith("udpout:"):
+        raise ToktError("--nmea only listens: write udpin:HOST:PORT")
+    link = opened.enter_context(closing(open_link(wanted.nmea)))
+    link.listen(NmeaReader(vehicle, wanted.nmea_dpt, link.whole).heard)
+    return lambda: link.last_error
+
+
+def _senders(
+    config: RunConfig,
+    pairs: StereoSetup | None,
+    vehicle: VehicleState,
+    events: EventQueue,
+    opened: ExitStack,
+) -> dict[str, Sender]:
     """Every receiver's sender, by what the user called it; closed with `opened`."""
     version = version_of(config.outputs.format)
     senders: dict[str, Sender] = {}
@@ -357,30 +388,35 @@ def _senders(config: RunConfig, pairs: StereoSetup | None, opened: ExitStack) ->
     for text in config.outputs.udp or [f"{DEFAULT_HOST}:{DEFAULT_PORT}"]:
         keep(text, UdpSender(*parse_receiver(text, version)))
     if config.outputs.mavlink:
-        from tokt.inference.outputs.mavlink import MavlinkSender, parse_device
+        from tokt.inference.outputs.mavlink import MavlinkSender, check_mavlink, lens_of
 
-        options = _mavlink_options(config, pairs)
+        wanted = config.outputs
+        check_mavlink(wanted)
+        lens = lens_of(wanted.camera_fov_deg, None if pairs is None else pairs.calibration)
         for text in config.outputs.mavlink:
-            keep(text, MavlinkSender(*parse_device(text), options, SYSTEM_CLOCK))
+            told = vehicle, events.put
+            keep(text, MavlinkSender(open_link(text), lens, wanted, SYSTEM_CLOCK, *told))
     return senders
 
 
-def _mavlink_options(config: RunConfig, pairs: StereoSetup | None) -> MavlinkOptions:
-    from tokt.inference.outputs.mavlink import MavlinkOptions, Messages, WhenUnknown, lens_of
+def _live_view(config: RunConfig, events: EventQueue) -> Observer:
+    """The view, and where it is said."""
+    from tokt.features.common.address import kept_token
+    from tokt.inference.outputs.view import LOOPBACK, LiveView, listening, view_url
 
-    wanted = config.outputs
-    return MavlinkOptions(
-        lens_of(wanted.camera_fov_deg, None if pairs is None else pairs.calibration),
-        *(wanted.mavlink_assumed_m, wanted.mavlink_system, wanted.mavlink_component),
-        _one_of(Messages, wanted.mavlink_messages, "--mavlink-messages"),
-        _one_of(WhenUnknown, wanted.mavlink_unknown, "--mavlink-unknown"),
-    )
-
-
-def _one_of(words: type[Word], text: str, option: str) -> Word:
-    if text not in list(words):
-        raise ToktError(f"{option} is {' or '.join(words)}, not {text!r}")
-    return words(text)
+    wanted, listener, token, listen = config.monitoring, None, None, None
+    if wanted.view is not None:
+        host, port = wanted.view_host or LOOPBACK, wanted.view
+        listen = partial(listening, host, port)
+        # The view of a run that a watchdog started again may wait for its port, verdicts not.
+        if not _restarts():
+            listener = listen()
+            port = listener.getsockname()[1]
+        if wanted.view_host is not None:
+            token = kept_token(DEFAULT_WORKSPACE / "view-token")
+        say(f"view: {view_url(host, port, token)}")
+    record, stale_s = wanted.view_record, config.limits.stale_s
+    return LiveView(listener, token, record, stale_s, SYSTEM_CLOCK, events.put, listen)
 
 
 class _Observers(NamedTuple):
@@ -400,6 +436,7 @@ def _observers(
     source: Source,
     events: EventQueue,
     opened: ExitStack,
+    nmea_fault: Callable[[], str],
 ) -> _Observers:
     """Everybody that was asked for; closed with `opened`."""
     run, wanted, model = new_run_id(SYSTEM_CLOCK), config.recording, config.model
@@ -426,6 +463,8 @@ def _observers(
     keep(drift)
     keep(counts)
     keep(ReceiverWatch(senders, SYSTEM_CLOCK, events.put))
+    if config.source.nmea is not None or config.outputs.mavlink:
+        keep(PlaceWatch(SYSTEM_CLOCK, events.put, nmea_fault))
     if config.monitoring.metrics is not None:
         from tokt.inference.monitoring.metrics import Metrics, RunCollector, parse_metrics
         from tokt.inference.sources.cameras.live_source import CameraSource
@@ -435,6 +474,8 @@ def _observers(
         address = parse_metrics(config.monitoring.metrics)
         metrics = Metrics(*address, RunCollector(counts, SYSTEM_CLOCK, *parts))
         opened.callback(metrics.close)
+    if config.monitoring.view is not None or config.monitoring.view_record is not None:
+        keep(_live_view(config, events))
     if model.shadow is not None and model.shadow_log is not None:
         from tokt.inference.replay.replay import model_named
         from tokt.inference.replay.shadow import Challenger, Shadow
