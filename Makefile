@@ -10,7 +10,7 @@ TREE := rm -rf $(VENV)/tree && mkdir -p $(VENV)/tree/tokt && \
 	for part in features labels training models inference; do \
 	ln -s $(CURDIR)/$$part $(VENV)/tree/tokt/$$part; done
 
-.PHONY: demo test test-rest test-all check sanitize fuzz soak scale page-times effort fingerprint format clean
+.PHONY: demo test test-rest test-all check sanitize fuzz soak scale page-times effort video fingerprint format clean
 
 demo: $(READY)
 	$(BIN)/tokt demo --out demo-out
@@ -87,6 +87,10 @@ page-times: $(READY)
 
 effort: $(READY)
 	$(BIN)/python -m tests.load page --no-times --effort
+
+# Network video against cameras of the loopback: latency, loss, faults; a quarter of an hour.
+video: $(READY)
+	$(BIN)/python -m tests.load video
 
 # Whether a restructuring left what users and files see as it was: four minutes, on the real mission.
 fingerprint: $(READY)

@@ -37,7 +37,9 @@ _STUDIES = ("compare", "fitting", "rig", "search")
 CORE = Tier("core", (), 100)
 TIERS = (
     Tier("browser", ("labels/page/browser",), 20),
-    Tier("process", ("process", "labels/page/api", "models/registry"), 20),
+    Tier(
+        "process", ("process", "labels/page/api", "models/registry", "inference/sources/video"), 20
+    ),
     Tier("study", ("studies", *(f"training/{room}" for room in _STUDIES)), 50),
     Tier("load", ("load",), 20),
     Tier("fuzz", ("fuzz",), 100),
@@ -45,14 +47,16 @@ TIERS = (
 )
 PROOF = (
     "inference/test_faults.py",
+    "inference/sources/video/test_rtp.py",
     "features/kernels",
     "models/bundle",
     "models/store",
     "process/test_kill.py",
     "labels/page/browser/frame_view/test_browser_frame.py",
 )
-"""What every run holds, whatever its tier (marker ``proof``): no wrong clear, exact kernels, no
-bundle, store or command that is left half done, and a page on which frames can be labelled.
+"""What every run holds, whatever its tier (marker ``proof``): no wrong clear, no picture that was
+not sent, exact kernels, no bundle, store or command that is left half done, and a page on which
+frames can be labelled.
 """
 _share = SHARES["full"]
 

@@ -1,4 +1,4 @@
-"""Kinds of changed datagrams, logs, recordings and pictures."""
+"""Kinds of changed datagrams, logs, recordings, pictures and video, and of what a link hears."""
 
 import json
 from collections.abc import Sequence
@@ -10,17 +10,28 @@ from typing import Any
 import cv2
 import numpy as np
 
+from tests.inference.sources.video.encoding import encode
+from tests.inference.sources.video.packets import transport_stream
+from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import read_image
+from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.frame import Frame
+from tokt.inference.links.autopilot import MavlinkReader, mavlink_dialect
+from tokt.inference.links.nmea import NmeaReader
+from tokt.inference.links.vehicle import VehicleState
 from tokt.inference.outputs.udp import decode, encode_v1, encode_v2
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.recording.recording import FILE_NAME, RECORDING_FORMAT
 from tokt.inference.recording.run_log import event_line, frame_line, heartbeat_line
 from tokt.inference.recording.run_start import ModelName, RunStart, UsedFile
+from tokt.inference.replay.export import export_log
 from tokt.inference.replay.logged_run import open_run
 from tokt.inference.replay.shadow_report import read_shadow
 from tokt.inference.report import Event, Report
+from tokt.inference.sources.video.mjpeg import Parts
+from tokt.inference.sources.video.mpegts import TransportReader
+from tokt.inference.sources.video.newest import StreamLostError
 from tokt.inference.verdict import unknown_verdict, verdict_from_mask
 
 from .case import Files, Kind, change_one
@@ -61,6 +72,45 @@ def _read_datagram(folder: Path) -> object:
     """Decode and show it as `tokt listen --json` does."""
     data = (folder / "datagram").read_bytes()[:_MAX_DATAGRAM]
     return json.dumps(decode(data), allow_nan=False)
+
+
+# --- what a link hears ---
+
+
+@cache
+def _mavlink() -> list[Files]:
+    """A second of an autopilot: a serial port's bytes."""
+    common = mavlink_dialect()
+    said = (
+        common.MAVLink_heartbeat_message(12, 3, 0, 0, 4, 3),
+        common.MAVLink_global_position_int_message(5, 1, 1, 0, -3000, 0, 0, 0, 9000),
+        common.MAVLink_vfr_hud_message(0.0, 0.0, 90, 0, -3.0, 0.0),
+        common.MAVLink_attitude_message(5, 0.1, 0.1, 0, 0, 0, 0),
+        common.MAVLink_system_time_message(1_461_149_301_000_000, 5),
+        common.MAVLink_statustext_message(4, b"leak detected"),
+    )
+    sender = common.MAVLink(None, 1, 1)
+    packed = [bytes(message.pack(sender, version)) for message in said for version in (False, True)]
+    return [{"link": b"".join(packed)}]
+
+
+_NMEA = b"""$GPGGA,120000.00,6326.802,N,01025.200,E,1,08,1.0,0.0,M,,M,,*66
+$GNRMC,120000,A,3354.0,S,07030.0,W,0.0,0.0,200416,,,A*69
+$HCHDG,358.0,1.0,E,2.5,E*62
+$PRDID,-1.31,7.81,047.3*58
+$YXXDR,D,31.42,M,DEPTH*1C
+"""
+
+
+def _read_link(folder: Path) -> object:
+    """What comes, in pieces and at once, by whoever may be at the other end."""
+    data, state = (folder / "link").read_bytes(), VehicleState(SYSTEM_CLOCK)
+    for whole in (False, True):
+        readers = MavlinkReader((1, 196), whole, state, list), NmeaReader(state, True, whole)
+        for at in range(0, len(data), 37 if whole else 300):
+            for reader in readers:
+                reader.heard(data[at : at + 300])
+    return state.place()
 
 
 # --- a run's log and its recording ---
@@ -118,6 +168,15 @@ def _read_run(folder: Path) -> object:
     return list(open_run(recording if recording.is_dir() else folder / "run.jsonl").frames())
 
 
+def _export_run(folder: Path) -> object:
+    """What `tokt replay --export` writes, read back by no one."""
+    recording = folder / "run"
+    log = recording if recording.is_dir() else folder / "run.jsonl"
+    done = [export_log(log, folder / f"exported{ending}") for ending in (".csv", ".mcap")]
+    assert done[0].frames == done[1].frames
+    return done
+
+
 @cache
 def _shadow_logs() -> list[Files]:
     kept = ("status", "reason", "mean", "method", "model", "health", "latency_ms")
@@ -159,10 +218,49 @@ def _read_picture(folder: Path) -> object:
     return picture
 
 
+# --- video ---
+
+
+@cache
+def _mpegts() -> list[Files]:
+    packets = transport_stream(encode(frames=20, key_every=5))
+    return [{"video": b"".join(packet.data for packet in packets)}]
+
+
+def _read_mpegts(folder: Path) -> None:
+    """As datagrams of seven packets; bytes that came in between shift them."""
+    data, reader = (folder / "video").read_bytes(), TransportReader()
+    try:
+        return [
+            reader.datagram(data[at : at + 1316], at * 1e-7) for at in range(0, len(data), 1316)
+        ]
+    except StreamLostError as error:
+        raise ToktError(str(error)) from None
+
+
+@cache
+def _multipart() -> list[Files]:
+    data = cv2.imencode(".jpg", np.zeros((40, 50), np.uint8))[1].tobytes()
+    heads = (b"X-Timestamp: 1.5\r\n", b"Content-Length: %d\r\n" % len(data))
+    parts = (b"--b\r\n" + head + b"\r\n" + data + b"\r\n" for head in heads)
+    return [{"video": b"".join(parts) * 3 + b"--b--\r\n"}]
+
+
+def _read_multipart(folder: Path) -> object:
+    data, parts = (folder / "video").read_bytes(), Parts("b")
+    return [parts.feed(data[at : at + 300]) for at in range(0, len(data), 300)]
+
+
 KINDS = [
-    Kind("datagram", _datagrams, _read_datagram, 45),
+    Kind("video.mpegts", _mpegts, _read_mpegts, 2),
+    Kind("video.multipart", _multipart, _read_multipart, 4),
+    Kind("datagram", _datagrams, _read_datagram, 29),
+    Kind("link.mavlink", _mavlink, _read_link, 6),
+    Kind("link.nmea", lambda: [{"link": _NMEA}], _read_link, 4),
     Kind("run log", _logs, _read_run, 18),
     Kind("recording", _recordings, _read_run, 9),
+    Kind("exported log", _logs, _export_run, 9),
+    Kind("exported recording", _recordings, _export_run, 4),
     Kind("shadow log", _shadow_logs, _read_shadow, 9),
     Kind("picture", _pictures, _read_picture, 19, change=_change_picture),
 ]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tests.waiting import MAX_S
 from tokt.inference.clock import SYSTEM_CLOCK, Clock
 from tokt.inference.frame import Frame
-from tokt.inference.outputs.udp import DatagramSocket
+from tokt.inference.links.datagrams import DatagramSocket
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.publisher import Observer
 from tokt.inference.report import Event, Report

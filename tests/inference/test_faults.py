@@ -7,9 +7,12 @@ came to is a row of docs/faults.md, and the test fails where the two differ.
 import json
 import os
 import re
+import signal
 import socket
 import threading
+import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -17,28 +20,39 @@ import cv2
 import numpy as np
 import pytest
 
-from tokt.inference.config import Limits
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.config import Limits, OutputConfig
 from tokt.inference.frame import MANY_MISSED, Frame
-from tokt.inference.monitoring.receivers import ReceiverWatch
+from tokt.inference.links.autopilot import mavlink_dialect
+from tokt.inference.links.datagrams import DatagramSocket
+from tokt.inference.links.link import open_link
+from tokt.inference.links.vehicle import VehicleState
+from tokt.inference.monitoring.receivers import PlaceWatch, ReceiverWatch
 from tokt.inference.monitoring.run_counts import RunCounts
+from tokt.inference.outputs import view as view_module
 from tokt.inference.outputs.listen import SenderMonitor, Silence, listen
-from tokt.inference.outputs.mavlink import parse_device
-from tokt.inference.outputs.udp import DatagramSocket, UdpSender
+from tokt.inference.outputs.mavlink import Lens, MavlinkSender
+from tokt.inference.outputs.udp import UdpSender
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy
-from tokt.inference.publisher import Observer
+from tokt.inference.publisher import Observer, ReportPublisher
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.recording import log as log_module
 from tokt.inference.recording.run_log import RunLog
+from tokt.inference.report import Event
 from tokt.inference.sources.files import open_source
+from tokt.inference.sources.video.mjpeg import jpeg_decoder
+from tokt.inference.sources.video.mpegts import TransportReader
 from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import Detection
 from tokt.models.operating_point import MofNRule, OperatingPoint
 
 from ..calls import refuses
-from ..waiting import MAX_S
+from ..waiting import MAX_S, until
 from .conftest import HandClock, LevelScorer, NoiseScorer, draw
 from .dive import Dive, Outcome, healthy
-from .live import BROADCAST, bound_socket, refuse
+from .live import BROADCAST, Sent, bound_socket, refuse
+from .sources.video.encoding import encode
+from .sources.video.packets import transport_stream
 
 TABLE = Path(__file__).parents[2] / "docs" / "faults.md"
 RNG = np.random.default_rng(7)
@@ -123,6 +137,43 @@ def test_a_frame_that_cannot_be_judged(fault):
             dive.give("fault", picture())
     outcome = finish(dive)
     row(fault, outcome, f"frames by reason: {reason.value} +{outcome.summary.reasons[reason]}")
+
+
+def with_a_datagram_lost() -> list[Fault]:
+    """What is said of MPEG-TS from a lost datagram to the next key picture."""
+    packets = [packet.data for packet in transport_stream(encode(frames=60, key_every=15))]
+    reader = TransportReader()
+    readings = [done for data in packets[:40] + packets[41:] for done in reader.datagram(data, 0.0)]
+    first = next(place for place, reading in enumerate(readings) if not reading.fault)
+    return [reading.fault for reading in readings[first:] if reading.fault]
+
+
+def of_a_jpeg_with_a_hole() -> list[Fault]:
+    data = cv2.imencode(".jpg", noise(60, 9))[1].tobytes()
+    with jpeg_decoder() as decode:
+        return [decode(data[:9000] + data[9900:])[1]]
+
+
+VIDEO = {
+    "a datagram of network video is lost: no picture up to the next key picture": (
+        with_a_datagram_lost,
+        "frames by reason: incomplete +1, damaged",
+    ),
+    "a JPEG of a stream or a USB camera of which a part is missing": (
+        of_a_jpeg_with_a_hole,
+        "frames by reason: incomplete +1",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", VIDEO)
+def test_video_of_which_something_is_missing(fault):
+    made, counted = VIDEO[fault]
+    dive = Dive()
+    with dive.fault_between():
+        for each in made():
+            dive.fault(each)
+    row(fault, finish(dive), counted)
 
 
 class ColourDive(Dive):
@@ -535,9 +586,88 @@ def test_a_broadcast_address():
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "fe80::1"])
 def test_an_address_that_is_no_receiver_s(host):
     refuses(host, UdpSender, host, 1130, 2)
-    refuses(host, DatagramSocket, *parse_device(f"udpout:[{host}]:14550"))
+    refuses(host, open_link, f"udpout:[{host}]:14550")
     said = "one line at the start, exit code 2"
     hold_row("a receiver 0.0.0.0, or link-local without its network", said, "nothing")
+
+
+def mavlink_dive(address: str) -> tuple[Dive, MavlinkSender]:
+    """A dive of which a link is told."""
+    pytest.importorskip("pymavlink")
+    dive = Dive()
+    known, tell = VehicleState(dive.clock), dive.events.put
+    lens, wanted = Lens.of_fov_deg(60), OutputConfig()
+    sender = MavlinkSender(open_link(address), lens, wanted, dive.clock, known, tell)
+    dive.senders = [sender]
+    return dive, sender
+
+
+def test_a_mavlink_link_whose_other_end_does_not_read():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(MAX_S)
+        dive, sender = mavlink_dive(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        channel, _ = server.accept()
+        with channel, dive.fault_between():
+            # Whoever waited for the other end would wait for ever.
+            until(lambda: [sender._to.write(bytes(1000)) for _ in range(100)] and sender.failed)
+        sender.close()
+    row("a MAVLink link over TCP whose other end does not read", finish(dive), "sent, then failed")
+
+
+def test_a_mavlink_link_whose_other_end_sends_garbage():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(MAX_S)
+        dive, sender = mavlink_dive(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        channel, _ = server.accept()
+        with channel, dive.fault_between():
+            for garbage in (bytes(9000), b"\xfd" * 9000, RNG.bytes(9000)):
+                channel.sendall(garbage)
+                dive.give("clear")
+        sender.close()
+    assert sender.sent > 0
+    row("a MAVLink link whose other end sends garbage", finish(dive), "sent")
+
+
+def test_a_mavlink_link_without_anybody():
+    with bound_socket() as freed:
+        port = freed.getsockname()[1]
+    dive, sender = mavlink_dive(f"udpin:127.0.0.1:{port}")
+    watch = ReceiverWatch({"station": sender}, dive.clock, dive.events.put)
+    dive.observers.append(watch)
+    with dive.fault_between(), bound_socket() as station:
+        for _ in range(9):
+            dive.clock.now += 0.15  # less than what a heartbeat breaks
+            dive.give("clear")
+        beat = mavlink_dialect().MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+        station.sendto(beat.pack(mavlink_dialect().MAVLink(None, 255, 190)), ("127.0.0.1", port))
+        until(lambda: [dive.give("clear")] and sender.sent)
+    sender.close()
+    outcome = finish(dive)
+    names = [event.name for event in outcome.events]
+    assert names == ["receiver_refused", "receiver_back"] and "nobody is heard" in sender.last_error
+    counted = "failed; events `receiver_refused`, `receiver_back`"
+    row("a MAVLink link without anybody at its other end", outcome, counted)
+
+
+def test_an_autopilot_that_falls_silent():
+    clock, sent, told = HandClock(), Sent(), []
+    state = VehicleState(clock)
+    publisher = ReportPublisher([sent], clock, Limits(), live=True, place=state.place)
+    watch = PlaceWatch(clock, told.append, lambda: "the port is gone")
+    for depth_m in (31.4, *[None] * 5, 31.5, 31.6, None):
+        clock.now += 1.25
+        if depth_m is not None:
+            state.put(depth_m=depth_m)
+        publisher.heartbeat()
+        watch.heartbeat(sent.reports[-1])
+    places = [report.place.depth_m for report in sent.reports]
+    assert places == [31.4, 31.4, *[None] * 4, 31.5, 31.6, 31.6]
+    assert [(event.name, event.words) for event in told] == [
+        ("place_lost", "the vehicle's place is not known: the port is gone"),
+        ("place_back", "the vehicle's place is known again"),
+    ]
+    counted = "events `place_lost`, `place_back`"
+    hold_row("the autopilot falls silent", "as without it; after 2 s no place", counted)
 
 
 def test_a_name_that_nobody_knows():
@@ -633,6 +763,45 @@ def test_an_observer_that_hangs():
         slow.hang = True
         dive.give("clear")
     row("what looks on takes too long", finish(dive), "heartbeats")
+
+
+VIEWS = {
+    "the live view's process is killed": "SIGKILL",
+    "the live view's process hangs": "SIGSTOP",
+    "clients of the live view that never read": "",
+}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
+@pytest.mark.parametrize("fault", VIEWS)
+def test_a_live_view_that_fails(fault, monkeypatch):
+    if VIEWS[fault]:
+        monkeypatch.setattr(view_module, "ANSWER_S", 0.5)
+    told: list[Event] = []
+    listener = view_module.listening("127.0.0.1", 0)
+    view = view_module.LiveView(listener, None, None, 0.5, SYSTEM_CLOCK, told.append)
+    dive = Dive(observers=[view])
+    with dive.fault_between(), ExitStack() as clients:
+        dive.until(lambda: view._process is not None and not view._newest)
+        assert view._process is not None and view._process.pid is not None
+        if VIEWS[fault]:
+            os.kill(view._process.pid, getattr(signal, VIEWS[fault]))
+        else:
+            for _ in range(5):
+                client = clients.enter_context(socket.create_connection(listener.getsockname()))
+                host, port = listener.getsockname()
+                client.sendall(
+                    b"GET /stream.mjpg HTTP/1.0\r\nHost: %b:%d\r\n\r\n" % (host.encode(), port)
+                )
+        for _ in range(60 if VIEWS[fault] else 20):
+            dive.give("clear")
+            if told:
+                break
+            time.sleep(0.5 if VIEWS[fault] else 0.01)
+    view.close()
+    counted = "event `view_lost`" if VIEWS[fault] else "nothing"
+    assert [event.name for event in told] == ["view_lost"] * bool(VIEWS[fault])
+    row(fault, finish(dive), counted)
 
 
 def suspend(dive: Dive) -> None:

@@ -1,4 +1,4 @@
-"""Long measurements for developers: the labelling page, the scale of training, the soak."""
+"""Long measurements for developers: labelling page, training's scale, soak, live view, video."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -81,6 +81,37 @@ def soak(frames: Frames = None, out: Out = OUT, quick: Quick = False, json: Json
 
     extent = QUICK if quick else FULL
     _end(run_soak(extent if frames is None else extent.of(frames)), out, json)
+
+
+@app.command()
+def view(
+    rounds: Annotated[int | None, Option(help="So many rounds.", min=1)] = None,
+    out: Out = OUT,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """A verdict's latency with and without a live view; exit code 1 if it grew by more than 5 %."""
+    from .view.latency import FULL, QUICK, run_view_bench
+
+    extent = QUICK if quick else FULL
+    _end(run_view_bench(replace(extent, rounds=rounds or extent.rounds)), out, json)
+
+
+@app.command()
+def video(
+    part: Annotated[
+        list[str] | None,
+        Option(help="captures, live, share, latency or readers. Repeatable. Default: all."),
+    ] = None,
+    out: Out = OUT,
+    quick: Quick = False,
+    json: Json = False,
+) -> None:
+    """Network video: latency, loss, faults; exit code 1 if a damaged picture passed as whole."""
+    from .video.run import ALL, FULL, QUICK, run_video_bench
+
+    extent = QUICK if quick else FULL
+    _end(run_video_bench(extent, tuple(part or ALL)), out, json)
 
 
 def main() -> None:

@@ -161,7 +161,9 @@ def test_what_other_parts_count_is_asked_of_them(hand_clock, serve):
     counted = {"frames": 30, "dropped": 1, "written_bytes": 5000, "removed_bytes": 400}
     writer = SimpleNamespace(**counted, fault="the disk is full")
     watched = {
-        "cameras": SimpleNamespace(counts=[left, right]),
+        "cameras": SimpleNamespace(
+            counts=[left, right], drivers=[SimpleNamespace(failures=n) for n in (0, 3)]
+        ),
         "drift": SimpleNamespace(state=state, distances={"lbp_3": 0.5, "lbp_4": 0.1}),
         "recorder": SimpleNamespace(clips=2, writer=writer),
     }
@@ -170,6 +172,7 @@ def test_what_other_parts_count_is_asked_of_them(hand_clock, serve):
     assert found["tokt_camera_incomplete_total", "left"] == 2
     assert found["tokt_camera_unpaired_total", "right"] == 4
     assert found["tokt_camera_lost_total", "right"] == 1
+    assert found["tokt_camera_failures_total", "right"] == 3
     assert found["tokt_camera_reconnects_total",] == 0
     assert (found["tokt_drift_distance",], found["tokt_drift_limit",]) == (0.5, 0.25)
     assert found["tokt_drift_feature_distance", "lbp_4"] == 0.1

@@ -160,6 +160,10 @@ def test_ctrl_c_ends_cleanly(make_mission, bundle_file, closed_port, tmp_path, n
         (["--bundle", "B", "--log-keep", "20"], "no use without --log or --shadow-log"),
         (["--bundle", "B", "--record-mb", "5"], "no use without --record"),
         (["--bundle", "B", "--mavlink-unknown", "message"], "no use without --mavlink"),
+        (["--bundle", "B", "--mavlink", "udp:9", "--camera-fov-deg", "60"], "not a link"),
+        (["--bundle", "B", "--nmea-dpt"], "no use without --nmea"),
+        (["--bundle", "B", "--nmea", "COM3"], "--nmea is of no use without a receiver of v2"),
+        (["--bundle", "B", "--nmea", "udpout:h:9", "--format", "v2"], "--nmea only listens"),
         (["--bundle", "B", "--shadow-log", "x"], "no use without --shadow"),
         (
             ["--shadow", "B", "--shadow-log", "a.events.jsonl", "--log", "a.jsonl"],

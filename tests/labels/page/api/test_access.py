@@ -9,7 +9,7 @@ from urllib.parse import urlencode, urlsplit
 
 import pytest
 
-from tokt.labels.page.api.access import kept_token
+from tokt.features.common.address import kept_token
 
 CSP = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; "
@@ -260,7 +260,7 @@ def test_the_token_outlasts_a_restart_and_is_its_owners_alone(page_server, tmp_p
     for spoil in (lambda: token.chmod(0o644), lambda: token.write_bytes(b"\xff"), token.unlink):
         spoil()
         said = token.read_bytes().strip() if token.exists() else b""
-        assert kept_token(token.parent) not in (first.partition("=")[2], said.decode("latin-1"))
+        assert kept_token(token) not in (first.partition("=")[2], said.decode("latin-1"))
         assert token.stat().st_mode & 0o777 == 0o600
 
 

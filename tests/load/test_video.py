@@ -1,0 +1,91 @@
+"""The measurements of network video in small: what they count, and that they see damage."""
+
+import json
+import sys
+from dataclasses import replace
+
+import pytest
+
+from tests.inference.sources.video.pictures import PLACES, place_of
+from tests.inference.sources.video.senders import Film, needs_gst, needs_gst_rtsp
+from tests.load.video import captures as video_captures
+from tests.load.video import run as video_run
+from tests.load.video.captures import Counted, count_captures, draw_case, judged_share
+from tests.load.video.model import Told
+from tokt.inference.sources.video.access_units import Depacketizer
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Linux programs")
+
+
+@needs_gst
+@needs_gst_rtsp
+def test_a_short_look_at_video(run_load, tmp_path, monkeypatch):
+    short = replace(video_run.QUICK, captures=10, streams=2, seconds=1.0, pictures=150)
+    short = replace(short, film=Film(size=(640, 480), kbit=3000))
+    monkeypatch.setattr(video_run, "QUICK", short)
+    ran = run_load("video", "--quick", "--json", "--out", tmp_path / "out")
+    found = json.loads(ran.out)
+    assert found["captures"]["captures"] == 10 and found["captures"]["whole"] > 10
+    assert found["live"]["streams"] == 2 and found["live"]["sent"] == 60
+    damaged = found["captures"]["damaged"] + found["live"]["damaged"]
+    assert damaged == 0 and ran.code == 0
+    assert [share["codec"] for share in found["share"]] == ["h264", "h265"]
+    ways = {each["way"]: each for each in found["latency"]}
+    assert len(ways) == 6 and all(each["median_ms"] > 0 for each in ways.values())
+    whole = [read for name, read in found["readers"] if name.endswith("0.0% lost")]
+    assert [read["damaged"] for read in whole] == [0, 0, 0]
+    assert all(read["pictures"] for read in whole)
+    lossy = dict(found["readers"])["tokt, 1.0% lost"]
+    assert lossy["damaged"] == 0
+    assert json.loads((tmp_path / "out" / "video.json").read_text()) == found
+
+
+def test_an_unknown_part_is_refused(run_load):
+    ran = run_load("video", "--part", "audio")
+    assert ran.code == 2 and "no part 'audio': captures" in ran.err
+
+
+def test_a_reader_that_joins_what_is_left_is_found_out(monkeypatch):
+    assert count_captures(15).damaged == 0
+    add = Depacketizer.add
+    monkeypatch.setattr(Depacketizer, "add", lambda self, packet, lost: add(self, packet, False))
+    counted = count_captures(15)
+    assert counted.damaged > 0 and counted.worst[0] < 15
+
+
+def test_captures_are_the_same_each_time_and_of_all_kinds():
+    assert draw_case(7) == draw_case(7)
+    kinds = {fault for seed in range(80) for fault in draw_case(seed).faults}
+    assert kinds == {
+        *("numbers wrap", "pictures never sent", "other size", "restart", "second stream"),
+        *("joined", "loss", "reorder", "duplicate", "garbage"),
+    }
+
+
+def test_the_first_picture_is_timed_from_its_key_picture():
+    drawn = map(draw_case, range(999))
+    case = next(case for case in drawn if case.faults == () and len(case.keys) > 1)
+    assert video_captures.first_key(case) == 0.0
+    first, second, *_ = sorted(case.keys)
+    lost = next(packet for packet in case.packets if packet.number == first)
+    cut = replace(case, packets=[packet for packet in case.packets if packet is not lost])
+    assert video_captures.first_key(cut) == pytest.approx(second / 30, abs=1e-3)
+    counted = Counted()
+    counted.count(0, case)
+    assert counted.whole == counted.sent and 0 <= counted.first_s[0] < 0.05
+
+
+def test_where_nothing_is_lost_everything_is_judged():
+    share = judged_share(200_000, 0.0, 1, (96, 64), 30, "h264")
+    assert (share.whole, share.intact) == (1.0, 1.0)
+    lossy = judged_share(200_000, 0.1, 3, (96, 64), 30, "h264")
+    assert lossy.whole < lossy.intact < 1.0
+
+
+def test_a_box_tells_the_number():
+    told = Told((640, 480))
+    for number in range(200, 200 + PLACES):
+        row, col = place_of(number)
+        box = [col * 36, row * 27, 36, 27]
+        assert told.number(box, number) == told.number(box, number + 80) == number
+    assert told.number([0, 27, 100, 27], 5) is told.number(None, 5) is None

@@ -1,0 +1,73 @@
+"""A model that says which picture it saw: its obstacle is the cell that tells the number."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from tests.inference.sources.video.encoding import decoded, encode
+from tests.inference.sources.video.pictures import CELLS, PLACES, bgr, number_at, place_of
+from tokt.features.common.arrays import U8
+from tokt.features.extractors.extractor import Lbp
+from tokt.features.frames.grid import Grid
+from tokt.models.bundle.bundle import BundleContent, Golden, bundle_bytes
+
+_EXTRACTOR, _GRID = Lbp(10, 5, "frame"), Grid(CELLS, CELLS)
+_PICTURES = 60
+_FILM = 600  # after which the background comes again
+_MAX_PATCHES = 1.6
+
+
+def telling_bundle(size: tuple[int, int], bitrate: int) -> bytes:
+    """A bundle learnt from pictures as an encoder leaves them."""
+    from tokt.training.fitting.classifier import fit_classifier, linear_model
+    from tokt.training.fitting.presets import Hyperparameters, settings_named
+
+    units = encode("h264", _PICTURES, size, bitrate=bitrate)
+    shown = dict(decoded(units, "h264", "bgr24"))
+    shown |= {number: bgr(number, size) for number in range(_PICTURES, _FILM, _FILM // _PICTURES)}
+    rows = np.vstack([_EXTRACTOR.describe(picture, _GRID) for picture in shown.values()])
+    rough = np.zeros((len(shown), CELLS, CELLS), np.int64)
+    for at, number in enumerate(shown):
+        rough[(at, *place_of(number))] = 1
+    settings = settings_named("plain")
+    pipeline = fit_classifier(rows, rough.ravel(), Hyperparameters(1.0), settings)
+    model = linear_model(pipeline, ("ocean", "other"), (False, True))
+    golden: list[U8] = [shown[0], shown[1]]
+    values = np.stack([model.decision_values(_EXTRACTOR.describe(one, _GRID)) for one in golden])
+    content = BundleContent(
+        name="telling",
+        version="1",
+        extractor_spec=_EXTRACTOR.spec,
+        grid=_GRID,
+        model=model,
+        provenance={"made_by": "tests.load video"},
+        metrics={},
+        golden=Golden(
+            tuple(cv2.imencode(".png", one)[1].tobytes() for one in golden),
+            values,
+            np.stack([model.obstacle_patches(one) for one in values]),
+        ),
+        trained_on=np.zeros(0, np.uint64),
+        card="Made to measure network video; not to be deployed.\n",
+    )
+    return bundle_bytes(content)
+
+
+@dataclass(frozen=True)
+class Told:
+    """Reads the number in a verdict's box."""
+
+    size: tuple[int, int]
+
+    def number(self, box: list[int] | None, newest: int) -> int | None:
+        """The newest number up to `newest` whose cell that is; None where the box is no cell."""
+        height, width = _GRID.resized(self.size[1], self.size[0])
+        if box is None:
+            return None
+        x, y, wide, tall = box
+        if wide > _MAX_PATCHES * width / CELLS or tall > _MAX_PATCHES * height / CELLS:
+            return None
+        row = int((y + tall / 2) * CELLS / height)
+        col = int((x + wide / 2) * CELLS / width)
+        return newest - (newest - number_at(row, col)) % PLACES if row else None

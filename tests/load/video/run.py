@@ -1,0 +1,167 @@
+"""The measurements of network video, one after the other."""
+
+import sys
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.inference.sources.video.senders import Film, gst_rtp, rtsp
+from tests.load.report import Found, machine_words, table
+from tokt.cli.output import say
+from tokt.features.common.errors import ToktError
+from tokt.features.common.machine import machine
+
+from .captures import count_captures, judged_share
+from .latency import bare_codec, lossy_read, reader_latency, run_latency
+from .live import count_live
+from .readers import READERS
+
+ALL = ("captures", "live", "share", "latency", "readers")
+
+
+@dataclass(frozen=True)
+class VideoSize:
+    """How much is measured."""
+
+    captures: int = 10_000
+    streams: int = 200  # live ones, half of each codec
+    shares: int = 20  # captures at each bit rate
+    seconds: float = 60.0  # of each latency
+    pictures: int = 900  # that each reader is sent where some packets are lost
+    film: Film = Film(size=(1920, 1080), kbit=8000)  # noqa: RUF009 - frozen
+    lossy: Film = Film(size=(640, 480), kbit=2000)  # noqa: RUF009 - frozen
+    bitrates: tuple[int, ...] = (500_000, 1_000_000, 2_000_000, 4_000_000)
+    losses: tuple[float, ...] = (0.001, 0.01)
+
+
+FULL = VideoSize()
+QUICK = VideoSize(
+    captures=60,
+    streams=4,
+    shares=1,
+    seconds=3.0,
+    pictures=210,
+    film=Film(size=(640, 480), kbit=3000),
+    lossy=Film(size=(320, 240), kbit=800),
+    bitrates=(1_000_000,),
+    losses=(0.01,),
+)
+
+
+def run_video_bench(extent: VideoSize, parts: tuple[str, ...] = ALL) -> Found:
+    """Measure. Raises ToktError if a program fails, or a part is none."""
+    if sys.platform != "linux":
+        raise ToktError("the cameras of this measurement are Linux programs")
+    if unknown := set(parts) - set(ALL):
+        raise ToktError(f"no part {min(unknown)!r}: {', '.join(ALL)}")
+    figures: dict[str, Any] = {"extent": asdict(extent), "machine": machine()}
+    report: list[Any] = []
+    damaged = 0
+    with tempfile.TemporaryDirectory(prefix="tokt-video-") as name:
+        folder = Path(name)
+        for part in parts:
+            say(f"-- {part}")
+            found, rows = _PARTS[part](extent, folder)
+            figures[part] = found
+            report += rows
+            damaged += found.get("damaged", 0) if isinstance(found, dict) else 0
+    report.append(machine_words(figures))
+    fault = f"{damaged} damaged pictures were given as whole" if damaged else ""
+    return Found("video", figures, report, fault=fault)
+
+
+def _captures(extent: VideoSize, folder: Path) -> tuple[Any, list[Any]]:
+    counted = count_captures(extent.captures)
+    found = asdict(counted) | {"first_s": _spread(counted.first_s)}
+    return found, [_counts("captures", counted.captures, found)]
+
+
+def _live(extent: VideoSize, folder: Path) -> tuple[Any, list[Any]]:
+    both = [count_live(extent.streams // 2, codec) for codec in ("h264", "h265")]
+    names = ("streams", "sent", "whole", "missing", "damaged")
+    found: dict[str, Any] = {name: sum(getattr(each, name) for each in both) for name in names}
+    found["first_s"] = _spread([time for each in both for time in each.first_s])
+    return found, [_counts("live streams", found["streams"], found)]
+
+
+def _spread(times_s: list[float]) -> dict[str, float]:
+    if not times_s:
+        return {}
+    names = ("median", "p90", "p99", "max")
+    return dict(zip(names, np.percentile(times_s, (50, 90, 99, 100)).tolist(), strict=True))
+
+
+def _counts(what: str, many: int, found: dict[str, Any]) -> Any:
+    first = {name: f"{value:.2f}" for name, value in found["first_s"].items()}
+    row = [str(many), *(str(found[name]) for name in ("sent", "whole", "missing", "damaged"))]
+    headings = (what, "pictures sent", "whole", "missing", "damaged as whole", "first picture (s)")
+    words = ", ".join(f"{name} {value}" for name, value in first.items())
+    return table(headings, [[*row, words]], "first picture (s)")
+
+
+def _share(extent: VideoSize, folder: Path) -> tuple[Any, list[Any]]:
+    rows = [
+        (codec, loss, judged_share(bitrate, loss, extent.shares, (640, 480), 300, codec))
+        for codec in ("h264", "h265")
+        for loss in extent.losses
+        for bitrate in extent.bitrates
+    ]
+    headings = ("codec", "loss", "Mbit/s", "packets a picture", "judged", "whole themselves")
+    texts = [
+        [
+            *(codec, f"{loss:.1%}", f"{share.bitrate / 1e6:g}", f"{share.packets_a_picture:.1f}"),
+            *(f"{share.whole:.1%}", f"{share.intact:.1%}"),
+        ]
+        for codec, loss, share in rows
+    ]
+    return [{"codec": c, "loss": p, **asdict(s)} for c, p, s in rows], [table(headings, texts)]
+
+
+def _latency(extent: VideoSize, folder: Path) -> tuple[Any, list[Any]]:
+    film, found = extent.film, [bare_codec(extent.film, int(extent.seconds * extent.film.rate))]
+    with rtsp(folder, film) as camera:
+        found.append(run_latency(folder, camera, camera.url, "RTSP to datagram", extent.seconds))
+        for reader in READERS:
+            found.append(reader_latency(folder, camera, reader, extent.seconds))
+    with gst_rtp(folder, film) as camera:
+        found.append(run_latency(folder, camera, camera.url, "RTP to datagram", extent.seconds))
+    bare = found[0].median_ms
+    headings = ("way", "median ms", "p99 ms", "over the codec's", "CPU", "pictures")
+    texts = [
+        [
+            *(each.way, f"{each.median_ms:.1f}", f"{each.p99_ms:.1f}"),
+            *(f"{each.median_ms - bare:+.1f}", f"{each.cpu_share or 0:.0%}", str(each.count)),
+        ]
+        for each in found
+    ]
+    return [asdict(each) for each in found], [table(headings, texts)]
+
+
+def _readers(extent: VideoSize, folder: Path) -> tuple[Any, list[Any]]:
+    found = {}
+    for loss in (0.0, *extent.losses):
+        for reader in READERS:
+            read = lossy_read(folder, reader, loss, extent.lossy, extent.pictures)
+            found[f"{reader}, {loss:.1%} lost"] = asdict(read)
+    headings = ("reader", "pictures", "of them damaged", "said to be missing", "CPU s")
+    texts = [
+        [
+            name,
+            *(str(one[key]) for key in ("pictures", "damaged", "missing")),
+            f"{one['cpu_s']:.1f}",
+        ]
+        for name, one in found.items()
+    ]
+    return list(found.items()), [table(headings, texts)]
+
+
+_PARTS = {
+    "captures": _captures,
+    "live": _live,
+    "share": _share,
+    "latency": _latency,
+    "readers": _readers,
+}
