@@ -1,7 +1,8 @@
-"""Make the pictures of docs/labelling.md, and docs/label.jpg, from a finished rendered demo.
+"""Make the pictures of docs/labelling.md and docs/view.md from a finished rendered demo.
 
 ``python docs/make_page_pictures.py demo-out`` starts the labelling page on the demo's rendered
-mission with its model and some of its labels, and takes pictures of all views in headless Chromium.
+mission with its model and some of its labels, then a run with a live view, and takes pictures of
+both in headless Chromium.
 """
 
 import csv
@@ -10,6 +11,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
@@ -36,17 +39,39 @@ def main(out: Path) -> None:
         workspace = Path(name)
         give_labels(mission, workspace)
         options = ["--no-browser", "--port", "0", "--annotator", "anna", "--workspace", workspace]
-        server = subprocess.Popen(
-            [TOKT, "label", mission, *options, "--model", bundle], stdout=subprocess.PIPE, text=True
-        )
+        with served("label", mission, *options, "--model", bundle) as url, tab(1280, 720) as page:
+            take(page, url)
+    run_options = ["--source", mission, "--rate", "10", "--udp", "127.0.0.1:9", "--view", "0"]
+    with served("run", "--bundle", bundle, *run_options) as url, tab(720, 800) as page:
+        page.goto(url)
+        page.wait_for_selector("dd:has-text('OBSTACLE')")
+        page.wait_for_timeout(SETTLED_MS)
+        page.wait_for_selector("dd:has-text('OBSTACLE')")
+        page.screenshot(path=HERE / "view.jpg", type="jpeg", quality=82)
+
+
+@contextmanager
+def served(*arguments: object) -> Iterator[str]:
+    """The address that a command of `tokt` prints as it serves a page."""
+    command = [TOKT, *map(str, arguments)]
+    out = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    with subprocess.Popen(command, **out, text=True) as server:
         try:
             assert server.stdout is not None
-            found = READY.search(server.stdout.readline())
-            assert found is not None
-            take(found[0])
+            yield next(found[0] for line in server.stdout if (found := READY.search(line)))
         finally:
             server.terminate()
-            server.wait()
+
+
+@contextmanager
+def tab(width: int, height: int) -> Iterator[Page]:
+    """A page of headless Chromium of that size."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-gpu"]
+        )
+        yield browser.new_page(viewport={"width": width, "height": height})
+        browser.close()
 
 
 def give_labels(mission: Path, workspace: Path) -> None:
@@ -73,20 +98,12 @@ def run(*arguments: object) -> None:
     subprocess.run([TOKT, *map(str, arguments)], check=True)
 
 
-def take(url: str) -> None:
-    """A picture of each view, as a person with 1280x720 pixels sees the page."""
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-gpu"]
-        )
-        page = browser.new_page(viewport={"width": 1280, "height": 720})
-        page.add_init_script(
-            """try { localStorage["tokt.identity"] = '{"who": "anna"}' } catch {}"""
-        )
-        page.goto(url)
-        for name, address in VIEWS.items():
-            show(page, f"{url.partition('?')[0]}{address}", f"{name}.jpg")
-        browser.close()
+def take(page: Page, url: str) -> None:
+    """A picture of each view of the labelling page."""
+    page.add_init_script("""try { localStorage["tokt.identity"] = '{"who": "anna"}' } catch {}""")
+    page.goto(url)
+    for name, address in VIEWS.items():
+        show(page, f"{url.partition('?')[0]}{address}", f"{name}.jpg")
 
 
 def show(page: Page, address: str, name: str) -> None:

@@ -4,7 +4,7 @@ import http.client
 import json
 import os
 import socket
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import cv2
 import numpy as np
@@ -27,7 +27,7 @@ class Viewed:
     """A live view, and a hand that shows it frames."""
 
     def __init__(self, limits=LONG, token=None, record=None, served=True):
-        self.events, self.source = [], HandSource()
+        self.events, self.source, self.clients = [], HandSource(), ExitStack()
         self.policy = SinglePolicy(TextureDetector(NoiseScorer()))
         self.publisher = ReportPublisher([], SYSTEM_CLOCK, limits, live=True)
         listener = listening("127.0.0.1", 0) if served else None
@@ -82,6 +82,7 @@ class Viewed:
     def connect(self, said=b""):
         """A socket that said that."""
         opened = socket.create_connection(("127.0.0.1", self.port), timeout=MAX_S)
+        self.clients.callback(opened.close)
         opened.sendall(said)
         return opened
 
@@ -94,6 +95,7 @@ def viewed(*arguments, **options):
         yield made
     finally:
         made.view.close()
+        made.clients.close()
 
 
 def decoded(jpeg):
