@@ -30,8 +30,8 @@ from tokt.inference.policy.policy import Judgement
 from tokt.inference.publisher import Observer
 from tokt.inference.report import Event, Report
 
-from .clip_trigger import ClipPadding, ClipTrigger
-from .recording import DiskBudget, DiskLimits, EncodedFrame, RecordingFolder
+from .clip_trigger import AFTER_S, BEFORE_S, ClipTrigger
+from .recording import DiskBudget, EncodedFrame, RecordingFolder
 from .run_log import event_line, frame_line
 from .run_start import MODEL, START
 
@@ -216,8 +216,10 @@ class Recorder(Observer):
         The recording is its ``run`` folder, made with the first frame; made if it is not there.
     run : str
     clock : Clock
-    padding : ClipPadding, optional
-    disk : DiskLimits, optional
+    before_s, after_s : float
+        As in `ClipTrigger`.
+    most_mb, reserve_mb : float
+        As in `DiskBudget`.
     memory_mb : float
         Megabytes (10^6 bytes) of frames in memory.
     tell : callable, optional
@@ -233,34 +235,35 @@ class Recorder(Observer):
     Raises
     ------
     ToktError
-        If the folder cannot be made, or another process records into it.
+        If the folder cannot be made, another process records into it, or a time or a size cannot
+        be.
     """
 
     folder: Path
     run: str
     clock: Clock
-    padding: ClipPadding = ClipPadding()  # noqa: RUF009 - frozen
-    disk: DiskLimits | None = None
+    before_s: float = BEFORE_S
+    after_s: float = AFTER_S
+    most_mb: float = RecordingConfig.record_mb
+    reserve_mb: float = RESERVE_MB
     memory_mb: float = MEMORY_MB
     tell: Callable[[Event], None] | None = None
 
     def __post_init__(self) -> None:
         self.clips = 0
-        self._trigger = ClipTrigger(self.padding)
+        self._trigger = ClipTrigger(self.before_s, self.after_s)
         self._before: deque[tuple[float, HeldFrame | Mapping[str, Any]]] = deque()
         self._before_bytes = 0
         self._seq = self._judged = 0
         self._last_number = -1
         self._told_fault = ""
         self._told_s = -_TELL_S
+        budget = DiskBudget(self.folder, self.most_mb, self.reserve_mb)
         self._opened = ExitStack()
         with os_errors_as(f"cannot record into {self.folder}"):
             self.folder.mkdir(parents=True, exist_ok=True)
             self._opened.enter_context(locked(self.folder / _LOCK, _LOCK_WAIT_S))
         recording = RecordingFolder(self.folder / self.run, self.run)
-        budget = DiskBudget(
-            self.folder, self.disk or DiskLimits(RecordingConfig.record_mb, RESERVE_MB)
-        )
         self.writer = RecordingWriter(recording, self.run, budget, self.clock)
 
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
@@ -268,7 +271,7 @@ class Recorder(Observer):
         self._seq = report.seq
         self._judged += 1
         now = self.clock.monotonic() if frame.arrived is None else frame.arrived
-        while self._before and now - self._before[0][0] > self.padding.before_s:
+        while self._before and now - self._before[0][0] > self.before_s:
             self._forget_oldest(None)
         keep = self._trigger.should_keep(now, report.verdict)
         bare = Judgement(judgement.verdict, texture_s=judgement.texture_s)
