@@ -25,7 +25,7 @@ from tokt.inference.verdict import (
     Detector,
 )
 from tokt.models.linear import moved
-from tokt.models.operating_point import MofNRule, MofNState
+from tokt.models.operating_point import MofNState
 from tokt.models.water import WaterState
 
 if TYPE_CHECKING:
@@ -77,25 +77,10 @@ class MofNResult:
     note: str = ""
 
 
-class MofNRun:
-    """The operating point's M-of-N rule over one run's frames, in their order.
+class MofNRun(MofNState):
+    """The operating point's M-of-N rule over one run's frames, in their order."""
 
-    Parameters
-    ----------
-    rule : MofNRule
-    """
-
-    def __init__(self, rule: MofNRule) -> None:
-        self.rule = rule
-        self._state = MofNState(rule)
-        self._begun = 0
-
-    def begin(self, missed: int) -> None:
-        """The next frame, `missed` frames after the one before; not judged unless `judge` is."""
-        self._state.skip(missed + self._begun)
-        self._begun = 1
-
-    def judge(self, scores: F64, patches: Bools, min_mask_patches: int) -> MofNResult:
+    def result(self, scores: F64, patches: Bools, min_mask_patches: int) -> MofNResult:
         """Judge the frame that was begun.
 
         Parameters
@@ -107,10 +92,9 @@ class MofNRun:
         min_mask_patches : int
             Patches it takes to bring the mask's mean over the thesis's limit.
         """
-        self._begun = 0
-        status = self._state.add(scores, min_mask_patches)
+        status = self.judge(scores, min_mask_patches)
         over = int(np.count_nonzero(scores > self.rule.margin))
-        confirmed = self._state.confirmed
+        confirmed = self.confirmed
         if status == OBSTACLE:
             # What stayed for some frames is where it was, even if this frame does not show it.
             seen = bool(over) or not confirmed.any()
@@ -120,15 +104,11 @@ class MofNRun:
         nothing = np.zeros_like(patches)
         return MofNResult(nothing, self._words("waits", over) if over else "")
 
-    def doubt(self) -> None:
-        """Nothing that the frame just judged shows is believed."""
-        self._state.doubt()
-
     def _words(self, does: str, over: int) -> str:
         rule = self.rule
         return (
             f"frame rule {does}: {over} patches over the margin in this frame, "
-            f"{int(self._state.confirmed.sum())} in {rule.m} of the last {rule.n}, "
+            f"{int(self.confirmed.sum())} in {rule.m} of the last {rule.n}, "
             f"{rule.min_patches} needed"
         )
 
@@ -234,7 +214,7 @@ class TextureDetector:
     def _ruled(self, values: F64, height: int, width: int) -> Detection:
         """What the decision values of a frame resized to `height` x `width` come to."""
         grid, model = self.scorer.grid, self.scorer.model
-        ruled = self._rule.judge(
+        ruled = self._rule.result(
             model.obstacle_score(values),
             model.obstacle_patches(values),
             min_mask_patches(grid, height, width),
