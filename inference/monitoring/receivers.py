@@ -70,13 +70,10 @@ class ReceiverWatch(Observer):
 
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
         """Look at every receiver."""
-        self._look()
+        self.heartbeat(report)
 
     def heartbeat(self, report: Report) -> None:
         """Look at every receiver."""
-        self._look()
-
-    def _look(self) -> None:
         now = self._clock.monotonic()
         for name, sender in self._senders.items():
             if sender.sent > self._sent[name]:

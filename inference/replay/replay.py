@@ -351,13 +351,9 @@ class Tally:
             "not_compared": dict(self.not_compared),
             "not_compared_but_alike": self.alike_all_the_same,
             "gaps": self.gaps,
-            "statuses": self.table(),
+            "statuses": status_table(self.statuses),
             "differences": [stretch.to_json() for stretch in self.stretches],
         }
-
-    def table(self) -> dict[str, dict[str, int]]:
-        """Frames by logged status, then by replayed status, in words."""
-        return status_table(self.statuses)
 
 
 def models_of_run(run: LoggedRun, store: Path | None = None) -> dict[str, Bundle]:

@@ -7,7 +7,7 @@ one piece of evidence: stretches and episodes are counted beside frames.
 
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
@@ -110,10 +110,6 @@ class ShadowReport:
         """Frames with one status."""
         return sum(count for (one, other), count in self.statuses.items() if one == other)
 
-    def table(self) -> dict[str, dict[str, int]]:
-        """Frames by the champion's status, then by the challenger's, in words."""
-        return status_table(self.statuses)
-
     def alone(self, side: str) -> tuple[int, int]:
         """Frames and stretches in which only that one says obstacle."""
         mine = [stretch for stretch in self.stretches if getattr(stretch, side) == OBSTACLE]
@@ -167,7 +163,7 @@ class ShadowReport:
             "frames": self.frames,
             "dropped": self.dropped,
             "agree": self.agree,
-            "statuses": self.table(),
+            "statuses": status_table(self.statuses),
             **sides,
             "challenger_leads_frames": self.lead_frames(),
             "differences": [stretch.to_json() for stretch in self.stretches],
@@ -192,7 +188,10 @@ def read_shadow(path: Path, run: str | None = None) -> ShadowReport:
     """
     gaps: list[LogGap] = []
     reports: dict[str, ShadowReport] = {}
-    for line in _lines(path, gaps):
+    for line in read_log(path, gaps):
+        version = line.get("format_version", SHADOW_FORMAT)
+        if type(version) is not int or version > SHADOW_FORMAT:
+            raise ToktError(f"{path} is of a newer tokt (format {version})")
         try:
             _take(line, reports)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
@@ -205,14 +204,6 @@ def read_shadow(path: Path, run: str | None = None) -> ShadowReport:
         raise ToktError(f"{path} has no run {wanted} (it has {', '.join(reports)})")
     reports[wanted].lost_lines = len(gaps)
     return reports[wanted]
-
-
-def _lines(path: Path, gaps: list[LogGap]) -> Iterator[dict[str, Any]]:
-    for line in read_log(path, gaps):
-        version = line.get("format_version", SHADOW_FORMAT)
-        if type(version) is not int or version > SHADOW_FORMAT:
-            raise ToktError(f"{path} is of a newer tokt (format {version})")
-        yield line
 
 
 def _take(line: Mapping[str, Any], reports: dict[str, ShadowReport]) -> None:

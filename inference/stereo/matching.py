@@ -242,7 +242,20 @@ class DenseMatcher:
         """Disparities in 1/16 pixel of the wanted pixels; `unmatched` elsewhere."""
         if self.matcher == BM:
             return self.kernels.block_disparity(left, right, self.settings, wanted)
-        return semi_global_disparity(left, right, self.settings, wanted)
+        settings, area = self.settings, SEMI_GLOBAL_BLOCK_PX**2
+        matcher = cv2.StereoSGBM.create(
+            settings.min_disparity,
+            settings.n_disparities,
+            SEMI_GLOBAL_BLOCK_PX,
+            P1=8 * area,  # as OpenCV itself recommends
+            P2=32 * area,
+            preFilterCap=settings.cap,
+            uniquenessRatio=settings.uniqueness,
+            mode=cv2.StereoSGBM_MODE_SGBM_3WAY,
+        )
+        views = [padded(view, settings, PADDING) for view in (left, right)]
+        found = matcher.compute(*views)[:, settings.margin :]
+        return np.asarray(np.where(wanted != 0, found, settings.unmatched), np.int16)
 
     def _seen_twice(self, disparity: I16, left: U8, right: U8, right_sigma: F32) -> U8:
         """Where matching the right view with the left one leads back; 0 or 1."""
@@ -263,27 +276,6 @@ class DenseMatcher:
         seen = np.zeros(disparity.shape, np.uint8)
         seen.ravel()[here[same]] = 1
         return seen
-
-
-def semi_global_disparity(left: U8, right: U8, settings: BlockMatching, wanted: U8) -> I16:
-    """OpenCV's semi-global matching, called as ``KERNELS.block_disparity`` is.
-
-    Blocks are of `SEMI_GLOBAL_BLOCK_PX`; the penalties follow OpenCV's own recommendation.
-    """
-    area = SEMI_GLOBAL_BLOCK_PX**2
-    matcher = cv2.StereoSGBM.create(
-        settings.min_disparity,
-        settings.n_disparities,
-        SEMI_GLOBAL_BLOCK_PX,
-        P1=8 * area,
-        P2=32 * area,
-        preFilterCap=settings.cap,
-        uniquenessRatio=settings.uniqueness,
-        mode=cv2.StereoSGBM_MODE_SGBM_3WAY,
-    )
-    views = [padded(view, settings, PADDING) for view in (left, right)]
-    found = matcher.compute(*views)[:, settings.margin :]
-    return np.asarray(np.where(wanted != 0, found, settings.unmatched), np.int16)
 
 
 def _searched(rectifier: Rectifier, settings: BlockMatching) -> Bools:
