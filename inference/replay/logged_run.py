@@ -77,10 +77,7 @@ class LoggedRun:
     def frames(self) -> Iterator[LoggedFrame]:
         """Its frames in the order in which they were judged.
 
-        Raises
-        ------
-        ToktError
-            If a line is not that of a frame, or the files have gone.
+        ToktError if a line is not that of a frame, or the files have gone.
         """
         model, exchanged = self.start.model, 0
         continuity = _Recorded() if self.recorded else _Logged()

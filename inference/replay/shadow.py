@@ -20,6 +20,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -36,7 +37,7 @@ from tokt.inference.publisher import Observer
 from tokt.inference.recording.log import JsonLines, LinesApart
 from tokt.inference.report import Event, Report
 from tokt.inference.verdict import UNKNOWN
-from tokt.models.bundle.bundle import Bundle, bundle_from_bytes
+from tokt.models.bundle.bundle import bundle_from_bytes
 
 READY = "ready"
 NICENESS = 10
@@ -47,26 +48,12 @@ NICENESS = 10
 class Challenger:
     """A challenger: the run's policy with another model, judging in a process of its own.
 
-    Parameters
-    ----------
-    label : str
-        ``name/version``.
-    sha256 : str
-    data : bytes
-        The bundle file.
-    policy : str
-    stereo : StereoSetup or None
-    threads : int
-
-    Raises
-    ------
-    ToktError
-        If the policy uses no model.
+    ToktError if the policy uses no model.
     """
 
-    label: str
+    label: str  # ``name/version``
     sha256: str
-    data: bytes
+    data: bytes  # the bundle file
     policy: str
     stereo: StereoSetup | None = None
     threads: int = 1
@@ -76,17 +63,8 @@ class Challenger:
             raise ToktError("policy disparity uses no model: a challenger cannot differ (--shadow)")
 
     def assemble(self) -> Assembly:
-        """The policy.
-
-        Raises
-        ------
-        ToktError
-            If it cannot be put together, or the bundle fails a check.
-        """
-
-        def load() -> Bundle:
-            return bundle_from_bytes(self.data, self.label)
-
+        """The policy; ToktError if it cannot be put together, or the bundle fails a check."""
+        load = partial(bundle_from_bytes, self.data, self.label)
         # Never late: how long it takes behind the running model is told, and no fault.
         return assemble(self.policy, load, self.stereo, self.threads, FixedStopwatch())
 
@@ -178,38 +156,20 @@ class _Waiting:
 class Shadow(Observer):
     """Let a challenger judge what the running model judges.
 
-    Parameters
-    ----------
-    challenger : Challenger
-    log : JsonLines or LinesApart
-        For this run's lines only; closed by `close`.
-    run : str
-        The run's id.
-    live : bool
-        Whether frames come in real time.
-    clock : Clock
-    tell : callable
-        Takes events, from another thread: ``shadow_failed``, and ``shadow_differs`` where the
-        two begin to differ, unknowns left aside.
-
-    Attributes
-    ----------
-    judged_frames, dropped : int
-        Frames that the challenger judged, and those that it was too slow for.
-    fault : str
-        Why it judges no more, or an empty string.
+    `tell` takes events, from another thread: ``shadow_failed``, and ``shadow_differs`` where the
+    two begin to differ, unknowns left aside.
     """
 
     challenger: Challenger
-    log: JsonLines | LinesApart
-    run: str
-    live: bool
+    log: JsonLines | LinesApart  # for this run's lines only; closed by `close`
+    run: str  # its id
+    live: bool  # whether frames come in real time
     clock: Clock
     tell: Callable[[Event], None]
 
     def __post_init__(self) -> None:
-        self.judged_frames = self.dropped = 0
-        self.fault = ""
+        self.judged_frames = self.dropped = 0  # by the challenger, and as it was too slow for them
+        self.fault = ""  # why it judges no more
         self._differs = False
         self._changed = threading.Condition()
         self._waiting: _Waiting | None = None

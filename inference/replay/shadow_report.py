@@ -173,18 +173,9 @@ class ShadowReport:
 
 
 def read_shadow(path: Path, run: str | None = None) -> ShadowReport:
-    """Read a shadow log.
+    """Read one run of a shadow log, by default the last.
 
-    Parameters
-    ----------
-    path : Path
-    run : str, optional
-        Which run of it; by default the last.
-
-    Raises
-    ------
-    ToktError
-        If there is no such log or run, or a line is not one of a shadow log.
+    ToktError if there is no such log or run, or a line is not one of a shadow log.
     """
     gaps: list[LogGap] = []
     reports: dict[str, ShadowReport] = {}

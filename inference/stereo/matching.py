@@ -112,22 +112,15 @@ CLEAR_CONTRAST = Contrast()
 
 @dataclass(frozen=True)
 class Matches:
-    """The matches of one pair, in the rectified left view.
+    """The matches of one pair, in the rectified left view; arrays of shape (height, width).
 
-    Parameters
-    ----------
-    disparity_px : array of float32, shape (height, width)
-    valid : array of bool, shape (height, width)
-    textured : array of bool, shape (height, width)
-        Where the left view has enough local contrast to be matched.
-    searched : array of bool, shape (height, width)
-        False in the blind margin: where the left view shows nothing, or the right camera does
-        not see what is there at any depth that is searched.
+    What is not `searched` is the blind margin: where the left view shows nothing, or the right
+    camera does not see what is there at any depth that is searched.
     """
 
     disparity_px: F32
     valid: Bools
-    textured: Bools
+    textured: Bools  # where the left view has enough local contrast to be matched
     searched: Bools
 
 
@@ -143,15 +136,8 @@ def disparity_range(rectifier: Rectifier) -> tuple[int, int]:
 class DenseMatcher:
     """Match the views of one rectifier.
 
-    Parameters
-    ----------
-    rectifier : Rectifier
-    matcher : {"bm", "sgbm"}
-        Block matching, or OpenCV's semi-global matching: more matches, several times the time.
-    kernels : Kernels
-    step : int
-        See `STEP_PX`; 1 for every pixel.
-    contrast : Contrast
+    The matcher is block matching (bm), or OpenCV's semi-global matching (sgbm): more matches,
+    several times the time.
 
     Raises
     ------
@@ -163,7 +149,7 @@ class DenseMatcher:
     rectifier: Rectifier
     matcher: str = BM
     kernels: Kernels = KERNELS
-    step: int = STEP_PX
+    step: int = STEP_PX  # 1 for every pixel
     contrast: Contrast = CLEAR_CONTRAST
 
     def __post_init__(self) -> None:
