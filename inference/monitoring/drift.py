@@ -55,12 +55,8 @@ class DriftState:
 class DriftMonitor(Observer):
     """Watch the features of the last judged frames.
 
-    `state` and `distances` are exchanged whole, so that another thread may read them.
-
-    Parameters
-    ----------
-    tell : callable
-        Takes the events ``drift`` and ``drift_over``; called by the thread that calls `judged`.
+    `state` and `distances` are exchanged whole, so that another thread may read them. `tell` takes
+    the events ``drift`` and ``drift_over``, of the thread that calls `judged`.
     """
 
     def __init__(self, tell: Callable[[Event], None]) -> None:

@@ -48,13 +48,7 @@ class PlaceWatch(Observer):
 class ReceiverWatch(Observer):
     """Tell when a receiver gets nothing any more as the system refuses it, and when it does again.
 
-    Parameters
-    ----------
-    senders : mapping of str to Sender
-        By receiver.
-    clock : Clock
-    tell : callable
-        Given an `Event` named ``receiver_refused`` or ``receiver_back``.
+    The events are ``receiver_refused`` and ``receiver_back``; senders go by receiver.
     """
 
     def __init__(

@@ -37,23 +37,10 @@ _HANGS = "the disk hangs"
 
 @dataclass(frozen=True)
 class LogRotation:
-    """Limits of a log: the size of a file, and how many older ones are kept.
+    """Limits of a log; ToktError if the size is not positive, or `keep` is not 1 to 99."""
 
-    Parameters
-    ----------
-    max_mb : float
-        Megabytes (10^6 bytes) of one file; a line is never cut to fit.
-    keep : int
-        Older files beside the one that is written.
-
-    Raises
-    ------
-    ToktError
-        If the size is not positive, or `keep` is not 1 to 99.
-    """
-
-    max_mb: float = RecordingConfig.log_max_mb
-    keep: int = RecordingConfig.log_keep
+    max_mb: float = RecordingConfig.log_max_mb  # 10^6 bytes of one file; no line is cut to fit
+    keep: int = RecordingConfig.log_keep  # older files beside the one that is written
 
     def __post_init__(self) -> None:
         if not 0 < self.max_mb < math.inf:
@@ -199,17 +186,8 @@ class LinesApart:
     """`JsonLines` that a thread of its own opens and writes: a disk that hangs holds nobody else.
 
     A line is waited for, as a process that is killed shall lose none, but for a moment only: those
-    after it wait in memory, and where there is no more room they count as lost.
-
-    Parameters
-    ----------
-    path : Path
-    rotation : LogRotation, optional
-
-    Raises
-    ------
-    ToktError
-        If it turns out within a second that the file cannot be opened.
+    after it wait in memory, and where there is no more room they count as lost. ToktError if it
+    turns out within a second that the file cannot be opened.
     """
 
     def __init__(self, path: Path | str, rotation: LogRotation | None = None) -> None:

@@ -210,27 +210,8 @@ _TELL_S = 10.0
 class Recorder(Observer):
     """Record clips: the frames of the seconds around a detection or a doubt.
 
-    Parameters
-    ----------
-    folder : Path
-        The recording is its ``run`` folder, made with the first frame; made if it is not there.
-    run : str
-    clock : Clock
-    before_s, after_s : float
-        As in `ClipTrigger`.
-    most_mb, reserve_mb : float
-        As in `DiskBudget`.
-    memory_mb : float
-        Megabytes (10^6 bytes) of frames in memory.
-    tell : callable, optional
-        Takes the events ``recording``: that a clip opens, that frames are left out and why, that
-        they are recorded again. Called within `judged`.
-
-    Attributes
-    ----------
-    clips : int
-        How many were opened.
-    writer : RecordingWriter
+    `tell` takes the events ``recording``: that a clip opens, that frames are left out and why, that
+    they are recorded again. It is called within `judged`. `clips` counts those that were opened.
 
     Raises
     ------
@@ -239,14 +220,14 @@ class Recorder(Observer):
         be.
     """
 
-    folder: Path
+    folder: Path  # made if it is not there; the recording is its `run` folder
     run: str
     clock: Clock
-    before_s: float = BEFORE_S
+    before_s: float = BEFORE_S  # as in `ClipTrigger`
     after_s: float = AFTER_S
-    most_mb: float = RecordingConfig.record_mb
+    most_mb: float = RecordingConfig.record_mb  # as in `DiskBudget`
     reserve_mb: float = RESERVE_MB
-    memory_mb: float = MEMORY_MB
+    memory_mb: float = MEMORY_MB  # 10^6 bytes of frames in memory
     tell: Callable[[Event], None] | None = None
 
     def __post_init__(self) -> None:
