@@ -16,7 +16,6 @@ from tokt.features.common.errors import ToktError
 from tokt.inference.reason import Reason
 from tokt.inference.verdict import OBSTACLE, UNKNOWN, Verdict
 
-BEFORE_S = AFTER_S = 2.0
 MAX_S = 30.0
 THIN_S = 1.0
 """Seconds between frames that are kept of a clip longer than `MAX_S`."""
@@ -44,7 +43,7 @@ class ClipTrigger:
     time is negative or longer than `MAX_S`.
     """
 
-    def __init__(self, before_s: float = BEFORE_S, after_s: float = AFTER_S) -> None:
+    def __init__(self, before_s: float, after_s: float) -> None:
         for name, value in (("before", before_s), ("after", after_s)):
             if not 0 <= value <= MAX_S:
                 known = f"0 to {MAX_S:g} s {name} a detection"

@@ -30,7 +30,7 @@ from tokt.inference.policy.policy import Judgement
 from tokt.inference.publisher import Observer
 from tokt.inference.report import Event, Report
 
-from .clip_trigger import AFTER_S, BEFORE_S, ClipTrigger
+from .clip_trigger import ClipTrigger
 from .recording import DiskBudget, EncodedFrame, RecordingFolder
 from .run_log import event_line, frame_line
 from .run_start import MODEL, START
@@ -223,8 +223,8 @@ class Recorder(Observer):
     folder: Path  # made if it is not there; the recording is its `run` folder
     run: str
     clock: Clock
-    before_s: float = BEFORE_S  # as in `ClipTrigger`
-    after_s: float = AFTER_S
+    before_s: float = RecordingConfig.record_before  # as in `ClipTrigger`
+    after_s: float = RecordingConfig.record_after
     most_mb: float = RecordingConfig.record_mb  # as in `DiskBudget`
     reserve_mb: float = RESERVE_MB
     memory_mb: float = MEMORY_MB  # 10^6 bytes of frames in memory

@@ -62,7 +62,7 @@ def test_a_doubt_that_comes_and_goes_is_kept_once_a_minute():
 
 
 def test_what_has_no_picture_is_no_cause():
-    assert kept(ClipTrigger(), lambda now: LOST, 10) == []
+    assert kept(ClipTrigger(2, 2), lambda now: LOST, 10) == []
 
 
 def test_a_moment_can_be_asked_for():
