@@ -204,19 +204,8 @@ class Metrics:
     """Serve a run's metrics until closed.
 
     One request at a time, each for a bounded silence of its client: whoever connects can keep other
-    scrapes waiting, and nothing else.
-
-    Parameters
-    ----------
-    host : str
-    port : int
-        0 takes any that is free.
-    collector : RunCollector
-
-    Attributes
-    ----------
-    port : int
-        The one that is listened on.
+    scrapes waiting, and nothing else. `port` is the one that is listened on: for 0, any that was
+    free.
 
     Raises
     ------

@@ -61,10 +61,8 @@ class Notifier:
 
     def _tell(self, words: bytes) -> None:
         for opened, start in self._sockets:
-            try:
+            with suppress(OSError):  # who watches may have gone; the loop goes on
                 opened.send(start + words)
-            except OSError:
-                continue  # who watches may have gone; the loop goes on
 
     def ready(self) -> None:
         """Frames are being waited for."""

@@ -204,19 +204,10 @@ class RecordingFolder:
 
 
 def read_recording(folder: Path, gaps: list[LogGap] | None = None) -> Iterator[dict[str, Any]]:
-    """The lines of a recording, frames' and events', in their order.
+    """The lines of a recording, ``DIR/<run>``, frames' and events', in their order.
 
-    Parameters
-    ----------
-    folder : Path
-        ``DIR/<run>``.
-    gaps : list of LogGap, optional
-        Gets the damaged lines, as they are met.
-
-    Raises
-    ------
-    ToktError
-        If it holds no recording, or one of a newer format.
+    `gaps` gets the damaged lines, as they are met. ToktError if the folder holds no recording, or
+    one of a newer format.
     """
     path = folder / FILE_NAME
     if not path.is_file():

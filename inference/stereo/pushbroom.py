@@ -126,16 +126,10 @@ class NormalizedView:
 class PushbroomDetector:
     """Judge stereo pairs in the order in which they were taken.
 
-    Parameters
-    ----------
-    calibration : StereoCalibration
-    grid : Grid
-        Its width is the mask's.
-    odometry : Odometry, optional
-        With it an obstacle that was met is carried to where it is now, and remembered for
-        `KEPT_FRAMES_WITH_ODOMETRY` frames while it is in view; a frame without a pose is taken
-        to be where the last one was, until the next pose tells. Without it an obstacle stays,
-        for `KEPT_FRAMES` frames, where it was seen and at the distance it had; the note says so.
+    With odometry an obstacle that was met is carried to where it is now, and remembered for
+    `KEPT_FRAMES_WITH_ODOMETRY` frames while it is in view; a frame without a pose is taken to be
+    where the last one was, until the next pose tells. Without it an obstacle stays, for
+    `KEPT_FRAMES` frames, where it was seen and at the distance it had; the note says so.
 
     Raises
     ------
@@ -145,7 +139,7 @@ class PushbroomDetector:
     """
 
     calibration: StereoCalibration
-    grid: Grid
+    grid: Grid  # its width is the mask's
     odometry: Odometry | None = None
     method: ClassVar = PUSHBROOM
 

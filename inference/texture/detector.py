@@ -52,13 +52,8 @@ _NO_DETAIL, _SOME_DETAIL = 0.5, 0.03
 def min_mask_patches(grid: Grid, height: int, width: int) -> int:
     """Patches it takes to bring a mask's mean over the thesis's limit.
 
-    1, but in grids of more than 700 patches, where a single one is too little for a status.
-
-    Parameters
-    ----------
-    grid : Grid
-    height, width : int
-        Of the resized frame, in pixels.
+    1, but in grids of more than 700 patches, where a single one is too little for a status. Height
+    and width are those of the resized frame, in pixels.
     """
     mean_of_one = 255.0 * math.prod(grid.patch_size(height, width)) / (height * width)
     return int(STATUS_MEAN_THRESHOLD // mean_of_one) + 1
@@ -81,16 +76,9 @@ class MofNRun(MofNState):
     """The operating point's M-of-N rule over one run's frames, in their order."""
 
     def result(self, scores: F64, patches: Bools, min_mask_patches: int) -> MofNResult:
-        """Judge the frame that was begun.
+        """What the frame that was begun comes to; of its patches, shape (n_patches,).
 
-        Parameters
-        ----------
-        scores : array of float64, shape (n_patches,)
-            Its patches' obstacle scores.
-        patches : array of bool, shape (n_patches,)
-            Its obstacle patches.
-        min_mask_patches : int
-            Patches it takes to bring the mask's mean over the thesis's limit.
+        `scores` are their obstacle scores, `patches` says which are obstacles; see `add`.
         """
         status = self.judge(scores, min_mask_patches)
         over = int(np.count_nonzero(scores > self.rule.margin))
@@ -119,12 +107,8 @@ class TextureDetector:
     Elsewhere the mask is empty. It judges the frames of one run in their order: what it says of a
     frame can depend on those before.
 
-    Parameters
-    ----------
-    scorer : Bundle
-        Or what has as much of one as this class asks for.
-    threads : int
-        How many threads share one frame's rows of patches; the verdict does not depend on it.
+    The scorer may be anything that has as much of a bundle as this class asks for. `threads` share
+    one frame's rows of patches; the verdict does not depend on how many.
     """
 
     method = TEXTURE
@@ -255,18 +239,8 @@ class ReloadableTextureDetector:
     """A texture detector whose model can be exchanged between two frames.
 
     It passes each frame to the detector it holds; that is exchanged by the thread that calls
-    `detect`, never within a frame.
-
-    Parameters
-    ----------
-    detector : Detector or None
-    why_none : str
-        Why there is no detector, where there is none.
-
-    Attributes
-    ----------
-    note : str
-        What is not as it should be with the model there is, for every detection's note.
+    `detect`, never within a frame. `note` is what is not as it should be with the model there is,
+    for every detection's note; `why_none` is why there is no detector, where there is none.
     """
 
     method = TEXTURE
