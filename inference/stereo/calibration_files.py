@@ -304,15 +304,9 @@ def _read_bouguet(path: Path, text: str) -> CalibrationNumbers:
     plain = re.sub(r"\.\.\.[^\n]*\n", " ", re.sub(r"%[^\n]*", "", text))
     found = re.findall(r"\b([A-Za-z]\w*)\s*=\s*(?:\[([^\]]*)\]|([^\s;,\[]+))", plain)
     values = {name: (inside or alone) for name, inside, alone in found if name in BOUGUET_NAMES}
-    numbers = {name: _bouguet_list(path, name, words) for name, words in values.items()}
+    words = {name: re.findall(r"[^\s,;]+", value) for name, value in values.items()}
+    numbers = {name: _finite(path, name, each) for name, each in words.items()}
     return bouguet_numbers(path, "Bouguet toolbox text", numbers)
-
-
-def _bouguet_list(path: Path, name: str, words: str) -> F64:
-    try:
-        return np.array([float(word) for word in re.split(r"[\s,;]+", words) if word], np.float64)
-    except ValueError:
-        raise ToktError(f"calibration {path}: {name} is not a list of numbers") from None
 
 
 _BOUGUET_SIDES = {"1": "left", "2": "right"}
