@@ -50,7 +50,7 @@ class StatusLine(Observer):
 
     counts: RunCounts  # an observer of the run, told before this one
     clock: Clock
-    stream: TextIO | None = None  # a terminal; elsewhere only events are written
+    stream: TextIO | None = None  # default: standard error; where it is no terminal, events alone
     recorder: Recorder | None = None
 
     def __post_init__(self) -> None:

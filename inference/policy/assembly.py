@@ -39,7 +39,7 @@ class StereoSetup:
 
     calibration: StereoCalibration
     algorithm: str = BM  # at all distances, or with pushbroom at a few of them only, for speed
-    scale: float = DEFAULT_SCALE  # of the views that are matched; pushbroom has its own
+    scale: float = DEFAULT_SCALE  # matched size over the frames'; pushbroom has its own
     odometry: Odometry | None = None  # by which pushbroom carries what it saw along
 
     def __post_init__(self) -> None:

@@ -43,7 +43,7 @@ class Judgement:
     verdict: Verdict
     decision_values: F64 | None = None
     features: F64 | None = None  # the texture model's, also where the verdict is from elsewhere
-    texture_s: float | None = None  # that the texture detector took, where the verdict hangs on it
+    texture_s: float | None = None  # seconds that texture took, where the verdict hangs on them
     boundary: float | None = None
     mask: U8 | None = None
     grid: Grid | None = None

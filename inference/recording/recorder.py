@@ -65,13 +65,6 @@ class HeldFrame:
         held = sum(picture.nbytes for picture in pictures if picture is not None)
         return held + _BESIDE_PICTURES_BYTES
 
-    def encoded(self, run: str, clip: int, folder: RecordingFolder) -> EncodedFrame:
-        """The frame as it goes to disk."""
-        sides = {"left": self.frame.left, "right": self.frame.right}
-        pictures = {side: picture for side, picture in sides.items() if picture is not None}
-        line = frame_line(run, self.frame, self.judgement, self.report)
-        return folder.encode(self.frame.number, clip, pictures, {**line, "judged": self.judged})
-
 
 class RecordingWriter:
     """Write frames in the order they are put, beside the loop.
@@ -161,7 +154,12 @@ class RecordingWriter:
 
     def _write(self, held: HeldFrame, clip: int) -> str:
         """Why the frame is not on disk, or an empty string."""
-        encoded = held.encoded(self._run, clip, self._folder)
+        frame = held.frame
+        sides = {"left": frame.left, "right": frame.right}
+        pictures = {side: picture for side, picture in sides.items() if picture is not None}
+        line = frame_line(self._run, frame, held.judgement, held.report)
+        line["judged"] = held.judged
+        encoded = self._folder.encode(frame.number, clip, pictures, line)
         if not self._make_room(encoded):
             return NO_ROOM
         if not self._budget.keeps_reserve(encoded.disk_bytes):

@@ -334,7 +334,10 @@ class Tally:
 
 
 def models_of_run(run: LoggedRun, store: Path | None = None) -> dict[str, Bundle]:
-    """Every model that judged in a run, by SHA-256, of `store` or where the run had them from."""
+    """Every model that judged in a run, by SHA-256, of `store` or where the run had them from.
+
+    ToktError as of `model_of`.
+    """
     place = store or (Path(run.start.models_from) if run.start.models_from else None)
     return {name.sha256: model_of(name, place) for name in run.models}
 

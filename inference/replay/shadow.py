@@ -168,7 +168,7 @@ class Shadow(Observer):
     tell: Callable[[Event], None]
 
     def __post_init__(self) -> None:
-        self.judged_frames = self.dropped = 0  # by the challenger, and as it was too slow for them
+        self.judged_frames = self.dropped = 0  # frames it judged, and was too slow for
         self.fault = ""  # why it judges no more
         self._differs = False
         self._changed = threading.Condition()
