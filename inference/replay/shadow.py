@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 import time
@@ -25,9 +26,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 import cv2
-import numpy as np
 
-from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError, os_words
 from tokt.inference.clock import Clock, FixedStopwatch, awake_s
 from tokt.inference.frame import Frame
@@ -106,28 +105,22 @@ def _answer(policy: Policy, connection: Connection) -> None:
 
 
 def send_frame(connection: Connection, frame: Frame) -> None:
-    """Pass a frame on to `receive_frame` at the other end."""
-    pictures = [frame.left, frame.right]
-    looks = [None if each is None else (each.shape, each.dtype.str) for each in pictures]
-    connection.send((replace(frame, left=None, right=None), looks))
+    """Pass a frame on to `receive_frame` at the other end, its pictures without a copy."""
+    pictures: list[pickle.PickleBuffer] = []
+    rest = pickle.dumps(frame, protocol=5, buffer_callback=pictures.append)
+    connection.send((rest, [picture.raw().nbytes for picture in pictures]))
     for picture in pictures:
-        if picture is not None and picture.size:
-            connection.send_bytes(np.ascontiguousarray(picture).reshape(-1).view(np.uint8).data)
+        connection.send_bytes(picture.raw())
 
 
 def receive_frame(connection: Connection) -> Frame:
     """The next frame; raises EOFError or OSError if the other end is gone."""
-    frame: Frame
-    frame, looks = connection.recv()
-    left, right = (None if look is None else _picture(connection, *look) for look in looks)
-    return replace(frame, left=left, right=right)
-
-
-def _picture(connection: Connection, shape: tuple[int, ...], dtype: str) -> U8:
-    picture: U8 = np.empty(shape, dtype)
-    if picture.size:
-        connection.recv_bytes_into(picture.reshape(-1).view(np.uint8).data)
-    return picture
+    rest, sizes = connection.recv()
+    pictures = [bytearray(size) for size in sizes]
+    for picture in pictures:
+        connection.recv_bytes_into(picture)
+    frame: Frame = pickle.loads(rest, buffers=pictures)
+    return frame
 
 
 SHADOW_FORMAT = 1
