@@ -43,11 +43,9 @@ class ShadowStretch:
 
 @dataclass
 class Episode:
-    """A time in which one of the two says obstacle, with short gaps."""
+    """A time in which one of the two says obstacle, with short gaps; of compared frames, from 0."""
 
-    first: int
-    last: int
-    begins: int  # which compared frame that is
+    begins: int
     ends: int
 
 
@@ -83,16 +81,15 @@ class ShadowReport:
             if line[side]["latency_ms"] is not None:
                 self.latency_ms[side].append(line[side]["latency_ms"])
             if line[side]["status"] == OBSTACLE:
-                self._obstacle(side, number)
+                self._obstacle(side)
         self._stretch(then, now, number)
         self.frames += 1
 
-    def _obstacle(self, side: str, number: int) -> None:
+    def _obstacle(self, side: str) -> None:
         episodes = self.episodes[side]
-        if episodes and self.frames - episodes[-1].ends <= EPISODE_GAP:
-            episodes[-1].last, episodes[-1].ends = number, self.frames
-        else:
-            episodes.append(Episode(number, number, self.frames, self.frames))
+        if not episodes or self.frames - episodes[-1].ends > EPISODE_GAP:
+            episodes.append(Episode(self.frames, self.frames))
+        episodes[-1].ends = self.frames
 
     def _stretch(self, champion: int, challenger: int, number: int) -> None:
         if champion == challenger:
