@@ -117,13 +117,8 @@ def judge_image(scorer: Bundle, image: U8) -> Judgement:
     ----------
     scorer : Bundle
     image : array of uint8, shape (height, width) or (height, width, 3)
-        As the camera gave it, not resized.
-
-    Returns
-    -------
-    Judgement
-        Unknown, with the reason in its health, where the picture cannot be judged or the scorer
-        fails; never raises for either.
+        As the camera gave it, not resized. Where it cannot be judged, or the scorer fails, the
+        verdict is unknown, with the reason in its health; neither raises.
     """
     return SinglePolicy(TextureDetector(scorer)).judge(Frame(0, 0.0, image, None))
 

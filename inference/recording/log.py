@@ -60,33 +60,15 @@ class JsonLines:
     A line that cannot be written is counted and does not stop the runtime. The first one that can
     be again follows a line ``{"lost_lines": 12, "why": "No space left on device"}``.
 
-    Parameters
-    ----------
-    path : Path
-        One process at a time writes it.
-    rotation : LogRotation, optional
-        Without one the file grows without end.
-    later : bool
-        Leave it to `open`, or to the first line, to open the file.
-
-    Attributes
-    ----------
-    failed : int
-        Lines that could not be written, such as on a full disk.
-    last_error : str
-        What went wrong last, lines lost or not.
-
-    Raises
-    ------
-    ToktError
-        If the file cannot be opened, unless that is left for later.
+    One process at a time writes the file; without a rotation it grows without end. ToktError if it
+    cannot be opened, unless that is left for later: to `open`, or to the first line.
     """
 
     def __init__(
         self, path: Path | str, rotation: LogRotation | None = None, later: bool = False
     ) -> None:
-        self.failed = 0
-        self.last_error = ""
+        self.failed = 0  # lines that could not be written, such as on a full disk
+        self.last_error = ""  # what went wrong last, lines lost or not
         self._path = Path(path)
         self._rotation = rotation
         self._lost = 0
@@ -290,17 +272,8 @@ def read_log(path: Path | str, gaps: list[LogGap] | None = None) -> Iterator[dic
     It may be written meanwhile: no line is left out or given twice as files step on. A last line
     that is not whole yet is left out.
 
-    Parameters
-    ----------
-    path : Path
-        The newest file's name.
-    gaps : list of LogGap, optional
-        Gets the damaged lines, and the places where lines could not be written, as they are met.
-
-    Raises
-    ------
-    ToktError
-        If there is no such log, or it cannot be read.
+    `path` is the newest file's name; `gaps` gets the damaged lines, and the places where lines
+    could not be written, as they are met. ToktError if there is no such log, or it cannot be read.
     """
     path = Path(path)
     with ExitStack() as opened:

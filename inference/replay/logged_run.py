@@ -98,19 +98,9 @@ def is_recording(path: Path) -> bool:
 
 
 def open_run(path: Path, run: str | None = None) -> LoggedRun:
-    """Find a run in a log.
+    """Find a run by its id, by default the last one, in a log or in the folder of a recording.
 
-    Parameters
-    ----------
-    path : Path
-        A log file, whose events lie beside it, or the folder of a recording.
-    run : str, optional
-        Its id; by default the last one of the log.
-
-    Raises
-    ------
-    ToktError
-        If there is no such log or run, or it does not say how the run began.
+    ToktError if there is no such log or run, or it does not say how the run began.
     """
     starts, models = _beginnings(path)
     if not starts:
