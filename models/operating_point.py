@@ -252,6 +252,15 @@ class MofNState:
         """Leave out places where a frame is missing: they are not known."""
         self._last.extend([None] * min(frames, self.rule.n))
 
+    def begin(self, missed: int) -> None:
+        """The next frame, `missed` frames after the one before; not known unless `judge` is."""
+        self.skip(missed + 1)
+
+    def judge(self, scores: F64, min_mask_patches: int = 1) -> int:
+        """As `add`, of the frame that was begun."""
+        self._last.pop()
+        return self.add(scores, min_mask_patches)
+
     def doubt(self) -> None:
         """Where the last frame shows nothing, that is not believed: it is not known."""
         last = self._last[-1]

@@ -44,23 +44,16 @@ class DriftState:
     """The drift at this moment."""
 
     known: bool = False  # whether the bundle holds a training distribution
-    frames: int = 0  # in the window
-    window_frames: int = 0  # it takes until anything can be said
     out: bool = False  # whether drift was told and is not over
-    worst: str | None = None  # the feature furthest out; None until the window is full
-    distance: float | None = None  # its own from training, 0 to 1
+    distance: float | None = None  # of the feature furthest out, 0..1; None before a full window
     limit: float | None = None  # where it is out of range
 
 
 class DriftMonitor(Observer):
     """Watch the features of the last judged frames.
 
-    `state` and `distances` are exchanged whole, so that another thread may read them.
-
-    Parameters
-    ----------
-    tell : callable
-        Takes the events ``drift`` and ``drift_over``; called by the thread that calls `judged`.
+    `state` and `distances` are exchanged whole, so that another thread may read them. `tell` takes
+    the events ``drift`` and ``drift_over``, of the thread that calls `judged`.
     """
 
     def __init__(self, tell: Callable[[Event], None]) -> None:
@@ -81,12 +74,10 @@ class DriftMonitor(Observer):
         self._window: deque[I64] = deque()
         self._since_look = 0
         self.distances: Mapping[str, float] = {}
-        self.state = DriftState()
+        self.state = DriftState(known=self._distribution is not None)
         if self._distribution is not None:
-            dim, frames = self._distribution.dim, self._distribution.window_frames
-            self._sum = np.zeros((dim, BINS), np.int64)
+            self._sum = np.zeros((self._distribution.dim, BINS), np.int64)
             self._limits = self._distribution.limits
-            self.state = DriftState(known=True, window_frames=frames)
 
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
         """Take a frame's features into the window; where it is time, compare."""
@@ -104,8 +95,6 @@ class DriftMonitor(Observer):
         if full and self._since_look * LOOKS_A_WINDOW >= distribution.window_frames:
             self._since_look = 0
             self._look(distribution)
-        elif not full:
-            self.state = DriftState(True, len(self._window), distribution.window_frames)
 
     def _look(self, distribution: Distribution) -> None:
         """Compare the window with training, and tell what has changed."""
@@ -115,9 +104,7 @@ class DriftMonitor(Observer):
         was_out, ratio = self.state.out, float(ratios[worst])
         out = ratio > (BACK_RATIO if was_out else 1.0)
         self.distances = dict(zip(self._names, distances.tolist(), strict=True))
-        furthest = self._names[worst], float(distances[worst]), float(self._limits[worst])
-        frames = distribution.window_frames
-        self.state = DriftState(True, len(self._window), frames, out, *furthest)
+        self.state = DriftState(True, out, float(distances[worst]), float(self._limits[worst]))
         if out != was_out:
             self._tell(self._event(out, distances, ratios))
 
@@ -133,7 +120,7 @@ class DriftMonitor(Observer):
         over = int(np.count_nonzero(ratios > 1))
         fields: dict[str, Any] = {
             "model": self._label,
-            "frames": self.state.frames,
+            "frames": len(self._window),
             "features": len(ratios),
             "features_out": over,
             "worst": worst,
@@ -141,10 +128,10 @@ class DriftMonitor(Observer):
         first = worst[0]
         figures = f"{first['feature']} {first['distance']:.2f}, limit {first['limit']:.2f}"
         if not out:
-            words = f"the last {self.state.frames} frames are like training again ({figures})"
+            words = f"the last {len(self._window)} frames are like training again ({figures})"
             return Event(self._t, "drift_over", words, fields)
         words = (
-            f"the last {self.state.frames} frames are unlike what {self._label} learnt from: "
+            f"the last {len(self._window)} frames are unlike what {self._label} learnt from: "
             f"{over} of {len(ratios)} features out of range ({figures})"
         )
         return Event(self._t, "drift", words, fields)

@@ -48,8 +48,8 @@ _BREATH_S = 0.0005
 """Between two metrics of a page, in real time: a frame that is judged meanwhile waits for the
 writing of one or two metrics at most, and not for the whole page (1 ms)."""
 
-Values = float | Mapping[tuple[str, ...], float]
-"""One, or several by the values of the metric's labels."""
+Values = float | Mapping[Any, float]
+"""One, or several by the value of the metric's label, or by a tuple of those of its labels."""
 
 
 def parse_metrics(text: str) -> tuple[str, int]:
@@ -84,9 +84,9 @@ class RunCollector:
 
     def _said(self) -> Iterator[Metric]:
         counts = self.counts
-        verdicts, heartbeats = dict(counts.verdicts), _by_name(counts.heartbeat_reasons)
-        yield _counter("verdicts", "Frames judged.", verdicts, "status", "reason")
-        yield _counter("heartbeats", "Unknown, said without a frame.", heartbeats, "reason")
+        yield _counter("verdicts", "Frames judged.", counts.verdicts, "status", "reason")
+        words = "Unknown, said without a frame."
+        yield _counter("heartbeats", words, counts.heartbeat_reasons, "reason")
         yield _counter("frames_missed", "Frames that were not judged.", counts.missed)
         yield _counter("frames_left_out", "Those there was no time for.", counts.left_out)
         words = "From when a frame was taken up to its verdict."
@@ -94,7 +94,7 @@ class RunCollector:
         words = "From a frame's arrival to its datagram."
         yield _histogram("datagram_age_seconds", words, counts.age)
         events = dict(counts.events)
-        yield _counter("events", "What happened besides frames.", _by_name(events), "event")
+        yield _counter("events", "What happened besides frames.", events, "event")
         yield _counter("model_switches", "New models put to work.", events.get("model", 0))
         words = "New models refused; the old one went on."
         yield _counter("model_refusals", words, events.get("model_refused", 0))
@@ -120,8 +120,8 @@ class RunCollector:
 
     def _senders(self) -> Iterator[Metric]:
         senders = self.senders.items()
-        sent = _by_name({name: sender.sent for name, sender in senders})
-        failed = _by_name({name: sender.failed for name, sender in senders})
+        sent = {name: sender.sent for name, sender in senders}
+        failed = {name: sender.failed for name, sender in senders}
         yield _counter("datagrams_sent", "Datagrams the system took.", sent, "receiver")
         yield _counter("datagrams_failed", "Datagrams it refused.", failed, "receiver")
 
@@ -146,10 +146,10 @@ class RunCollector:
             return
         sides = list(zip(("left", "right"), self.cameras.counts, strict=False))
         for name, words in _CAMERA_COUNTS.items():
-            values = _by_name({side: getattr(counts, name) for side, counts in sides})
+            values = {side: getattr(counts, name) for side, counts in sides}
             yield _counter(f"camera_{name}", words, values, "camera")
         drivers = zip(("left", "right"), self.cameras.drivers, strict=False)
-        failures = _by_name({side: driver.failures for side, driver in drivers})
+        failures = {side: driver.failures for side, driver in drivers}
         yield _counter("camera_failures", "Captures lost to an error.", failures, "camera")
         back = self.counts.events.get("camera_back", 0)
         yield _counter("camera_reconnects", "Lost cameras that came back.", back)
@@ -158,18 +158,14 @@ class RunCollector:
         drift = self.drift
         if drift is None:
             return
-        state, distances = drift.state, _by_name(drift.distances)
+        state = drift.state
         yield _gauge("drift_known", "The model tells what it learnt from.", state.known)
         yield _gauge("drift_out", "Drift was told and is not over.", state.out)
         if state.distance is not None and state.limit is not None:
             words = "Of the feature that is furthest out, from training."
             yield _gauge("drift_distance", words, state.distance)
             yield _gauge("drift_limit", "Distance at which it is out of range.", state.limit)
-        yield _gauge("drift_feature_distance", "By feature.", distances, "feature")
-
-
-def _by_name(values: Mapping[str, float]) -> dict[tuple[str, ...], float]:
-    return {(name,): value for name, value in dict(values).items()}
+        yield _gauge("drift_feature_distance", "By feature.", drift.distances, "feature")
 
 
 def _counter(name: str, words: str, values: Values, *labels: str, gauge: bool = False) -> Metric:
@@ -177,8 +173,10 @@ def _counter(name: str, words: str, values: Values, *labels: str, gauge: bool = 
 
     kind = GaugeMetricFamily if gauge else CounterMetricFamily
     metric = kind(_PREFIX + name, words, labels=labels)
-    for key, value in values.items() if isinstance(values, Mapping) else [((), float(values))]:
-        metric.add_metric(key, value)
+    # A copy: the loop counts on meanwhile.
+    by_label = dict(values) if isinstance(values, Mapping) else {(): float(values)}
+    for key, value in by_label.items():
+        metric.add_metric((key,) if isinstance(key, str) else key, value)
     return metric
 
 
@@ -204,19 +202,8 @@ class Metrics:
     """Serve a run's metrics until closed.
 
     One request at a time, each for a bounded silence of its client: whoever connects can keep other
-    scrapes waiting, and nothing else.
-
-    Parameters
-    ----------
-    host : str
-    port : int
-        0 takes any that is free.
-    collector : RunCollector
-
-    Attributes
-    ----------
-    port : int
-        The one that is listened on.
+    scrapes waiting, and nothing else. `port` is the one that is listened on: for 0, any that was
+    free.
 
     Raises
     ------

@@ -48,13 +48,7 @@ class PlaceWatch(Observer):
 class ReceiverWatch(Observer):
     """Tell when a receiver gets nothing any more as the system refuses it, and when it does again.
 
-    Parameters
-    ----------
-    senders : mapping of str to Sender
-        By receiver.
-    clock : Clock
-    tell : callable
-        Given an `Event` named ``receiver_refused`` or ``receiver_back``.
+    The events are ``receiver_refused`` and ``receiver_back``; senders go by receiver.
     """
 
     def __init__(
@@ -70,13 +64,10 @@ class ReceiverWatch(Observer):
 
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
         """Look at every receiver."""
-        self._look()
+        self.heartbeat(report)
 
     def heartbeat(self, report: Report) -> None:
         """Look at every receiver."""
-        self._look()
-
-    def _look(self) -> None:
         now = self._clock.monotonic()
         for name, sender in self._senders.items():
             if sender.sent > self._sent[name]:

@@ -74,31 +74,18 @@ def check_in_child(store: Store) -> BundleCheck:
 class ModelReloader(Observer):
     """Keep the running model the store's active one; it is told of every frame.
 
-    Parameters
-    ----------
-    store : Store
-    running : Bundle or None
-        The model at the start.
-    misfit : callable
-        Why a bundle cannot take the running one's place, or an empty string; with a frame that it
-        has to judge, or None.
-    put : callable
-        Puts a bundle into the policy, with what is not as it should be with it; called by the
-        loop's thread, between two frames.
-    clock : Clock
-    check : callable
-        `check_in_child`.
-    is_active : bool
-        Whether `running` was loaded as the store's active one, and not in its stead.
+    `misfit` says why a bundle cannot take the running one's place, or an empty string, with a frame
+    that it has to judge, or None. `put` puts a bundle into the policy, with what is not as it
+    should be with it; the loop's thread calls it, between two frames.
     """
 
     store: Store
-    running: Bundle | None
+    running: Bundle | None  # the model at the start
     misfit: Callable[[Bundle, Frame | None], str]
     put: Callable[[Bundle, str], None]
     clock: Clock
     check: Callable[[Store], BundleCheck] = check_in_child
-    is_active: bool = True
+    is_active: bool = True  # whether `running` was loaded as the active one, not in its stead
 
     def __post_init__(self) -> None:
         # A copy of the active bundle has the same SHA-256; the active one may be made good.

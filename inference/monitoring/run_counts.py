@@ -86,19 +86,12 @@ class RunCounts(Observer):
         if event.name in (START, MODEL):
             model = event.fields.get("model") if event.name == START else event.fields
             self.model = ModelName(model["label"], model["sha256"]) if model else None
-        side = f"camera {event.fields.get('camera', '')}"
-        if event.name == "camera_lost":
-            self.warnings[side] = event.words
-        elif event.name == "camera_back":
-            self.warnings.pop(side, None)
-        elif event.name == "receiver_refused":
-            self.warnings[f"receiver {event.fields['receiver']}"] = event.words
-        elif event.name == "receiver_back":
-            self.warnings.pop(f"receiver {event.fields['receiver']}", None)
-        elif event.name == "drift":
-            self.warnings["drift"] = event.words
-        elif event.name == "drift_over":
-            self.warnings.pop("drift", None)
+        kind = event.name.partition("_")[0]
+        what = f"{kind} {event.fields.get(kind, '')}"
+        if event.name in ("camera_lost", "receiver_refused", "drift"):
+            self.warnings[what] = event.words
+        elif event.name in ("camera_back", "receiver_back", "drift_over"):
+            self.warnings.pop(what, None)
 
     def _note(self, report: Report) -> None:
         self.last_report, self.last_report_s = report, self._clock.monotonic()

@@ -46,21 +46,11 @@ _ERASE = "\r\x1b[2K"
 
 @dataclass(eq=False)
 class StatusLine(Observer):
-    """Show a run while it goes on.
+    """Show a run while it goes on."""
 
-    Parameters
-    ----------
-    counts : RunCounts
-        An observer of the run, told before this one.
-    clock : Clock
-    stream : text file
-        Where a terminal may be; elsewhere only events are written.
-    recorder : Recorder, optional
-    """
-
-    counts: RunCounts
+    counts: RunCounts  # an observer of the run, told before this one
     clock: Clock
-    stream: TextIO | None = None
+    stream: TextIO | None = None  # default: standard error; where it is no terminal, events alone
     recorder: Recorder | None = None
 
     def __post_init__(self) -> None:

@@ -32,12 +32,6 @@ class Notifier:
     The words are those of systemd's ``sd_notify`` (READY=1, WATCHDOG=1, STOPPING=1): one datagram
     each to the socket that ``NOTIFY_SOCKET`` names, or, from ``tokt run --watchdog``, which runs
     where there is no systemd as well, to a port on loopback.
-
-    Parameters
-    ----------
-    clock : Clock
-    environ : mapping
-        The environment's variables.
     """
 
     def __init__(self, clock: Clock, environ: Mapping[str, str] = os.environ) -> None:
@@ -67,10 +61,8 @@ class Notifier:
 
     def _tell(self, words: bytes) -> None:
         for opened, start in self._sockets:
-            try:
+            with suppress(OSError):  # who watches may have gone; the loop goes on
                 opened.send(start + words)
-            except OSError:
-                continue  # who watches may have gone; the loop goes on
 
     def ready(self) -> None:
         """Frames are being waited for."""
@@ -118,25 +110,12 @@ _MAX_DATAGRAM = 65_535  # Windows raises where one is longer than what is asked 
 
 @dataclass(eq=False)
 class Watchdog:
-    """Keep one command running.
-
-    Parameters
-    ----------
-    command : sequence of str
-        Program and arguments; it tells its signs of life as `tokt.inference.monitoring.watchdog`
-        does.
-    say : callable
-        Given one line for people each time something happens.
-    notifier : Notifier
-        Passes the runtime's signs of life on.
-    stderr : file, optional
-        The runtime's standard error; by default this process's own.
-    """
+    """Keep one command running, a program that tells its signs of life as `Notifier` does."""
 
     command: Sequence[str]
-    say: Callable[[str], None]
-    notifier: Notifier
-    stderr: TextIO | None = None
+    say: Callable[[str], None]  # given one line for people each time something happens
+    notifier: Notifier  # passes the runtime's signs of life on
+    stderr: TextIO | None = None  # the runtime's; by default this process's own
 
     def __post_init__(self) -> None:
         self.restarts = 0
@@ -154,10 +133,8 @@ class Watchdog:
         A runtime that ends without a word is started again, whatever its exit code: SIGTERM to it
         alone (as from earlyoom, where memory is short) makes it end as it should, with code 0.
 
-        Returns
-        -------
-        int
-            The runtime's exit code: 0, or 2 where it never got ready because of what a user wrote.
+        Gives the runtime's exit code: 0, or 2 where it never got ready because of what a user
+        wrote.
         """
         code = quick = 0
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as signs:

@@ -34,26 +34,13 @@ STEREO_ALGORITHMS = (*MATCHERS, PUSHBROOM)
 class StereoSetup:
     """A calibration, and how its pairs are matched.
 
-    Parameters
-    ----------
-    calibration : StereoCalibration
-    algorithm : {"bm", "sgbm", "pushbroom"}
-        Matching at all distances, or looking at a few of them only, for speed.
-    scale : float
-        Of the views that are matched over the frames' size; pushbroom has its own.
-    odometry : Odometry, optional
-        Where the vehicle was at each frame: pushbroom carries what it saw along with it.
-
-    Raises
-    ------
-    ToktError
-        If the algorithm is not known, or has no use for odometry or a scale.
+    ToktError if the algorithm is not known, or has no use for odometry or a scale.
     """
 
     calibration: StereoCalibration
-    algorithm: str = BM
-    scale: float = DEFAULT_SCALE
-    odometry: Odometry | None = None
+    algorithm: str = BM  # at all distances, or with pushbroom at a few of them only, for speed
+    scale: float = DEFAULT_SCALE  # matched size over the frames'; pushbroom has its own
+    odometry: Odometry | None = None  # by which pushbroom carries what it saw along
 
     def __post_init__(self) -> None:
         if self.algorithm not in STEREO_ALGORITHMS:
@@ -97,11 +84,7 @@ class Assembly:
     def misfit(self, model: Bundle, frame: Frame | None = None) -> str:
         """Why a model cannot take the place of the one there is, or an empty string.
 
-        Parameters
-        ----------
-        model : Bundle
-        frame : Frame, optional
-            One that it has to judge.
+        `frame` is one that it has to judge.
         """
         if self.texture is None:
             return "the policy uses no model"

@@ -38,26 +38,12 @@ POLICIES = ("texture", "disparity", "either", "fallback")
 
 @dataclass(frozen=True)
 class Judgement:
-    """A verdict, and the features and decision values behind it where a model gave some.
-
-    Parameters
-    ----------
-    verdict : Verdict
-    decision_values : array of float64, shape (n_patches, n_outputs), or None
-    features : array of float64, shape (n_patches, dim), or None
-        What the texture model looked at, also where the verdict comes from elsewhere.
-    texture_s : float or None
-        Seconds that the texture detector took, where the verdict depends on it.
-    boundary : float or None
-        As of `Detection`.
-    mask, grid
-        As of `Detection`.
-    """
+    """A verdict, and what is behind it: fields without a word are as in `Detection`."""
 
     verdict: Verdict
     decision_values: F64 | None = None
-    features: F64 | None = None
-    texture_s: float | None = None
+    features: F64 | None = None  # the texture model's, also where the verdict is from elsewhere
+    texture_s: float | None = None  # seconds that texture took, where the verdict hangs on them
     boundary: float | None = None
     mask: U8 | None = None
     grid: Grid | None = None
@@ -109,17 +95,10 @@ def _not_clear(judgement: Judgement) -> Judgement:
 
 @dataclass(eq=False)
 class SinglePolicy:
-    """One detector alone.
-
-    Parameters
-    ----------
-    detector : Detector
-    note : str
-        What is not as it should be throughout, for the health of every verdict.
-    """
+    """One detector alone."""
 
     detector: Detector
-    note: str = ""
+    note: str = ""  # what is not as it should be throughout, for the health of every verdict
 
     def judge(self, frame: Frame) -> Judgement:
         """The detector's answer."""
@@ -138,13 +117,8 @@ def judge_image(scorer: Bundle, image: U8) -> Judgement:
     ----------
     scorer : Bundle
     image : array of uint8, shape (height, width) or (height, width, 3)
-        As the camera gave it, not resized.
-
-    Returns
-    -------
-    Judgement
-        Unknown, with the reason in its health, where the picture cannot be judged or the scorer
-        fails; never raises for either.
+        As the camera gave it, not resized. Where it cannot be judged, or the scorer fails, the
+        verdict is unknown, with the reason in its health; neither raises.
     """
     return SinglePolicy(TextureDetector(scorer)).judge(Frame(0, 0.0, image, None))
 

@@ -57,18 +57,10 @@ class Anchor:
          +--------+--------+  1      y > 0     it is below: go down
                              y       size > 0  it is too large, too near: go back
 
-    Parameters
-    ----------
-    size : float
-        Wanted share of the picture that the object covers.
-
-    Raises
-    ------
-    ToktError
-        If that is not `MIN_SIZE` to `MAX_SIZE`.
+    ToktError if the wanted share is not `MIN_SIZE` to `MAX_SIZE`.
     """
 
-    size: float
+    size: float  # wanted share of the picture that the object covers
 
     def __post_init__(self) -> None:
         if not MIN_SIZE <= self.size <= MAX_SIZE:
@@ -214,10 +206,6 @@ class TrendEstimator:
             standing for `GAP_S`.
         whole : bool
             Whether what is seen lies wholly in the picture.
-
-        Returns
-        -------
-        Trend
         """
         # Written so that what is not a number is no time, and no mean that was seen.
         timed = abs(t_s) < END_S
@@ -346,12 +334,8 @@ than the rows and columns that a grid leaves over, less than one of its patches.
 def wholly_in_view(verdict: Verdict, blind_m: float = 0.0) -> bool:
     """Whether what was seen lies wholly in the picture.
 
-    Parameters
-    ----------
-    verdict : Verdict
-    blind_m : float
-        Of a stereo pair: the part of the picture's width at the left edge that the right camera
-        does not see, times the distance in metres. It holds where the verdict has a distance.
+    `blind_m`, of a stereo pair, is the part of the picture's width at the left edge that the right
+    camera does not see, times the distance in metres. It holds where the verdict has a distance.
     """
     if verdict.box is None or verdict.mask_size is None:
         return False

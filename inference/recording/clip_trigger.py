@@ -12,13 +12,10 @@ on deck is one clip. After `MAX_S` at full rate, one frame a second is kept: an 
 a wall for hours.
 """
 
-from dataclasses import dataclass
-
 from tokt.features.common.errors import ToktError
 from tokt.inference.reason import Reason
 from tokt.inference.verdict import OBSTACLE, UNKNOWN, Verdict
 
-BEFORE_S = AFTER_S = 2.0
 MAX_S = 30.0
 THIN_S = 1.0
 """Seconds between frames that are kept of a clip longer than `MAX_S`."""
@@ -35,44 +32,26 @@ DOUBTS = (
 """Reasons for unknown whose picture a person learns something from."""
 
 
-@dataclass(frozen=True)
-class ClipPadding:
-    """Seconds of frames that are kept before and after a cause.
-
-    Parameters
-    ----------
-    before_s, after_s : float
-
-    Raises
-    ------
-    ToktError
-        If a time is negative or longer than `MAX_S`.
-    """
-
-    before_s: float = BEFORE_S
-    after_s: float = AFTER_S
-
-    def __post_init__(self) -> None:
-        for name in ("before_s", "after_s"):
-            value = getattr(self, name)
-            if not 0 <= value <= MAX_S:
-                known = f"0 to {MAX_S:g} s {name[:-2]} a detection"
-                raise ToktError(f"frames are recorded for {known}, not {value:g}")
-
-
 class ClipTrigger:
     """Decide frame by frame which ones belong to a clip.
 
     `clip` is the number of the present clip, or of the last one; 0 before the first. One that goes
     on for longer than `MAX_S` becomes the next. `opened` is whether it was the last frame looked at
     that opened it, for its `cause`.
+
+    Frames are kept from `before_s` before a cause to `after_s` after it; ToktError where such a
+    time is negative or longer than `MAX_S`.
     """
 
-    def __init__(self, padding: ClipPadding) -> None:
+    def __init__(self, before_s: float, after_s: float) -> None:
+        for name, value in (("before", before_s), ("after", after_s)):
+            if not 0 <= value <= MAX_S:
+                known = f"0 to {MAX_S:g} s {name} a detection"
+                raise ToktError(f"frames are recorded for {known}, not {value:g}")
         self.clip = 0
         self.cause = ""
         self.opened = False
-        self._padding = padding
+        self._after_s = after_s
         self._requested = ""
         self._until_s = self._began_s = self._kept_s = -float("inf")
         self._thin = False
@@ -92,7 +71,7 @@ class ClipTrigger:
         within = now_s <= self._until_s
         self.opened = bool(cause) and not within
         if cause:
-            self._until_s = max(self._until_s, now_s + self._padding.after_s)
+            self._until_s = max(self._until_s, now_s + self._after_s)
         if not within and not cause:
             return False
         if self.opened:

@@ -37,23 +37,10 @@ _HANGS = "the disk hangs"
 
 @dataclass(frozen=True)
 class LogRotation:
-    """Limits of a log: the size of a file, and how many older ones are kept.
+    """Limits of a log; ToktError if the size is not positive, or `keep` is not 1 to 99."""
 
-    Parameters
-    ----------
-    max_mb : float
-        Megabytes (10^6 bytes) of one file; a line is never cut to fit.
-    keep : int
-        Older files beside the one that is written.
-
-    Raises
-    ------
-    ToktError
-        If the size is not positive, or `keep` is not 1 to 99.
-    """
-
-    max_mb: float = RecordingConfig.log_max_mb
-    keep: int = RecordingConfig.log_keep
+    max_mb: float = RecordingConfig.log_max_mb  # 10^6 bytes of one file; no line is cut to fit
+    keep: int = RecordingConfig.log_keep  # older files beside the one that is written
 
     def __post_init__(self) -> None:
         if not 0 < self.max_mb < math.inf:
@@ -73,33 +60,15 @@ class JsonLines:
     A line that cannot be written is counted and does not stop the runtime. The first one that can
     be again follows a line ``{"lost_lines": 12, "why": "No space left on device"}``.
 
-    Parameters
-    ----------
-    path : Path
-        One process at a time writes it.
-    rotation : LogRotation, optional
-        Without one the file grows without end.
-    later : bool
-        Leave it to `open`, or to the first line, to open the file.
-
-    Attributes
-    ----------
-    failed : int
-        Lines that could not be written, such as on a full disk.
-    last_error : str
-        What went wrong last, lines lost or not.
-
-    Raises
-    ------
-    ToktError
-        If the file cannot be opened, unless that is left for later.
+    One process at a time writes the file; without a rotation it grows without end. ToktError if it
+    cannot be opened, unless that is left for later: to `open`, or to the first line.
     """
 
     def __init__(
         self, path: Path | str, rotation: LogRotation | None = None, later: bool = False
     ) -> None:
-        self.failed = 0
-        self.last_error = ""
+        self.failed = 0  # lines that could not be written, such as on a full disk
+        self.last_error = ""  # what went wrong last, lines lost or not
         self._path = Path(path)
         self._rotation = rotation
         self._lost = 0
@@ -199,17 +168,8 @@ class LinesApart:
     """`JsonLines` that a thread of its own opens and writes: a disk that hangs holds nobody else.
 
     A line is waited for, as a process that is killed shall lose none, but for a moment only: those
-    after it wait in memory, and where there is no more room they count as lost.
-
-    Parameters
-    ----------
-    path : Path
-    rotation : LogRotation, optional
-
-    Raises
-    ------
-    ToktError
-        If it turns out within a second that the file cannot be opened.
+    after it wait in memory, and where there is no more room they count as lost. ToktError if it
+    turns out within a second that the file cannot be opened.
     """
 
     def __init__(self, path: Path | str, rotation: LogRotation | None = None) -> None:
@@ -312,17 +272,8 @@ def read_log(path: Path | str, gaps: list[LogGap] | None = None) -> Iterator[dic
     It may be written meanwhile: no line is left out or given twice as files step on. A last line
     that is not whole yet is left out.
 
-    Parameters
-    ----------
-    path : Path
-        The newest file's name.
-    gaps : list of LogGap, optional
-        Gets the damaged lines, and the places where lines could not be written, as they are met.
-
-    Raises
-    ------
-    ToktError
-        If there is no such log, or it cannot be read.
+    `path` is the newest file's name; `gaps` gets the damaged lines, and the places where lines
+    could not be written, as they are met. ToktError if there is no such log, or it cannot be read.
     """
     path = Path(path)
     with ExitStack() as opened:

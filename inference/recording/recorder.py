@@ -30,8 +30,8 @@ from tokt.inference.policy.policy import Judgement
 from tokt.inference.publisher import Observer
 from tokt.inference.report import Event, Report
 
-from .clip_trigger import ClipPadding, ClipTrigger
-from .recording import DiskBudget, DiskLimits, EncodedFrame, RecordingFolder
+from .clip_trigger import ClipTrigger
+from .recording import DiskBudget, EncodedFrame, RecordingFolder
 from .run_log import event_line, frame_line
 from .run_start import MODEL, START
 
@@ -64,13 +64,6 @@ class HeldFrame:
         pictures = (self.frame.left, self.frame.right)
         held = sum(picture.nbytes for picture in pictures if picture is not None)
         return held + _BESIDE_PICTURES_BYTES
-
-    def encoded(self, run: str, clip: int, folder: RecordingFolder) -> EncodedFrame:
-        """The frame as it goes to disk."""
-        sides = {"left": self.frame.left, "right": self.frame.right}
-        pictures = {side: picture for side, picture in sides.items() if picture is not None}
-        line = frame_line(run, self.frame, self.judgement, self.report)
-        return folder.encode(self.frame.number, clip, pictures, {**line, "judged": self.judged})
 
 
 class RecordingWriter:
@@ -161,7 +154,12 @@ class RecordingWriter:
 
     def _write(self, held: HeldFrame, clip: int) -> str:
         """Why the frame is not on disk, or an empty string."""
-        encoded = held.encoded(self._run, clip, self._folder)
+        frame = held.frame
+        sides = {"left": frame.left, "right": frame.right}
+        pictures = {side: picture for side, picture in sides.items() if picture is not None}
+        line = frame_line(self._run, frame, held.judgement, held.report)
+        line["judged"] = held.judged
+        encoded = self._folder.encode(frame.number, clip, pictures, line)
         if not self._make_room(encoded):
             return NO_ROOM
         if not self._budget.keeps_reserve(encoded.disk_bytes):
@@ -210,57 +208,41 @@ _TELL_S = 10.0
 class Recorder(Observer):
     """Record clips: the frames of the seconds around a detection or a doubt.
 
-    Parameters
-    ----------
-    folder : Path
-        The recording is its ``run`` folder, made with the first frame; made if it is not there.
-    run : str
-    clock : Clock
-    padding : ClipPadding, optional
-    disk : DiskLimits, optional
-    memory_mb : float
-        Megabytes (10^6 bytes) of frames in memory.
-    tell : callable, optional
-        Takes the events ``recording``: that a clip opens, that frames are left out and why, that
-        they are recorded again. Called within `judged`.
-
-    Attributes
-    ----------
-    clips : int
-        How many were opened.
-    writer : RecordingWriter
+    `tell` takes the events ``recording``: that a clip opens, that frames are left out and why, that
+    they are recorded again. It is called within `judged`. `clips` counts those that were opened.
 
     Raises
     ------
     ToktError
-        If the folder cannot be made, or another process records into it.
+        If the folder cannot be made, another process records into it, or a time or a size cannot
+        be.
     """
 
-    folder: Path
+    folder: Path  # made if it is not there; the recording is its `run` folder
     run: str
     clock: Clock
-    padding: ClipPadding = ClipPadding()  # noqa: RUF009 - frozen
-    disk: DiskLimits | None = None
-    memory_mb: float = MEMORY_MB
+    before_s: float = RecordingConfig.record_before  # as in `ClipTrigger`
+    after_s: float = RecordingConfig.record_after
+    most_mb: float = RecordingConfig.record_mb  # as in `DiskBudget`
+    reserve_mb: float = RESERVE_MB
+    memory_mb: float = MEMORY_MB  # 10^6 bytes of frames in memory
     tell: Callable[[Event], None] | None = None
 
     def __post_init__(self) -> None:
         self.clips = 0
-        self._trigger = ClipTrigger(self.padding)
+        self._trigger = ClipTrigger(self.before_s, self.after_s)
         self._before: deque[tuple[float, HeldFrame | Mapping[str, Any]]] = deque()
         self._before_bytes = 0
         self._seq = self._judged = 0
         self._last_number = -1
         self._told_fault = ""
         self._told_s = -_TELL_S
+        budget = DiskBudget(self.folder, self.most_mb, self.reserve_mb)
         self._opened = ExitStack()
         with os_errors_as(f"cannot record into {self.folder}"):
             self.folder.mkdir(parents=True, exist_ok=True)
             self._opened.enter_context(locked(self.folder / _LOCK, _LOCK_WAIT_S))
         recording = RecordingFolder(self.folder / self.run, self.run)
-        budget = DiskBudget(
-            self.folder, self.disk or DiskLimits(RecordingConfig.record_mb, RESERVE_MB)
-        )
         self.writer = RecordingWriter(recording, self.run, budget, self.clock)
 
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
@@ -268,7 +250,7 @@ class Recorder(Observer):
         self._seq = report.seq
         self._judged += 1
         now = self.clock.monotonic() if frame.arrived is None else frame.arrived
-        while self._before and now - self._before[0][0] > self.padding.before_s:
+        while self._before and now - self._before[0][0] > self.before_s:
             self._forget_oldest(None)
         keep = self._trigger.should_keep(now, report.verdict)
         bare = Judgement(judgement.verdict, texture_s=judgement.texture_s)

@@ -37,38 +37,18 @@ _MARGIN_BYTES = 8 * BLOCK_BYTES
 """For what is not counted one by one: the heads of files of lines, and their last blocks."""
 
 
-@dataclass(frozen=True)
-class DiskLimits:
-    """Bounds in megabytes (10^6 bytes).
+class DiskBudget:
+    """Keep count of a folder that one process writes to, in megabytes (10^6 bytes).
 
-    Parameters
-    ----------
-    most_mb : float
-        What the folder's files come to at most, in whole blocks of 4 KiB.
-    reserve_mb : float
-        What stays free on its disk.
-
-    Raises
-    ------
-    ToktError
-        If one is not a size.
+    Its files come to `most_mb` at most, in whole blocks of 4 KiB, and `reserve_mb` stay free on its
+    disk; ToktError where one is not a size.
     """
 
-    most_mb: float
-    reserve_mb: float
-
-    def __post_init__(self) -> None:
-        if not 0 < self.most_mb < math.inf or not 0 <= self.reserve_mb < math.inf:
-            raise ToktError(f"{self.most_mb:g} MB with {self.reserve_mb:g} MB to spare is no limit")
-
-
-class DiskBudget:
-    """Keep count of a folder that one process writes to."""
-
-    def __init__(self, folder: Path, limits: DiskLimits) -> None:
+    def __init__(self, folder: Path, most_mb: float, reserve_mb: float) -> None:
+        if not 0 < most_mb < math.inf or not 0 <= reserve_mb < math.inf:
+            raise ToktError(f"{most_mb:g} MB with {reserve_mb:g} MB to spare is no limit")
         self._folder = folder
-        self._limits = limits
-        self.most_bytes = 1e6 * limits.most_mb
+        self.most_bytes, self._reserve_bytes = 1e6 * most_mb, 1e6 * reserve_mb
         self.count()
 
     def count(self) -> None:
@@ -85,7 +65,7 @@ class DiskBudget:
 
     def keeps_reserve(self, size: int) -> bool:
         """Whether the disk has its reserve after so many more; OSError if the folder is gone."""
-        return shutil.disk_usage(self._folder).free - size >= 1e6 * self._limits.reserve_mb
+        return shutil.disk_usage(self._folder).free - size >= self._reserve_bytes
 
 
 def whole_blocks(size: int) -> int:
@@ -224,19 +204,10 @@ class RecordingFolder:
 
 
 def read_recording(folder: Path, gaps: list[LogGap] | None = None) -> Iterator[dict[str, Any]]:
-    """The lines of a recording, frames' and events', in their order.
+    """The lines of a recording, ``DIR/<run>``, frames' and events', in their order.
 
-    Parameters
-    ----------
-    folder : Path
-        ``DIR/<run>``.
-    gaps : list of LogGap, optional
-        Gets the damaged lines, as they are met.
-
-    Raises
-    ------
-    ToktError
-        If it holds no recording, or one of a newer format.
+    `gaps` gets the damaged lines, as they are met. ToktError if the folder holds no recording, or
+    one of a newer format.
     """
     path = folder / FILE_NAME
     if not path.is_file():

@@ -79,26 +79,11 @@ def events_path(log: Path) -> Path:
 
 
 class RunLog(Observer):
-    """Write down everything that is said.
+    """Write down everything that is said, in the file of this path, and events in `events_path`.
 
-    Parameters
-    ----------
-    path : Path
-        Added to; its events go to `events_path`.
-    run : str
-        The run's id, in every line.
-    rotation : LogRotation
-        Of either file.
-    values : bool
-        Whether frames' lines carry each patch's decision values, exact to the last bit: what
-        training and serving can be compared by.
-    live : bool
-        Whether nobody waits for the disk, and lines are left out where it is too slow.
-
-    Raises
-    ------
-    ToktError
-        If a file cannot be opened.
+    With `values` frames' lines carry each patch's decision values, exact to the last bit: what
+    training and serving can be compared by. If it is `live` nobody waits for the disk, and lines
+    are left out where that is too slow. ToktError if a file cannot be opened.
     """
 
     def __init__(

@@ -77,10 +77,7 @@ class LoggedRun:
     def frames(self) -> Iterator[LoggedFrame]:
         """Its frames in the order in which they were judged.
 
-        Raises
-        ------
-        ToktError
-            If a line is not that of a frame, or the files have gone.
+        ToktError if a line is not that of a frame, or the files have gone.
         """
         model, exchanged = self.start.model, 0
         continuity = _Recorded() if self.recorded else _Logged()
@@ -101,19 +98,9 @@ def is_recording(path: Path) -> bool:
 
 
 def open_run(path: Path, run: str | None = None) -> LoggedRun:
-    """Find a run in a log.
+    """Find a run by its id, by default the last one, in a log or in the folder of a recording.
 
-    Parameters
-    ----------
-    path : Path
-        A log file, whose events lie beside it, or the folder of a recording.
-    run : str, optional
-        Its id; by default the last one of the log.
-
-    Raises
-    ------
-    ToktError
-        If there is no such log or run, or it does not say how the run began.
+    ToktError if there is no such log or run, or it does not say how the run began.
     """
     starts, models = _beginnings(path)
     if not starts:

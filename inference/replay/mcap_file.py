@@ -122,9 +122,8 @@ def write_mcap(
         if (t := said_at(line)) is None:
             done.untimed += 1
             continue
-        mcap.now(t, line["seq"])
         for topic, fields in view.messages(line):
-            mcap.write(topic, fields)
+            mcap.write(round(t * 1e9), line["seq"] % 2**32, topic, fields)
     mcap.finish()
 
 
@@ -144,22 +143,18 @@ class _McapFile:
         self._channels: dict[str, int] = {}
         self._unless_given: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}
 
-    def now(self, t: float, seq: int) -> None:
-        """Set time and number of the messages that follow."""
-        self._ns, self._seq = round(t * 1e9), seq % 2**32
-        stamp = dict(zip(("sec", "nanosec"), divmod(self._ns, 10**9), strict=True))
-        self._unless_given["builtin_interfaces/msg/Time"] = stamp
-
-    def write(self, topic: str, fields: Mapping[str, Any]) -> None:
-        """Write a message."""
+    def write(self, ns: int, seq: int, topic: str, fields: Mapping[str, Any]) -> None:
+        """Write a message of this time and number."""
         name = _TYPES[topic]
         if topic not in self._channels:
             text, _ = self._store.generate_msgdef(name, ros_version=2)
             schema = self._writer.register_schema(name, "ros2msg", text.encode())
             self._channels[topic] = self._writer.register_channel(f"/tokt/{topic}", "cdr", schema)
+        stamp = dict(zip(("sec", "nanosec"), divmod(ns, 10**9), strict=True))
+        self._unless_given["builtin_interfaces/msg/Time"] = stamp
         self._unless_given["std_msgs/msg/Header"] = {"frame_id": _FRAME_IDS.get(topic, LEFT)}
         data = bytes(self._store.serialize_cdr(self._built(name, fields), name))
-        self._writer.add_message(self._channels[topic], self._ns, data, self._ns, self._seq)
+        self._writer.add_message(self._channels[topic], ns, data, ns, seq)
 
     def _built(self, name: str, given: Mapping[str, Any] | None) -> Any:
         """A message of the type store's, within it those that it holds."""

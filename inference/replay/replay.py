@@ -66,12 +66,7 @@ def pictures_of(
     """Where a run's pictures are, and how they hold pixels: a recording, as they were judged.
 
     They are in `source`, beside a recording's own log, where the run had them from, or in its
-    recording.
-
-    Raises
-    ------
-    ToktError
-        If they are not there.
+    recording; ToktError if they are not there.
     """
     place = source or (log if is_recording(log) else None)
     if place is None:
@@ -88,37 +83,19 @@ def pictures_of(
 
 @dataclass(frozen=True)
 class Replay:
-    """A logged run, and what its frames are judged again with.
-
-    Parameters
-    ----------
-    run : LoggedRun
-    mission : Mission
-        Where its pictures are.
-    pixel_format : str or None
-        How they hold them, as in `tokt.inference.sources.files.MissionSource`.
-    stereo : StereoSetup or None
-        How pairs are looked at.
-    models : mapping of str to Bundle
-        The run's own, by their bundles' SHA-256.
-    other : Bundle or None
-        What judges every frame instead of them.
-    """
+    """A logged run, and what its frames are judged again with."""
 
     run: LoggedRun
-    mission: Mission
-    pixel_format: str | None
-    stereo: StereoSetup | None
-    models: Mapping[str, Bundle]
-    other: Bundle | None = None
+    mission: Mission  # where its pictures are
+    pixel_format: str | None  # how they hold them, as in `sources.files.MissionSource`
+    stereo: StereoSetup | None  # how pairs are looked at
+    models: Mapping[str, Bundle]  # the run's own, by their bundles' SHA-256
+    other: Bundle | None = None  # what judges every frame instead of them
 
     def frames(self) -> Iterator[Compared]:
         """Judge each frame and compare.
 
-        Raises
-        ------
-        ToktError
-            If the run's policy cannot be put together, or its log cannot be read.
+        ToktError if the run's policy cannot be put together, or its log cannot be read.
         """
         stopwatch = FixedStopwatch()  # what the run's own took
         assembly = self._assembly(stopwatch)
@@ -351,28 +328,15 @@ class Tally:
             "not_compared": dict(self.not_compared),
             "not_compared_but_alike": self.alike_all_the_same,
             "gaps": self.gaps,
-            "statuses": self.table(),
+            "statuses": status_table(self.statuses),
             "differences": [stretch.to_json() for stretch in self.stretches],
         }
 
-    def table(self) -> dict[str, dict[str, int]]:
-        """Frames by logged status, then by replayed status, in words."""
-        return status_table(self.statuses)
-
 
 def models_of_run(run: LoggedRun, store: Path | None = None) -> dict[str, Bundle]:
-    """Every model that judged in a run, by SHA-256.
+    """Every model that judged in a run, by SHA-256, of `store` or where the run had them from.
 
-    Parameters
-    ----------
-    run : LoggedRun
-    store : Path, optional
-        Where they are looked for; by default where the run had them from.
-
-    Raises
-    ------
-    ToktError
-        If one is not there any more, or fails its checks.
+    ToktError as of `model_of`.
     """
     place = store or (Path(run.start.models_from) if run.start.models_from else None)
     return {name.sha256: model_of(name, place) for name in run.models}
@@ -381,16 +345,16 @@ def models_of_run(run: LoggedRun, store: Path | None = None) -> dict[str, Bundle
 def model_named(place: Path) -> Bundle:
     """The model of a bundle file, or the active one of a store.
 
-    Raises
-    ------
-    ToktError
-        If there is none, or it fails its checks.
+    ToktError if there is none, or it fails its checks.
     """
     return Store(place).active() if place.is_dir() else read_bundle(place)
 
 
 def model_of(name: ModelName, place: Path | None) -> Bundle:
-    """The model of this name, of a bundle file or a store; ToktError if it is not there."""
+    """The model of this name, of a bundle file or a store.
+
+    ToktError if it is not there any more, or fails its checks.
+    """
     if place is None:
         raise ToktError(f"where model {name.label} is the log does not say (--store STORE)")
     if place.is_dir():

@@ -15,18 +15,18 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
 
 import cv2
-import numpy as np
 
-from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError, os_words
 from tokt.inference.clock import Clock, FixedStopwatch, awake_s
 from tokt.inference.frame import Frame
@@ -36,7 +36,7 @@ from tokt.inference.publisher import Observer
 from tokt.inference.recording.log import JsonLines, LinesApart
 from tokt.inference.report import Event, Report
 from tokt.inference.verdict import UNKNOWN
-from tokt.models.bundle.bundle import Bundle, bundle_from_bytes
+from tokt.models.bundle.bundle import bundle_from_bytes
 
 READY = "ready"
 NICENESS = 10
@@ -47,26 +47,12 @@ NICENESS = 10
 class Challenger:
     """A challenger: the run's policy with another model, judging in a process of its own.
 
-    Parameters
-    ----------
-    label : str
-        ``name/version``.
-    sha256 : str
-    data : bytes
-        The bundle file.
-    policy : str
-    stereo : StereoSetup or None
-    threads : int
-
-    Raises
-    ------
-    ToktError
-        If the policy uses no model.
+    ToktError if the policy uses no model.
     """
 
-    label: str
+    label: str  # ``name/version``
     sha256: str
-    data: bytes
+    data: bytes  # the bundle file
     policy: str
     stereo: StereoSetup | None = None
     threads: int = 1
@@ -76,17 +62,8 @@ class Challenger:
             raise ToktError("policy disparity uses no model: a challenger cannot differ (--shadow)")
 
     def assemble(self) -> Assembly:
-        """The policy.
-
-        Raises
-        ------
-        ToktError
-            If it cannot be put together, or the bundle fails a check.
-        """
-
-        def load() -> Bundle:
-            return bundle_from_bytes(self.data, self.label)
-
+        """The policy; ToktError if it cannot be put together, or the bundle fails a check."""
+        load = partial(bundle_from_bytes, self.data, self.label)
         # Never late: how long it takes behind the running model is told, and no fault.
         return assemble(self.policy, load, self.stereo, self.threads, FixedStopwatch())
 
@@ -128,28 +105,22 @@ def _answer(policy: Policy, connection: Connection) -> None:
 
 
 def send_frame(connection: Connection, frame: Frame) -> None:
-    """Pass a frame on to `receive_frame` at the other end."""
-    pictures = [frame.left, frame.right]
-    looks = [None if each is None else (each.shape, each.dtype.str) for each in pictures]
-    connection.send((replace(frame, left=None, right=None), looks))
+    """Pass a frame on to `receive_frame` at the other end, its pictures without a copy."""
+    pictures: list[pickle.PickleBuffer] = []
+    rest = pickle.dumps(frame, protocol=5, buffer_callback=pictures.append)
+    connection.send((rest, [picture.raw().nbytes for picture in pictures]))
     for picture in pictures:
-        if picture is not None and picture.size:
-            connection.send_bytes(np.ascontiguousarray(picture).reshape(-1).view(np.uint8).data)
+        connection.send_bytes(picture.raw())
 
 
 def receive_frame(connection: Connection) -> Frame:
     """The next frame; raises EOFError or OSError if the other end is gone."""
-    frame: Frame
-    frame, looks = connection.recv()
-    left, right = (None if look is None else _picture(connection, *look) for look in looks)
-    return replace(frame, left=left, right=right)
-
-
-def _picture(connection: Connection, shape: tuple[int, ...], dtype: str) -> U8:
-    picture: U8 = np.empty(shape, dtype)
-    if picture.size:
-        connection.recv_bytes_into(picture.reshape(-1).view(np.uint8).data)
-    return picture
+    rest, sizes = connection.recv()
+    pictures = [bytearray(size) for size in sizes]
+    for picture in pictures:
+        connection.recv_bytes_into(picture)
+    frame: Frame = pickle.loads(rest, buffers=pictures)
+    return frame
 
 
 SHADOW_FORMAT = 1
@@ -178,38 +149,20 @@ class _Waiting:
 class Shadow(Observer):
     """Let a challenger judge what the running model judges.
 
-    Parameters
-    ----------
-    challenger : Challenger
-    log : JsonLines or LinesApart
-        For this run's lines only; closed by `close`.
-    run : str
-        The run's id.
-    live : bool
-        Whether frames come in real time.
-    clock : Clock
-    tell : callable
-        Takes events, from another thread: ``shadow_failed``, and ``shadow_differs`` where the
-        two begin to differ, unknowns left aside.
-
-    Attributes
-    ----------
-    judged_frames, dropped : int
-        Frames that the challenger judged, and those that it was too slow for.
-    fault : str
-        Why it judges no more, or an empty string.
+    `tell` takes events, from another thread: ``shadow_failed``, and ``shadow_differs`` where the
+    two begin to differ, unknowns left aside.
     """
 
     challenger: Challenger
-    log: JsonLines | LinesApart
-    run: str
-    live: bool
+    log: JsonLines | LinesApart  # for this run's lines only; closed by `close`
+    run: str  # its id
+    live: bool  # whether frames come in real time
     clock: Clock
     tell: Callable[[Event], None]
 
     def __post_init__(self) -> None:
-        self.judged_frames = self.dropped = 0
-        self.fault = ""
+        self.judged_frames = self.dropped = 0  # frames it judged, and was too slow for
+        self.fault = ""  # why it judges no more
         self._differs = False
         self._changed = threading.Condition()
         self._waiting: _Waiting | None = None

@@ -7,7 +7,7 @@ one piece of evidence: stretches and episodes are counted beside frames.
 
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
@@ -43,11 +43,9 @@ class ShadowStretch:
 
 @dataclass
 class Episode:
-    """A time in which one of the two says obstacle, with short gaps."""
+    """A time in which one of the two says obstacle, with short gaps; of compared frames, from 0."""
 
-    first: int
-    last: int
-    begins: int  # which compared frame that is
+    begins: int
     ends: int
 
 
@@ -83,16 +81,15 @@ class ShadowReport:
             if line[side]["latency_ms"] is not None:
                 self.latency_ms[side].append(line[side]["latency_ms"])
             if line[side]["status"] == OBSTACLE:
-                self._obstacle(side, number)
+                self._obstacle(side)
         self._stretch(then, now, number)
         self.frames += 1
 
-    def _obstacle(self, side: str, number: int) -> None:
+    def _obstacle(self, side: str) -> None:
         episodes = self.episodes[side]
-        if episodes and self.frames - episodes[-1].ends <= EPISODE_GAP:
-            episodes[-1].last, episodes[-1].ends = number, self.frames
-        else:
-            episodes.append(Episode(number, number, self.frames, self.frames))
+        if not episodes or self.frames - episodes[-1].ends > EPISODE_GAP:
+            episodes.append(Episode(self.frames, self.frames))
+        episodes[-1].ends = self.frames
 
     def _stretch(self, champion: int, challenger: int, number: int) -> None:
         if champion == challenger:
@@ -109,10 +106,6 @@ class ShadowReport:
     def agree(self) -> int:
         """Frames with one status."""
         return sum(count for (one, other), count in self.statuses.items() if one == other)
-
-    def table(self) -> dict[str, dict[str, int]]:
-        """Frames by the champion's status, then by the challenger's, in words."""
-        return status_table(self.statuses)
 
     def alone(self, side: str) -> tuple[int, int]:
         """Frames and stretches in which only that one says obstacle."""
@@ -167,7 +160,7 @@ class ShadowReport:
             "frames": self.frames,
             "dropped": self.dropped,
             "agree": self.agree,
-            "statuses": self.table(),
+            "statuses": status_table(self.statuses),
             **sides,
             "challenger_leads_frames": self.lead_frames(),
             "differences": [stretch.to_json() for stretch in self.stretches],
@@ -177,22 +170,16 @@ class ShadowReport:
 
 
 def read_shadow(path: Path, run: str | None = None) -> ShadowReport:
-    """Read a shadow log.
+    """Read one run of a shadow log, by default the last.
 
-    Parameters
-    ----------
-    path : Path
-    run : str, optional
-        Which run of it; by default the last.
-
-    Raises
-    ------
-    ToktError
-        If there is no such log or run, or a line is not one of a shadow log.
+    ToktError if there is no such log or run, or a line is not one of a shadow log.
     """
     gaps: list[LogGap] = []
     reports: dict[str, ShadowReport] = {}
-    for line in _lines(path, gaps):
+    for line in read_log(path, gaps):
+        version = line.get("format_version", SHADOW_FORMAT)
+        if type(version) is not int or version > SHADOW_FORMAT:
+            raise ToktError(f"{path} is of a newer tokt (format {version})")
         try:
             _take(line, reports)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
@@ -205,14 +192,6 @@ def read_shadow(path: Path, run: str | None = None) -> ShadowReport:
         raise ToktError(f"{path} has no run {wanted} (it has {', '.join(reports)})")
     reports[wanted].lost_lines = len(gaps)
     return reports[wanted]
-
-
-def _lines(path: Path, gaps: list[LogGap]) -> Iterator[dict[str, Any]]:
-    for line in read_log(path, gaps):
-        version = line.get("format_version", SHADOW_FORMAT)
-        if type(version) is not int or version > SHADOW_FORMAT:
-            raise ToktError(f"{path} is of a newer tokt (format {version})")
-        yield line
 
 
 def _take(line: Mapping[str, Any], reports: dict[str, ShadowReport]) -> None:

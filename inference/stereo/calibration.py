@@ -27,52 +27,25 @@ _MAX_PIXELS = 100_000_000
 
 @dataclass(frozen=True)
 class CheckedCalibration:
-    """A calibration as a file has it, and what the checks found.
-
-    Parameters
-    ----------
-    path : Path
-    calibration : StereoCalibration
-        Without skew, which OpenCV's rectification does not know.
-    form : str
-        What kind of file it is, in words.
-    oddities : list of str
-        What is strange yet usable, and what was assumed or left out in reading it.
-    refusals : list of str
-        Why it cannot be used; empty for one that can.
-    """
+    """A calibration as a file has it, and what the checks found."""
 
     path: Path
-    calibration: StereoCalibration
-    form: str
-    oddities: list[str]
-    refusals: list[str]
+    calibration: StereoCalibration  # without skew, which OpenCV's rectification does not know
+    form: str  # what kind of file it is, in words
+    oddities: list[str]  # what is strange yet usable, and what was assumed or left out in reading
+    refusals: list[str]  # why it cannot be used; empty for one that can
 
     def usable(self) -> StereoCalibration:
-        """The calibration.
-
-        Raises
-        ------
-        ToktError
-            If there is a reason why it cannot be used.
-        """
+        """The calibration; ToktError if there is a reason why it cannot be used."""
         if self.refusals:
             raise ToktError(f"calibration {self.path}: {'; '.join(self.refusals)}")
         return self.calibration
 
 
 def load_calibration(path: Path | str) -> StereoCalibration:
-    """Read and check a calibration file.
+    """Read a calibration as `read_calibration` does.
 
-    Parameters
-    ----------
-    path : Path
-        Any form that `read_calibration` reads.
-
-    Raises
-    ------
-    ToktError
-        If the file cannot be read, misses a part, or describes cameras that cannot be.
+    ToktError also if it describes cameras that cannot be.
     """
     return read_calibration(path).usable()
 

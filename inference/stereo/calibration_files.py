@@ -20,10 +20,6 @@ from numpy.typing import ArrayLike
 from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError, os_errors_as
 
-OPENCV_FORM = "OpenCV FileStorage"
-BOUGUET_FORM = "Bouguet toolbox text"
-PRINTED_FORM = "printed table (JSON)"
-
 FORMAT_VERSION = 1
 """Of the files that `calibration_writer` writes; those written before have no such key, and
 perhaps no frame size."""
@@ -74,7 +70,9 @@ class StereoCalibration:
         Camera matrices of the left and the right camera, in pixels of `frame_size`; the centre
         of the first pixel is at (0, 0).
     D1, D2 : array, shape (4..14,)
-        Distortion coefficients in OpenCV's order: k1, k2, p1, p2, k3, ...
+        Distortion coefficients in OpenCV's order: k1, k2, p1, p2, k3, ... A point at r from the
+        axis (on the plane at distance 1) is seen at r * (1 + k1 r^2 + k2 r^4 + k3 r^6), its x
+        moved by 2 p1 x y + p2 (r^2 + 2 x^2), its y by p1 (r^2 + 2 y^2) + 2 p2 x y.
     R : array, shape (3, 3)
         Rotation from left camera coordinates to right ones.
     T_mm : array, shape (3, 1)
@@ -239,7 +237,7 @@ def _opencv_numbers(path: Path, storage: cv2.FileStorage) -> CalibrationNumbers:
         name: _first_array(storage, others) for name, others in _OPENCV_NAMES.items()
     }
     values["T_mm"] = _opencv_shift(path, storage, remarks)
-    return checked_numbers(path, OPENCV_FORM, values, _opencv_size(storage), remarks)
+    return checked_numbers(path, "OpenCV FileStorage", values, _opencv_size(storage), remarks)
 
 
 def _first_array(storage: cv2.FileStorage, names: Sequence[str]) -> F64 | None:
@@ -305,24 +303,18 @@ def _read_bouguet(path: Path, text: str) -> CalibrationNumbers:
     """
     plain = re.sub(r"\.\.\.[^\n]*\n", " ", re.sub(r"%[^\n]*", "", text))
     found = re.findall(r"\b([A-Za-z]\w*)\s*=\s*(?:\[([^\]]*)\]|([^\s;,\[]+))", plain)
-    values = {name: (inside or alone) for name, inside, alone in found if name in _BOUGUET_NAMES}
-    numbers = {name: _bouguet_list(path, name, words) for name, words in values.items()}
-    return bouguet_numbers(path, BOUGUET_FORM, numbers)
-
-
-def _bouguet_list(path: Path, name: str, words: str) -> F64:
-    try:
-        return np.array([float(word) for word in re.split(r"[\s,;]+", words) if word], np.float64)
-    except ValueError:
-        raise ToktError(f"calibration {path}: {name} is not a list of numbers") from None
+    values = {name: (inside or alone) for name, inside, alone in found if name in BOUGUET_NAMES}
+    words = {name: re.findall(r"[^\s,;]+", value) for name, value in values.items()}
+    numbers = {name: _finite(path, name, each) for name, each in words.items()}
+    return bouguet_numbers(path, "Bouguet toolbox text", numbers)
 
 
 _BOUGUET_SIDES = {"1": "left", "2": "right"}
 _BOUGUET_SIZES = {"fc": 2, "cc": 2, "alpha_c": 1}
-_BOUGUET_NAMES = {
+BOUGUET_NAMES = (
     *(f"{part}_{side}" for part in ("fc", "cc", "alpha_c", "kc") for side in ("left", "right")),
     *("om", "R", "T", "nx", "ny"),
-}
+)
 
 
 def bouguet_numbers(path: Path, form: str, values: Mapping[str, ArrayLike]) -> CalibrationNumbers:
@@ -359,8 +351,7 @@ def bouguet_numbers(path: Path, form: str, values: Mapping[str, ArrayLike]) -> C
         kc = got[f"kc_{side}"]
         if kc.size not in (4, 5):
             raise ToktError(f"calibration {path}: kc_{side} must hold k1 k2 p1 p2 k3")
-        k1, k2, p1, p2, *k3 = kc
-        parts[f"D{number}"] = distortion(k1, k2, p1, p2, *k3)
+        parts[f"D{number}"] = np.pad(kc, (0, 5 - kc.size))
     size = np.append(got["nx"], got["ny"]) if "nx" in got and "ny" in got else None
     return checked_numbers(path, form, parts, size, remarks)
 
@@ -424,7 +415,7 @@ def _read_printed(path: Path, table: dict[str, Any]) -> CalibrationNumbers:
         values[f"D{number}"] = _printed_distortion(path, side, camera, remarks)
     names = [name for name in ("image_width", "image_height") if name in table]
     size = np.array([_one(path, name, table[name]) for name in names]) if names else None
-    return checked_numbers(path, PRINTED_FORM, values, size, remarks)
+    return checked_numbers(path, "printed table (JSON)", values, size, remarks)
 
 
 def _one(path: Path, name: str, value: Any) -> float:
@@ -453,34 +444,12 @@ def _printed_distortion(
         )
     k1, k2, k3 = np.pad(k, (0, 3))[:3]
     p1, p2 = np.pad(p, (0, 2))[:2]
-    return distortion(k1, k2, p1, p2, k3)
+    return np.array([k1, k2, p1, p2, k3], np.float64)
 
 
 _STEPS = 4000
 _FARTHEST = 4.0
 """How far the walk goes out, in distances of the farthest corner."""
-
-
-def distortion(k1: float, k2: float, p1: float, p2: float, k3: float = 0.0) -> F64:
-    """OpenCV's five coefficients in OpenCV's order: k1, k2, p1, p2, k3.
-
-    The third radial coefficient stands last, behind the two tangential ones. Bouguet's ``kc`` has
-    the same order; MATLAB keeps ``RadialDistortion`` (k1, k2, k3) and ``TangentialDistortion``
-    (p1, p2) apart.
-
-    Parameters
-    ----------
-    k1, k2, k3 : float
-        Radial: a point at r from the axis (on the plane at distance 1) is seen at
-        r * (1 + k1 r^2 + k2 r^4 + k3 r^6).
-    p1, p2 : float
-        Tangential: x moves by 2 p1 x y + p2 (r^2 + 2 x^2), y by p1 (r^2 + 2 y^2) + 2 p2 x y.
-
-    Returns
-    -------
-    array of float64, shape (5,)
-    """
-    return np.array([k1, k2, p1, p2, k3], np.float64)
 
 
 def folds_back_at_px(K: F64, D: F64, frame_size: tuple[int, int]) -> float | None:

@@ -31,11 +31,6 @@ class LabelCarrier:
     correlation, and only where the way back leads to it. Clear is carried nowhere: the right camera
     may see what is hidden from the left one, or beside its view, and open water is like itself.
 
-    Parameters
-    ----------
-    calibration : StereoCalibration
-    grid : Grid
-
     Raises
     ------
     ToktError

@@ -48,22 +48,6 @@ class Observation(NamedTuple):
 class DisparityDetector:
     """Judge stereo pairs.
 
-    Parameters
-    ----------
-    calibration : StereoCalibration
-    grid : Grid
-        Its width is the mask's, so that a texture mask and a disparity mask are of one size.
-    matcher : {"bm", "sgbm"}
-    scale : float
-        Of the views that are matched, over the frames' size.
-    kernels : Kernels
-    step : int
-        Match every `step`-th row and column only, for speed; 1 for all.
-
-    Attributes
-    ----------
-    rectifier : Rectifier
-
     Raises
     ------
     ToktError
@@ -81,11 +65,11 @@ class DisparityDetector:
     """
 
     calibration: StereoCalibration
-    grid: Grid
-    matcher: str = BM
-    scale: float = DEFAULT_SCALE
+    grid: Grid  # its width is the mask's, so that texture's mask and this one are of one size
+    matcher: str = BM  # as in `DenseMatcher`
+    scale: float = DEFAULT_SCALE  # of the views that are matched, over the frames' size
     kernels: Kernels = KERNELS
-    step: int = STEP_PX
+    step: int = STEP_PX  # match every so many rows and columns only, for speed; 1 for all
     method: ClassVar = DISPARITY
 
     def __post_init__(self) -> None:

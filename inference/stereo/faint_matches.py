@@ -90,19 +90,15 @@ class FaintMatches:
         self._matcher = DenseMatcher(self.rectifier, kernels=kernels, step=1, contrast=FAINT)
         self._matched = MofNState(MofNRule(MATCHED_SHARE, m=MATCHED_HITS, n=MATCHED_WINDOW))
         self._alone = MofNState(MofNRule(TEXTURED_SHARE, m=ALONE_HITS, n=ALONE_WINDOW))
-        self._begun = 0
 
     def begin(self, missed: int) -> None:
         """The next pair, `missed` pairs after the one before; not known unless it is looked at."""
-        for state in (self._matched, self._alone):
-            state.skip(missed + self._begun)
-        self._begun = 1
+        self._matched.begin(missed)
+        self._alone.begin(missed)
 
     def take(self, valid: Bools, rectifier: Rectifier) -> None:
         """A pair that is proof by itself: its matches, in the views of its own rectifier."""
-        self._matched.add(_shares(valid, rectifier).ravel())
-        self._alone.skip(1)
-        self._begun = 0
+        self._matched.judge(_shares(valid, rectifier).ravel())
 
     def judge(
         self, frame: Frame, left: F32, right: F32, distance_m: float | None = None
@@ -155,8 +151,7 @@ class FaintMatches:
         shares = _shares(found.valid, self.rectifier)
         textured = _shares(found.textured, self.rectifier)
         alone = np.where(shares < MATCHED_OF_TEXTURED * textured, textured, 0.0)
-        statuses = self._matched.add(shares.ravel()), self._alone.add(alone.ravel())
-        self._begun = 0
+        statuses = self._matched.judge(shares.ravel()), self._alone.judge(alone.ravel())
         patches = self._matched.confirmed.reshape(shares.shape)
         nearest = None
         if statuses[0] == OBSTACLE:

@@ -112,22 +112,15 @@ CLEAR_CONTRAST = Contrast()
 
 @dataclass(frozen=True)
 class Matches:
-    """The matches of one pair, in the rectified left view.
+    """The matches of one pair, in the rectified left view; arrays of shape (height, width).
 
-    Parameters
-    ----------
-    disparity_px : array of float32, shape (height, width)
-    valid : array of bool, shape (height, width)
-    textured : array of bool, shape (height, width)
-        Where the left view has enough local contrast to be matched.
-    searched : array of bool, shape (height, width)
-        False in the blind margin: where the left view shows nothing, or the right camera does
-        not see what is there at any depth that is searched.
+    What is not `searched` is the blind margin: where the left view shows nothing, or the right
+    camera does not see what is there at any depth that is searched.
     """
 
     disparity_px: F32
     valid: Bools
-    textured: Bools
+    textured: Bools  # where the left view has enough local contrast to be matched
     searched: Bools
 
 
@@ -143,15 +136,8 @@ def disparity_range(rectifier: Rectifier) -> tuple[int, int]:
 class DenseMatcher:
     """Match the views of one rectifier.
 
-    Parameters
-    ----------
-    rectifier : Rectifier
-    matcher : {"bm", "sgbm"}
-        Block matching, or OpenCV's semi-global matching: more matches, several times the time.
-    kernels : Kernels
-    step : int
-        See `STEP_PX`; 1 for every pixel.
-    contrast : Contrast
+    The matcher is block matching (bm), or OpenCV's semi-global matching (sgbm): more matches,
+    several times the time.
 
     Raises
     ------
@@ -163,7 +149,7 @@ class DenseMatcher:
     rectifier: Rectifier
     matcher: str = BM
     kernels: Kernels = KERNELS
-    step: int = STEP_PX
+    step: int = STEP_PX  # 1 for every pixel
     contrast: Contrast = CLEAR_CONTRAST
 
     def __post_init__(self) -> None:
@@ -242,7 +228,20 @@ class DenseMatcher:
         """Disparities in 1/16 pixel of the wanted pixels; `unmatched` elsewhere."""
         if self.matcher == BM:
             return self.kernels.block_disparity(left, right, self.settings, wanted)
-        return semi_global_disparity(left, right, self.settings, wanted)
+        settings, area = self.settings, SEMI_GLOBAL_BLOCK_PX**2
+        matcher = cv2.StereoSGBM.create(
+            settings.min_disparity,
+            settings.n_disparities,
+            SEMI_GLOBAL_BLOCK_PX,
+            P1=8 * area,  # as OpenCV itself recommends
+            P2=32 * area,
+            preFilterCap=settings.cap,
+            uniquenessRatio=settings.uniqueness,
+            mode=cv2.StereoSGBM_MODE_SGBM_3WAY,
+        )
+        views = [padded(view, settings, PADDING) for view in (left, right)]
+        found = matcher.compute(*views)[:, settings.margin :]
+        return np.asarray(np.where(wanted != 0, found, settings.unmatched), np.int16)
 
     def _seen_twice(self, disparity: I16, left: U8, right: U8, right_sigma: F32) -> U8:
         """Where matching the right view with the left one leads back; 0 or 1."""
@@ -263,27 +262,6 @@ class DenseMatcher:
         seen = np.zeros(disparity.shape, np.uint8)
         seen.ravel()[here[same]] = 1
         return seen
-
-
-def semi_global_disparity(left: U8, right: U8, settings: BlockMatching, wanted: U8) -> I16:
-    """OpenCV's semi-global matching, called as ``KERNELS.block_disparity`` is.
-
-    Blocks are of `SEMI_GLOBAL_BLOCK_PX`; the penalties follow OpenCV's own recommendation.
-    """
-    area = SEMI_GLOBAL_BLOCK_PX**2
-    matcher = cv2.StereoSGBM.create(
-        settings.min_disparity,
-        settings.n_disparities,
-        SEMI_GLOBAL_BLOCK_PX,
-        P1=8 * area,
-        P2=32 * area,
-        preFilterCap=settings.cap,
-        uniquenessRatio=settings.uniqueness,
-        mode=cv2.StereoSGBM_MODE_SGBM_3WAY,
-    )
-    views = [padded(view, settings, PADDING) for view in (left, right)]
-    found = matcher.compute(*views)[:, settings.margin :]
-    return np.asarray(np.where(wanted != 0, found, settings.unmatched), np.int16)
 
 
 def _searched(rectifier: Rectifier, settings: BlockMatching) -> Bools:

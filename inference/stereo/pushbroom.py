@@ -57,8 +57,8 @@ from .pair_health import PairFault, PairHealth, one_picture_fault
 from .rectify import Rectifier
 
 DISTANCES_M = (8.0, 6.0, 4.0, 3.0, 2.0)
-"""Where obstacles are looked for, along the view's axis. Beyond 8.4 m the mission's tower is
-smaller than `MIN_CELLS`; the others are a few frames of the mission's approach apart."""
+"""Where obstacles are looked for along the view's axis, far to near. Beyond 8.4 m the mission's
+tower is smaller than `MIN_CELLS`; the others are a few frames of the mission's approach apart."""
 
 VIEW_WIDTH = PATCH_GRID.width or 360
 """Pixels. The frame check's: one small gray picture of each frame serves both."""
@@ -126,28 +126,20 @@ class NormalizedView:
 class PushbroomDetector:
     """Judge stereo pairs in the order in which they were taken.
 
-    Parameters
-    ----------
-    calibration : StereoCalibration
-    grid : Grid
-        Its width is the mask's.
-    distances_m : sequence of float
-    odometry : Odometry, optional
-        With it an obstacle that was met is carried to where it is now, and remembered for
-        `KEPT_FRAMES_WITH_ODOMETRY` frames while it is in view; a frame without a pose is taken
-        to be where the last one was, until the next pose tells. Without it an obstacle stays,
-        for `KEPT_FRAMES` frames, where it was seen and at the distance it had; the note says so.
+    With odometry an obstacle that was met is carried to where it is now, and remembered for
+    `KEPT_FRAMES_WITH_ODOMETRY` frames while it is in view; a frame without a pose is taken to be
+    where the last one was, until the next pose tells. Without it an obstacle stays, for
+    `KEPT_FRAMES` frames, where it was seen and at the distance it had; the note says so.
 
     Raises
     ------
     ToktError
-        If there is no distance, or one that these cameras cannot tell, or the calibration moves
-        most of the left frame out of view.
+        If these cameras cannot tell one of the distances, or the calibration moves most of the left
+        frame out of view.
     """
 
     calibration: StereoCalibration
-    grid: Grid
-    distances_m: Sequence[float] = DISTANCES_M
+    grid: Grid  # its width is the mask's
     odometry: Odometry | None = None
     method: ClassVar = PUSHBROOM
 
@@ -157,14 +149,14 @@ class PushbroomDetector:
         self.rectifier = Rectifier(self.calibration, min(VIEW_WIDTH / width, 1))
         view_width, view_height = self.rectifier.size
         self._cells = (view_height // CELL_PX, view_width // CELL_PX)
-        self._slices = _slices(self.distances_m, self.rectifier)
-        words = [f"{distance:g}" for distance in self.distances_m]
+        self._slices = _slices(self.rectifier)
+        words = [f"{distance:g}" for distance in DISTANCES_M]
         self._where = " and ".join(filter(None, [", ".join(words[:-1]), words[-1]])) + " m"
         self._pose: Pose | None = None
         self._since_pose = 0
         self._health = PairHealth()
         kept = KEPT_FRAMES if self.odometry is None else KEPT_FRAMES_WITH_ODOMETRY
-        self._memory = ObstacleMemory(self.rectifier, CELL_PX, kept)
+        self._memory = ObstacleMemory(self.rectifier, kept)
         self._mask_size = self.grid.resized(*self.calibration.frame_size[::-1])
         views = self.calibration, self.rectifier.scale, KERNELS
         self._faint = FaintMatches(*views, self._mask_size, PUSHBROOM)
@@ -186,7 +178,8 @@ class PushbroomDetector:
         views = self.rectifier.left_of(left), self.rectifier.right_of(right)
         evened = _normalized(views[0])
         seen = self._depths(evened, _normalized(views[1]))
-        hits = self._at_full_size(seen)
+        hit = (seen > 0).astype(np.uint8)  # of cells; below, where the views show it
+        hits = cv2.resize(hit, self.rectifier.size, interpolation=cv2.INTER_NEAREST).astype(bool)
         textured = bool((evened.edges > EDGE_GREY).mean() > TEXTURED_FRACTION)
         unfit = left_fault or right_fault or one_picture_fault(frame)
         doubt = self._doubt(*views, hits)
@@ -214,12 +207,6 @@ class PushbroomDetector:
     def _unjudged(self, fault: Fault, vetoes_clear: bool = False) -> Detection:
         remembered = bool(len(self._memory.ages))
         return Detection(None, PUSHBROOM, fault=fault, vetoes_clear=vetoes_clear or remembered)
-
-    def _at_full_size(self, seen: F32) -> Bools:
-        """Where the views show what was found in cells."""
-        hit = (seen > 0).astype(np.uint8)
-        hits = cv2.resize(hit, self.rectifier.size, interpolation=cv2.INTER_NEAREST)
-        return np.asarray(hits, bool)
 
     def _doubt(self, left: F32, right: F32, hits: Bools) -> PairFault | None:
         """Whether a camera is frozen or covered; texture without a match is usual here, no fault.
@@ -302,17 +289,13 @@ class PushbroomDetector:
         return Detection(mask, PUSHBROOM, distance_m=distance, note=note)
 
 
-def _slices(distances_m: Sequence[float], rectifier: Rectifier) -> list[Slice]:
+def _slices(rectifier: Rectifier) -> list[Slice]:
     """The slices, far to near."""
-    if not distances_m:
-        raise ToktError("pushbroom needs at least one distance")
     width, height = rectifier.size
     if height < BLOCK_CELLS * CELL_PX:
         raise ToktError(f"frames that become {width}x{height} pixels are too small for pushbroom")
     slices = []
-    for distance in sorted(distances_m, reverse=True):
-        if not 0 < distance < math.inf:
-            raise ToktError(f"a distance is a positive number of metres, not {distance}")
+    for distance in DISTANCES_M:
         middle = rectifier.focal_baseline_px_m / distance
         if not 2 * CELL_PX <= middle <= width / 2:
             nearest, farthest = rectifier.focal_baseline_px_m / np.array([width / 2, 2 * CELL_PX])
@@ -405,16 +388,15 @@ class ObstacleMemory:
     `oldest` at most.
     """
 
-    def __init__(self, rectifier: Rectifier, cell_px: int, oldest: int) -> None:
+    def __init__(self, rectifier: Rectifier, oldest: int) -> None:
         self._rectifier = rectifier
-        self._cell_px = cell_px
         width, height = rectifier.size
-        self._shape = (height // cell_px, width // cell_px)
+        self._shape = (height // CELL_PX, width // CELL_PX)
         self._oldest = oldest
         self._rotation = rectifier.rotations[0]
         # Where the middle of each cell looks, at depth 1 along the view's axis: (n_cells, 3).
         rows, columns = np.indices(self._shape).reshape(2, -1)
-        middle = np.column_stack([columns, rows]) * cell_px + (cell_px - 1) / 2
+        middle = np.column_stack([columns, rows]) * CELL_PX + (CELL_PX - 1) / 2
         flat = (middle - rectifier.principal) / rectifier.focal_px
         self._rays: F64 = np.column_stack([flat, np.ones(len(flat))]) @ self._rotation
         self.points_m = np.empty((0, 3))
@@ -478,17 +460,17 @@ class ObstacleMemory:
             own = np.zeros_like(cells)
             own.ravel()[self._cells[sizes == size]] = 255
             cells |= np.asarray(cv2.dilate(own, np.ones((size, size), np.uint8)), np.uint8)
-        (width, height), side = self._rectifier.size, self._cell_px
+        width, height = self._rectifier.size
         view = np.zeros((height, width), np.uint8)
-        covered = view[: self._shape[0] * side, : self._shape[1] * side]
-        covered[:] = cells.repeat(side, axis=0).repeat(side, axis=1)
+        covered = cells.repeat(CELL_PX, axis=0).repeat(CELL_PX, axis=1)
+        view[: covered.shape[0], : covered.shape[1]] = covered
         return view
 
     def _cells_of(self, points_m: F64) -> I64:
         """The cell in which each point stands, shape (n,); -1 where it is out of view."""
         seen = points_m @ self._rotation.T
         pixels = seen[:, :2] / seen[:, 2:] * self._rectifier.focal_px + self._rectifier.principal
-        place = np.floor((pixels + 0.5) / self._cell_px)
+        place = np.floor((pixels + 0.5) / CELL_PX)
         rows, columns = self._shape
         inside = (place >= 0).all(axis=1) & (place < (columns, rows)).all(axis=1)
         place[~inside] = 0

@@ -5,7 +5,7 @@ where each pixel of the left frame lies in the left view.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -57,8 +57,6 @@ class Rectifier:
         Focal length of both views in their pixels.
     principal : (float, float)
         Principal point of the views in pixels.
-    baseline_m : float
-        Distance between the cameras in metres.
     focal_baseline_px_m : float
         Depth in metres along the views' axis is this over the disparity in pixels.
     left_inside, right_inside : array of bool, shape (height, width) of `size`
@@ -83,8 +81,7 @@ class Rectifier:
         if not self.focal_baseline_px_m > 0:
             raise ToktError("by the calibration the right camera is not right of the left one")
         self._places: dict[tuple[int, int], F32] = {}
-        places = np.moveaxis(self._frame_places(9, 9), -1, 0)
-        if self._inside((places[0], places[1])).mean() < _MIN_IN_VIEW:
+        if self._inside(self._frame_places(9, 9)).mean() < _MIN_IN_VIEW:
             raise ToktError("the calibration moves most of the left frame out of view")
 
     def _rectify(self) -> None:
@@ -98,7 +95,6 @@ class Rectifier:
         self.focal_px = float(P1[0, 0])
         self.principal = (float(P1[0, 2]), float(P1[1, 2]))
         self.focal_baseline_px_m = float(-P2[0, 3]) / 1000
-        self.baseline_m = self.focal_baseline_px_m / self.focal_px
         sides = ((K1, known.D1, R1, P1), (K2, known.D2, R2, P2))
         maps = [
             cv2.initUndistortRectifyMap(K, D, R, P, self.size, cv2.CV_32FC1) for K, D, R, P in sides
@@ -194,21 +190,21 @@ class Rectifier:
         """
         key = (height, width)
         if key not in self._places:
-            places = np.moveaxis(self._frame_places(height, width), -1, 0)
+            places = self._frame_places(height, width)
             self._places[key] = np.ascontiguousarray(places, np.float32)
         x, y = self._places[key]
         mask = cv2.remap(np.asarray(view, np.uint8), x, y, cv2.INTER_NEAREST)  # beyond the edge 0
         return np.asarray(mask, np.uint8)
 
     def _frame_places(self, height: int, width: int) -> F64:
-        """For each pixel of the left frame resized so, its place in the view: (h, w, 2)."""
+        """For each pixel of the left frame resized so, its place in the view: (2, h, w)."""
         frame_width, frame_height = self.calibration.frame_size
         rows, columns = np.indices((height, width), np.float64)
         x = (columns + 0.5) * frame_width / width - 0.5
         y = (rows + 0.5) * frame_height / height - 0.5
-        return self.from_frame(np.stack([x, y], axis=-1)).reshape(height, width, 2)
+        return self.from_frame(np.stack([x, y], axis=-1)).T.reshape(2, height, width)
 
-    def _inside(self, places: Sequence[NDArray[Any]]) -> Bools:
+    def _inside(self, places: Iterable[NDArray[Any]]) -> Bools:
         """Which places (x and y) lie in a picture of `size`."""
         x, y = places
         return np.asarray((x >= 0) & (x <= self.size[0] - 1) & (y >= 0) & (y <= self.size[1] - 1))

@@ -25,7 +25,7 @@ from tokt.inference.verdict import (
     Detector,
 )
 from tokt.models.linear import moved
-from tokt.models.operating_point import MofNRule, MofNState
+from tokt.models.operating_point import MofNState
 from tokt.models.water import WaterState
 
 if TYPE_CHECKING:
@@ -52,13 +52,8 @@ _NO_DETAIL, _SOME_DETAIL = 0.5, 0.03
 def min_mask_patches(grid: Grid, height: int, width: int) -> int:
     """Patches it takes to bring a mask's mean over the thesis's limit.
 
-    1, but in grids of more than 700 patches, where a single one is too little for a status.
-
-    Parameters
-    ----------
-    grid : Grid
-    height, width : int
-        Of the resized frame, in pixels.
+    1, but in grids of more than 700 patches, where a single one is too little for a status. Height
+    and width are those of the resized frame, in pixels.
     """
     mean_of_one = 255.0 * math.prod(grid.patch_size(height, width)) / (height * width)
     return int(STATUS_MEAN_THRESHOLD // mean_of_one) + 1
@@ -77,40 +72,17 @@ class MofNResult:
     note: str = ""
 
 
-class MofNRun:
-    """The operating point's M-of-N rule over one run's frames, in their order.
+class MofNRun(MofNState):
+    """The operating point's M-of-N rule over one run's frames, in their order."""
 
-    Parameters
-    ----------
-    rule : MofNRule
-    """
+    def result(self, scores: F64, patches: Bools, min_mask_patches: int) -> MofNResult:
+        """What the frame that was begun comes to; of its patches, shape (n_patches,).
 
-    def __init__(self, rule: MofNRule) -> None:
-        self.rule = rule
-        self._state = MofNState(rule)
-        self._begun = 0
-
-    def begin(self, missed: int) -> None:
-        """The next frame, `missed` frames after the one before; not judged unless `judge` is."""
-        self._state.skip(missed + self._begun)
-        self._begun = 1
-
-    def judge(self, scores: F64, patches: Bools, min_mask_patches: int) -> MofNResult:
-        """Judge the frame that was begun.
-
-        Parameters
-        ----------
-        scores : array of float64, shape (n_patches,)
-            Its patches' obstacle scores.
-        patches : array of bool, shape (n_patches,)
-            Its obstacle patches.
-        min_mask_patches : int
-            Patches it takes to bring the mask's mean over the thesis's limit.
+        `scores` are their obstacle scores, `patches` says which are obstacles; see `add`.
         """
-        self._begun = 0
-        status = self._state.add(scores, min_mask_patches)
+        status = self.judge(scores, min_mask_patches)
         over = int(np.count_nonzero(scores > self.rule.margin))
-        confirmed = self._state.confirmed
+        confirmed = self.confirmed
         if status == OBSTACLE:
             # What stayed for some frames is where it was, even if this frame does not show it.
             seen = bool(over) or not confirmed.any()
@@ -120,15 +92,11 @@ class MofNRun:
         nothing = np.zeros_like(patches)
         return MofNResult(nothing, self._words("waits", over) if over else "")
 
-    def doubt(self) -> None:
-        """Nothing that the frame just judged shows is believed."""
-        self._state.doubt()
-
     def _words(self, does: str, over: int) -> str:
         rule = self.rule
         return (
             f"frame rule {does}: {over} patches over the margin in this frame, "
-            f"{int(self._state.confirmed.sum())} in {rule.m} of the last {rule.n}, "
+            f"{int(self.confirmed.sum())} in {rule.m} of the last {rule.n}, "
             f"{rule.min_patches} needed"
         )
 
@@ -139,12 +107,8 @@ class TextureDetector:
     Elsewhere the mask is empty. It judges the frames of one run in their order: what it says of a
     frame can depend on those before.
 
-    Parameters
-    ----------
-    scorer : Bundle
-        Or what has as much of one as this class asks for.
-    threads : int
-        How many threads share one frame's rows of patches; the verdict does not depend on it.
+    The scorer may be anything that has as much of a bundle as this class asks for. `threads` share
+    one frame's rows of patches; the verdict does not depend on how many.
     """
 
     method = TEXTURE
@@ -234,7 +198,7 @@ class TextureDetector:
     def _ruled(self, values: F64, height: int, width: int) -> Detection:
         """What the decision values of a frame resized to `height` x `width` come to."""
         grid, model = self.scorer.grid, self.scorer.model
-        ruled = self._rule.judge(
+        ruled = self._rule.result(
             model.obstacle_score(values),
             model.obstacle_patches(values),
             min_mask_patches(grid, height, width),
@@ -275,18 +239,8 @@ class ReloadableTextureDetector:
     """A texture detector whose model can be exchanged between two frames.
 
     It passes each frame to the detector it holds; that is exchanged by the thread that calls
-    `detect`, never within a frame.
-
-    Parameters
-    ----------
-    detector : Detector or None
-    why_none : str
-        Why there is no detector, where there is none.
-
-    Attributes
-    ----------
-    note : str
-        What is not as it should be with the model there is, for every detection's note.
+    `detect`, never within a frame. `note` is what is not as it should be with the model there is,
+    for every detection's note; `why_none` is why there is no detector, where there is none.
     """
 
     method = TEXTURE

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -179,7 +180,7 @@ def _show_replay(plan: Replay, tally: Tally, by: str) -> None:
     names = ", ".join(name.label for name in logged.models) or "no model"
     print(f"run {logged.run}: {logged.n_frames} frames, policy {logged.start.policy}, {names}")
     print(f"judged again by: {by}")
-    _show_table("logged", "judged again", tally.table())
+    _show_table("logged", "judged again", tally.statuses)
     if tally.compared == tally.same:
         print(f"all {tally.compared} frames compared are the same, to the last bit")
     else:
@@ -227,7 +228,7 @@ def _show_shadow(report: ShadowReport) -> None:
     champions = ", ".join(report.champions) or "no model"
     print(f"run {report.run}, policy {report.policy}")
     print(f"champion {champions}, challenger {report.challenger['label']} (never sent)")
-    _show_table("champion", "challenger", report.table())
+    _show_table("champion", "challenger", report.statuses)
     share = f" ({100 * report.agree / report.frames:.1f} %)" if report.frames else ""
     print(f"{report.frames} frames compared: one status on {report.agree}{share}")
     print(f"{report.dropped} frames left out: the challenger was busy, or not ready yet")
@@ -269,8 +270,11 @@ def _show_side(report: ShadowReport, side: str) -> None:
     )
 
 
-def _show_table(rows: str, columns: str, table: Mapping[str, Mapping[str, int]]) -> None:
+def _show_table(rows: str, columns: str, statuses: Counter[tuple[int, int]]) -> None:
     """Frames by what either side said of them."""
+    from tokt.inference.verdict import status_table
+
+    table = status_table(statuses)
     left = f"{rows:>10}   {columns}: "
     print()
     print(left + "".join(f"{word:>10}" for word in table))

@@ -452,13 +452,10 @@ def _observers(
     if wanted.log is not None:
         keep(log := RunLog(wanted.log, run, rotation, wanted.log_values, source.live))
     if wanted.record is not None:
-        from tokt.inference.recording.clip_trigger import ClipPadding
-        from tokt.inference.recording.recorder import RESERVE_MB, Recorder
-        from tokt.inference.recording.recording import DiskLimits
+        from tokt.inference.recording.recorder import Recorder
 
-        around = ClipPadding(wanted.record_before, wanted.record_after)
-        disk = DiskLimits(wanted.record_mb, RESERVE_MB)
-        recorder = Recorder(wanted.record, run, SYSTEM_CLOCK, around, disk, tell=events.put)
+        limits = wanted.record_before, wanted.record_after, wanted.record_mb
+        recorder = Recorder(wanted.record, run, SYSTEM_CLOCK, *limits, tell=events.put)
         keep(recorder)
     keep(drift)
     keep(counts)

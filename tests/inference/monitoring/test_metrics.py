@@ -157,7 +157,7 @@ def test_the_model_and_what_becomes_of_it(hand_clock, serve):
 
 def test_what_other_parts_count_is_asked_of_them(hand_clock, serve):
     left, right = CameraCounts(incomplete=2), CameraCounts(captured=5, unpaired=4, lost=1)
-    state = DriftState(True, 60, 50, True, "lbp_3", 0.5, 0.25)
+    state = DriftState(True, True, 0.5, 0.25)
     counted = {"frames": 30, "dropped": 1, "written_bytes": 5000, "removed_bytes": 400}
     writer = SimpleNamespace(**counted, fault="the disk is full")
     watched = {

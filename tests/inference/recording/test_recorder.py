@@ -20,11 +20,11 @@ from tokt.features.frames.mission import RIGHT, open_mission
 from tokt.inference.frame import Frame, pixel_mark
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.recording.clip_trigger import REST_S, ClipPadding
+from tokt.inference.recording.clip_trigger import REST_S
 from tokt.inference.recording.recorder import BEHIND, NO_ROOM, REPEATED, RESERVE, Recorder
 from tokt.inference.recording.recording import (
     RECORDING_FORMAT,
-    DiskLimits,
+    DiskBudget,
     EncodedFrame,
     RecordingFolder,
     read_recording,
@@ -36,7 +36,7 @@ from tokt.inference.verdict import Verdict
 OBSTACLE = Verdict(1, 3, 4, None, 9.0, 2.5, "texture", "reef/7")
 CLEAR = Verdict(0, 0, 0, None, 0.0, None, "texture", "reef/7")
 UNPAIRED = Fault(Reason.UNPAIRED, "no right frame of this moment")
-ROOMY = DiskLimits(100, 0)
+ROOMY = (100, 0)  # megabytes, and those to spare
 
 
 def noise(seed: int, colour: bool = False) -> NDArray[np.uint8]:
@@ -81,8 +81,7 @@ def sea(tmp_path, hand_clock):
     """A recorder into ``tmp_path / "rec"`` with frames to see."""
 
     def start(around=(0.375, 0.25), disk=ROOMY, run="run-1", **more) -> Sea:
-        padding = ClipPadding(*around)
-        recorder = Recorder(tmp_path / "rec", run, hand_clock, padding, disk, **more)
+        recorder = Recorder(tmp_path / "rec", run, hand_clock, *around, *disk, **more)
         return Sea(recorder, tmp_path / "rec" / run)
 
     return start
@@ -196,7 +195,7 @@ def test_drift_and_a_challenger_that_differs_open_moments(sea, tmp_path):
 
 
 def test_the_oldest_moments_of_the_run_make_room(sea, tmp_path):
-    at_sea = sea(around=(0.125, 0.125), disk=DiskLimits(0.5, 0))
+    at_sea = sea(around=(0.125, 0.125), disk=(0.5, 0))
     at_sea.tell("start")
     folder = at_sea.folder
     for moment in range(1, 26):
@@ -221,7 +220,7 @@ def test_the_oldest_moments_of_the_run_make_room(sea, tmp_path):
 
 
 def test_a_moment_that_fills_the_folder_is_not_removed_for_itself(sea, tmp_path):
-    at_sea = sea(disk=DiskLimits(0.2, 0))
+    at_sea = sea(disk=(0.2, 0))
     at_sea.see(OBSTACLE, 40)
     numbers = at_sea.end(bound_mb=0.2)
     assert numbers == list(range(1, len(numbers) + 1)) and 5 < len(numbers) < 20
@@ -236,7 +235,7 @@ def test_earlier_recordings_are_never_touched(sea, tmp_path, hand_clock):
     before.parent.mkdir(parents=True)
     before.write_bytes(bytes(900_000))
     told: list[Event] = []
-    at_sea = sea(disk=DiskLimits(0.9, 0), tell=told.append)
+    at_sea = sea(disk=(0.9, 0), tell=told.append)
     at_sea.see(OBSTACLE, 3)
     at_sea.written(3)
     at_sea.see(CLEAR)
@@ -256,7 +255,7 @@ def test_earlier_recordings_are_never_touched(sea, tmp_path, hand_clock):
 
 
 def test_the_disk_keeps_its_reserve(sea, tmp_path):
-    at_sea = sea(disk=DiskLimits(100, reserve_mb=1e12))
+    at_sea = sea(disk=(100, 1e12))
     at_sea.see(OBSTACLE, 3)
     at_sea.recorder.close()
     assert at_sea.recorder.writer.dropped == 3 and at_sea.recorder.writer.fault == RESERVE
@@ -351,7 +350,7 @@ def test_one_process_records_into_a_folder(sea, tmp_path, hand_clock):
     (tmp_path / "file").write_text("")
     refuses("cannot record into", Recorder, tmp_path / "file", "run-1", hand_clock)
     for limits in ((0, 0), (1, -1), (float("nan"), 0)):
-        refuses("", DiskLimits, *limits)
+        refuses("is no limit", DiskBudget, tmp_path, *limits)
 
 
 def test_what_is_no_recording_is_told(tmp_path):
@@ -376,13 +375,10 @@ _AT_SEA = """
 import resource, sys, time
 from pathlib import Path
 from tests.inference.recording.test_recorder import CLEAR, OBSTACLE, Sea, noise
-from tokt.inference.recording.recording import DiskLimits
-from tokt.inference.recording.clip_trigger import ClipPadding
 from tokt.inference.recording.recorder import Recorder
 from tokt.inference.clock import SYSTEM_CLOCK
 folder, run, most_mb, frames = Path(sys.argv[1]), sys.argv[2], float(sys.argv[3]), int(sys.argv[4])
-padding, disk = ClipPadding(0.2, 0.2), DiskLimits(most_mb, 0)
-at_sea = Sea(Recorder(folder, run, SYSTEM_CLOCK, padding, disk), folder / run)
+at_sea = Sea(Recorder(folder, run, SYSTEM_CLOCK, 0.2, 0.2, most_mb, 0), folder / run)
 """
 _FOR_EVER = """
 for moment in range(frames):

@@ -18,9 +18,7 @@ from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.recording.clip_trigger import ClipPadding
 from tokt.inference.recording.recorder import Recorder
-from tokt.inference.recording.recording import DiskLimits
 from tokt.inference.replay.export import export_log
 from tokt.inference.report import FIELDS
 from tokt.models.bundle.bundle import read_bundle
@@ -199,7 +197,7 @@ def test_a_recording_is_exported_with_the_pictures_beside_it(make_mission, bundl
     start = texture_start(folder, bundle_file, record=str(kept), source="pymba:DEV_1")
 
     def recorder(run):
-        return [Recorder(kept, run, SYSTEM_CLOCK, ClipPadding(), DiskLimits(100, 0))]
+        return [Recorder(kept, run, SYSTEM_CLOCK, most_mb=100, reserve_mb=0)]
 
     source = mission_source(folder, SYSTEM_CLOCK)
     run = log_run(source, start, log, SYSTEM_CLOCK, read_bundle(bundle_file), observers=recorder)

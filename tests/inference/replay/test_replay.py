@@ -32,9 +32,7 @@ from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import Limits
 from tokt.inference.policy.assembly import StereoSetup
 from tokt.inference.publisher import Observer
-from tokt.inference.recording.clip_trigger import ClipPadding
 from tokt.inference.recording.recorder import Recorder
-from tokt.inference.recording.recording import DiskLimits
 from tokt.inference.recording.run_log import events_path
 from tokt.inference.recording.run_start import used_file
 from tokt.inference.sources.files import MissionSource
@@ -327,8 +325,7 @@ def test_a_recording_is_compared_where_enough_of_it_is_known(
     start = texture_start(folder, ruled, model_note="the last good model", record=record)
 
     def recorder(run: str) -> list[Observer]:
-        disk = DiskLimits(most_mb=100.0, reserve_mb=0.0)
-        return [Recorder(tmp_path / "kept", run, hand_clock, ClipPadding(0.5, 0.5), disk)]
+        return [Recorder(tmp_path / "kept", run, hand_clock, 0.5, 0.5, 100.0, 0.0)]
 
     source = mission_source(folder, hand_clock, rate=5.0)
     run = log_run(source, start, log, hand_clock, read_bundle(ruled), observers=recorder)

@@ -235,7 +235,9 @@ def test_episodes_bridge_short_gaps_and_tell_who_begins_earlier(tmp_path):
     theirs = [*range(7, 21), *range(38, 41), *range(70, 72)]
     frames = [line(n, int(n in champion), int(n in theirs)) for n in range(1, 81)]
     report = read_shadow(write_lines(tmp_path / "s.jsonl", [START, *frames]))
-    episodes = {side: [(e.first, e.last) for e in found] for side, found in report.episodes.items()}
+    episodes = {
+        side: [(e.begins + 1, e.ends + 1) for e in found] for side, found in report.episodes.items()
+    }
     assert episodes["champion"] == [(5, 19), (40, 44)]
     assert episodes["challenger"] == [(7, 20), (38, 40), (70, 71)]
     assert report.lead_frames() == [-2, 2]

@@ -15,7 +15,6 @@ from tests.tiers import scaled
 from tokt.cli.options import read_calibration_file
 from tokt.features.common.errors import ToktError
 from tokt.inference.stereo.calibration import StereoCalibration, load_calibration, read_calibration
-from tokt.inference.stereo.calibration_files import distortion
 from tokt.inference.stereo.calibration_writer import write_calibration
 
 from .plain_rig import store_parts
@@ -209,7 +208,7 @@ def calibrations(draw: st.DrawFn) -> StereoCalibration:
         return np.array([[focal, 0, x], [0, focal * 1.01, y], [0, 0, 1]])
 
     def lens() -> np.ndarray:
-        return distortion(*(0.01 * draw(inside) for _ in range(5)))
+        return np.array([0.01 * draw(inside) for _ in range(5)])
 
     turn = np.array([0.1 * draw(inside) for _ in range(3)])
     shift = np.array([[-300 - draw(inside)], [90 * draw(inside)], [90 * draw(inside)]])

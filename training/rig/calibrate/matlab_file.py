@@ -16,10 +16,10 @@ from scipy.io.matlab import MatReadError
 from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
 from tokt.inference.stereo.calibration_files import (
+    BOUGUET_NAMES,
     CalibrationNumbers,
     bouguet_numbers,
     checked_numbers,
-    distortion,
     millimetres,
 )
 
@@ -32,10 +32,6 @@ _HDF5 = b"\x89HDF"
 _MAX_BYTES = 64 << 20
 _MAX_MEMORY = 4 << 30
 """Bytes of address space for reading one: compressed variables can unfold to far more."""
-_BOUGUET_NAMES = (
-    *(f"{part}_{side}" for part in ("fc", "cc", "alpha_c", "kc") for side in ("left", "right")),
-    *("om", "R", "T", "nx", "ny"),
-)
 _DAMAGED = (
     *(ValueError, TypeError, KeyError, IndexError, ArithmeticError, EOFError, MemoryError),
     *(OSError, UnboundLocalError, NotImplementedError, zlib.error, MatReadError),
@@ -84,7 +80,7 @@ def matlab_numbers(path: Path) -> CalibrationNumbers:
     """
     variables = _variables(path)
     if "fc_left" in variables or "fc_right" in variables:
-        found = {name: variables[name] for name in _BOUGUET_NAMES if name in variables}
+        found = {name: variables[name] for name in BOUGUET_NAMES if name in variables}
         return bouguet_numbers(path, BOUGUET_FORM, found)
     params = _stereo_params(variables)
     if params is not None:
@@ -176,9 +172,8 @@ def _distortion(path: Path, camera: Mapping[str, Any]) -> F64:
         raise ToktError(f"calibration {path}: RadialDistortion must hold k1 k2 or k1 k2 k3")
     if tangential is None or tangential.size != 2:
         raise ToktError(f"calibration {path}: TangentialDistortion must hold p1 p2")
-    k1, k2, *k3 = radial.ravel()
-    p1, p2 = tangential.ravel()
-    return distortion(k1, k2, p1, p2, *k3)
+    k1, k2, k3 = np.pad(radial.ravel(), (0, 1))[:3]
+    return np.array([k1, k2, *tangential.ravel(), k3], np.float64)
 
 
 def _numbers(path: Path, struct: Mapping[str, Any], name: str) -> F64 | None:

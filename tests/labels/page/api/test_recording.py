@@ -10,7 +10,7 @@ from tokt.features.frames.mission import RIGHT, open_mission
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.policy.assembly import assemble
 from tokt.inference.recording.recorder import Recorder
-from tokt.inference.recording.recording import DiskLimits, read_recording
+from tokt.inference.recording.recording import read_recording
 from tokt.inference.runtime import Runtime
 from tokt.inference.sources.files import open_source
 from tokt.models.bundle.bundle import read_bundle
@@ -32,7 +32,7 @@ def stereo_copy(mission, to):
 def record(mission, bundle_file, folder):
     """Run a model over a mission as at sea, recording what it warns of."""
     bundle = read_bundle(bundle_file)
-    recorder = Recorder(folder, "run-1", SYSTEM_CLOCK, disk=DiskLimits(100, 0))
+    recorder = Recorder(folder, "run-1", SYSTEM_CLOCK, most_mb=100, reserve_mb=0)
     source = open_source(str(mission), SYSTEM_CLOCK)
     policy = assemble("texture", lambda: bundle, None).policy
     summary = Runtime(source, policy, [], SYSTEM_CLOCK, [recorder]).run()

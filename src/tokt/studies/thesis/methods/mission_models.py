@@ -198,7 +198,7 @@ def _judged(learnt: Learnt, sizes: Mapping[int, tuple[int, int]], words: str) ->
                 continue
             own_fold, values = scores[number]
             size = GRID.resized(*sizes[number])
-            ruled = run.judge(values, values > 0, min_mask_patches(GRID, *size))
+            ruled = run.result(values, values > 0, min_mask_patches(GRID, *size))
             if own_fold != index:
                 continue
             found.patches[number] = values > 0
