@@ -100,10 +100,7 @@ class LatestFrameBuffer:
     def take(self, wait_s: float) -> Frame | None:
         """The latest frame, waiting for one; None if there is none yet, or none any more.
 
-        Raises
-        ------
-        Exception
-            What the source raised, once its last frame was taken.
+        Raises what the source raised, once its last frame was taken.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._frame is not None or self._finished, wait_s)
@@ -195,16 +192,12 @@ class Runtime:
     def run(self) -> Summary:
         """Go on until the source ends or is stopped.
 
-        Raises
-        ------
-        Exception
-            What the source raises: a loop that cannot see ends, and is started anew by who watches
-            over it.
+        Raises what the source raises: a loop that cannot see ends, and is started anew by who
+        watches over it.
         """
         summary = Summary()
         start = self.clock.monotonic()
-        live = self.source.live
-        buffer = LatestFrameBuffer(self.source) if live else EveryFrame(self.source)
+        buffer = (LatestFrameBuffer if self.source.live else EveryFrame)(self.source)
         try:
             with self._heartbeat_thread():
                 while not buffer.ended:
