@@ -80,12 +80,9 @@ have 2.4 times what noise gives, and more; noise 1.2 times at most."""
 
 
 def shape_fault(frame: U8) -> Fault:
-    """Why an array is no picture of a camera, or an empty string.
+    """Why an array is no picture as a camera gives it, or an empty string.
 
-    Parameters
-    ----------
-    frame : array of uint8, shape (height, width) or (height, width, 3)
-        As the camera gave it.
+    A picture is of uint8, shape (height, width) or (height, width, 3).
     """
     picture = frame.ndim == 2 or (frame.ndim == 3 and frame.shape[2] == 3)
     if frame.dtype != np.uint8 or not picture or 0 in frame.shape:
@@ -97,13 +94,7 @@ def shape_fault(frame: U8) -> Fault:
 def pair_shape_fault(frame: Frame, frame_size: tuple[int, int]) -> Fault:
     """Why a pair cannot be matched: a picture is missing, or not of the calibration's size.
 
-    Empty where it can.
-
-    Parameters
-    ----------
-    frame : Frame
-    frame_size : (width, height) of int
-        Of the calibration, in pixels.
+    Empty where it can. The size is width, height in pixels.
     """
     if frame.left is None:
         return frame.left_fault or Fault(Reason.MISSING, "there is no left frame")
@@ -122,17 +113,10 @@ def pair_shape_fault(frame: Frame, frame_size: tuple[int, int]) -> Fault:
 
 
 def frame_fault(frame: U8, gray: U8 | None = None, grid: Grid | None = None) -> Fault:
-    """Why a frame is outside what can be judged, or an empty string.
+    """Why a frame, as the camera gave it, is outside what can be judged, or an empty string.
 
-    Parameters
-    ----------
-    frame : array of uint8, shape (height, width) or (height, width, 3)
-        As the camera gave it.
-    gray : array of uint8, shape (height, width), optional
-        ``gray_picture(frame, grid)``, where the caller has it already: what is looked at when it
-        is about as wide (`WIDTH_TOLERANCE`) as `PATCH_GRID` wants it.
-    grid : Grid, optional
-        The grid of `gray`.
+    `gray` is ``gray_picture(frame, grid)``, where the caller has it already: what is looked at when
+    it is about as wide (`WIDTH_TOLERANCE`) as `PATCH_GRID` wants it.
     """
     fault = shape_fault(frame)
     if fault:
@@ -243,21 +227,13 @@ def fine_detail(frame: U8) -> float:
 
     The mean difference of neighbouring pixels over that of pixels two apart, in rows or in columns,
     whichever is less, of the patch a quarter of the patches exceed: close things fill some patches,
-    noise of the sensor all.
+    noise of the sensor all. The frame is as the camera gave it.
 
-    Parameters
-    ----------
-    frame : array of uint8, shape (height, width) or (height, width, 3)
-        As the camera gave it.
-
-    Returns
-    -------
-    float
-        0.5 where nothing changes from one pixel to the next alone (blurred, enlarged,
-        compressed), 1 for noise. Measured: 0.58 to 0.66 on the sea trial, 0.61 and more on the
-        other site; blurred by 8 pixels or enlarged to twice the size, saved at JPEG quality 95 or
-        not, at most 0.55 and 0.59. 1 also of frames too small to tell. What the sensor adds to a
-        blurred picture is as fine as its pixels: a lens out of focus is not seen by this.
+    0.5 where nothing changes from one pixel to the next alone (blurred, enlarged, compressed), 1
+    for noise. Measured: 0.58 to 0.66 on the sea trial, 0.61 and more on the other site; blurred by
+    8 pixels or enlarged to twice the size, saved at JPEG quality 95 or not, at most 0.55 and 0.59.
+    1 also of frames too small to tell. What the sensor adds to a blurred picture is as fine as its
+    pixels: a lens out of focus is not seen by this.
     """
     last = len(frame) - 2
     step = max(last // _DETAIL_ROWS, 1)
