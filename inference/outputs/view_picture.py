@@ -41,7 +41,8 @@ class ViewMoment:
     said_s: float
     arrived_s: float  # its frame
     statuses: tuple[tuple[float, int], ...]  # said since the moment before, and when; with this one
-    picture: U8 | None = None  # `fitted`; without one the one before stays, darkened
+    # `fitted` to be drawn; without one the one before stays, darkened.
+    picture: U8 | None = None
     mask: U8 | None = None  # as of `tokt.inference.policy.policy.Judgement`
     grid: Grid | None = None
 
