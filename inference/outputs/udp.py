@@ -55,10 +55,11 @@ def decode(data: bytes) -> dict[str, Any]:
     """
     match = _V1.fullmatch(data)
     if match is not None:
-        values = [each.kind(text) for each, text in zip(V1_FIELDS, match.groups(), strict=True)]
-        if not all(map(math.isfinite, values)):
+        pairs = zip(V1_FIELDS, match.groups(), strict=True)
+        fields = {each.name: each.kind(text) for each, text in pairs}
+        if not all(map(math.isfinite, fields.values())):
             raise ToktError("not a tokt datagram: v1 with a mean value that is not finite")
-        return {"v": 1, **{each.name: value for each, value in zip(V1_FIELDS, values, strict=True)}}
+        return {"v": 1, **fields}
     try:
         value = json.loads(data.decode("utf-8"), parse_constant=_refuse_constant)
     except (ValueError, RecursionError):
