@@ -23,7 +23,7 @@ from tokt.inference.report import Event, Report
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.matching import FARTHEST_M
 from tokt.inference.stereo.pushbroom import DISTANCES_M
-from tokt.inference.verdict import CLEAR, DISPARITY, OBSTACLE, PUSHBROOM, UNKNOWN, Verdict
+from tokt.inference.verdict import CLEAR, DISPARITY, PUSHBROOM, UNKNOWN, Verdict
 
 from .pilot_words import ENDED, PilotWords
 
@@ -122,14 +122,20 @@ def ranges_of(verdict: Verdict, lens: Lens, assumed_m: float) -> Ranges | None:
     A clear is one of the sectors that are wholly in view. An obstacle is in every sector that its
     box touches, or in all of the view where the verdict does not say in which picture its box is.
     """
+    if verdict.status == UNKNOWN:
+        return None
+    left_deg, right_deg = lens.edges_deg
     if verdict.status == CLEAR:
         most = _cm(_reach_m(verdict.method, assumed_m))
-        return Ranges(most + 1, most, _spread(most + 1, sectors_of(*lens.edges_deg, wholly=True)))
-    if verdict.status == OBSTACLE:
+        nearest = most + 1
+    else:
         nearest, most = _obstacle_cm(verdict, assumed_m)
-        sectors = sectors_of(*_span_deg(verdict, lens), wholly=False)
-        return Ranges(nearest, most, _spread(nearest, sectors))
-    return None
+        if verdict.box is not None and verdict.mask_size is not None:
+            edges = verdict.box[0], verdict.box[0] + verdict.box[2]
+            left_deg, right_deg = (lens.angle_deg(x / verdict.mask_size[1]) for x in edges)
+    said = sectors_of(left_deg, right_deg, wholly=verdict.status == CLEAR)
+    sectors = (nearest if index in said else UNKNOWN_CM for index in range(SECTORS))
+    return Ranges(nearest, most, tuple(sectors))
 
 
 def _reach_m(method: str, otherwise_m: float) -> float:
@@ -147,33 +153,14 @@ def _obstacle_cm(verdict: Verdict, assumed_m: float) -> tuple[int, int]:
     return min(max(_cm(distance_m), NEAREST_CM), most - 1), most
 
 
-def _span_deg(verdict: Verdict, lens: Lens) -> tuple[float, float]:
-    """The obstacle's left and right edge as directions."""
-    if verdict.box is None or verdict.mask_size is None:
-        return lens.edges_deg
-    x0, _, box_width, _ = verdict.box
-    width = verdict.mask_size[1]
-    return lens.angle_deg(x0 / width), lens.angle_deg((x0 + box_width) / width)
-
-
 def _cm(metres: float) -> int:
     """Whole centimetres, rounded towards the nearer."""
     return math.floor(100 * min(max(metres, 0.0), 600.0) + 1e-6)
 
 
-def _spread(distance_cm: int, sectors: list[int]) -> tuple[int, ...]:
-    said = list(NOTHING_KNOWN)
-    for index in sectors:
-        said[index] = distance_cm
-    return tuple(said)
-
-
 HEARTBEAT_S = 1.0
 VALUES_S = 0.2
 """Between two sets of figures to plot, unless the status changes."""
-_VARIANCE_UNKNOWN = 255
-_QUALITY_UNKNOWN = 0
-_NO_VALUE = -1.0
 _CHOICES = {
     "mavlink_messages": ("both", "obstacle_distance", "distance_sensor"),
     "mavlink_unknown": ("silence", "message"),
@@ -281,13 +268,12 @@ class MavlinkSender:
         """Figures to plot, -1 where there is none: a station shows the last one for ever."""
         figures = verdict.status, verdict.mean, verdict.distance_m
         for name, value in zip((b"tokt_stat", b"tokt_mean", b"tokt_dist"), figures, strict=True):
-            number = _NO_VALUE if value is None or not 0 <= value < 1e9 else float(value)
+            number = -1.0 if value is None or not 0 <= value < 1e9 else float(value)
             self._pilot.named_value_float_send(int(1000 * now) % 2**32, name, number)
 
     def _send_ranges(self, report: Report, now: float) -> None:
         age_ms = report.age_ms or 0.0  # since the frame arrived, where that is known
-        known = math.isfinite(age_ms) and age_ms > 0
-        taken = max(now - age_ms / 1000, 0.0) if known else max(now, 0.0)
+        taken = now - age_ms / 1000 if math.isfinite(age_ms) and age_ms > 0 else now
         self._stamp_us = max(self._stamp_us, int(1e6 * taken))
         ranges = ranges_of(report.verdict, self._lens, self._wanted.mavlink_assumed_m)
         messages = self._wanted.mavlink_messages
@@ -315,8 +301,7 @@ class MavlinkSender:
         self._link.distance_sensor_send(
             *(self._stamp_us // 1000 % 2**32, NEAREST_CM, ranges.most, ranges.nearest),
             *(words.MAV_DISTANCE_SENSOR_UNKNOWN, 0, words.MAV_SENSOR_ROTATION_NONE),
-            _VARIANCE_UNKNOWN,
+            covariance=255,  # unknown, as is the signal's quality by default
             horizontal_fov=math.radians(lens.fov_deg()),
             vertical_fov=math.radians(height_deg),
-            signal_quality=_QUALITY_UNKNOWN,
         )
