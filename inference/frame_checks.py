@@ -129,8 +129,10 @@ def frame_fault(frame: U8, gray: U8 | None = None, grid: Grid | None = None) -> 
             gray = gray_picture(frame, own_grid)
         except ValueError as error:
             return Fault(Reason.WRONG_SIZE, f"the frame cannot be looked at: {error}")
-    # As many single pixels as a fraction needs.
-    fault = _whole_frame_fault(gray, _gray_rows(frame, _STEP_ROWS))
+    pixels = np.ascontiguousarray(frame[::_STEP_ROWS])  # as many as a fraction needs
+    if pixels.ndim == 3:
+        pixels = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8)
+    fault = _whole_frame_fault(gray, pixels)
     least = min(gray.shape[0] // own_grid.rows, gray.shape[1] // own_grid.cols)
     if least >= _MIN_PATCH_PX:
         fault = fault or _blank_patches_fault(gray, own_grid)
@@ -144,12 +146,6 @@ def one_channel(picture: U8) -> U8:
     if picture.ndim == 2 or not picture.size:
         return np.ascontiguousarray(picture if picture.ndim == 2 else picture[:, :, 1])
     return np.asarray(cv2.extractChannel(picture, 1), np.uint8)
-
-
-def _gray_rows(frame: U8, step: int) -> U8:
-    """Every so many rows of a frame, gray."""
-    rows = np.ascontiguousarray(frame[::step])
-    return rows if rows.ndim == 2 else np.asarray(cv2.cvtColor(rows, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
 def _whole_frame_fault(gray: U8, pixels: U8) -> Fault:
