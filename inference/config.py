@@ -353,7 +353,6 @@ class RunConfig:
 SECTIONS: dict[str, Any] = {item.name: item.type for item in fields(RunConfig)[:-1]}
 """Their classes, by their names."""
 
-
 OPTIONS: dict[str, Option] = {
     item.name: replace(
         item.metadata["option"],

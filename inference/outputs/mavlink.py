@@ -52,14 +52,6 @@ class Lens:
     focal: float  # focal length over the picture's width
     centre: float = 0.5  # the optical axis's column, over the width: 0 left edge, 1 right one
 
-    @classmethod
-    def of_fov_deg(cls, fov_deg: float) -> Lens:
-        """A lens that sees so many degrees from edge to edge, `MIN_FOV_DEG` to `MAX_FOV_DEG`."""
-        if not MIN_FOV_DEG <= fov_deg <= MAX_FOV_DEG:
-            known = f"{MIN_FOV_DEG:g} to {MAX_FOV_DEG:g} degrees"
-            raise ToktError(f"a camera's field of view is {known}, not {fov_deg:g}")
-        return cls(0.5 / math.tan(math.radians(fov_deg / 2)))
-
     def angle_deg(self, column: float) -> float:
         """Direction of a column, given over the picture's width; positive to the right."""
         return math.degrees(math.atan2(column - self.centre, self.focal))
@@ -75,9 +67,15 @@ class Lens:
 
 
 def lens_of(fov_deg: float | None, calibration: StereoCalibration | None) -> Lens:
-    """The lens of the angle a user gave, otherwise of the calibration; ToktError without both."""
+    """The lens of the angle a user gave from edge to edge, otherwise of the calibration.
+
+    Raises ToktError without both, or if the angle is not `MIN_FOV_DEG` to `MAX_FOV_DEG`.
+    """
     if fov_deg is not None:
-        return Lens.of_fov_deg(fov_deg)
+        if not MIN_FOV_DEG <= fov_deg <= MAX_FOV_DEG:
+            known = f"{MIN_FOV_DEG:g} to {MAX_FOV_DEG:g} degrees"
+            raise ToktError(f"a camera's field of view is {known}, not {fov_deg:g}")
+        return Lens(0.5 / math.tan(math.radians(fov_deg / 2)))
     if calibration is None:
         raise ToktError(
             "MAVLink tells directions: give the camera's horizontal field of view in water "
@@ -111,9 +109,6 @@ class Ranges:
     nearest: int  # to the obstacle; `most` + 1 where there is none
     most: int  # up to where there would have been said to be one
     sectors: tuple[int, ...]  # `nearest`, or `UNKNOWN_CM` where nothing is said of a sector
-
-
-NOTHING_KNOWN = (UNKNOWN_CM,) * SECTORS
 
 
 def ranges_of(verdict: Verdict, lens: Lens, assumed_m: float) -> Ranges | None:
@@ -281,7 +276,7 @@ class MavlinkSender:
             if self._wanted.mavlink_unknown == "silence":
                 return
             # DISTANCE_SENSOR says it never: its quality "invalid" only rangefinders read.
-            ranges = Ranges(0, NEAREST_CM + 1, NOTHING_KNOWN)
+            ranges = Ranges(0, NEAREST_CM + 1, (UNKNOWN_CM,) * SECTORS)
         elif messages != "obstacle_distance":
             # Before the other: ArduPilot keeps what the last of the two said of the sectors ahead.
             self._send_distance(ranges, report.verdict.mask_size)

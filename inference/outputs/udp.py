@@ -15,8 +15,7 @@ from tokt.inference.links.datagrams import DatagramSocket
 from tokt.inference.report import FIRST, V1_FIELDS, V2, V2_FIELDS, Report
 from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Verdict
 
-DEFAULT_HOST = "127.0.0.1"
-DEFAULT_PORT = 1130
+DEFAULT_RECEIVER = "127.0.0.1:1130"
 """The port of the thesis's LabVIEW program."""
 
 _V1 = re.compile(

@@ -19,7 +19,6 @@ WIDTH, BANNER, PANEL, STRIP = 720, 50, 54, 18
 STRIP_S = 60.0
 """Seconds that the strip shows."""
 WAITING, OLD, ENDED = "WAITING", "OLD", "ENDED"
-AGELESS = (WAITING, ENDED)
 
 Colour = tuple[int, int, int]
 _WHITE, _BLACK, _YELLOW, _GREY = (255, 255, 255), (0, 0, 0), (0, 200, 255), (70, 70, 70)
@@ -199,7 +198,7 @@ def _banner(shown: Shown) -> U8:
         banner[:, _STRIPED] = _GREY
         cv2.drawMarker(banner, (25, 25), _YELLOW, cv2.MARKER_TILTED_CROSS, 34, 3)
     _write(banner, shown.word, (68, 37), 1.3, _WHITE)
-    if shown.word not in AGELESS:
+    if shown.word not in (WAITING, ENDED):
         _write(banner, f"{shown.age_s:.1f} s", (590, 37), 1.1, _WHITE)
     return banner
 

@@ -31,7 +31,7 @@ from tokt.inference.monitoring.receivers import PlaceWatch, ReceiverWatch
 from tokt.inference.monitoring.run_counts import RunCounts
 from tokt.inference.outputs import view as view_module
 from tokt.inference.outputs.listen import SenderMonitor, Silence, listen
-from tokt.inference.outputs.mavlink import Lens, MavlinkSender
+from tokt.inference.outputs.mavlink import MavlinkSender, lens_of
 from tokt.inference.outputs.udp import UdpSender
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy
 from tokt.inference.publisher import Observer, ReportPublisher
@@ -596,7 +596,7 @@ def mavlink_dive(address: str) -> tuple[Dive, MavlinkSender]:
     pytest.importorskip("pymavlink")
     dive = Dive()
     known, tell = VehicleState(dive.clock), dive.events.put
-    lens, wanted = Lens.of_fov_deg(60), OutputConfig()
+    lens, wanted = lens_of(60, None), OutputConfig()
     sender = MavlinkSender(open_link(address), lens, wanted, dive.clock, known, tell)
     dive.senders = [sender]
     return dive, sender
