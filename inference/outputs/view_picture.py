@@ -67,9 +67,7 @@ class ViewState:
     ended: str = ""
     moment: ViewMoment | None = None
     picture: U8 | None = None
-
-    def __post_init__(self) -> None:
-        self._statuses: list[tuple[float, int]] = []
+    statuses: list[tuple[float, int]] = field(default_factory=list)
 
     def take(self, moment: ViewMoment) -> None:
         """Show this from now on."""
@@ -77,8 +75,8 @@ class ViewState:
         if moment.picture is not None:
             self.picture = moment.picture
         oldest = moment.said_s - STRIP_S - self.stale_s
-        said = [*self._statuses, *moment.statuses]
-        self._statuses = [each for each in said if each[0] >= oldest]
+        said = [*self.statuses, *moment.statuses]
+        self.statuses = [each for each in said if each[0] >= oldest]
 
     def shown(self, now: float) -> Shown:
         """What is to be said at that time."""
@@ -110,9 +108,9 @@ class ViewState:
     def _strip(self, now: float) -> U8:
         """The last minute: an obstacle is a high bar, unknown a middle one, clear a low one."""
         strip = np.full((STRIP, WIDTH, 3), 30, np.uint8)
-        if not self._statuses:
+        if not self.statuses:
             return strip
-        times, ranks = np.array([(at, _RANKS[status]) for at, status in self._statuses]).T
+        times, ranks = np.array([(at, _RANKS[status]) for at, status in self.statuses]).T
         at = now - STRIP_S * (1 - (np.arange(WIDTH) + 0.5) / WIDTH)
         last = np.searchsorted(times, at) - 1
         held = (last >= 0) & (at - times[last] <= self.stale_s)
