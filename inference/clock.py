@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 Result = TypeVar("Result")
@@ -60,19 +59,16 @@ def awake_s(clock: Clock) -> float:
     return clock.monotonic() - clock.suspended()
 
 
-@dataclass(eq=False)
-class ClockStopwatch:
-    """Times calls by a clock."""
-
-    clock: Clock
+class Stopwatch:
+    """Times calls."""
 
     def took(self, call: Callable[[], Result]) -> tuple[Result, float]:
         """Call it; what it gave, and how many seconds it took."""
-        start = self.clock.monotonic()
-        return call(), self.clock.monotonic() - start
+        start = SYSTEM_CLOCK.monotonic()
+        return call(), SYSTEM_CLOCK.monotonic() - start
 
 
-class FixedStopwatch:
+class FixedStopwatch(Stopwatch):
     """Says of each call that it took `seconds`, however long it does take."""
 
     seconds = 0.0  # until they are set: never late
@@ -82,6 +78,4 @@ class FixedStopwatch:
         return call(), self.seconds
 
 
-Stopwatch = ClockStopwatch | FixedStopwatch
-"""Times calls: gives what a call gave, and the seconds to go by."""
-SYSTEM_STOPWATCH = ClockStopwatch(SYSTEM_CLOCK)
+SYSTEM_STOPWATCH = Stopwatch()
