@@ -22,7 +22,7 @@ from urllib.parse import quote
 
 from tokt.features.common.address import resolve
 from tokt.features.common.errors import ToktError, os_errors_as, os_words
-from tokt.inference.clock import Clock, awake_s
+from tokt.inference.clock import SYSTEM_CLOCK, awake_s
 from tokt.inference.frame import Frame
 from tokt.inference.frame_checks import shape_fault
 from tokt.inference.policy.policy import Judgement
@@ -75,7 +75,6 @@ class LiveView(Observer):
     token: str | None  # that a request has to show
     record: Path | None  # of the video
     stale_s: float  # from which age on a frame is old
-    clock: Clock
     tell: Callable[[Event], None]  # from another thread
     listen: Callable[[], socket.socket] | None = None
 
@@ -97,20 +96,20 @@ class LiveView(Observer):
 
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
         """Remember the frame as the newest; nothing is copied here."""
-        now = self.clock.monotonic()
+        now = SYSTEM_CLOCK.monotonic()
         arrived_s = now if frame.arrived is None else frame.arrived
         seen = frame.left, judgement.mask, judgement.grid
         self._put(ViewMoment(report, now, arrived_s, (), *seen))
 
     def heartbeat(self, report: Report) -> None:
         """Remember that unknown was said."""
-        now = self.clock.monotonic()
+        now = SYSTEM_CLOCK.monotonic()
         self._put(ViewMoment(report, now, now - (report.age_ms or 0.0) / 1000, ()))
 
     def _put(self, moment: ViewMoment) -> None:
         self._statuses.append((moment.said_s, moment.report.verdict.status))
         self._newest.append(moment)
-        if awake_s(self.clock) > self._hung_at and self._process is not None:
+        if awake_s(SYSTEM_CLOCK) > self._hung_at and self._process is not None:
             self._process.kill()
 
     def close(self) -> None:
@@ -149,7 +148,7 @@ class LiveView(Observer):
         ours, theirs = spawning.Pipe()
         does = (theirs, self.listener, self.token, self._part, self.stale_s)
         made = spawning.Process(target=serve, args=does, name="tokt view", daemon=True)
-        self._hung_at = awake_s(self.clock) + START_S
+        self._hung_at = awake_s(SYSTEM_CLOCK) + START_S
         with closing(ours):
             try:
                 with closing(theirs):
@@ -162,7 +161,7 @@ class LiveView(Observer):
         made.join(_CLOSE_S)
         made.kill()  # Python would wait at its end for one that is still there
         made.join(_CLOSE_S)
-        hung, self._hung_at = awake_s(self.clock) > self._hung_at, math.inf
+        hung, self._hung_at = awake_s(SYSTEM_CLOCK) > self._hung_at, math.inf
         return "its process did not answer" if hung else f"exit code {made.exitcode}"
 
     def _pass_on(self, connection: Connection) -> None:
@@ -170,7 +169,7 @@ class LiveView(Observer):
         while True:
             self._hung_at = math.inf
             found = self._next()
-            self._hung_at = awake_s(self.clock) + ANSWER_S
+            self._hung_at = awake_s(SYSTEM_CLOCK) + ANSWER_S
             connection.send(found)
             if found is None:
                 return
@@ -192,4 +191,4 @@ class LiveView(Observer):
     def _say(self, name: str, words: str) -> None:
         if name not in self._told:
             self._told.add(name)
-            self.tell(Event(self.clock.time(), name, words))
+            self.tell(Event(SYSTEM_CLOCK.time(), name, words))

@@ -410,7 +410,7 @@ def _live_view(config: RunConfig, events: EventQueue) -> Observer:
             token = kept_token(DEFAULT_WORKSPACE / "view-token")
         say(f"view: {view_url(host, port, token)}")
     record, stale_s = wanted.view_record, config.limits.stale_s
-    return LiveView(listener, token, record, stale_s, SYSTEM_CLOCK, events.put, listen)
+    return LiveView(listener, token, record, stale_s, events.put, listen)
 
 
 class _Observers(NamedTuple):

@@ -401,7 +401,7 @@ def test_a_port_that_is_taken_is_waited_for_where_verdicts_must_go_on(monkeypatc
             return listening("127.0.0.1", port)
 
         record = tmp_path / "out.mp4"
-        view = LiveView(None, None, record, 0.5, SYSTEM_CLOCK, told.append, listen)
+        view = LiveView(None, None, record, 0.5, told.append, listen)
         until(lambda: len(tries) > 3)
     here = type("Here", (), {"port": port})
     until(lambda: Viewed.get(here, "/")[0] == 200)
