@@ -277,8 +277,8 @@ class SuspendDetector:
         if frame.arrived is None or frame.arrived >= self._believed_from:
             return frame
         fault = Fault(Reason.STALE, "stale: the computer was suspended just before this frame")
+        doubtful: dict[str, Any] = {"missed": MANY_MISSED}
         for side in ("left", "right"):
             if getattr(frame, side) is not None:
-                doubtful: dict[str, Any] = {side: None, f"{side}_fault": fault}
-                frame = replace(frame, **doubtful)
-        return replace(frame, missed=MANY_MISSED)
+                doubtful |= {side: None, f"{side}_fault": fault}
+        return replace(frame, **doubtful)

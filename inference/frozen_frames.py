@@ -276,8 +276,7 @@ class StuckFrameDetector:
             picture = getattr(frame, side)
             if picture is None or shape_fault(picture):
                 continue
-            words = camera.fault(picture, frame, self._limits)
-            if words:
+            if words := camera.fault(picture, frame, self._limits):
                 fault = Fault(Reason.FROZEN, f"the {side} camera {words}: frozen")
                 gone: dict[str, Any] = {side: None, f"{side}_fault": fault}
                 frame = replace(frame, **gone)
