@@ -23,7 +23,7 @@ from tokt.inference.report import Event, Report
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.matching import FARTHEST_M
 from tokt.inference.stereo.pushbroom import DISTANCES_M
-from tokt.inference.verdict import CLEAR, DISPARITY, PUSHBROOM, UNKNOWN, Verdict
+from tokt.inference.verdict import CLEAR, DISPARITY, OBSTACLE, PUSHBROOM, UNKNOWN, Verdict
 
 from .pilot_words import ENDED, PilotWords
 
@@ -119,15 +119,19 @@ def ranges_of(verdict: Verdict, lens: Lens, assumed_m: float) -> Ranges | None:
     """
     if verdict.status == UNKNOWN:
         return None
-    left_deg, right_deg = lens.edges_deg
     if verdict.status == CLEAR:
         most = _cm(_reach_m(verdict.method, assumed_m))
         nearest = most + 1
+    elif verdict.distance_m is None or not math.isfinite(verdict.distance_m):
+        most = _cm(assumed_m)
+        nearest = most - 1  # PX4 takes an obstacle at the very end of the range for none
     else:
-        nearest, most = _obstacle_cm(verdict, assumed_m)
-        if verdict.box is not None and verdict.mask_size is not None:
-            edges = verdict.box[0], verdict.box[0] + verdict.box[2]
-            left_deg, right_deg = (lens.angle_deg(x / verdict.mask_size[1]) for x in edges)
+        most = _cm(_reach_m(verdict.method, max(MEASURED_TO_M.values())))
+        nearest = min(max(_cm(verdict.distance_m), NEAREST_CM), most - 1)
+    left_deg, right_deg = lens.edges_deg
+    if verdict.status == OBSTACLE and verdict.box is not None and verdict.mask_size is not None:
+        edges = verdict.box[0], verdict.box[0] + verdict.box[2]
+        left_deg, right_deg = (lens.angle_deg(x / verdict.mask_size[1]) for x in edges)
     said = sectors_of(left_deg, right_deg, wholly=verdict.status == CLEAR)
     sectors = (nearest if index in said else UNKNOWN_CM for index in range(SECTORS))
     return Ranges(nearest, most, tuple(sectors))
@@ -137,15 +141,6 @@ def _reach_m(method: str, otherwise_m: float) -> float:
     """Metres up to which a method, which may be two joined by ``+``, measures."""
     measured = [MEASURED_TO_M[part] for part in method.split("+") if part in MEASURED_TO_M]
     return max(measured, default=otherwise_m)
-
-
-def _obstacle_cm(verdict: Verdict, assumed_m: float) -> tuple[int, int]:
-    """The obstacle's distance, and the range it is in: PX4 takes one at its very end for none."""
-    distance_m = verdict.distance_m
-    if distance_m is None or not math.isfinite(distance_m):
-        return _cm(assumed_m) - 1, _cm(assumed_m)
-    most = _cm(_reach_m(verdict.method, max(MEASURED_TO_M.values())))
-    return min(max(_cm(distance_m), NEAREST_CM), most - 1), most
 
 
 def _cm(metres: float) -> int:
