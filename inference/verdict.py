@@ -154,11 +154,8 @@ def verdict_from_mask(
     if contours:
         cx, cy = _centre(contours, mask)
         x, y = -(cx - width // 2), -(cy - height // 2)
-        # Union of the contours' bounding boxes.
-        boxes = np.array([cv2.boundingRect(contour) for contour in contours])
-        x0, y0 = boxes[:, :2].min(axis=0)
-        x1, y1 = (boxes[:, :2] + boxes[:, 2:]).max(axis=0)
-        box = int(x0), int(y0), int(x1 - x0), int(y1 - y0)
+        x0, y0, box_width, box_height = cv2.boundingRect(mask)  # of all contours
+        box = x0, y0, box_width, box_height
     return Verdict(
         status, x, y, box, mean, distance_m, method, model, health, mask_size=(height, width)
     )
