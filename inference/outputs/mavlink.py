@@ -176,9 +176,9 @@ class MavlinkSender:
     """Send verdicts as MAVLink messages over one link, and read what is heard on it.
 
     A heartbeat goes out with the first report a second after the one before, CRITICAL where that is
-    unknown, such as while the loop hangs. The lens is the left camera's,
-    in water; `vehicle` is told what the autopilot says of itself; `tell` is given the event
-    ``mavlink_clash``. ToktError without pymavlink, or for an option that MAVLink does not have.
+    unknown, such as while the loop hangs. The lens is the left camera's, in water; `wanted` has
+    passed `check_mavlink`; `vehicle` is told what the autopilot says of itself; `tell` is given the
+    event ``mavlink_clash``. ToktError without pymavlink.
     """
 
     # Messages that the system took, those that it did not, and why not the last of these.
@@ -195,7 +195,6 @@ class MavlinkSender:
         vehicle: VehicleState,
         tell: Callable[[Event], None],
     ) -> None:
-        check_mavlink(wanted)
         self._words = mavlink_dialect()
         self._to, self._lens, self._wanted = link, lens, wanted
         self._clock, self._tell = clock, tell

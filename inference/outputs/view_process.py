@@ -181,8 +181,6 @@ class ViewServer(ThreadingHTTPServer):
     computer's loopback by name: a page whose name leads there (DNS rebinding) is refused.
     """
 
-    daemon_threads = True
-
     def __init__(self, listener: socket.socket, token: str | None, pictures: Pictures) -> None:
         super().__init__(listener.getsockname(), _ViewHandler, bind_and_activate=False)
         self.socket.close()
