@@ -35,13 +35,7 @@ class SystemClock:
     would be no older after the night.
     """
 
-    def time(self) -> float:
-        """The time of day."""
-        return time.time()
-
-    def sleep(self, seconds: float, /) -> None:
-        """Wait."""
-        time.sleep(seconds)
+    time, sleep = staticmethod(time.time), staticmethod(time.sleep)
 
     def monotonic(self) -> float:
         """Time since the computer was started, on Linux."""
@@ -65,32 +59,23 @@ def awake_s(clock: Clock) -> float:
     return clock.monotonic() - clock.suspended()
 
 
-class ClockStopwatch:
-    """Times calls by a clock."""
-
-    def __init__(self, clock: Clock) -> None:
-        self._clock = clock
+class Stopwatch:
+    """Times calls."""
 
     def took(self, call: Callable[[], Result]) -> tuple[Result, float]:
         """Call it; what it gave, and how many seconds it took."""
-        start = self._clock.monotonic()
-        result = call()
-        return result, self._clock.monotonic() - start
+        start = SYSTEM_CLOCK.monotonic()
+        return call(), SYSTEM_CLOCK.monotonic() - start
 
 
-class FixedStopwatch:
-    """Says of each call that it took `seconds`, however long it does take.
+class FixedStopwatch(Stopwatch):
+    """Says of each call that it took `seconds`, however long it does take."""
 
-    They are 0 until they are set: never late.
-    """
-
-    seconds = 0.0
+    seconds = 0.0  # until they are set: never late
 
     def took(self, call: Callable[[], Result]) -> tuple[Result, float]:
         """Call it; what it gave, and the seconds."""
         return call(), self.seconds
 
 
-Stopwatch = ClockStopwatch | FixedStopwatch
-"""Times calls: gives what a call gave, and the seconds to go by."""
-SYSTEM_STOPWATCH = ClockStopwatch(SYSTEM_CLOCK)
+SYSTEM_STOPWATCH = Stopwatch()

@@ -41,26 +41,12 @@ MODELS = "the policies that use a model"
 
 @dataclass(frozen=True)
 class Limits:
-    """When the runtime no longer believes what it sees.
+    """When the runtime no longer believes what it sees; ToktError if a time is not positive."""
 
-    Parameters
-    ----------
-    stale_s : float
-        Seconds from a frame's arrival after which it is clear no more.
-    heartbeat_s : float
-        Seconds without a report after which unknown is said.
-    frozen_repeats : int
-        Times that a camera may repeat its picture exactly, which its noise forbids; and no longer
-        than `stale_s`, where frames have times.
-
-    Raises
-    ------
-    ToktError
-        If a time is not positive.
-    """
-
-    stale_s: float = STALE_S
-    heartbeat_s: float = STALE_S
+    stale_s: float = STALE_S  # since a frame's arrival; from then on it is clear no more
+    heartbeat_s: float = STALE_S  # without a report; then unknown is said
+    # Times that a camera may repeat its picture exactly, which its noise forbids; and no longer
+    # than `stale_s`, where frames have times.
     frozen_repeats: int = 5
 
     def __post_init__(self) -> None:
@@ -72,33 +58,15 @@ class Limits:
 
 @dataclass(frozen=True)
 class Option:
-    """One option of `tokt run`.
+    """One option of `tokt run`."""
 
-    Parameters
-    ----------
-    text : str
-        For ``--help``.
-    unit, metavar : str
-        What stands for the value there; by default its type.
-    needs : tuple of str
-        Other options, of which it needs one to do anything.
-    only : str
-        The runs in which it does anything: `CAMERAS`, `FILES`, ...
-    not_with : str
-        An option that says the same thing otherwise.
-    logged : str
-        Its name in the log's start event (`tokt.inference.recording.run_start`).
-    name, section, annotation, default
-        As its field has them.
-    """
-
-    text: str
-    unit: str = ""
-    metavar: str = ""
-    needs: tuple[str, ...] = ()
-    only: str = ""
-    not_with: str = ""
-    logged: str = ""
+    text: str  # for ``--help``
+    metavar: str = ""  # what stands for its value there, such as ``<s>``; by default its type
+    needs: tuple[str, ...] = ()  # other options, of which it needs one to do anything
+    only: str = ""  # the runs in which it does anything: `CAMERAS`, `FILES`, ...
+    not_with: str = ""  # an option that says the same thing otherwise
+    logged: str = ""  # its name in the log's start event (`tokt.inference.recording.run_start`)
+    # As its field has them.
     name: str = ""
     section: str = ""
     annotation: Any = None
@@ -108,11 +76,6 @@ class Option:
     def key(self) -> str:
         """Its name for users: of ``--key``, and in a configuration file."""
         return self.name.replace("_", "-")
-
-    @property
-    def place(self) -> str:
-        """What stands for its value, or nothing."""
-        return self.metavar or (self.unit and f"<{self.unit}>")
 
     @property
     def many(self) -> bool:
@@ -128,9 +91,9 @@ class Option:
         return kind
 
 
-def option(default: Any, text: str, unit: str = "", **more: Any) -> Any:
+def option(default: Any, text: str, metavar: str = "", **more: Any) -> Any:
     """A section's field; the others are `Option`'s."""
-    return field(default=default, metadata={"option": Option(text, unit, **more)})
+    return field(default=default, metadata={"option": Option(text, metavar, **more)})
 
 
 @dataclass(frozen=True)
@@ -147,7 +110,7 @@ class SourceConfig:
     )
     frames: str | None = option(None, "Only these frames, such as 61-80,141-160.", only=FILES)
     rate: float | None = option(
-        None, "Replay at this rate; late frames are dropped.", "frames/s", only=FILES
+        None, "Replay at this rate; late frames are dropped.", "<frames/s>", only=FILES
     )
     pixel_format: str | None = option(
         None,
@@ -156,15 +119,17 @@ class SourceConfig:
         only=PICTURES,
         logged="pixel_format",
     )
-    exposure_us: float | None = option(None, "Live cameras: exposure time.", "us", only=CAMERAS)
-    gain_db: float | None = option(None, "Live cameras: gain.", "dB", only=CAMERAS)
+    exposure_us: float | None = option(None, "Live cameras: exposure time.", "<us>", only=CAMERAS)
+    gain_db: float | None = option(None, "Live cameras: gain.", "<dB>", only=CAMERAS)
     packet_size: int | None = option(
-        None, "Live cameras: packet size. Default: the largest that fits.", "bytes", only=CAMERAS
+        None, "Live cameras: packet size. Default: the largest that fits.", "<bytes>", only=CAMERAS
     )
     bandwidth: float | None = option(
-        None, "Live cameras: bandwidth that all of them share.", "bytes/s", only=CAMERAS
+        None, "Live cameras: bandwidth that all of them share.", "<bytes/s>", only=CAMERAS
     )
-    camera_rate: float | None = option(None, "Live cameras: frame rate.", "frames/s", only=CAMERAS)
+    camera_rate: float | None = option(
+        None, "Live cameras: frame rate.", "<frames/s>", only=CAMERAS
+    )
     trigger: str | None = option(None, "Live cameras: trigger, such as Line1.", only=CAMERAS)
     ptp: bool = option(False, "Live cameras: synchronise their clocks by PTP.", only=CAMERAS)
     wait: bool = option(False, "Wait until the cameras or streams are there.", only=LIVE)
@@ -174,7 +139,7 @@ class SourceConfig:
     nmea: str | None = option(
         None,
         "Where the vehicle is, by NMEA: udpin:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[:BAUD].",
-        metavar="LINK",
+        "LINK",
     )
     nmea_dpt: bool = option(
         False, "DPT sentences tell the vehicle's own depth, not the water's.", needs=("nmea",)
@@ -200,11 +165,11 @@ class ModelConfig:
     shadow: Path | None = option(
         None,
         "Another model that judges the same frames and is never sent; needs --shadow-log.",
-        metavar="FILE|STORE",
+        "FILE|STORE",
         needs=("shadow_log",),
     )
     shadow_log: Path | None = option(
-        None, "Log of that other model, for tokt shadow.", metavar="FILE", needs=("shadow",)
+        None, "Log of that other model, for tokt shadow.", "FILE", needs=("shadow",)
     )
 
 
@@ -217,7 +182,7 @@ class PolicyConfig:
         None,
         "Share of the frame that an object is to cover, such as 0.1: v2 and the log then say how "
         "far it is from that, and from the centre.",
-        metavar="SIZE",
+        "SIZE",
         logged="anchor",
     )
 
@@ -252,23 +217,26 @@ class OutputConfig:
         "Send to HOST:PORT, or v1@HOST:PORT, v2@HOST:PORT. Repeatable. Default: 127.0.0.1:1130.",
     )
     format: str = option("v1", "Datagram format: v1 (LabVIEW) or v2 (JSON).")
-    stale: float = option(STALE_S, "A frame older than this is never clear.", "s", only=REAL_TIME)
+    stale: float = option(STALE_S, "A frame older than this is never clear.", "<s>", only=REAL_TIME)
     heartbeat: float = option(
-        STALE_S, "After this long without a verdict, unknown is sent.", "s", only=REAL_TIME
+        STALE_S, "After this long without a verdict, unknown is sent.", "<s>", only=REAL_TIME
     )
     mavlink: list[str] | None = option(
         None,
         "Also speak MAVLink there: udpout:HOST:PORT, udpin:HOST:PORT, tcp:HOST:PORT or "
         "serial:DEVICE[:BAUD]. Repeatable.",
-        metavar="LINK",
+        "LINK",
     )
     camera_fov_deg: float | None = option(
-        None, "MAVLink: the left camera's horizontal field of view in water.", "deg", needs=_MAVLINK
+        None,
+        "MAVLink: the left camera's horizontal field of view in water.",
+        "<deg>",
+        needs=_MAVLINK,
     )
     # Metres inside any margin an autopilot keeps; a part of the vehicle itself (autopilots are
     # system 1, too) that is there for obstacle avoidance (MAV_COMP_ID_OBSTACLE_AVOIDANCE).
     mavlink_assumed_m: float = option(
-        1.0, "MAVLink: distance of an obstacle where none was measured.", "m", needs=_MAVLINK
+        1.0, "MAVLink: distance of an obstacle where none was measured.", "<m>", needs=_MAVLINK
     )
     mavlink_system: int = option(1, "MAVLink: system ID.", needs=_MAVLINK)
     mavlink_component: int = option(196, "MAVLink: component ID.", needs=_MAVLINK)
@@ -290,21 +258,21 @@ class MonitoringConfig:
     """How the run itself is watched."""
 
     metrics: str | None = option(
-        None, "Serve Prometheus metrics on this port, or HOST:PORT.", metavar="PORT"
+        None, "Serve Prometheus metrics on this port, or HOST:PORT.", "PORT"
     )
     view: int | None = option(
         None,
         "Show what the run sees on this port: a page and an MJPEG stream (docs/view.md).",
-        metavar="PORT",
+        "PORT",
     )
     view_host: str | None = option(
         None,
         "Show it on this address, to whoever has the token. Default: this computer alone.",
-        metavar="HOST",
+        "HOST",
         needs=("view",),
     )
     view_record: Path | None = option(
-        None, "Record what the view shows as a video, .mp4.", metavar="FILE", only=REAL_TIME
+        None, "Record what the view shows as a video, .mp4.", "FILE", only=REAL_TIME
     )
     watchdog: bool = option(False, "Run supervised; restart on crash or hang.")
     json: bool = option(False, "Print a summary as one JSON object at the end.")
@@ -317,28 +285,19 @@ class RecordingConfig:
     log: Path | None = option(None, "Append a JSON line per frame to this file, events beside it.")
     log_values: bool = option(False, "Log each patch's decision values too.", needs=("log",))
     # Some 7 hours at 10 frames a second a file, with the older ones 2.1 GB and some 6 days.
-    log_max_mb: float = option(100.0, "Size at which a new log file begins.", "MB", needs=_LOGS)
+    log_max_mb: float = option(100.0, "Size at which a new log file begins.", "<MB>", needs=_LOGS)
     log_keep: int = option(20, "Number of older log files to keep.", needs=_LOGS)
     record: Path | None = option(
-        None, "Record the frames around detections, for tokt label.", metavar="DIR", logged="record"
+        None, "Record the frames around detections, for tokt label.", "DIR", logged="record"
     )
-    record_mb: float = option(10_000.0, "Disk space for recordings.", "MB", needs=_RECORD)
-    record_before: float = option(2.0, "Time recorded before a detection.", "s", needs=_RECORD)
-    record_after: float = option(2.0, "Time recorded after a detection.", "s", needs=_RECORD)
+    record_mb: float = option(10_000.0, "Disk space for recordings.", "<MB>", needs=_RECORD)
+    record_before: float = option(2.0, "Time recorded before a detection.", "<s>", needs=_RECORD)
+    record_after: float = option(2.0, "Time recorded after a detection.", "<s>", needs=_RECORD)
 
 
 @dataclass(frozen=True)
 class RunConfig:
-    """Everything that a user can say about a run.
-
-    Parameters
-    ----------
-    source, model, policy, stereo, outputs, monitoring, recording
-        The sections.
-    given : frozenset of str
-        Names of the options that the user wrote, on the command line or in a file, be it with
-        their defaults: one that would do nothing is refused.
-    """
+    """Everything that a user can say about a run."""
 
     source: SourceConfig = SourceConfig()
     model: ModelConfig = ModelConfig()
@@ -347,6 +306,8 @@ class RunConfig:
     outputs: OutputConfig = OutputConfig()
     monitoring: MonitoringConfig = MonitoringConfig()
     recording: RecordingConfig = RecordingConfig()
+    # Names of the options that the user wrote, on the command line or in a file, be it with their
+    # defaults: one that would do nothing is refused.
     given: frozenset[str] = frozenset()
 
     @classmethod
@@ -384,14 +345,13 @@ class RunConfig:
             for each in options:
                 given, value = each.name in self.given, self.value(each.name)
                 shown = without_credentials(value) if each.name == "source" else value
-                text = _toml(shown) if given or value else each.place or "..."
+                text = _toml(shown) if given or value else each.metavar or "..."
                 lines.append(f"{'' if given else '# '}{each.key} = {text}  # {each.text}")
         return "\n".join(lines) + "\n"
 
 
 SECTIONS: dict[str, Any] = {item.name: item.type for item in fields(RunConfig)[:-1]}
 """Their classes, by their names."""
-
 
 OPTIONS: dict[str, Option] = {
     item.name: replace(
@@ -418,10 +378,7 @@ _TOO_LARGE = 1e300
 def read_config(path: Path) -> dict[str, Any]:
     """The options of a configuration file, by name.
 
-    Raises
-    ------
-    ToktError
-        If it cannot be read, or has a key or a value that no option takes.
+    Raises ToktError if it cannot be read, or has a key or a value that no option takes.
     """
     import tomllib
 

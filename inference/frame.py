@@ -25,39 +25,24 @@ gray, where the loop can spare less than 0.1 ms."""
 
 @dataclass(frozen=True)
 class Frame:
-    """One moment of the mission, as the cameras gave it.
-
-    Parameters
-    ----------
-    number : int
-    t : float
-        Seconds since 1970 (UTC) when the source delivered it.
-    left, right : array of uint8, shape (height, width) or (height, width, 3), or None
-        None where there is no picture.
-    left_fault, right_fault : Fault
-        Why there is none; empty where there is one.
-    missed : int
-        Frames between the one delivered before and this one that were not delivered.
-    timed : bool
-        Whether `t` tells frames' times apart as they were taken: live, or replayed at a rate. As
-        fast as they can be read they only tell how fast the disk is.
-    arrived : float or None
-        The clock's `monotonic` when the frame reached this process: what its age is counted from,
-        as the time of day may be set back. None where it has no age.
-    captured_t : float or None
-        Seconds since 1970 (UTC) when it was taken, by the clock of the camera or of its server.
-        None where that does not tell.
-    """
+    """One moment of the mission, as the cameras gave it."""
 
     number: int
-    t: float
+    t: float  # seconds since 1970 (UTC) when the source delivered it
+    # Shape (height, width) or (height, width, 3); None where there is no picture.
     left: U8 | None
     right: U8 | None
-    left_fault: Fault = NO_FAULT
+    left_fault: Fault = NO_FAULT  # why there is none; empty where there is one
     right_fault: Fault = NO_FAULT
-    missed: int = 0
+    missed: int = 0  # frames between the one delivered before and this one that were not delivered
+    # Whether `t` tells frames' times apart as they were taken: live, or replayed at a rate. As fast
+    # as they can be read they only tell how fast the disk is.
     timed: bool = False
+    # The clock's `monotonic` when it reached this process: what its age is counted from, as the
+    # time of day may be set back. None where it has no age.
     arrived: float | None = None
+    # Seconds since 1970 (UTC) when it was taken, by the clock of the camera or of its server; None
+    # where that does not tell.
     captured_t: float | None = None
 
 
@@ -82,17 +67,9 @@ class Source(Protocol):
 def pixel_mark(picture: U8) -> str:
     """A short checksum by which a log tells later whether a picture's pixels are still the same.
 
-    CRC-32 over the shape and every 32nd row, from the 16th on. A picture that was stored anew,
-    resized or exchanged has another mark; one in which a few pixels were painted over may not.
-
-    Parameters
-    ----------
-    picture : array of uint8, shape (height, width) or (height, width, 3)
-
-    Returns
-    -------
-    str
-        Eight hexadecimal digits.
+    CRC-32 over the shape and every 32nd row, from the 16th on, as eight hexadecimal digits. A
+    picture of uint8, shape (height, width) or (height, width, 3), that was stored anew, resized or
+    exchanged has another mark; one in which a few pixels were painted over may not.
     """
     first = min(MARK_STEP_ROWS // 2, len(picture) // 2)
     rows = np.ascontiguousarray(picture[first::MARK_STEP_ROWS])

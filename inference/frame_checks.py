@@ -80,12 +80,9 @@ have 2.4 times what noise gives, and more; noise 1.2 times at most."""
 
 
 def shape_fault(frame: U8) -> Fault:
-    """Why an array is no picture of a camera, or an empty string.
+    """Why an array is no picture as a camera gives it, or an empty string.
 
-    Parameters
-    ----------
-    frame : array of uint8, shape (height, width) or (height, width, 3)
-        As the camera gave it.
+    A picture is of uint8, shape (height, width) or (height, width, 3).
     """
     picture = frame.ndim == 2 or (frame.ndim == 3 and frame.shape[2] == 3)
     if frame.dtype != np.uint8 or not picture or 0 in frame.shape:
@@ -97,13 +94,7 @@ def shape_fault(frame: U8) -> Fault:
 def pair_shape_fault(frame: Frame, frame_size: tuple[int, int]) -> Fault:
     """Why a pair cannot be matched: a picture is missing, or not of the calibration's size.
 
-    Empty where it can.
-
-    Parameters
-    ----------
-    frame : Frame
-    frame_size : (width, height) of int
-        Of the calibration, in pixels.
+    Empty where it can. The size is width, height in pixels.
     """
     if frame.left is None:
         return frame.left_fault or Fault(Reason.MISSING, "there is no left frame")
@@ -122,17 +113,10 @@ def pair_shape_fault(frame: Frame, frame_size: tuple[int, int]) -> Fault:
 
 
 def frame_fault(frame: U8, gray: U8 | None = None, grid: Grid | None = None) -> Fault:
-    """Why a frame is outside what can be judged, or an empty string.
+    """Why a frame, as the camera gave it, is outside what can be judged, or an empty string.
 
-    Parameters
-    ----------
-    frame : array of uint8, shape (height, width) or (height, width, 3)
-        As the camera gave it.
-    gray : array of uint8, shape (height, width), optional
-        ``gray_picture(frame, grid)``, where the caller has it already: what is looked at when it
-        is about as wide (`WIDTH_TOLERANCE`) as `PATCH_GRID` wants it.
-    grid : Grid, optional
-        The grid of `gray`.
+    `gray` is ``gray_picture(frame, grid)``, where the caller has it already: what is looked at when
+    it is about as wide (`WIDTH_TOLERANCE`) as `PATCH_GRID` wants it.
     """
     fault = shape_fault(frame)
     if fault:
@@ -145,8 +129,10 @@ def frame_fault(frame: U8, gray: U8 | None = None, grid: Grid | None = None) -> 
             gray = gray_picture(frame, own_grid)
         except ValueError as error:
             return Fault(Reason.WRONG_SIZE, f"the frame cannot be looked at: {error}")
-    # As many single pixels as a fraction needs.
-    fault = _whole_frame_fault(gray, _gray_rows(frame, _STEP_ROWS))
+    pixels = np.ascontiguousarray(frame[::_STEP_ROWS])  # as many as a fraction needs
+    if pixels.ndim == 3:
+        pixels = np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY), np.uint8)
+    fault = _whole_frame_fault(gray, pixels)
     least = min(gray.shape[0] // own_grid.rows, gray.shape[1] // own_grid.cols)
     if least >= _MIN_PATCH_PX:
         fault = fault or _blank_patches_fault(gray, own_grid)
@@ -160,12 +146,6 @@ def one_channel(picture: U8) -> U8:
     if picture.ndim == 2 or not picture.size:
         return np.ascontiguousarray(picture if picture.ndim == 2 else picture[:, :, 1])
     return np.asarray(cv2.extractChannel(picture, 1), np.uint8)
-
-
-def _gray_rows(frame: U8, step: int) -> U8:
-    """Every so many rows of a frame, gray."""
-    rows = np.ascontiguousarray(frame[::step])
-    return rows if rows.ndim == 2 else np.asarray(cv2.cvtColor(rows, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
 def _whole_frame_fault(gray: U8, pixels: U8) -> Fault:
@@ -243,21 +223,13 @@ def fine_detail(frame: U8) -> float:
 
     The mean difference of neighbouring pixels over that of pixels two apart, in rows or in columns,
     whichever is less, of the patch a quarter of the patches exceed: close things fill some patches,
-    noise of the sensor all.
+    noise of the sensor all. The frame is as the camera gave it.
 
-    Parameters
-    ----------
-    frame : array of uint8, shape (height, width) or (height, width, 3)
-        As the camera gave it.
-
-    Returns
-    -------
-    float
-        0.5 where nothing changes from one pixel to the next alone (blurred, enlarged,
-        compressed), 1 for noise. Measured: 0.58 to 0.66 on the sea trial, 0.61 and more on the
-        other site; blurred by 8 pixels or enlarged to twice the size, saved at JPEG quality 95 or
-        not, at most 0.55 and 0.59. 1 also of frames too small to tell. What the sensor adds to a
-        blurred picture is as fine as its pixels: a lens out of focus is not seen by this.
+    0.5 where nothing changes from one pixel to the next alone (blurred, enlarged, compressed), 1
+    for noise. Measured: 0.58 to 0.66 on the sea trial, 0.61 and more on the other site; blurred by
+    8 pixels or enlarged to twice the size, saved at JPEG quality 95 or not, at most 0.55 and 0.59.
+    1 also of frames too small to tell. What the sensor adds to a blurred picture is as fine as its
+    pixels: a lens out of focus is not seen by this.
     """
     last = len(frame) - 2
     step = max(last // _DETAIL_ROWS, 1)
@@ -305,8 +277,8 @@ class SuspendDetector:
         if frame.arrived is None or frame.arrived >= self._believed_from:
             return frame
         fault = Fault(Reason.STALE, "stale: the computer was suspended just before this frame")
+        doubtful: dict[str, Any] = {"missed": MANY_MISSED}
         for side in ("left", "right"):
             if getattr(frame, side) is not None:
-                doubtful: dict[str, Any] = {side: None, f"{side}_fault": fault}
-                frame = replace(frame, **doubtful)
-        return replace(frame, missed=MANY_MISSED)
+                doubtful |= {side: None, f"{side}_fault": fault}
+        return replace(frame, **doubtful)

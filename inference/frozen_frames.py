@@ -122,15 +122,10 @@ def _look(picture: U8) -> _Look:
     return _Look(rows, hashes, signs, int(np.bitwise_count(signs).sum()) / max(inside, 1))
 
 
-def _steps(rows: U8) -> tuple[U8, U8]:
-    """Pixels, as many as whole tiles have, and those `_LAG` further on."""
-    wide = max(rows.shape[1] - _LAG, 0) // _TILE_PX * _TILE_PX
-    return rows[:, :wide], rows[:, _LAG : wide + _LAG]
-
-
 def _quiet(rows: U8) -> U64:
     """Where rows show noise alone: they change no more over some pixels than over `_LAG`."""
-    earlier, later = _steps(rows)
+    wide = max(rows.shape[1] - _LAG, 0) // _TILE_PX * _TILE_PX  # of whole tiles
+    earlier, later = rows[:, :wide], rows[:, _LAG : wide + _LAG]
     if not earlier.size:
         return np.zeros((len(rows), 0), np.uint64)
     far = np.zeros(earlier.shape, np.uint8)
@@ -281,8 +276,7 @@ class StuckFrameDetector:
             picture = getattr(frame, side)
             if picture is None or shape_fault(picture):
                 continue
-            words = camera.fault(picture, frame, self._limits)
-            if words:
+            if words := camera.fault(picture, frame, self._limits):
                 fault = Fault(Reason.FROZEN, f"the {side} camera {words}: frozen")
                 gone: dict[str, Any] = {side: None, f"{side}_fault": fault}
                 frame = replace(frame, **gone)

@@ -26,17 +26,9 @@ _KEPT_HEARTBEATS = 1000
 class Sender(Protocol):
     """A receiver of reports, such as a UDP socket."""
 
-    @property
-    def sent(self) -> int:
-        """Datagrams or messages that went out."""
-
-    @property
-    def failed(self) -> int:
-        """Those that did not."""
-
-    @property
-    def last_error(self) -> str:
-        """Why the last of these did not."""
+    sent: int  # datagrams or messages that went out
+    failed: int  # those that did not
+    last_error: str  # why the last of these did not
 
     def send(self, report: Report) -> None:
         """Pass a report on; never waits and never raises for what the network does."""
@@ -110,10 +102,8 @@ class ReportPublisher:
                 verdict = mark_stale(verdict, age_s, judging_s, self.limits.stale_s)
             self._judging_since, self._judged_s = None, now
             latency_ms, age_ms = _ms(judging_s), _ms(age_s)
-            seq, number = self._seq + 1, frame.number
-            place = self.place()
-            report = Report(seq, number, frame.t, latency_ms, verdict, age_ms, left_out, place)
-            return self._send(report, now)
+            told = frame.number, frame.t, latency_ms, verdict, age_ms, left_out, self.place()
+            return self._send(Report(self._seq + 1, *told), now)
 
     def heartbeat(self) -> None:
         """Publish unknown, if nothing was published for too long."""
@@ -125,8 +115,8 @@ class ReportPublisher:
             if frame is not None:
                 t, age_s = frame.t, None if frame.arrived is None else now - frame.arrived
             verdict = unknown_verdict(self._silence_fault(now))
-            place = self.place()
-            report = Report(self._seq + 1, None, t, None, verdict, _ms(age_s), place=place)
+            age_ms, place = _ms(age_s), self.place()
+            report = Report(self._seq + 1, None, t, None, verdict, age_ms, place=place)
             self._heartbeats.append(self._send(report, now))
 
     def heartbeats(self) -> list[Report]:

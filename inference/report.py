@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 from tokt.inference.links.vehicle import VehiclePlace
 
+from .reason import Reason
 from .verdict import Verdict
 
 V2 = 2
@@ -52,7 +53,7 @@ class ReportField:
             value = value[: self.max_bytes]
             while len(json.dumps(value)) - 2 > self.max_bytes:
                 value = value[:-1]
-        return value
+        return value.value if isinstance(value, Reason) else value
 
     def fits(self, value: Any) -> bool:
         """Whether a JSON value other than None can be this field's."""
@@ -71,7 +72,7 @@ def _is_finite(value: Any, kinds: type | tuple[type, ...] = int) -> bool:
 
 def _verdict(name: str, kind: type, **more: Any) -> ReportField:
     """What a replay compares."""
-    return ReportField(name, kind, more.pop("filled", f"verdict.{name}"), replayed=True, **more)
+    return ReportField(name, kind, f"verdict.{name}", replayed=True, **more)
 
 
 def _log(name: str, kind: type, filled: str, **more: Any) -> ReportField:
@@ -95,14 +96,7 @@ FIELDS = (
     _verdict("health", str, nullable=False, max_bytes=HEALTH_BYTES),
     _verdict("closing_m_s", float, unit="m/s", since=REPLAYABLE),
     _verdict("contact_s", float, unit="s", since=REPLAYABLE),
-    _verdict(
-        "reason",
-        str,
-        filled="verdict.reason.value",
-        nullable=False,
-        since=REPLAYABLE,
-        metric="verdicts_total",
-    ),
+    _verdict("reason", str, nullable=False, since=REPLAYABLE, metric="verdicts_total"),
     ReportField(
         "age_ms", float, "age_ms", unit="ms", since=REPLAYABLE, metric="datagram_age_seconds"
     ),

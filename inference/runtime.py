@@ -28,7 +28,6 @@ _JOIN_S = 2.0
 class EveryFrame:
     """Every frame, as soon as the loop asks for it."""
 
-    dropped = 0
     left_out = 0
 
     def __init__(self, source: Source) -> None:
@@ -54,12 +53,10 @@ class LatestFrameBuffer:
                                       │
                                       └─ one that is overtaken is counted, and told as missed
 
-    `dropped` frames were left out as newer ones had come, `left_out` of them just before the frame
-    that was taken last.
+    `left_out` frames were overtaken just before the one that was taken last.
     """
 
     def __init__(self, source: Source) -> None:
-        self.dropped = 0
         self.left_out = 0
         self._overtaken = 0
         self._source = source
@@ -91,7 +88,6 @@ class LatestFrameBuffer:
         with self._changed:
             overtaken = self._frame
             if overtaken is not None:
-                self.dropped += 1
                 self._overtaken += 1
                 frame = replace(frame, missed=frame.missed + overtaken.missed + 1)
             self._frame = frame
@@ -100,10 +96,7 @@ class LatestFrameBuffer:
     def take(self, wait_s: float) -> Frame | None:
         """The latest frame, waiting for one; None if there is none yet, or none any more.
 
-        Raises
-        ------
-        Exception
-            What the source raised, once its last frame was taken.
+        Raises what the source raised, once its last frame was taken.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._frame is not None or self._finished, wait_s)
@@ -154,6 +147,7 @@ class Summary:
         setattr(self, name, getattr(self, name) + 1)
         self.reasons[report.verdict.reason.value] += 1
         self.frames += 1
+        self.dropped += report.left_out
         latency_ms = report.latency_ms or 0.0
         self.latency_ms_mean += (latency_ms - self.latency_ms_mean) / self.frames
         self.latency_ms_max = max(self.latency_ms_max, latency_ms)
@@ -195,16 +189,12 @@ class Runtime:
     def run(self) -> Summary:
         """Go on until the source ends or is stopped.
 
-        Raises
-        ------
-        Exception
-            What the source raises: a loop that cannot see ends, and is started anew by who watches
-            over it.
+        Raises what the source raises: a loop that cannot see ends, and is started anew by who
+        watches over it.
         """
         summary = Summary()
         start = self.clock.monotonic()
-        live = self.source.live
-        buffer = LatestFrameBuffer(self.source) if live else EveryFrame(self.source)
+        buffer = (LatestFrameBuffer if self.source.live else EveryFrame)(self.source)
         try:
             with self._heartbeat_thread():
                 while not buffer.ended:
@@ -214,7 +204,6 @@ class Runtime:
         finally:
             buffer.close()
             self._tell_events(self.events.take())
-        summary.dropped = buffer.dropped
         summary.sent = sum(sender.sent for sender in self.senders)
         summary.send_failures = sum(sender.failed for sender in self.senders)
         return summary

@@ -34,54 +34,27 @@ TEXTURE, DISPARITY, PUSHBROOM = "texture", "disparity", "pushbroom"
 
 @dataclass(frozen=True)
 class Detection:
-    """One detector's answer on one frame: a mask, or why there is none.
+    """One detector's answer on one frame: a mask, or why there is none."""
 
-    Parameters
-    ----------
-    mask : array of uint8, shape (height, width), or None
-        Of the left frame resized to the grid's width; 255 where an obstacle was seen. None when
-        the detector could not judge the frame.
-    method : str
-    model : str or None
-        ``name/version`` of the model used, if there is one.
-    distance_m : float or None
-        Distance in metres to the nearest part, if the detector measures it.
-    closing_m_s : float or None
-        Metres a second by which the distance falls, negative where it grows, if the detector
-        measures it.
-    contact_s : float or None
-        Seconds until the distance is 0 at that speed, if it falls.
-    decision_values : array of float64, shape (n_patches, n_outputs), or None
-        Less the boundary.
-    features : array of float64, shape (n_patches, dim), or None
-        What the decision values come from.
-    boundary : float or None
-        Where water ended in this frame, where that moves (`tokt.models.water`).
-    grid : Grid or None
-        Of the patches that the mask is painted from, where it is.
-    fault : Fault
-        Why the frame could not be judged; empty when it was.
-    vetoes_clear : bool
-        Whether the fault is itself a sign that something may be there, such as two views that do
-        not fit together, and not merely the lack of a picture or of a detector. No other
-        detector's *clear* stands against it.
-    note : str
-        What else the pilot should know about a frame that was judged.
-    """
-
+    # Of the left frame resized to the grid's width, shape (height, width): 255 where an obstacle
+    # was seen. None when the detector could not judge the frame.
     mask: U8 | None
     method: str
-    model: str | None = None
+    model: str | None = None  # ``name/version`` of the model used, if there is one
+    # As in `Verdict`, if the detector measures them.
     distance_m: float | None = None
     closing_m_s: float | None = None
     contact_s: float | None = None
-    decision_values: F64 | None = None
-    features: F64 | None = None
-    boundary: float | None = None
-    grid: Grid | None = None
-    fault: Fault = NO_FAULT
+    decision_values: F64 | None = None  # shape (n_patches, n_outputs): less the boundary
+    features: F64 | None = None  # shape (n_patches, dim): what the decision values come from
+    boundary: float | None = None  # where water ended, where that moves (`tokt.models.water`)
+    grid: Grid | None = None  # of the patches that the mask is painted from, where it is
+    fault: Fault = NO_FAULT  # why the frame could not be judged; empty when it was
+    # Whether the fault is itself a sign that something may be there, such as two views that do not
+    # fit together, and not merely the lack of a picture or of a detector. No other detector's
+    # *clear* stands against it.
     vetoes_clear: bool = False
-    note: str = ""
+    note: str = ""  # what else the pilot should know about a frame that was judged
 
 
 class Detector(Protocol):
@@ -113,68 +86,34 @@ def status_table(counts: Counter[tuple[int, int]]) -> dict[str, dict[str, int]]:
     }
 
 
-Box = tuple[int, int, int, int]
+Box = tuple[int, int, int, int]  # x0, y0, width, height
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the runtime says about one frame.
+    """What the runtime says about one frame; None is what is not known."""
 
-    Parameters
-    ----------
-    status : {1, 0, -1}
-        Obstacle, clear, or unknown: no detector could judge the frame.
-    x, y : int or None
-        Direction to steer (not where the obstacle is), in pixels of the mask; 0, 0 when there
-        is nothing to steer from; None when unknown.
-    box : (x0, y0, width, height) or None
-        Around everything seen, in pixels of the mask; None when there is nothing.
-    mean : float or None
-        Mean grey level of the 0/255 mask, 0..255; None when unknown.
-    distance_m : float or None
-        Distance in metres to the nearest part, where a detector measures it.
-    method : str
-        ``"texture"``, ``"disparity"``, ``"pushbroom"``, two of them joined by ``+``, or
-        ``"none"``.
-    model : str or None
-        ``name/version`` of the model that judged the frame, if one did.
-    health : str
-        ``"ok"``, or what is not as it should be, in words.
-    closing_m_s : float or None
-        Metres a second by which the distance falls, negative where it grows, where it is known.
-    contact_s : float or None
-        Seconds until the distance is 0 at that speed, if it falls.
-    reason : Reason
-        The first thing that is not as it should be: why a verdict is unknown, or what one that
-        stands had to do without.
-    mask_size : (height, width) or None
-        Of the mask that `x`, `y` and `box` are in, in pixels.
-    trend : {"growing", "steady", "shrinking"} or None
-        Of the mean over the last seconds, where it is known.
-    trend_confidence : float or None
-        How sure that is, 0.5..1.
-    expansion_contact_s : float or None
-        Seconds until what is seen is reached, from how the mean grows
-        (`tokt.inference.policy.temporal_cues`).
-    anchor_x, anchor_y, anchor_size : float or None
-        How far what is seen is from where it is to be held (`tokt.inference.policy.temporal_cues`).
-    """
-
-    status: int
+    status: int  # 1 obstacle, 0 clear, or -1 unknown: no detector could judge the frame
+    # Direction to steer (not where the obstacle is), in pixels of the mask; 0, 0 when there is
+    # nothing to steer from.
     x: int | None
     y: int | None
-    box: Box | None
-    mean: float | None
-    distance_m: float | None
-    method: str
-    model: str | None
-    health: str = HEALTHY
-    closing_m_s: float | None = None
-    contact_s: float | None = None
+    box: Box | None  # around everything seen, in pixels of the mask; None when there is nothing
+    mean: float | None  # grey level of the 0/255 mask, 0..255
+    distance_m: float | None  # in metres to the nearest part, where a detector measures it
+    method: str  # ``"texture"``, ``"disparity"``, ``"pushbroom"``, two joined by ``+``, ``"none"``
+    model: str | None  # ``name/version`` of the model that judged the frame, if one did
+    health: str = HEALTHY  # ``"ok"``, or what is not as it should be, in words
+    closing_m_s: float | None = None  # by which the distance falls, negative where it grows
+    contact_s: float | None = None  # until the distance is 0 at that speed, if it falls
+    # The first thing that is not as it should be: why a verdict is unknown, or what one that stands
+    # had to do without.
     reason: Reason = Reason.OK
-    mask_size: tuple[int, int] | None = None
-    trend: str | None = None
-    trend_confidence: float | None = None
+    mask_size: tuple[int, int] | None = None  # height, width of the mask of `x`, `y` and `box`
+    trend: str | None = None  # of the mean over the last seconds: growing, steady or shrinking
+    trend_confidence: float | None = None  # how sure that is, 0.5..1
+    # By `tokt.inference.policy.temporal_cues`: seconds until what is seen is reached, from how the
+    # mean grows, and how far it is from where it is to be held.
     expansion_contact_s: float | None = None
     anchor_x: float | None = None
     anchor_y: float | None = None
@@ -200,21 +139,11 @@ def verdict_from_mask(
     distance_m: float | None = None,
     health: str = HEALTHY,
 ) -> Verdict:
-    """Judge a mask.
+    """Judge a mask of shape (height, width), 255 where an obstacle was seen and 0 elsewhere.
 
-    Parameters
-    ----------
-    mask : array of uint8, shape (height, width)
-        255 where an obstacle was seen, 0 elsewhere.
-    method, model, distance_m, health
-        As in `Verdict`.
-
-    Returns
-    -------
-    Verdict
-        Status 1 when the mask's mean exceeds `STATUS_MEAN_THRESHOLD`, otherwise 0. An empty
-        mask has no centre, and x = y = 0: nothing asks for steering. (The thesis's program keeps
-        its initial centre (0, 0) there, and so sends the way from the frame's corner.)
+    Status 1 when the mask's mean exceeds `STATUS_MEAN_THRESHOLD`, otherwise 0. An empty mask has
+    no centre, and x = y = 0: nothing asks for steering. (The thesis's program keeps its initial
+    centre (0, 0) there, and so sends the way from the frame's corner.) The rest as in `Verdict`.
     """
     height, width = mask.shape
     mean = float(cv2.mean(mask)[0])
@@ -225,11 +154,8 @@ def verdict_from_mask(
     if contours:
         cx, cy = _centre(contours, mask)
         x, y = -(cx - width // 2), -(cy - height // 2)
-        # Union of the contours' bounding boxes.
-        boxes = np.array([cv2.boundingRect(contour) for contour in contours])
-        x0, y0 = boxes[:, :2].min(axis=0)
-        x1, y1 = (boxes[:, :2] + boxes[:, 2:]).max(axis=0)
-        box = int(x0), int(y0), int(x1 - x0), int(y1 - y0)
+        x0, y0, box_width, box_height = cv2.boundingRect(mask)  # of all contours
+        box = x0, y0, box_width, box_height
     return Verdict(
         status, x, y, box, mean, distance_m, method, model, health, mask_size=(height, width)
     )

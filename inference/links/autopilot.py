@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable
+from importlib import import_module
 from types import ModuleType
 from typing import Any
 
@@ -20,12 +21,10 @@ _STATION = 6
 def mavlink_dialect() -> ModuleType:
     """MAVLink's common messages, in version 2's framing; ToktError without pymavlink."""
     try:
-        from pymavlink.dialects.v20 import common
+        return import_module("pymavlink.dialects.v20.common")
     except ImportError:
         wanted = "MAVLink needs the extra 'mavlink': pip install 'tokt[mavlink]'"
         raise ToktError(wanted) from None
-    dialect: ModuleType = common
-    return dialect
 
 
 class MavlinkReader:

@@ -29,12 +29,8 @@ class DatagramSocket:
     It does not block and is not connected: an unreachable host, a cable that is out or a receiver
     that is not running costs one failed call at most. A name is looked up once, here: that can
     take seconds, which no loop has. Of datagrams `sent` were taken by the system, which does not
-    tell whether anyone listens; `failed` were refused, the last of them for `last_error`.
-
-    Raises
-    ------
-    ToktError
-        If the host name is not known, or is none that can be sent to.
+    tell whether anyone listens; `failed` were refused, the last of them for `last_error`. Raises
+    ToktError if the host name is not known, or is none that can be sent to.
     """
 
     def __init__(self, host: str, port: int, listening: bool = False) -> None:

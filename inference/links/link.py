@@ -10,6 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import closing
+from importlib.util import find_spec
 
 from tokt.features.common.address import parse_address, resolve
 from tokt.features.common.errors import ToktError, os_words
@@ -197,12 +198,9 @@ Link = UdpLink | StreamLink
 def open_link(text: str) -> Link:
     """The link of a text such as ``udpout:192.168.2.2:14550``, ``/dev/ttyUSB0``, ``COM3:57600``.
 
-    A TCP server that is not there yet, or a serial port, is no error: it is tried again.
-
-    Raises
-    ------
-    ToktError
-        If it is none, its host is not known, its port cannot be listened on, or pyserial lacks.
+    A TCP server that is not there yet, or a serial port, is no error: it is tried again. Raises
+    ToktError if it is none, its host is not known, its port cannot be listened on, or pyserial
+    lacks.
     """
     kind, _, rest = text.strip().partition(":")
     if kind in ("udpout", "udpin"):
@@ -217,9 +215,6 @@ def open_link(text: str) -> Link:
     device, baud = match[1], int(match[2] or 115_200)
     if not 300 <= baud <= 12_000_000:
         raise ToktError(f"a serial port has 300 to 12000000 baud, not {baud}")
-    try:
-        import serial  # noqa: F401 - opened by a thread that could not say so
-    except ImportError:
-        wanted = "a serial port needs the extra 'mavlink': pip install 'tokt[mavlink]'"
-        raise ToktError(wanted) from None
+    if find_spec("serial") is None:  # the thread that opens it could not say so
+        raise ToktError("a serial port needs the extra 'mavlink': pip install 'tokt[mavlink]'")
     return StreamLink(lambda: _SerialChannel(device, baud))

@@ -60,34 +60,23 @@ class _Sender:
 class SenderMonitor:
     """Keep an account of each sender's numbers and silences.
 
-    Parameters
-    ----------
-    now : float
-        Seconds of a clock that never steps back; so are all other times here.
-    timeout_s : float or None
-        Silence that is told, in seconds; None for never.
-
-    Attributes
-    ----------
-    lost : int
-        Datagrams that are missing, over all senders.
+    Times are seconds of a clock that never steps back. A silence is told after `timeout_s`, never
+    without one. `lost` datagrams are missing, over all senders.
     """
 
     def __init__(self, now: float, timeout_s: float | None) -> None:
         self.lost = 0
         self._timeout_s = timeout_s
-        self._senders: dict[str, _Sender] = {}
         # Silence before anybody was heard is told, too: most often the address is wrong.
-        self._nobody: _Sender | None = _Sender(now)
+        self._senders: dict[str | None, _Sender] = {None: _Sender(now)}
 
     def heard(self, sender: str, data: bytes, now: float) -> ReceivedDatagram:
         """Take a datagram in."""
-        known = self._senders.pop(sender, None)
-        after_s = now - known.heard if known is not None and known.silent else None
-        seq = None if known is None else known.seq
-        self._nobody = None
+        self._senders.pop(None, None)
+        known = self._senders.pop(sender, _Sender(now))
+        after_s = now - known.heard if known.silent else None
         # Put in anew: the first of them is always the one heard longest ago.
-        self._senders[sender] = kept = _Sender(now, seq)
+        self._senders[sender] = kept = _Sender(now, known.seq)
         if len(self._senders) > MAX_SENDERS:
             del self._senders[next(iter(self._senders))]
         try:
@@ -102,11 +91,7 @@ class SenderMonitor:
         seq, last = heard.fields["seq"], kept.seq
         restarted = last is not None and seq <= last and (seq == 1 or last - seq >= RESTART_BEHIND)
         overtaken = last is not None and seq <= last and not restarted
-        lost = 0
-        if restarted:
-            lost = max(seq - 1, 0)
-        elif last is not None and not overtaken:
-            lost = seq - last - 1
+        lost = 0 if last is None else max(seq - 1 - (0 if restarted else last), 0)
         if not overtaken:
             kept.seq = seq
         self.lost += lost
@@ -116,11 +101,8 @@ class SenderMonitor:
         """Who has been silent for longer than the time-out; each silence is told once."""
         if self._timeout_s is None:
             return []
-        watched: list[tuple[str | None, _Sender]] = list(self._senders.items())
-        if self._nobody is not None:
-            watched = [(None, self._nobody)]
         found = []
-        for name, sender in watched:
+        for name, sender in self._senders.items():
             if not sender.silent and now - sender.heard >= self._timeout_s:
                 sender.silent = True
                 found.append(Silence(name, now - sender.heard))
@@ -137,22 +119,9 @@ def listen(
 ) -> Iterator[ReceivedDatagram | Silence]:
     """Yield what comes, and when nothing does, until `stopped` says so.
 
-    Parameters
-    ----------
-    host, port
-        The address to listen on.
-    watch
-    clock
-        Silence is measured by its `monotonic`.
-    stopped
-        Asked every 0.2 s, and after each datagram.
-    ready
-        Called once the port is open, so that nothing sent after it is missed.
-
-    Raises
-    ------
-    ToktError
-        If the host is not known or a group's address, or the port cannot be opened.
+    It is asked every 0.2 s, and after each datagram. `ready` is called once the port is open, so
+    that nothing sent after it is missed. Raises ToktError if the host is not known or a group's
+    address, or the port cannot be opened.
     """
     family, address = resolve(host, port)
     if ipaddress.ip_address(address[0]).is_multicast:

@@ -52,14 +52,6 @@ class Lens:
     focal: float  # focal length over the picture's width
     centre: float = 0.5  # the optical axis's column, over the width: 0 left edge, 1 right one
 
-    @classmethod
-    def of_fov_deg(cls, fov_deg: float) -> Lens:
-        """A lens that sees so many degrees from edge to edge, `MIN_FOV_DEG` to `MAX_FOV_DEG`."""
-        if not MIN_FOV_DEG <= fov_deg <= MAX_FOV_DEG:
-            known = f"{MIN_FOV_DEG:g} to {MAX_FOV_DEG:g} degrees"
-            raise ToktError(f"a camera's field of view is {known}, not {fov_deg:g}")
-        return cls(0.5 / math.tan(math.radians(fov_deg / 2)))
-
     def angle_deg(self, column: float) -> float:
         """Direction of a column, given over the picture's width; positive to the right."""
         return math.degrees(math.atan2(column - self.centre, self.focal))
@@ -75,9 +67,15 @@ class Lens:
 
 
 def lens_of(fov_deg: float | None, calibration: StereoCalibration | None) -> Lens:
-    """The lens of the angle a user gave, otherwise of the calibration; ToktError without both."""
+    """The lens of the angle a user gave from edge to edge, otherwise of the calibration.
+
+    Raises ToktError without both, or if the angle is not `MIN_FOV_DEG` to `MAX_FOV_DEG`.
+    """
     if fov_deg is not None:
-        return Lens.of_fov_deg(fov_deg)
+        if not MIN_FOV_DEG <= fov_deg <= MAX_FOV_DEG:
+            known = f"{MIN_FOV_DEG:g} to {MAX_FOV_DEG:g} degrees"
+            raise ToktError(f"a camera's field of view is {known}, not {fov_deg:g}")
+        return Lens(0.5 / math.tan(math.radians(fov_deg / 2)))
     if calibration is None:
         raise ToktError(
             "MAVLink tells directions: give the camera's horizontal field of view in water "
@@ -113,23 +111,30 @@ class Ranges:
     sectors: tuple[int, ...]  # `nearest`, or `UNKNOWN_CM` where nothing is said of a sector
 
 
-NOTHING_KNOWN = (UNKNOWN_CM,) * SECTORS
-
-
 def ranges_of(verdict: Verdict, lens: Lens, assumed_m: float) -> Ranges | None:
     """A verdict in distances, or None of one that is unknown; `assumed_m` where none was measured.
 
     A clear is one of the sectors that are wholly in view. An obstacle is in every sector that its
     box touches, or in all of the view where the verdict does not say in which picture its box is.
     """
+    if verdict.status == UNKNOWN:
+        return None
     if verdict.status == CLEAR:
         most = _cm(_reach_m(verdict.method, assumed_m))
-        return Ranges(most + 1, most, _spread(most + 1, sectors_of(*lens.edges_deg, wholly=True)))
-    if verdict.status == OBSTACLE:
-        nearest, most = _obstacle_cm(verdict, assumed_m)
-        sectors = sectors_of(*_span_deg(verdict, lens), wholly=False)
-        return Ranges(nearest, most, _spread(nearest, sectors))
-    return None
+        nearest = most + 1
+    elif verdict.distance_m is None or not math.isfinite(verdict.distance_m):
+        most = _cm(assumed_m)
+        nearest = most - 1  # PX4 takes an obstacle at the very end of the range for none
+    else:
+        most = _cm(_reach_m(verdict.method, max(MEASURED_TO_M.values())))
+        nearest = min(max(_cm(verdict.distance_m), NEAREST_CM), most - 1)
+    left_deg, right_deg = lens.edges_deg
+    if verdict.status == OBSTACLE and verdict.box is not None and verdict.mask_size is not None:
+        edges = verdict.box[0], verdict.box[0] + verdict.box[2]
+        left_deg, right_deg = (lens.angle_deg(x / verdict.mask_size[1]) for x in edges)
+    said = sectors_of(left_deg, right_deg, wholly=verdict.status == CLEAR)
+    sectors = (nearest if index in said else UNKNOWN_CM for index in range(SECTORS))
+    return Ranges(nearest, most, tuple(sectors))
 
 
 def _reach_m(method: str, otherwise_m: float) -> float:
@@ -138,42 +143,14 @@ def _reach_m(method: str, otherwise_m: float) -> float:
     return max(measured, default=otherwise_m)
 
 
-def _obstacle_cm(verdict: Verdict, assumed_m: float) -> tuple[int, int]:
-    """The obstacle's distance, and the range it is in: PX4 takes one at its very end for none."""
-    distance_m = verdict.distance_m
-    if distance_m is None or not math.isfinite(distance_m):
-        return _cm(assumed_m) - 1, _cm(assumed_m)
-    most = _cm(_reach_m(verdict.method, max(MEASURED_TO_M.values())))
-    return min(max(_cm(distance_m), NEAREST_CM), most - 1), most
-
-
-def _span_deg(verdict: Verdict, lens: Lens) -> tuple[float, float]:
-    """The obstacle's left and right edge as directions."""
-    if verdict.box is None or verdict.mask_size is None:
-        return lens.edges_deg
-    x0, _, box_width, _ = verdict.box
-    width = verdict.mask_size[1]
-    return lens.angle_deg(x0 / width), lens.angle_deg((x0 + box_width) / width)
-
-
 def _cm(metres: float) -> int:
     """Whole centimetres, rounded towards the nearer."""
     return math.floor(100 * min(max(metres, 0.0), 600.0) + 1e-6)
 
 
-def _spread(distance_cm: int, sectors: list[int]) -> tuple[int, ...]:
-    said = list(NOTHING_KNOWN)
-    for index in sectors:
-        said[index] = distance_cm
-    return tuple(said)
-
-
 HEARTBEAT_S = 1.0
 VALUES_S = 0.2
 """Between two sets of figures to plot, unless the status changes."""
-_VARIANCE_UNKNOWN = 255
-_QUALITY_UNKNOWN = 0
-_NO_VALUE = -1.0
 _CHOICES = {
     "mavlink_messages": ("both", "obstacle_distance", "distance_sensor"),
     "mavlink_unknown": ("silence", "message"),
@@ -199,9 +176,9 @@ class MavlinkSender:
     """Send verdicts as MAVLink messages over one link, and read what is heard on it.
 
     A heartbeat goes out with the first report a second after the one before, CRITICAL where that is
-    unknown, such as while the loop hangs. The lens is the left camera's,
-    in water; `vehicle` is told what the autopilot says of itself; `tell` is given the event
-    ``mavlink_clash``. ToktError without pymavlink, or for an option that MAVLink does not have.
+    unknown, such as while the loop hangs. The lens is the left camera's, in water; `wanted` has
+    passed `check_mavlink`; `vehicle` is told what the autopilot says of itself; `tell` is given the
+    event ``mavlink_clash``. ToktError without pymavlink.
     """
 
     # Messages that the system took, those that it did not, and why not the last of these.
@@ -218,7 +195,6 @@ class MavlinkSender:
         vehicle: VehicleState,
         tell: Callable[[Event], None],
     ) -> None:
-        check_mavlink(wanted)
         self._words = mavlink_dialect()
         self._to, self._lens, self._wanted = link, lens, wanted
         self._clock, self._tell = clock, tell
@@ -281,13 +257,12 @@ class MavlinkSender:
         """Figures to plot, -1 where there is none: a station shows the last one for ever."""
         figures = verdict.status, verdict.mean, verdict.distance_m
         for name, value in zip((b"tokt_stat", b"tokt_mean", b"tokt_dist"), figures, strict=True):
-            number = _NO_VALUE if value is None or not 0 <= value < 1e9 else float(value)
+            number = -1.0 if value is None or not 0 <= value < 1e9 else float(value)
             self._pilot.named_value_float_send(int(1000 * now) % 2**32, name, number)
 
     def _send_ranges(self, report: Report, now: float) -> None:
         age_ms = report.age_ms or 0.0  # since the frame arrived, where that is known
-        known = math.isfinite(age_ms) and age_ms > 0
-        taken = max(now - age_ms / 1000, 0.0) if known else max(now, 0.0)
+        taken = now - age_ms / 1000 if math.isfinite(age_ms) and age_ms > 0 else now
         self._stamp_us = max(self._stamp_us, int(1e6 * taken))
         ranges = ranges_of(report.verdict, self._lens, self._wanted.mavlink_assumed_m)
         messages = self._wanted.mavlink_messages
@@ -295,7 +270,7 @@ class MavlinkSender:
             if self._wanted.mavlink_unknown == "silence":
                 return
             # DISTANCE_SENSOR says it never: its quality "invalid" only rangefinders read.
-            ranges = Ranges(0, NEAREST_CM + 1, NOTHING_KNOWN)
+            ranges = Ranges(0, NEAREST_CM + 1, (UNKNOWN_CM,) * SECTORS)
         elif messages != "obstacle_distance":
             # Before the other: ArduPilot keeps what the last of the two said of the sectors ahead.
             self._send_distance(ranges, report.verdict.mask_size)
@@ -315,8 +290,7 @@ class MavlinkSender:
         self._link.distance_sensor_send(
             *(self._stamp_us // 1000 % 2**32, NEAREST_CM, ranges.most, ranges.nearest),
             *(words.MAV_DISTANCE_SENSOR_UNKNOWN, 0, words.MAV_SENSOR_ROTATION_NONE),
-            _VARIANCE_UNKNOWN,
+            covariance=255,  # unknown, as is the signal's quality by default
             horizontal_fov=math.radians(lens.fov_deg()),
             vertical_fov=math.radians(height_deg),
-            signal_quality=_QUALITY_UNKNOWN,
         )

@@ -40,7 +40,7 @@ class PilotWords:
     """Tell changes, at most one in `BETWEEN_S`, and in the end always the newest."""
 
     def __init__(self) -> None:
-        self._told: tuple[int, Reason | None] | None = None
+        self._told: tuple[int | None, Reason | None] = (None, None)
         self._told_s = -math.inf
         self._again = False
 
@@ -53,8 +53,7 @@ class PilotWords:
         state = (verdict.status, verdict.reason if verdict.status == UNKNOWN else None)
         if state == self._told and not self._again:
             return None
-        was_obstacle = self._told is not None and self._told[0] == OBSTACLE
-        is_news = verdict.status == OBSTACLE and not was_obstacle
+        is_news = verdict.status == OBSTACLE and self._told[0] != OBSTACLE
         if now - self._told_s < BETWEEN_S and not is_news:
             return None
         self._told, self._told_s, self._again = state, now, False

@@ -15,8 +15,7 @@ from tokt.inference.links.datagrams import DatagramSocket
 from tokt.inference.report import FIRST, V1_FIELDS, V2, V2_FIELDS, Report
 from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Verdict
 
-DEFAULT_HOST = "127.0.0.1"
-DEFAULT_PORT = 1130
+DEFAULT_RECEIVER = "127.0.0.1:1130"
 """The port of the thesis's LabVIEW program."""
 
 _V1 = re.compile(
@@ -55,10 +54,11 @@ def decode(data: bytes) -> dict[str, Any]:
     """
     match = _V1.fullmatch(data)
     if match is not None:
-        values = [each.kind(text) for each, text in zip(V1_FIELDS, match.groups(), strict=True)]
-        if not all(map(math.isfinite, values)):
+        pairs = zip(V1_FIELDS, match.groups(), strict=True)
+        fields = {each.name: each.kind(text) for each, text in pairs}
+        if not all(map(math.isfinite, fields.values())):
             raise ToktError("not a tokt datagram: v1 with a mean value that is not finite")
-        return {"v": 1, **{each.name: value for each, value in zip(V1_FIELDS, values, strict=True)}}
+        return {"v": 1, **fields}
     try:
         value = json.loads(data.decode("utf-8"), parse_constant=_refuse_constant)
     except (ValueError, RecursionError):

@@ -21,9 +21,8 @@ from pathlib import Path
 from urllib.parse import quote
 
 from tokt.features.common.address import resolve
-from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError, os_errors_as, os_words
-from tokt.inference.clock import Clock, awake_s
+from tokt.inference.clock import SYSTEM_CLOCK, awake_s
 from tokt.inference.frame import Frame
 from tokt.inference.frame_checks import shape_fault
 from tokt.inference.policy.policy import Judgement
@@ -76,7 +75,6 @@ class LiveView(Observer):
     token: str | None  # that a request has to show
     record: Path | None  # of the video
     stale_s: float  # from which age on a frame is old
-    clock: Clock
     tell: Callable[[Event], None]  # from another thread
     listen: Callable[[], socket.socket] | None = None
 
@@ -87,7 +85,7 @@ class LiveView(Observer):
             raise ToktError("--view-record needs the extra 'video': pip install 'tokt[video]'")
         self._part = None if self.record is None else new_video(self.record)
         # No lock: the loop would wait for whoever has it, should that be kept from the processor.
-        self._newest: deque[tuple[ViewMoment, U8 | None, Judgement | None]] = deque(maxlen=1)
+        self._newest: deque[ViewMoment] = deque(maxlen=1)
         self._statuses: deque[tuple[float, int]] = deque(maxlen=_KEPT_STATUSES)
         self._ended = threading.Event()
         self._told: set[str] = set()
@@ -98,21 +96,20 @@ class LiveView(Observer):
 
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
         """Remember the frame as the newest; nothing is copied here."""
-        self._put(report, frame.arrived, frame.left, judgement)
+        now = SYSTEM_CLOCK.monotonic()
+        arrived_s = now if frame.arrived is None else frame.arrived
+        seen = frame.left, judgement.mask, judgement.grid
+        self._put(ViewMoment(report, now, arrived_s, (), *seen))
 
     def heartbeat(self, report: Report) -> None:
         """Remember that unknown was said."""
-        arrived = None if report.age_ms is None else self.clock.monotonic() - report.age_ms / 1000
-        self._put(report, arrived, None, None)
+        now = SYSTEM_CLOCK.monotonic()
+        self._put(ViewMoment(report, now, now - (report.age_ms or 0.0) / 1000, ()))
 
-    def _put(
-        self, report: Report, arrived: float | None, left: U8 | None, judgement: Judgement | None
-    ) -> None:
-        now = self.clock.monotonic()
-        self._statuses.append((now, report.verdict.status))
-        moment = ViewMoment(report, now, now if arrived is None else arrived, ())
-        self._newest.append((moment, left, judgement))
-        if awake_s(self.clock) > self._hung_at and self._process is not None:
+    def _put(self, moment: ViewMoment) -> None:
+        self._statuses.append((moment.said_s, moment.report.verdict.status))
+        self._newest.append(moment)
+        if awake_s(SYSTEM_CLOCK) > self._hung_at and self._process is not None:
             self._process.kill()
 
     def close(self) -> None:
@@ -151,7 +148,7 @@ class LiveView(Observer):
         ours, theirs = spawning.Pipe()
         does = (theirs, self.listener, self.token, self._part, self.stale_s)
         made = spawning.Process(target=serve, args=does, name="tokt view", daemon=True)
-        self._hung_at = awake_s(self.clock) + START_S
+        self._hung_at = awake_s(SYSTEM_CLOCK) + START_S
         with closing(ours):
             try:
                 with closing(theirs):
@@ -164,7 +161,7 @@ class LiveView(Observer):
         made.join(_CLOSE_S)
         made.kill()  # Python would wait at its end for one that is still there
         made.join(_CLOSE_S)
-        hung, self._hung_at = awake_s(self.clock) > self._hung_at, math.inf
+        hung, self._hung_at = awake_s(SYSTEM_CLOCK) > self._hung_at, math.inf
         return "its process did not answer" if hung else f"exit code {made.exitcode}"
 
     def _pass_on(self, connection: Connection) -> None:
@@ -172,7 +169,7 @@ class LiveView(Observer):
         while True:
             self._hung_at = math.inf
             found = self._next()
-            self._hung_at = awake_s(self.clock) + ANSWER_S
+            self._hung_at = awake_s(SYSTEM_CLOCK) + ANSWER_S
             connection.send(found)
             if found is None:
                 return
@@ -185,14 +182,13 @@ class LiveView(Observer):
         while not self._newest:
             if self._ended.wait(_POLL_S):
                 return None
-        moment, left, judgement = self._newest.pop()
+        moment = self._newest.pop()
         said = tuple(self._statuses.popleft() for _ in range(len(self._statuses)))
-        moment = replace(moment, statuses=said)
-        if left is None or judgement is None or shape_fault(left):
-            return moment
-        return replace(moment, picture=fitted(left), mask=judgement.mask, grid=judgement.grid)
+        left = moment.picture
+        picture = None if left is None or shape_fault(left) else fitted(left)
+        return replace(moment, statuses=said, picture=picture)
 
     def _say(self, name: str, words: str) -> None:
         if name not in self._told:
             self._told.add(name)
-            self.tell(Event(self.clock.time(), name, words))
+            self.tell(Event(SYSTEM_CLOCK.time(), name, words))

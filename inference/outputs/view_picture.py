@@ -19,7 +19,6 @@ WIDTH, BANNER, PANEL, STRIP = 720, 50, 54, 18
 STRIP_S = 60.0
 """Seconds that the strip shows."""
 WAITING, OLD, ENDED = "WAITING", "OLD", "ENDED"
-AGELESS = (WAITING, ENDED)
 
 Colour = tuple[int, int, int]
 _WHITE, _BLACK, _YELLOW, _GREY = (255, 255, 255), (0, 0, 0), (0, 200, 255), (70, 70, 70)
@@ -41,7 +40,8 @@ class ViewMoment:
     said_s: float
     arrived_s: float  # its frame
     statuses: tuple[tuple[float, int], ...]  # said since the moment before, and when; with this one
-    picture: U8 | None = None  # `fitted`; without one the one before stays, darkened
+    # `fitted` to be drawn; without one the one before stays, darkened.
+    picture: U8 | None = None
     mask: U8 | None = None  # as of `tokt.inference.policy.policy.Judgement`
     grid: Grid | None = None
 
@@ -67,9 +67,7 @@ class ViewState:
     ended: str = ""
     moment: ViewMoment | None = None
     picture: U8 | None = None
-
-    def __post_init__(self) -> None:
-        self._statuses: list[tuple[float, int]] = []
+    statuses: list[tuple[float, int]] = field(default_factory=list)
 
     def take(self, moment: ViewMoment) -> None:
         """Show this from now on."""
@@ -77,8 +75,8 @@ class ViewState:
         if moment.picture is not None:
             self.picture = moment.picture
         oldest = moment.said_s - STRIP_S - self.stale_s
-        said = [*self._statuses, *moment.statuses]
-        self._statuses = [each for each in said if each[0] >= oldest]
+        said = [*self.statuses, *moment.statuses]
+        self.statuses = [each for each in said if each[0] >= oldest]
 
     def shown(self, now: float) -> Shown:
         """What is to be said at that time."""
@@ -110,9 +108,9 @@ class ViewState:
     def _strip(self, now: float) -> U8:
         """The last minute: an obstacle is a high bar, unknown a middle one, clear a low one."""
         strip = np.full((STRIP, WIDTH, 3), 30, np.uint8)
-        if not self._statuses:
+        if not self.statuses:
             return strip
-        times, ranks = np.array([(at, _RANKS[status]) for at, status in self._statuses]).T
+        times, ranks = np.array([(at, _RANKS[status]) for at, status in self.statuses]).T
         at = now - STRIP_S * (1 - (np.arange(WIDTH) + 0.5) / WIDTH)
         last = np.searchsorted(times, at) - 1
         held = (last >= 0) & (at - times[last] <= self.stale_s)
@@ -198,7 +196,7 @@ def _banner(shown: Shown) -> U8:
         banner[:, _STRIPED] = _GREY
         cv2.drawMarker(banner, (25, 25), _YELLOW, cv2.MARKER_TILTED_CROSS, 34, 3)
     _write(banner, shown.word, (68, 37), 1.3, _WHITE)
-    if shown.word not in AGELESS:
+    if shown.word not in (WAITING, ENDED):
         _write(banner, f"{shown.age_s:.1f} s", (590, 37), 1.1, _WHITE)
     return banner
 

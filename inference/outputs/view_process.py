@@ -49,8 +49,6 @@ REQUEST_S = 5.0
 _LAST_S, _POLL_S, _FRESH_S, _WATCHED_S = 0.5, 0.25, 0.5, 2.0
 _SEND_BYTES = 1 << 17
 """Of a stream that wait in the system: a picture or two."""
-_QUALITY = (cv2.IMWRITE_JPEG_QUALITY, 80)
-_SUFFIX = ".part"
 _PAGE = Path(__file__).with_name("view.html")
 _HEADERS = {
     "Cache-Control": "no-store",
@@ -126,7 +124,8 @@ def _show(
     if video is not None and films:
         video.add(picture, arrived_s)
     if pictures.watched:
-        pictures.put(cv2.imencode(".jpg", picture, _QUALITY)[1].tobytes(), shown, now)
+        jpeg = cv2.imencode(".jpg", picture, (cv2.IMWRITE_JPEG_QUALITY, 80))[1].tobytes()
+        pictures.put(jpeg, shown, now)
 
 
 def _read(connection: Connection, came: SimpleQueue[ViewMoment | str]) -> None:
@@ -181,8 +180,6 @@ class ViewServer(ThreadingHTTPServer):
     A request must show the token as ``?token=``. Where there is none it must be addressed to this
     computer's loopback by name: a page whose name leads there (DNS rebinding) is refused.
     """
-
-    daemon_threads = True
 
     def __init__(self, listener: socket.socket, token: str | None, pictures: Pictures) -> None:
         super().__init__(listener.getsockname(), _ViewHandler, bind_and_activate=False)
@@ -298,7 +295,7 @@ def new_video(path: Path) -> Path:
     number, whole = 1, path
     with os_errors_as(f"video {path} cannot be written"):
         while True:
-            part = whole.with_name(whole.name + _SUFFIX)
+            part = whole.with_name(whole.name + ".part")
             with suppress(FileExistsError):
                 if not whole.exists():
                     part.open("xb").close()

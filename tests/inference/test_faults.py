@@ -20,7 +20,6 @@ import cv2
 import numpy as np
 import pytest
 
-from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import Limits, OutputConfig
 from tokt.inference.frame import MANY_MISSED, Frame
 from tokt.inference.links.autopilot import mavlink_dialect
@@ -31,7 +30,7 @@ from tokt.inference.monitoring.receivers import PlaceWatch, ReceiverWatch
 from tokt.inference.monitoring.run_counts import RunCounts
 from tokt.inference.outputs import view as view_module
 from tokt.inference.outputs.listen import SenderMonitor, Silence, listen
-from tokt.inference.outputs.mavlink import Lens, MavlinkSender
+from tokt.inference.outputs.mavlink import MavlinkSender, lens_of
 from tokt.inference.outputs.udp import UdpSender
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy
 from tokt.inference.publisher import Observer, ReportPublisher
@@ -596,7 +595,7 @@ def mavlink_dive(address: str) -> tuple[Dive, MavlinkSender]:
     pytest.importorskip("pymavlink")
     dive = Dive()
     known, tell = VehicleState(dive.clock), dive.events.put
-    lens, wanted = Lens.of_fov_deg(60), OutputConfig()
+    lens, wanted = lens_of(60, None), OutputConfig()
     sender = MavlinkSender(open_link(address), lens, wanted, dive.clock, known, tell)
     dive.senders = [sender]
     return dive, sender
@@ -779,7 +778,7 @@ def test_a_live_view_that_fails(fault, monkeypatch):
         monkeypatch.setattr(view_module, "ANSWER_S", 0.5)
     told: list[Event] = []
     listener = view_module.listening("127.0.0.1", 0)
-    view = view_module.LiveView(listener, None, None, 0.5, SYSTEM_CLOCK, told.append)
+    view = view_module.LiveView(listener, None, None, 0.5, told.append)
     dive = Dive(observers=[view])
     with dive.fault_between(), ExitStack() as clients:
         dive.until(lambda: view._process is not None and not view._newest)

@@ -88,10 +88,10 @@ def test_datagrams_carry_what_the_log_says_and_its_decision_values_are_exact(
 PICTURE = np.zeros((4, 4), np.uint8)
 
 
-def settled(buffer: LatestFrameBuffer, dropped: int) -> None:
+def settled(buffer: LatestFrameBuffer, overtaken: int) -> None:
     """Wait until the source's thread has passed everything on."""
-    until(lambda: buffer.dropped >= dropped)
-    assert buffer.dropped == dropped
+    until(lambda: buffer._overtaken >= overtaken)
+    assert buffer._overtaken == overtaken
 
 
 def test_only_the_newest_frame_is_kept_and_what_it_overtook_is_missed():
@@ -149,4 +149,4 @@ def test_a_replay_without_a_rate_gives_every_frame():
     buffer = EveryFrame(Replayed([Frame(number, 0.0, PICTURE, None) for number in (1, 2, 3)]))
     seen = [buffer.take(POLL_S) for _ in range(4)]
     assert [frame and frame.number for frame in seen] == [1, 2, 3, None]
-    assert buffer.ended and buffer.dropped == buffer.left_out == 0
+    assert buffer.ended and buffer.left_out == 0

@@ -34,7 +34,7 @@ class Viewed:
         self.port = listener.getsockname()[1] if served else 0
         self.url = view_url("127.0.0.1", self.port, token)
         stale_s = limits.stale_s
-        self.view = LiveView(listener, token, record, stale_s, SYSTEM_CLOCK, self.events.append)
+        self.view = LiveView(listener, token, record, stale_s, self.events.append)
 
     def see(self, patches=(), left=None, age_s=0.0):
         """Have a frame judged; its report."""

@@ -50,7 +50,7 @@ def _options() -> list[Parameter]:
         about = Option(
             *(names,),
             help=each.text,
-            metavar=each.place or None,
+            metavar=each.metavar or None,
             show_default=each.kind is not bool,
             rich_help_panel=each.section.capitalize(),
         )

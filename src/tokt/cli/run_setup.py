@@ -46,13 +46,7 @@ from tokt.inference.monitoring.reload import ModelReloader
 from tokt.inference.monitoring.run_counts import RunCounts
 from tokt.inference.monitoring.status_line import StatusLine
 from tokt.inference.monitoring.watchdog import RESTARTS_VARIABLE, Notifier
-from tokt.inference.outputs.udp import (
-    DEFAULT_HOST,
-    DEFAULT_PORT,
-    UdpSender,
-    parse_receiver,
-    version_of,
-)
+from tokt.inference.outputs.udp import DEFAULT_RECEIVER, UdpSender, parse_receiver, version_of
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
 from tokt.inference.policy.temporal_cues import Anchor
 from tokt.inference.publisher import Observer, Sender
@@ -385,7 +379,7 @@ def _senders(
         # The same receiver may be named twice.
         senders[text if text not in senders else f"{text} ({len(senders) + 1})"] = sender
 
-    for text in config.outputs.udp or [f"{DEFAULT_HOST}:{DEFAULT_PORT}"]:
+    for text in config.outputs.udp or [DEFAULT_RECEIVER]:
         keep(text, UdpSender(*parse_receiver(text, version)))
     if config.outputs.mavlink:
         from tokt.inference.outputs.mavlink import MavlinkSender, check_mavlink, lens_of
@@ -416,7 +410,7 @@ def _live_view(config: RunConfig, events: EventQueue) -> Observer:
             token = kept_token(DEFAULT_WORKSPACE / "view-token")
         say(f"view: {view_url(host, port, token)}")
     record, stale_s = wanted.view_record, config.limits.stale_s
-    return LiveView(listener, token, record, stale_s, SYSTEM_CLOCK, events.put, listen)
+    return LiveView(listener, token, record, stale_s, events.put, listen)
 
 
 class _Observers(NamedTuple):

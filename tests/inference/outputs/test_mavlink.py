@@ -20,7 +20,6 @@ from tokt.inference.config import OutputConfig
 from tokt.inference.links.datagrams import UdpLink
 from tokt.inference.links.vehicle import VehicleState
 from tokt.inference.outputs.mavlink import (
-    Lens,
     MavlinkSender,
     check_mavlink,
     lens_of,
@@ -37,7 +36,7 @@ common = pytest.importorskip("pymavlink.dialects.v20.common")
 
 UNKNOWN = 65535
 WORDS = ("STATUSTEXT", "NAMED_VALUE_FLOAT")
-LENS = Lens.of_fov_deg(60)
+LENS = lens_of(60, None)
 DARK = unknown_verdict(Fault(Reason.DARK, "left: too dark"))
 LEFT, AHEAD, RIGHT = slice(0, 60), slice(150, 210), slice(300, 360)
 
@@ -262,7 +261,7 @@ def test_unknown_is_never_no_obstacle_and_an_obstacle_always_one(
 ):
     with bound_socket() as receiver:
         options = {"assumed_m": assumed_m, "unknown": unknown}
-        link, lens = UdpLink(*receiver.getsockname()), Lens.of_fov_deg(fov_deg)
+        link, lens = UdpLink(*receiver.getsockname()), lens_of(fov_deg, None)
         sender = sender_over(link, HandClock(), lens=lens, **options)
         sender.send(Report(1, 1, 0.0, 1.0, verdict, age_ms))
         sender.close()
@@ -289,7 +288,7 @@ def test_unknown_is_never_no_obstacle_and_an_obstacle_always_one(
 
 @given(st.integers(0, 359), st.integers(1, 360), st.floats(10, 170))
 def test_an_obstacle_s_sectors_hold_all_of_its_box(x0, width, fov_deg):
-    lens = Lens.of_fov_deg(fov_deg)
+    lens = lens_of(fov_deg, None)
     verdict = Verdict(1, 0, 0, (x0, 0, width, 9), 9.0, 3.0, "disparity", None, mask_size=(271, 360))
     ranges = ranges_of(verdict, lens, 1.0)
     for column in np.linspace(x0, x0 + width, 7) / 360:
@@ -319,7 +318,7 @@ def test_the_lens_of_a_calibration_is_its_left_camera_s():
 
 def test_angles_of_view_and_options_that_are_none():
     for fov_deg in (0, 9.9, 171, -60, math.nan):
-        refuses("field of view", Lens.of_fov_deg, fov_deg)
+        refuses("field of view", lens_of, fov_deg, None)
     for words, name, value in (
         *(("assumed distance", "assumed_m", metres) for metres in (0.0, 101, math.nan)),
         ("--mavlink-system is 1 to 255", "system", 0),
@@ -354,9 +353,9 @@ def test_without_pymavlink_the_extra_is_named(tmp_path):
         "from tokt.features.common.errors import ToktError\n"
         "from tokt.inference.clock import SYSTEM_CLOCK\n"
         "from tokt.inference.config import OutputConfig\n"
-        "from tokt.inference.outputs.mavlink import Lens, MavlinkSender\n"
+        "from tokt.inference.outputs.mavlink import MavlinkSender, lens_of\n"
         "try:\n"
-        "    lens, wanted = Lens.of_fov_deg(60), OutputConfig()\n"
+        "    lens, wanted = lens_of(60, None), OutputConfig()\n"
         "    MavlinkSender(None, lens, wanted, SYSTEM_CLOCK, None, print)\n"
         "except ToktError as error:\n"
         "    print(error)\n"

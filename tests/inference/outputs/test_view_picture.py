@@ -178,7 +178,7 @@ def test_the_strip_moves_on_and_forgets():
         places.append(columns.mean())
     assert places == sorted(places, reverse=True) and places[-1] < 16
     state.take(moment(said_s=AT + 90))
-    assert state._statuses == [(AT + 90, CLEAR)]
+    assert state.statuses == [(AT + 90, CLEAR)]
 
 
 @settings(max_examples=scaled(40))

@@ -373,10 +373,10 @@ def test_what_a_user_can_get_wrong(tmp_path, monkeypatch, make_mission, bundle_f
     refuses("is a port", listening, "127.0.0.1", 70_000)
     refuses("cannot be found", listening, "no such host", 0)
     refuses("out.mp4 cannot be written: No such file", new_video, tmp_path / "none" / "out.mp4")
-    made = (None, None, tmp_path / "out.avi", 0.5, None, None)
+    made = (None, None, tmp_path / "out.avi", 0.5, None)
     refuses("writes an .mp4 file, not 'out.avi'", LiveView, *made)
     monkeypatch.setattr(view_module, "find_spec", lambda name: None)
-    made = (None, None, tmp_path / "out.mp4", 0.5, None, None)
+    made = (None, None, tmp_path / "out.mp4", 0.5, None)
     refuses(r"pip install 'tokt\[video\]'", LiveView, *made)
     asked = ("run", "--source", make_mission([[]]), "--bundle", bundle_file)
     refused("--view-host is of no use without --view", *asked, "--view-host", "0.0.0.0")
@@ -401,7 +401,7 @@ def test_a_port_that_is_taken_is_waited_for_where_verdicts_must_go_on(monkeypatc
             return listening("127.0.0.1", port)
 
         record = tmp_path / "out.mp4"
-        view = LiveView(None, None, record, 0.5, SYSTEM_CLOCK, told.append, listen)
+        view = LiveView(None, None, record, 0.5, told.append, listen)
         until(lambda: len(tries) > 3)
     here = type("Here", (), {"port": port})
     until(lambda: Viewed.get(here, "/")[0] == 200)
