@@ -229,12 +229,8 @@ def run_demo(
     """Run the whole chain, and write workspace, store, log and ``report.html`` into `out`.
 
     Of a real mission with its label file, or of one that is rendered, of `frames` stereo pairs
-    `width` pixels wide. Returns the figures of the report.
-
-    Raises
-    ------
-    ToktError
-        If the mission or its labels cannot be used.
+    `width` pixels wide. Returns the figures of the report. Raises ToktError if the mission or its
+    labels cannot be used.
     """
     place = None
     if mission is not None and labels is not None:

@@ -99,10 +99,7 @@ def examples_from_labels(
 ) -> TrainingExamples:
     """Every fifth labelled frame.
 
-    Raises
-    ------
-    ToktError
-        If these do not show both obstacles and clear water.
+    Raises ToktError if these do not show both obstacles and clear water.
     """
     sure = [
         record
@@ -152,12 +149,8 @@ def fit_extractor_pair(
     """Fit a classifier and give both sides its weights.
 
     A scaler is folded in for both, so that the baseline, too, is one predict call a patch and
-    nothing more.
-
-    Parameters
-    ----------
-    golden_frame : array of uint8
-        The frame that the bundle proves itself with; its size is the size the bundle accepts.
+    nothing more. The golden frame is what the bundle proves itself with; its size is the size the
+    bundle accepts.
     """
     settings = settings_named(examples.settings)
     penalty = settings.penalties[0] if settings.two_images else _PENALTY

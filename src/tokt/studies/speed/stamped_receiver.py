@@ -20,17 +20,9 @@ _WAIT_S = 0.2
 
 
 class StampedReceiver:
-    """The process, for who measures.
+    """The process, for who measures, on a `port` of 127.0.0.1.
 
-    Attributes
-    ----------
-    port : int
-        On 127.0.0.1.
-
-    Raises
-    ------
-    ToktError
-        If it cannot be started.
+    Raises ToktError if it cannot be started.
     """
 
     def __init__(self) -> None:

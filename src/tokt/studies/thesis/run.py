@@ -104,13 +104,9 @@ def run_reproduce(
     Writes ``KEY/*.csv`` and ``KEY/*.png`` of each exhibit, ``report.html``, which needs no other
     file, then ``results.json``, and of all `EXHIBITS` ``thesis.md``, the page that docs/thesis.md
     is. Files of these names are replaced, each as a whole. `say` takes a line for people, and
-    ``progress(items, total, what)`` passes items on.
-
-    Raises
-    ------
-    ToktError
-        If the mission or a file of the request cannot be used, or nothing can be written. An
-        exhibit that cannot be made says why, and the others are made.
+    ``progress(items, total, what)`` passes items on. Raises ToktError if the mission or a file of
+    the request cannot be used, or nothing can be written. An exhibit that cannot be made says why,
+    and the others are made.
     """
     began = time.monotonic()
     _check_folder(request.out)

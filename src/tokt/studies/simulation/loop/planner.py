@@ -69,19 +69,12 @@ class Planner:
     """One transit to one goal, a world place (3,) in metres.
 
     A `deaf` one ignores every datagram, and silence: the control that avoids nothing.
-
-    Attributes
-    ----------
-    reached : bool
-        Whether the vehicle was at the goal at the last `target`.
-    avoidances : list of float
-        When each manoeuvre began, s.
     """
 
     def __init__(self, goal: F64, deaf: bool = False) -> None:
         self.goal = np.asarray(goal, np.float64)
-        self.reached = False
-        self.avoidances: list[float] = []
+        self.reached = False  # whether the vehicle was at the goal at the last `target`
+        self.avoidances: list[float] = []  # when each manoeuvre began, s
         self._deaf = deaf
         self._heard_s: float | None = None
         self._known = False

@@ -178,31 +178,17 @@ def title_and_kind(method: SuperpixelMethod) -> tuple[str, str]:
 
 @dataclass
 class Curves:
-    """Curves of the scored frames in order, index ``frame``, a column a method.
+    """Curves of the scored frames in order, index ``frame``, a column a method."""
 
-    Parameters
-    ----------
-    mean, status : DataFrame
-        Mean of the 0/255 mask, 0..255, nan where the method did not judge the frame; status 1, 0,
-        or -1 where it did not judge it.
-    methods : dict of str to Method
-    patches : dict of str to dict of int to array of bool, shape (n_patches,)
-        Of the texture methods on the grid, by frame: the patches that are not ocean.
-    distance_m : Series
-        Near end of the matched depths, metres; nan where nothing is measured.
-    left_out : list of str
-        Which methods could not be run, and why.
-    unreadable : tuple of int
-        Frames that could not be read.
-    """
-
-    mean: pd.DataFrame
-    status: pd.DataFrame
+    mean: pd.DataFrame  # of the 0/255 mask, 0..255, nan where the method did not judge the frame
+    status: pd.DataFrame  # 1, 0, or -1 where it did not judge it
     methods: dict[str, Method]
+    # Of the texture methods on the grid, by frame: the patches (n_patches,) that are not ocean.
     patches: dict[str, dict[int, Bools]] = field(default_factory=dict)
+    # Near end of the matched depths, metres; nan where nothing is measured.
     distance_m: pd.Series = field(default_factory=lambda: pd.Series(dtype=float))
-    left_out: list[str] = field(default_factory=list)
-    unreadable: tuple[int, ...] = ()
+    left_out: list[str] = field(default_factory=list)  # methods that could not be run, and why
+    unreadable: tuple[int, ...] = ()  # frames that could not be read
 
     def add(
         self, name: str, method: Method, mean: Mapping[int, float], status: Mapping[int, int]
