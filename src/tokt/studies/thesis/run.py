@@ -26,7 +26,7 @@ from .exhibits.training_image_figures import training_images
 from .exhibits.trend_figure import trend_exhibit
 from .inputs import Progress, ReproduceRequest, Say
 from .page import write_thesis_page
-from .report import FORMAT, exhibit_json, report_html, table_csv
+from .report import FORMAT, exhibit_json, report_html
 
 REPORT, RESULTS, PAGE = "report.html", "results.json", "thesis.md"
 
@@ -206,6 +206,7 @@ def about(context: StudyContext) -> list[str]:
 def _write(exhibit: Exhibit, out: Path) -> None:
     folder = out / exhibit.key
     for table in exhibit.tables:
-        atomic.write_text(folder / f"{table.name}.csv", table_csv(table))
+        text = table.frame.to_csv(index=False, lineterminator="\n", float_format="%.6g")
+        atomic.write_text(folder / f"{table.name}.csv", text)
     for plot in exhibit.plots:
         atomic.write_bytes(folder / f"{plot.name}.png", plot.png)

@@ -324,8 +324,8 @@ def _add_runs(curves: Curves, inputs: StudyInputs) -> None:
     calibration, cameras = inputs.calibration, inputs.calibration_words
     # The one that takes longest first, so that the others run beside it.
     words = "growing keypoints (Mori and Scherer 2013): frames against earlier ones; learns nothing"
-    methods = {SizeChange.name: Method("growing keypoints", COMPARED, words)}
-    makers: dict[str, MakeMethod] = {SizeChange.name: SizeChange}
+    method = Method("growing keypoints", COMPARED, words)
+    runs: dict[str, tuple[Method, MakeMethod]] = {SizeChange.name: (method, SizeChange)}
     if calibration is None:
         curves.left_out.append(f"tokt's stereo, and thirds: {cameras}")
     else:
@@ -333,19 +333,17 @@ def _add_runs(curves: Curves, inputs: StudyInputs) -> None:
             "left, centre and right mean disparity (Kostavelis and others 2009) on tokt's "
             f"rectified disparity, with {cameras}; learns nothing"
         )
-        methods[Thirds.name] = Method("thirds of disparity", COMPARED, words)
-        makers[Thirds.name] = partial(Thirds, calibration)
+        method = Method("thirds of disparity", COMPARED, words)
+        runs[Thirds.name] = method, partial(Thirds, calibration)
         ours = "tokt's rectified disparity as tokt run has it"
         words = f"{ours}, with {cameras}; learns no frames' looks"
-        methods[TOKT_STEREO] = Method("tokt stereo", OURS, words)
-        makers[TOKT_STEREO] = partial(_stereo, calibration)
+        runs[TOKT_STEREO] = Method("tokt stereo", OURS, words), partial(_stereo, calibration)
     if inputs.request.model is not None:
-        methods[TOKT_MODEL] = _model_method(inputs)
-        makers[TOKT_MODEL] = partial(_model, inputs.request.model)
+        runs[TOKT_MODEL] = _model_method(inputs), partial(_model, inputs.request.model)
     judge = partial(_judge_sequence, inputs.mission.path)
-    runs = mapped(judge, makers.items(), inputs.request.jobs)
-    for name, found in inputs.progress(runs, len(makers), "curves, in order of frames"):
-        curves.add(name, methods[name], found["mean"], found.status)
+    judged = mapped(judge, [(name, make) for name, (_, make) in runs.items()], inputs.request.jobs)
+    for name, found in inputs.progress(judged, len(runs), "curves, in order of frames"):
+        curves.add(name, runs[name][0], found["mean"], found.status)
         if name == TOKT_STEREO:
             curves.distance_m = found.distance_m
     curves.distance_m = curves.distance_m.reindex(curves.mean.index)
