@@ -226,12 +226,12 @@ def _describe(patches: U8, ignore_zeros: bool) -> F64:
 def _pair_keys(patches: U8) -> NDArray[np.integer]:
     """Each pair of neighbours as matrix number * 65536 + darker level * 256 + brighter level."""
     height, width = patches.shape[1:]
-    narrow = len(patches) < 1 << 13  # narrow keys are sorted faster
+    key: type = np.int32 if len(patches) < 1 << 13 else np.int64  # narrow ones are sorted faster
     parts = []
     for direction, (down, right) in enumerate(_DIRECTIONS):
         first = patches[:, : height - down, max(0, -right) : width - max(0, right)]
         second = patches[:, down:, max(0, right) : width - max(0, -right)]
-        pairs = np.minimum(first, second).astype(np.int32 if narrow else np.int64) << 8
+        pairs = np.minimum(first, second).astype(key) << 8
         pairs |= np.maximum(first, second)
         matrix = np.arange(direction, 4 * len(patches), 4, dtype=pairs.dtype)
         pairs |= matrix[:, None, None] << 16
