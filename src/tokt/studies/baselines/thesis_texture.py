@@ -68,6 +68,13 @@ def describe_haralick(patch: U8) -> F64:
     return mean
 
 
+DESCRIBE: dict[str, DescribePatch] = {
+    "lbp_10_5": describe_lbp_10_5,
+    "lbp_24_8": describe_lbp_24_8,
+    "haralick": describe_haralick,
+}
+
+
 def resized_gray(frame: U8) -> U8:
     """The frame at the grid's width, then gray."""
     height, width = GRID.resized(*frame.shape[:2])

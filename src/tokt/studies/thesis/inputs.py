@@ -16,8 +16,8 @@ from tokt.inference.stereo.calibration import StereoCalibration, check_calibrati
 from tokt.labels.merge import merge_annotators
 from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
-from tokt.studies.baselines.thesis_models import DESCRIBE, ThesisModel, TrainingImage, thesis_model
-from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.baselines.thesis_models import ThesisModel, TrainingImage, thesis_model
+from tokt.studies.baselines.thesis_texture import DESCRIBE, GRID
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.train import rendered_other_image
 from tokt.training.rig.calibrate.frame_selection import MIN_SHARE, evenly_spaced, texture
