@@ -42,11 +42,8 @@ class StampedReceiver:
 
     def close(self) -> None:
         """End it, whatever it has heard."""
-        self._process.kill()
-        self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                pipe.close()
+        with self._process:  # which closes its pipes and waits for it
+            self._process.kill()
 
 
 def main() -> None:

@@ -277,7 +277,6 @@ def by_kind(times: Times, obstacle: Bools) -> dict[str, Any]:
         if chosen.any():
             part = {way: times[way].reshape(-1, len(chosen))[:, chosen] for way in (BASELINE, OURS)}
             medians = result("", part, True, {})
-            baseline_ms, ours_ms = medians.baseline_ms, medians.ours_ms
-            figures = {"baseline_ms": baseline_ms, "ours_ms": ours_ms, "ratio": medians.ratio}
+            figures = {key: getattr(medians, key) for key in ("baseline_ms", "ours_ms", "ratio")}
             found[name] = {"pairs": int(chosen.sum()), **figures}
     return found
