@@ -86,13 +86,9 @@ def hold_back(
     Every third block of consecutive frames is held back; frames within the embargo of a
     held-back one are in neither part.
     """
+    is_obstacle = taxonomy.is_obstacle
     rows = [
-        (
-            r.mission,
-            r.frame,
-            block_of(r.mission, r.frame, block_frames),
-            taxonomy.is_obstacle(str(r.label)),
-        )
+        (r.mission, r.frame, block_of(r.mission, r.frame, block_frames), is_obstacle(str(r.label)))
         for r in records
         if r.label != UNSURE and r.camera == LEFT
     ]
@@ -144,13 +140,9 @@ def _prepare(
 
 
 def _build(run: DemoRun, workspace: Path, progress: Progress) -> None:
+    mine, frames = [LabelledMission(run.mission, run.records)], run.train_frames
     plan, _ = plan_from_missions(
-        "demo",
-        "binary",
-        [LabelledMission(run.mission, run.records)],
-        run.taxonomy,
-        frames=run.train_frames,
-        block_frames=run.block_frames,
+        "demo", "binary", mine, run.taxonomy, frames=frames, block_frames=run.block_frames
     )
     run.dataset = build_dataset(plan, workspace / "datasets", progress)
 

@@ -158,14 +158,9 @@ class Planner:
         # By expansion alone, in frames with few patches: only where it is sure.
         sure = (datagram.get("trend_confidence") or 0.0) >= SURE_TREND
         expansion_s = datagram.get("expansion_contact_s") if sure else None
-        return any(
-            value is not None and value < least
-            for value, least in (
-                (distance_m, BACK_OFF_DISTANCE_M),
-                (datagram.get("contact_s"), BACK_OFF_CONTACT_S),
-                (expansion_s, BACK_OFF_CONTACT_S),
-            )
-        )
+        contacts = (datagram.get("contact_s"), expansion_s)
+        near = distance_m is not None and distance_m < BACK_OFF_DISTANCE_M
+        return near or any(one is not None and one < BACK_OFF_CONTACT_S for one in contacts)
 
     def _passed(self, manoeuvre: Manoeuvre, nav: State) -> bool:
         """Whether all that is remembered is behind, or the goal is beside."""
