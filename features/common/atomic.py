@@ -98,12 +98,8 @@ def keep_spare(spare: Path, least: int, size: int) -> None:
     least, size : int
         A file of fewer than `least` bytes is made anew with `size`.
     """
-    if _size(spare) < least:
+    if not spare.is_file() or spare.stat().st_size < least:
         write_bytes(spare, bytes(size))
-
-
-def _size(file: Path) -> int:
-    return file.stat().st_size if file.is_file() else 0
 
 
 @contextmanager

@@ -345,15 +345,11 @@ def _min_around(features: F64, grid: Grid) -> F64:
     return np.asarray(np.min(_around_each(features, grid, np.inf), axis=0))
 
 
-def _range_around(features: F64, grid: Grid) -> F64:
-    return _max_around(features, grid) - _min_around(features, grid)
-
-
 STATISTICS: dict[str, Callable[[F64, Grid], F64]] = {
     "mean": _mean_around,
     "max": _max_around,
     "min": _min_around,
-    "range": _range_around,
+    "range": lambda rows, grid: _max_around(rows, grid) - _min_around(rows, grid),
 }
 
 

@@ -8,6 +8,7 @@ import platform
 import threading
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import astuple
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -21,7 +22,7 @@ from tokt.features.frames.grid import Grid
 from . import _native, numpy_pictures
 from .block_matching import PADDING, BlockMatching, padded
 from .checks import over_rows
-from .lbp_points import LbpPoints, lbp_points, nearest_points, pattern_codes
+from .lbp_points import lbp_points, nearest_points, pattern_codes
 from .numpy_pictures import overlaps, sign_tiles
 from .quantization import (
     FRAME,
@@ -79,17 +80,8 @@ def _by_patch(
 
 @lru_cache(maxsize=16)
 def _lbp_tables(points: int, radius: float, height: int, width: int) -> Any:
-    made: LbpPoints = lbp_points(points, radius, height, width)
-    return _native.LbpTables(
-        made.reach,
-        made.first,
-        made.point,
-        made.row_floor,
-        made.row_fraction,
-        made.column_floor,
-        made.column_fraction,
-        pattern_codes(points) if points <= _MAX_POINTS_IN_TABLE else None,
-    )
+    codes = pattern_codes(points) if points <= _MAX_POINTS_IN_TABLE else None
+    return _native.LbpTables(*lbp_points(points, radius, height, width), codes)
 
 
 def lbp_counts(
@@ -306,14 +298,7 @@ def block_disparity(left: U8, right: U8, settings: BlockMatching, wanted: U8) ->
         _gradients(padded(view, settings, PADDING), settings.cap) for view in (left, right)
     )
     area = (row, row + height, column + margin, column + margin + width)
-    kernel = _native.MatchKernel(
-        settings.min_disparity,
-        settings.n_disparities,
-        settings.block,
-        settings.cap,
-        settings.texture,
-        settings.uniqueness,
-    )
+    kernel = _native.MatchKernel(*astuple(settings))
     wide = np.full(left.shape, settings.unmatched, np.int16)
     inside = padded(inside, settings, 0)
     kernel.disparities(left, right, inside, *area, SCRATCH.of["match"], wide)

@@ -1,7 +1,7 @@
 """Sampling points of local binary patterns (LBP), rounded as scikit-image rounds."""
 
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,7 @@ from tokt.features.common.arrays import F64, U8
 _DECIMALS = 5
 
 
-@dataclass(frozen=True)
-class LbpPoints:
+class LbpPoints(NamedTuple):
     """P sampling points on a circle of R pixels, over a view of some height and width.
 
     A point's position is split into a whole pixel and a fraction. The fraction is taken of the

@@ -226,20 +226,17 @@ def _describe(patches: U8, ignore_zeros: bool) -> F64:
 def _pair_keys(patches: U8) -> NDArray[np.integer]:
     """Each pair of neighbours as matrix number * 65536 + darker level * 256 + brighter level."""
     height, width = patches.shape[1:]
+    key: type = np.int32 if len(patches) < 1 << 13 else np.int64  # narrow ones are sorted faster
     parts = []
     for direction, (down, right) in enumerate(_DIRECTIONS):
         first = patches[:, : height - down, max(0, -right) : width - max(0, right)]
         second = patches[:, down:, max(0, right) : width - max(0, -right)]
-        pairs = np.minimum(first, second).astype(_key_type(len(patches))) << 8
+        pairs = np.minimum(first, second).astype(key) << 8
         pairs |= np.maximum(first, second)
         matrix = np.arange(direction, 4 * len(patches), 4, dtype=pairs.dtype)
         pairs |= matrix[:, None, None] << 16
         parts.append(pairs.ravel())
     return np.concatenate(parts)
-
-
-def _key_type(n_patches: int) -> type:
-    return np.int32 if n_patches < 1 << 13 else np.int64  # narrow keys are sorted faster
 
 
 def _without_zeros(cells: I64, counts: I64, n_matrices: int) -> tuple[I64, I64]:
@@ -386,13 +383,8 @@ def structure_sums(gray: U8, grid: Grid, threads: int = 1) -> I64:
 
 def gradient_sums(gray16: NDArray[np.uint16], grid: Grid, box: int, threads: int = 1) -> I64:
     """`Kernels.gradient_sums`; squares are below 2**53, up to which double precision is exact."""
-    sums = cv2.boxFilter(
-        gray16.astype(np.float64),
-        cv2.CV_64F,
-        (box, box),
-        normalize=False,
-        borderType=cv2.BORDER_REPLICATE,
-    )
+    whole, border = gray16.astype(np.float64), cv2.BORDER_REPLICATE
+    sums = cv2.boxFilter(whole, cv2.CV_64F, (box, box), normalize=False, borderType=border)
     means = np.floor((sums + box * box // 2) / (box * box))
     gx2, gy2 = (
         cv2.Sobel(means, cv2.CV_64F, *axis, ksize=1, borderType=cv2.BORDER_REFLECT_101) ** 2
@@ -402,8 +394,8 @@ def gradient_sums(gray16: NDArray[np.uint16], grid: Grid, box: int, threads: int
     digits = grid.cells(gx2 + gy2).reshape(grid.n_patches, -1).view(np.int64) >> 49
     place = -(-19 * digits.shape[1] // 20) - 1
     strong = (np.partition(digits, place, axis=1)[:, place] << 49).view(np.float64)
-    whole = (_patch_sums(squares.astype(np.int64), grid) for squares in (gx2, gy2))
-    return np.stack([*whole, strong.astype(np.int64)], axis=1)
+    totals = (_patch_sums(squares.astype(np.int64), grid) for squares in (gx2, gy2))
+    return np.stack([*totals, strong.astype(np.int64)], axis=1)
 
 
 def line_sums(gray: U8, grid: Grid, middle: int, samples: Sequence[int], threads: int = 1) -> I64:

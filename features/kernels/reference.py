@@ -6,6 +6,7 @@ them. They know no threads. What is taken and given stands with `dispatch.Kernel
 
 from collections.abc import Sequence
 from importlib.metadata import version
+from itertools import product
 from typing import Any
 
 import mahotas.features
@@ -158,15 +159,11 @@ def gradient_sums(gray16: NDArray[np.uint16], grid: Grid, box: int, threads: int
 def box_sums(frame: U8, rows: I64, columns: I64, threads: int = 1) -> I64:
     """`Kernels.box_sums`, box by box."""
     deep = frame.reshape(*frame.shape[:2], -1)
-    return np.array(
-        [
-            [
-                deep[top:bottom, left:right].sum(axis=(0, 1), dtype=np.int64)
-                for left, right in columns
-            ]
-            for top, bottom in rows
-        ]
-    )
+    sums = [
+        deep[top:bottom, left:right].sum(axis=(0, 1), dtype=np.int64)
+        for (top, bottom), (left, right) in product(rows, columns)
+    ]
+    return np.array(sums).reshape(len(rows), len(columns), -1)
 
 
 def line_sums(gray: U8, grid: Grid, middle: int, samples: Sequence[int], threads: int = 1) -> I64:
@@ -205,13 +202,9 @@ def row_marks(gray: U8, weights: U64, lag: int, largest: int) -> tuple[U64, U64]
 
 def sign_counts(signs: U64, others: U64) -> I64:
     """`Kernels.sign_counts`, word by word."""
-    return np.array(
-        [
-            [
-                sum(int(word).bit_count() for word in (signs & each).ravel())
-                for each in (other, other[::-1])
-            ]
-            for other in others
-        ],
-        np.int64,
-    )
+    counts = [
+        sum(int(word).bit_count() for word in (signs & each).ravel())
+        for other in others
+        for each in (other, other[::-1])
+    ]
+    return np.array(counts, np.int64).reshape(-1, 2)

@@ -16,9 +16,7 @@ cdef extern from "instructions.h" nogil:
 
 cdef extern from "lbp.h" nogil:
     ctypedef struct LbpPoints:
-        int points
-        int columns
-        int reach
+        int points, columns, reach
         const int *first
         const int *point
         const int *row_floor
@@ -30,14 +28,10 @@ cdef extern from "lbp.h" nogil:
     ctypedef struct LbpView:
         const uint8_t *pixels
         Py_ssize_t stride
-        int height
-        int width
+        int height, width
 
     ctypedef struct LbpBlock:
-        int row
-        int column
-        int height
-        int width
+        int row, column, height, width
 
     size_t lbp_scratch(const LbpPoints *points, int height, int width)
     void lbp_patch(const LbpView *view, const LbpPoints *points, const LbpBlock *patch,
@@ -56,8 +50,7 @@ cdef extern from "glcm.h" nogil:
     ctypedef struct GlcmPatch:
         const uint8_t *pixels
         Py_ssize_t stride
-        int height
-        int width
+        int height, width
 
     ctypedef struct GlcmSums:
         pass
@@ -76,8 +69,7 @@ cdef extern from "area.h" nogil:
     ctypedef struct AreaFrame:
         const uint8_t *pixels
         Py_ssize_t stride
-        int width
-        int channels
+        int width, channels
 
     size_t area_scratch(const AreaFrame *frame, int width)
     void area_gray_rows(const AreaFrame *frame, const AreaTable *rows, const AreaTable *columns,
@@ -100,17 +92,11 @@ cdef extern from "gray16.h" nogil:
 cdef extern from "quantization.h" nogil:
     ctypedef struct Gray16Picture:
         const uint16_t *pixels
-        int height
-        int width
+        int height, width
 
     ctypedef struct QuantizeSettings:
-        int smooth
-        int window
-        int ratio
-        double ratio_of
-        double min_around
-        double offset
-        double top
+        int smooth, window, ratio
+        double ratio_of, min_around, offset, top
 
     size_t quantize_scratch(const QuantizeSettings *settings, int width)
     void quantize_rows(const Gray16Picture *picture, const QuantizeSettings *settings,
@@ -121,11 +107,7 @@ cdef extern from "quantization.h" nogil:
 
 cdef extern from "marks.h" nogil:
     ctypedef struct MarksKinds:
-        int pieces
-        int words
-        int tiles
-        int lag
-        int largest
+        int pieces, words, tiles, lag, largest
         const uint64_t *weights
 
     void marks_row(const uint8_t *row, const MarksKinds *kinds, uint64_t *hashes,
@@ -136,11 +118,7 @@ cdef extern from "marks.h" nogil:
 cdef extern from "structure.h" nogil:
     ctypedef struct PatchedPicture:
         const uint8_t *pixels
-        int height
-        int width
-        int cols
-        int patch_height
-        int patch_width
+        int height, width, cols, patch_height, patch_width
 
     size_t structure_scratch(const PatchedPicture *picture)
     void structure_rows(const PatchedPicture *picture, int first, int last, int32_t *scratch,
@@ -150,10 +128,7 @@ cdef extern from "structure.h" nogil:
 cdef extern from "gradient.h" nogil:
     ctypedef struct GradientPatches:
         Gray16Picture picture
-        int cols
-        int patch_height
-        int patch_width
-        int box
+        int cols, patch_height, patch_width, box
 
     size_t gradient_scratch(const GradientPatches *patches)
     void gradient_rows(const GradientPatches *patches, int first, int last, double *scratch,
@@ -168,8 +143,7 @@ cdef extern from "boxes.h" nogil:
 
 cdef extern from "lines.h" nogil:
     ctypedef struct LineKinds:
-        int middle
-        int count
+        int middle, count
         const int32_t *samples
 
     size_t lines_scratch(const PatchedPicture *picture, const LineKinds *kinds)
@@ -179,9 +153,7 @@ cdef extern from "lines.h" nogil:
 
 cdef extern from "nearest.h" nogil:
     ctypedef struct NearestPoints:
-        int points
-        int reach
-        int across_patches
+        int points, reach, across_patches
         const int32_t *moves
 
     size_t nearest_scratch(const PatchedPicture *picture, const NearestPoints *points)
@@ -191,22 +163,13 @@ cdef extern from "nearest.h" nogil:
 
 cdef extern from "match.h" nogil:
     ctypedef struct MatchSettings:
-        int smallest
-        int count
-        int block
-        int zero
-        int texture
-        int uniqueness
+        int smallest, count, block, zero, texture, uniqueness
 
     ctypedef struct MatchViews:
         const uint8_t *left
         const uint8_t *right
         const uint8_t *wanted
-        int width
-        int top
-        int bottom
-        int first
-        int last
+        int width, top, bottom, first, last
 
     size_t match_scratch(const MatchSettings *settings, int width)
     void match_views(const MatchViews *views, const MatchSettings *settings, uint16_t *scratch,

@@ -162,10 +162,9 @@ def _stated(
     """What was said of the missions; some of it is of one alone."""
     from tokt.training.evaluation.approaches import AtSea, logged_distances
 
-    if frames and len(missions) > 1:
-        raise ToktError("--frames goes with one mission")
-    if log and len(missions) > 1:
-        raise ToktError("--log goes with one mission")
+    for name, given in (("--frames", frames), ("--log", log)):
+        if given and len(missions) > 1:
+            raise ToktError(f"{name} goes with one mission")
     rig = read_calibration_file(calibration) if calibration else None
     return AtSea(rate, stopping_m, rig, logged_distances(log) if log else {})
 

@@ -476,7 +476,10 @@ def _print_store(value: dict[str, Any]) -> None:
         print("active: not known" if value["warnings"] else "active: none")
     else:
         _print_active(value["active"], value["provenance"])
-    _print_signature(value["signature"])
+    signature = value["signature"]
+    if signature is not None:
+        checked = "checked" if signature["checked"] else "not checked: this store trusts no key"
+        print(f"  signed by key {signature['key_id']} ({checked})")
     if value["history"] and value["starts_with"] is None:
         print("a runtime that starts now has no model to run")
     elif value["starts_with"] is not None and value["starts_with"]["instead"]:
@@ -511,13 +514,6 @@ def _print_active(active: dict[str, Any], provenance: dict[str, Any] | None) -> 
         print(f"  {what}: {text}")
     if "obstacle_flags" in provenance:
         print(f"  obstacles set when it was shipped: {provenance['obstacle_flags']}")
-
-
-def _print_signature(signature: dict[str, Any] | None) -> None:
-    if signature is None:
-        return
-    checked = "checked" if signature["checked"] else "not checked: this store trusts no key"
-    print(f"  signed by key {signature['key_id']} ({checked})")
 
 
 def _print_keys(keys: dict[str, Any] | None) -> None:

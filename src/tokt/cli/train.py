@@ -28,6 +28,7 @@ from .output import answer, figure, print_patches, progress, say, scores
 from .output import print_line as print
 
 if TYPE_CHECKING:
+    from tokt.models.registry.registration import RegisteredVersion
     from tokt.training.fitting.choose_operating_point import FalseStatusTarget
     from tokt.training.fitting.train import Trained
 
@@ -204,9 +205,7 @@ def train(
     tested = STRESS if stress else ()
     trained = train_task(request, workspace / "cache", progress, jobs, dask, tested)
     version = log_and_register(trained, registry, key)
-    model = {"name": version.name, "version": version.version, "aliases": version.aliases}
-    value = {"model": model, "run_id": version.run_id, **_result(trained)}
-    answer(json, value, lambda: _print_training(version.label, trained))
+    answer(json, _result(version, trained), lambda: _print_training(version.label, trained))
 
 
 def adapt(
@@ -279,12 +278,7 @@ def adapt(
     page = log_adaptation(found, version, registry)
     if output:
         atomic.write_text(output, page)
-    result = {
-        "model": {"name": version.name, "version": version.version, "aliases": version.aliases},
-        "run_id": version.run_id,
-        **_result(trained),
-        "adaptation": found,
-    }
+    result = {**_result(version, trained), "adaptation": found}
     answer(json, result, lambda: _print_adaptation(version.label, trained, found))
 
 
@@ -327,9 +321,11 @@ def _number(text: str, option: str, example: str) -> int:
     return int(text)
 
 
-def _result(trained: Trained) -> dict[str, Any]:
+def _result(version: RegisteredVersion, trained: Trained) -> dict[str, Any]:
     request = trained.request
     return {
+        "model": {"name": version.name, "version": version.version, "aliases": version.aliases},
+        "run_id": version.run_id,
         "dataset": request.dataset.label,
         "dataset_hash": request.dataset.hash,
         "extractor": request.extractor.spec,

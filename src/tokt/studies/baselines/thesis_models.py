@@ -9,22 +9,8 @@ from sklearn.svm import LinearSVC
 
 from tokt.features.common.arrays import F64, I64, U8
 
-from .thesis_texture import (
-    GRID,
-    DescribePatch,
-    ThesisTextureResult,
-    describe_haralick,
-    describe_lbp_10_5,
-    describe_lbp_24_8,
-    judge,
-    resized_gray,
-)
+from .thesis_texture import DESCRIBE, GRID, DescribePatch, ThesisTextureResult, judge, resized_gray
 
-DESCRIBE: dict[str, DescribePatch] = {
-    "lbp_10_5": describe_lbp_10_5,
-    "lbp_24_8": describe_lbp_24_8,
-    "haralick": describe_haralick,
-}
 TITLES = {"lbp_10_5": "LBP (10, 5)", "lbp_24_8": "LBP (24, 8)", "haralick": "Haralick"}
 
 

@@ -68,6 +68,13 @@ def describe_haralick(patch: U8) -> F64:
     return mean
 
 
+DESCRIBE: dict[str, DescribePatch] = {
+    "lbp_10_5": describe_lbp_10_5,
+    "lbp_24_8": describe_lbp_24_8,
+    "haralick": describe_haralick,
+}
+
+
 def resized_gray(frame: U8) -> U8:
     """The frame at the grid's width, then gray."""
     height, width = GRID.resized(*frame.shape[:2])
@@ -86,16 +93,9 @@ class ThesisTextureResult:
 
 
 def judge(frame: U8, describe: DescribePatch, classifier: Any) -> ThesisTextureResult:
-    """Judge a frame patch by patch.
+    """Judge a decoded frame, (height, width) or (height, width, 3), patch by patch.
 
-    Parameters
-    ----------
-    frame : array of uint8, shape (height, width) or (height, width, 3)
-        As decoded.
-    describe : callable
-        Features of one patch.
-    classifier : sklearn.svm.LinearSVC
-        Predicts 1 for an obstacle.
+    The classifier, scikit-learn's LinearSVC, predicts 1 for an obstacle.
     """
     gray = resized_gray(frame)
     rows = (describe(gray[y0:y1, x0:x1]) for y0, y1, x0, x1 in GRID.boxes(*gray.shape))

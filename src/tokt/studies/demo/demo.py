@@ -86,13 +86,9 @@ def hold_back(
     Every third block of consecutive frames is held back; frames within the embargo of a
     held-back one are in neither part.
     """
+    is_obstacle = taxonomy.is_obstacle
     rows = [
-        (
-            r.mission,
-            r.frame,
-            block_of(r.mission, r.frame, block_frames),
-            taxonomy.is_obstacle(str(r.label)),
-        )
+        (r.mission, r.frame, block_of(r.mission, r.frame, block_frames), is_obstacle(str(r.label)))
         for r in records
         if r.label != UNSURE and r.camera == LEFT
     ]
@@ -144,13 +140,9 @@ def _prepare(
 
 
 def _build(run: DemoRun, workspace: Path, progress: Progress) -> None:
+    mine, frames = [LabelledMission(run.mission, run.records)], run.train_frames
     plan, _ = plan_from_missions(
-        "demo",
-        "binary",
-        [LabelledMission(run.mission, run.records)],
-        run.taxonomy,
-        frames=run.train_frames,
-        block_frames=run.block_frames,
+        "demo", "binary", mine, run.taxonomy, frames=frames, block_frames=run.block_frames
     )
     run.dataset = build_dataset(plan, workspace / "datasets", progress)
 
@@ -229,12 +221,8 @@ def run_demo(
     """Run the whole chain, and write workspace, store, log and ``report.html`` into `out`.
 
     Of a real mission with its label file, or of one that is rendered, of `frames` stereo pairs
-    `width` pixels wide. Returns the figures of the report.
-
-    Raises
-    ------
-    ToktError
-        If the mission or its labels cannot be used.
+    `width` pixels wide. Returns the figures of the report. Raises ToktError if the mission or its
+    labels cannot be used.
     """
     place = None
     if mission is not None and labels is not None:

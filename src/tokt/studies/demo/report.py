@@ -158,16 +158,15 @@ def _rows(run: DemoRun) -> list[dict[str, Any]]:
 def write_report(path: Path, run: DemoRun, bundle_file: Path) -> None:
     """Write the report of a demo that has gone through all its stages, its champion exported."""
     labels = _labels_by_frame(run)
-    champion, trained = run.bundles[run.champion], run.trained[run.champion]
+    champion = run.bundles[run.champion]
     latency = [entry["latency_ms"] for entry in run.log]
     html = report_page(
         __package__,
         {"first": _first_words},
         run=run,
         champion=champion,
-        provenance=champion.content.provenance,
         point=champion.operating_point,
-        cross_validated=trained.metrics,
+        cross_validated=run.trained[run.champion].metrics,
         bundle_file=bundle_file.name,
         rows=_rows(run),
         pictures=_pictures(run, labels),

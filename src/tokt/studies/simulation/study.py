@@ -97,10 +97,7 @@ class Studied:
 def fly_study(study: Study, progress: Progress, say: Say) -> Studied:
     """Fly all runs and write ``model.tokt``, ``results.json`` and what `write_report` writes.
 
-    Raises
-    ------
-    ToktError
-        If something asked for does not exist, or the folder is there already.
+    Raises ToktError if something asked for does not exist, or the folder is there already.
     """
     _check(study)
     with atomic.new_folder(study.out) as folder:

@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 from typing import Any, Generic, TypeVar
 
 import cv2
@@ -215,10 +216,8 @@ class WholeFrame(Case[Picture]):
             return False
         theirs = judge(picture.frame, self._texture.describe_patch, self._models.classifier)
         labels = model.obstacle_patches(judgement.decision_values)
-        ours, verdict = judgement.verdict, theirs.verdict
-        same = (ours.status, ours.x, ours.y, ours.box) == (
-            *(verdict.status, verdict.x, verdict.y, verdict.box),
-        )
+        said = attrgetter("status", "x", "y", "box")
+        same = said(judgement.verdict) == said(theirs.verdict)
         different = int((labels != theirs.obstacle).sum())
         self.checked += 1
         self.wrong += not same or different > 0

@@ -15,12 +15,9 @@ import time
 def launch(command: list[str]) -> dict[str, object]:
     """Run a command to its end.
 
-    Returns
-    -------
-    dict
-        ``started``: `time.monotonic` before the start; ``code``: its exit code; ``peak_mb``: peak
-        resident memory in MB (10**6 bytes), None where the system does not tell; ``error``: the
-        last line it wrote on standard error.
+    Gives ``started``: `time.monotonic` before the start; ``code``: its exit code; ``peak_mb``: peak
+    resident memory in MB (10**6 bytes), None where the system does not tell; ``error``: the last
+    line it wrote on standard error.
     """
     started = time.monotonic()
     child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)

@@ -21,14 +21,7 @@ from tokt.labels.merge import merge_annotators
 from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
-from tokt.studies.baselines.thesis_texture import (
-    GRID,
-    DescribePatch,
-    describe_haralick,
-    describe_lbp_10_5,
-    describe_lbp_24_8,
-    resized_gray,
-)
+from tokt.studies.baselines.thesis_texture import DESCRIBE, GRID, DescribePatch, resized_gray
 from tokt.training.fitting.classifier import fit_classifier, linear_model
 from tokt.training.fitting.presets import Hyperparameters, settings_named
 from tokt.training.fitting.train import rendered_other_image
@@ -79,9 +72,9 @@ class ThesisFeatureSet:
 _ALL_LBP_10_5 = partial(all_lbp, points=10, radius=5)
 _ALL_LBP_24_8 = partial(all_lbp, points=24, radius=8)
 FEATURE_SETS = (
-    ThesisFeatureSet("lbp_10_5", Lbp(10, 5, "patch"), describe_lbp_10_5, _ALL_LBP_10_5),
-    ThesisFeatureSet("lbp_24_8", Lbp(24, 8, "patch"), describe_lbp_24_8, _ALL_LBP_24_8),
-    ThesisFeatureSet("haralick", Haralick(ignore_zeros=True), describe_haralick, all_haralick),
+    ThesisFeatureSet("lbp_10_5", Lbp(10, 5, "patch"), DESCRIBE["lbp_10_5"], _ALL_LBP_10_5),
+    ThesisFeatureSet("lbp_24_8", Lbp(24, 8, "patch"), DESCRIBE["lbp_24_8"], _ALL_LBP_24_8),
+    ThesisFeatureSet("haralick", Haralick(ignore_zeros=True), DESCRIBE["haralick"], all_haralick),
 )
 
 
@@ -99,10 +92,7 @@ def examples_from_labels(
 ) -> TrainingExamples:
     """Every fifth labelled frame.
 
-    Raises
-    ------
-    ToktError
-        If these do not show both obstacles and clear water.
+    Raises ToktError if these do not show both obstacles and clear water.
     """
     sure = [
         record
@@ -152,12 +142,8 @@ def fit_extractor_pair(
     """Fit a classifier and give both sides its weights.
 
     A scaler is folded in for both, so that the baseline, too, is one predict call a patch and
-    nothing more.
-
-    Parameters
-    ----------
-    golden_frame : array of uint8
-        The frame that the bundle proves itself with; its size is the size the bundle accepts.
+    nothing more. The golden frame is what the bundle proves itself with; its size is the size the
+    bundle accepts.
     """
     settings = settings_named(examples.settings)
     penalty = settings.penalties[0] if settings.two_images else _PENALTY

@@ -265,19 +265,14 @@ def measure_start(
     pairs = [
         (first_verdict(baseline, folder), first_verdict(ours, folder)) for _ in range(rounds + 1)
     ][1:]
-    times = {
-        BASELINE: np.array([theirs.seconds for theirs, _ in pairs]),
-        OURS: np.array([mine.seconds for _, mine in pairs]),
-    }
-    memory = {
-        "baseline_mb": _median_mb([theirs for theirs, _ in pairs]),
-        "ours_mb": _median_mb([mine for _, mine in pairs]),
-    }
+    starts = dict(zip((BASELINE, OURS), zip(*pairs, strict=True), strict=True))
+    times = {way: np.array([one.seconds for one in each]) for way, each in starts.items()}
+    memory = {f"{way}_mb": _median_mb(each) for way, each in starts.items()}
     said = {start.said for pair in pairs for start in pair}
     extras = {"of": "process start to first verdict, LBP (10,5)", **memory}
     return result("start", times, len(said) == 1, extras)
 
 
-def _median_mb(starts: list[ProcessStart]) -> float | None:
+def _median_mb(starts: Sequence[ProcessStart]) -> float | None:
     peaks = [start.peak_mb for start in starts if start.peak_mb is not None]
     return float(np.median(peaks)) if peaks else None

@@ -88,14 +88,8 @@ def _draw(axes: Any, results: Sequence[Result], left: float, right: float) -> No
             # The figure would lie on the marker.
             if abs(np.log(floor / end) / np.log(right / left)) < _FIGURE_WIDTH:
                 end = max(end, floor)
-        axes.annotate(
-            f"{case.ratio:.3g}x",
-            (end, place),
-            (8, 0),
-            textcoords="offset points",
-            va="center",
-            fontweight="bold",
-        )
+        beside: Any = {"textcoords": "offset points", "va": "center", "fontweight": "bold"}
+        axes.annotate(f"{case.ratio:.3g}x", (end, place), (8, 0), **beside)
 
 
 def _dress(axes: Any, results: Sequence[Result], left: float, right: float) -> None:

@@ -220,12 +220,8 @@ def run_bench(
     A mission that is None is rendered for it and thrown away. Without a label file, and a
     ``labels.csv`` in the mission's folder, the models learn from two images as in the thesis;
     without a calibration, and a ``calibration.yml`` there, the stereo cases are left out, and the
-    result says so.
-
-    Raises
-    ------
-    ToktError
-        If the mission or its labels cannot be used, or a process that is measured fails.
+    result says so. Raises ToktError if the mission or its labels cannot be used, or a process that
+    is measured fails.
     """
     if labels is not None and mission is None:
         raise ToktError("--labels goes together with --mission")

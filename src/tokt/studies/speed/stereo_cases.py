@@ -49,11 +49,6 @@ class Pair:
         """The pair as a source delivers it."""
         return Frame(self.number, float(self.number), self.left, self.right)
 
-    @property
-    def sizes(self) -> set[tuple[int, int]]:
-        """Width and height of both; one element where they are alike."""
-        return {(image.shape[1], image.shape[0]) for image in (self.left, self.right)}
-
 
 def pair_numbers(mission: Mission) -> list[int]:
     """Frames that both cameras have, in order."""
@@ -225,7 +220,8 @@ def stereo_input(mission: Mission, calibration: StereoCalibration | None) -> Ste
     first = next(read_pairs(mission, pair_numbers(mission)), None)
     if first is None:
         return _left_out("no pair of it can be read")
-    if first.sizes != {THESIS_FRAME_SIZE} or calibration.frame_size != THESIS_FRAME_SIZE:
+    sizes = {image.shape[1::-1] for image in (first.left, first.right)}
+    if sizes != {THESIS_FRAME_SIZE} or calibration.frame_size != THESIS_FRAME_SIZE:
         size = "x".join(map(str, THESIS_FRAME_SIZE))
         return _left_out(f"the thesis's pipeline is for frames of {size}")
     return StereoInput(calibration, words)
@@ -281,7 +277,6 @@ def by_kind(times: Times, obstacle: Bools) -> dict[str, Any]:
         if chosen.any():
             part = {way: times[way].reshape(-1, len(chosen))[:, chosen] for way in (BASELINE, OURS)}
             medians = result("", part, True, {})
-            baseline_ms, ours_ms = medians.baseline_ms, medians.ours_ms
-            figures = {"baseline_ms": baseline_ms, "ours_ms": ours_ms, "ratio": medians.ratio}
+            figures = {key: getattr(medians, key) for key in ("baseline_ms", "ours_ms", "ratio")}
             found[name] = {"pairs": int(chosen.sum()), **figures}
     return found

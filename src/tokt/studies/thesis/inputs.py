@@ -16,8 +16,8 @@ from tokt.inference.stereo.calibration import StereoCalibration, check_calibrati
 from tokt.labels.merge import merge_annotators
 from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
-from tokt.studies.baselines.thesis_models import DESCRIBE, ThesisModel, TrainingImage, thesis_model
-from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.baselines.thesis_models import ThesisModel, TrainingImage, thesis_model
+from tokt.studies.baselines.thesis_texture import DESCRIBE, GRID
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.train import rendered_other_image
 from tokt.training.rig.calibrate.frame_selection import MIN_SHARE, evenly_spaced, texture
@@ -36,36 +36,19 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class ReproduceRequest:
-    """The options of ``tokt reproduce``.
-
-    Parameters
-    ----------
-    mission, out : Path
-    ocean, other : Path or None
-        The thesis's two training images; by default an early frame of the mission, and a
-        rendered texture.
-    dark, dark_mask : Path or None
-        A badly lit image and a person's mask of what is in it (white: obstacle); by default a
-        rendered pair.
-    calibration, labels, model : Path or None
-        A calibration of the cameras, a label file of the mission, a bundle.
-    sample : int
-        Frames, spread over the mission, for what is too slow for all of them (SLIC).
-    jobs : int
-        Processes; -1 for one a core. No figure but a time depends on it.
-    """
+    """The options of ``tokt reproduce``."""
 
     mission: Path
     out: Path
-    ocean: Path | None = None
-    other: Path | None = None
-    dark: Path | None = None
-    dark_mask: Path | None = None
-    calibration: Path | None = None
-    labels: Path | None = None
-    model: Path | None = None
-    sample: int = 12
-    jobs: int = -1
+    ocean: Path | None = None  # the thesis's training image; by default an early frame
+    other: Path | None = None  # the one of anything else; by default a rendered texture
+    dark: Path | None = None  # a badly lit image; by default a rendered pair
+    dark_mask: Path | None = None  # a person's mask of what is in it (white: obstacle)
+    calibration: Path | None = None  # of the cameras
+    labels: Path | None = None  # a label file of the mission
+    model: Path | None = None  # a bundle
+    sample: int = 12  # frames, spread over the mission, for what is too slow for all (SLIC)
+    jobs: int = -1  # processes; -1 for one a core. No figure but a time depends on it.
 
 
 class StudyInputs:

@@ -108,19 +108,10 @@ def template_text() -> str:
 
 
 def thesis_page(results: dict[str, Any], template: str | None = None) -> str:
-    """The page, in Markdown.
+    """The page, in Markdown, of results as ``tokt reproduce`` writes them into results.json.
 
-    Parameters
-    ----------
-    results : dict
-        As ``tokt reproduce`` writes them into results.json.
-    template : str, optional
-        By default the one that comes with tokt.
-
-    Raises
-    ------
-    ToktError
-        If the template asks for what the results do not hold.
+    The template is by default the one that comes with tokt. Raises ToktError if it asks for what
+    the results do not hold.
     """
     text = template_text() if template is None else template
     environment = jinja2.Environment(

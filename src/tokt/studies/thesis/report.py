@@ -23,11 +23,6 @@ SHOWN_ROWS = 60
 _CLASSES = dict(zip(map(str, ClaimAgreement), ("good", "partly", "bad", "open"), strict=True))
 
 
-def table_csv(table: Table) -> str:
-    """A table as CSV text, floats short."""
-    return str(table.frame.to_csv(index=False, lineterminator="\n", float_format="%.6g"))
-
-
 def exhibit_json(exhibit: Exhibit) -> dict[str, Any]:
     """An exhibit as results.json has it."""
     return {

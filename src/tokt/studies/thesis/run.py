@@ -26,7 +26,7 @@ from .exhibits.training_image_figures import training_images
 from .exhibits.trend_figure import trend_exhibit
 from .inputs import Progress, ReproduceRequest, Say
 from .page import write_thesis_page
-from .report import FORMAT, exhibit_json, report_html, table_csv
+from .report import FORMAT, exhibit_json, report_html
 
 REPORT, RESULTS, PAGE = "report.html", "results.json", "thesis.md"
 
@@ -104,13 +104,9 @@ def run_reproduce(
     Writes ``KEY/*.csv`` and ``KEY/*.png`` of each exhibit, ``report.html``, which needs no other
     file, then ``results.json``, and of all `EXHIBITS` ``thesis.md``, the page that docs/thesis.md
     is. Files of these names are replaced, each as a whole. `say` takes a line for people, and
-    ``progress(items, total, what)`` passes items on.
-
-    Raises
-    ------
-    ToktError
-        If the mission or a file of the request cannot be used, or nothing can be written. An
-        exhibit that cannot be made says why, and the others are made.
+    ``progress(items, total, what)`` passes items on. Raises ToktError if the mission or a file of
+    the request cannot be used, or nothing can be written. An exhibit that cannot be made says why,
+    and the others are made.
     """
     began = time.monotonic()
     _check_folder(request.out)
@@ -210,6 +206,7 @@ def about(context: StudyContext) -> list[str]:
 def _write(exhibit: Exhibit, out: Path) -> None:
     folder = out / exhibit.key
     for table in exhibit.tables:
-        atomic.write_text(folder / f"{table.name}.csv", table_csv(table))
+        text = table.frame.to_csv(index=False, lineterminator="\n", float_format="%.6g")
+        atomic.write_text(folder / f"{table.name}.csv", text)
     for plot in exhibit.plots:
         atomic.write_bytes(folder / f"{plot.name}.png", plot.png)

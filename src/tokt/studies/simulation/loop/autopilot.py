@@ -70,15 +70,10 @@ class Autopilot:
         east, down, north = (target.position - state.position).tolist()
         sine, cosine = math.sin(state.heading_rad), math.cos(state.heading_rad)
         surge, sway = north * cosine + east * sine, east * cosine - north * sine
+        speed, whole = target.speed_m_s, _POSITION * math.hypot(surge, sway, down)
+        aside = (_POSITION * error / _MAX_SWAY_M_S for error in (-surge, abs(sway), abs(down)))
         # One factor for all: the way stays straight.
-        over = max(
-            _POSITION * math.hypot(surge, sway, down) / target.speed_m_s
-            if target.speed_m_s > 0
-            else math.inf,
-            *(_POSITION * error / _MAX_SWAY_M_S for error in (-surge, abs(sway), abs(down))),
-            1.0,
-        )
-        gain = _POSITION / over
+        gain = _POSITION / max(whole / speed if speed > 0 else math.inf, *aside, 1.0)
         return gain * surge, gain * sway, gain * down
 
     def _force(self, axis: int, wanted: float, have: float) -> float:

@@ -43,13 +43,6 @@ HALF_VIEW = bearing(MASK_WIDTH / 2)
 """Radians from the middle of the frame to its edge."""
 
 
-def _ranges(distance_m: float | None) -> tuple[float, float]:
-    """The least and the greatest distance an obstacle may have."""
-    if distance_m is None:
-        return NEAR_M, FAR_M
-    return distance_m * (1 - DISTANCE_ERROR), distance_m * (1 + DISTANCE_ERROR)
-
-
 class ObstacleSighting(NamedTuple):
     """An obstacle as one verdict shows it, in metres of the manoeuvre's frame."""
 
@@ -94,7 +87,9 @@ class Manoeuvre:
         """Remember what a verdict of status 1 says, from where the vehicle is."""
         own = self.place(nav.position)
         turned = turn(nav.heading_rad - self.look)
-        ranges = _ranges(datagram.get("distance_m"))
+        ranges, distance_m = (NEAR_M, FAR_M), datagram.get("distance_m")
+        if distance_m is not None:
+            ranges = distance_m * (1 - DISTANCE_ERROR), distance_m * (1 + DISTANCE_ERROR)
         centre = turned + bearing(-(datagram["x"] or 0))
         places = tuple(self._spot(own, turned, centre, far) for far in ranges)
         half = WIDE_HALF_M if wide else HALF_M

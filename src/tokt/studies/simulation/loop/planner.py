@@ -69,19 +69,12 @@ class Planner:
     """One transit to one goal, a world place (3,) in metres.
 
     A `deaf` one ignores every datagram, and silence: the control that avoids nothing.
-
-    Attributes
-    ----------
-    reached : bool
-        Whether the vehicle was at the goal at the last `target`.
-    avoidances : list of float
-        When each manoeuvre began, s.
     """
 
     def __init__(self, goal: F64, deaf: bool = False) -> None:
         self.goal = np.asarray(goal, np.float64)
-        self.reached = False
-        self.avoidances: list[float] = []
+        self.reached = False  # whether the vehicle was at the goal at the last `target`
+        self.avoidances: list[float] = []  # when each manoeuvre began, s
         self._deaf = deaf
         self._heard_s: float | None = None
         self._known = False
@@ -165,14 +158,9 @@ class Planner:
         # By expansion alone, in frames with few patches: only where it is sure.
         sure = (datagram.get("trend_confidence") or 0.0) >= SURE_TREND
         expansion_s = datagram.get("expansion_contact_s") if sure else None
-        return any(
-            value is not None and value < least
-            for value, least in (
-                (distance_m, BACK_OFF_DISTANCE_M),
-                (datagram.get("contact_s"), BACK_OFF_CONTACT_S),
-                (expansion_s, BACK_OFF_CONTACT_S),
-            )
-        )
+        contacts = (datagram.get("contact_s"), expansion_s)
+        near = distance_m is not None and distance_m < BACK_OFF_DISTANCE_M
+        return near or any(one is not None and one < BACK_OFF_CONTACT_S for one in contacts)
 
     def _passed(self, manoeuvre: Manoeuvre, nav: State) -> bool:
         """Whether all that is remembered is behind, or the goal is beside."""

@@ -68,10 +68,6 @@ def _offset(rng: Rng) -> float:
     return float(rng.uniform(-OFFSET_M, OFFSET_M))
 
 
-def _empty(rng: Rng, scene: LoopScene) -> LoopScene:
-    return scene
-
-
 def _tower(rng: Rng, scene: LoopScene) -> LoopScene:
     return _with(scene, things=(one_tower(rng, (_offset(rng), 0.0, 0.0)),))
 
@@ -124,7 +120,7 @@ KINDS = {
     "trap": SceneKind("a dead end (thesis, figure 6.2)", _trap),
     "current": SceneKind("one tower in a current", _current),
     "blind": SceneKind("one tower, no pictures for 6 s", _blind),
-    "empty": SceneKind("empty water with marine snow", _empty),
+    "empty": SceneKind("empty water with marine snow", lambda rng, scene: scene),
     "snow": SceneKind(f"empty water, {THICK_SNOW} times the snow", _snow),
     "fish": SceneKind("a school of fish, nothing to hit", _fish),
     "dust": SceneKind("a cloud of sediment, nothing to hit", _dust),

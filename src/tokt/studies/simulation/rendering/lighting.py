@@ -60,10 +60,8 @@ def expose(
 ) -> Exposure:
     """Image formation of one camera.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Of the water at this moment: give both cameras the same, so that they see the same snow.
+    `rng` is of the water at this moment: give both cameras the same, so that they see the same
+    snow.
     """
     shape = illumination(rig, response)
     drift = rng.uniform(0.97, 1.03)

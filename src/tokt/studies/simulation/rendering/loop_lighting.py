@@ -15,19 +15,7 @@ from tokt.studies.simulation.scene.rig import Camera, SyntheticRig
 from tokt.studies.simulation.scene.surfaces import STALK_MATERIAL, Materials
 from tokt.studies.simulation.scene.water import Water
 
-from .lighting import (
-    BRIGHTEST,
-    DIM,
-    FACING,
-    LAMP_AT_M,
-    LAMP_BEAM_RAD,
-    LAMP_TOWARDS,
-    NO_SIDE,
-    SNOW_TINT,
-    illumination,
-    scattered,
-    vignette,
-)
+from . import lighting
 from .raycast import Hits
 
 _COARSE_PX = 8
@@ -52,8 +40,8 @@ class ViewMaps:
         rays = rig.cameras(np.eye(3), np.zeros(3))[side].rays(np.arange(rig.width * rig.height))
         across = (np.arange(rig.width) + 0.5) / rig.width
         down = (np.arange(rig.height) + 0.5) / rig.width
-        lens = response.gain * vignette(across[None, :], down[:, None], rig)
-        shape = illumination(rig, response)[..., None]
+        lens = response.gain * lighting.vignette(across[None, :], down[:, None], rig)
+        shape = lighting.illumination(rig, response)[..., None]
         size = (rig.height, 3 * rig.width)
 
         def single(values: Any) -> F32:
@@ -65,8 +53,8 @@ class ViewMaps:
         self.scale = rig.scale  # pixels for one pixel of the mission camera
         self.rays = single(rays)  # (3, pixels), of length one along the optical axis
         self.length = single(np.linalg.norm(rays, axis=0))
-        self.lamp = turn @ LAMP_AT_M + shift
-        self.lamp_axis = turn @ LAMP_TOWARDS / np.linalg.norm(LAMP_TOWARDS)
+        self.lamp = turn @ lighting.LAMP_AT_M + shift
+        self.lamp_axis = turn @ lighting.LAMP_TOWARDS / np.linalg.norm(lighting.LAMP_TOWARDS)
         # Each ray times the lamp's place, and times the unit vector that it shines along.
         self.lamp_along = single(self.lamp @ rays)
         self.lamp_beam = single(self.lamp_axis @ rays)
@@ -75,7 +63,7 @@ class ViewMaps:
         # for each of its brightness.
         self.open_water = over(shape * np.array(water.veil))
         self.floor = over(np.ones_like(shape) * np.array(water.veil_floor))
-        self.snow_gain = over(shape * np.array(SNOW_TINT))
+        self.snow_gain = over(shape * np.array(lighting.SNOW_TINT))
 
 
 def surface_light(
@@ -93,15 +81,15 @@ def surface_light(
     lamp_squared += np.float32(maps.lamp @ maps.lamp)
     lamp_distance = np.sqrt(lamp_squared)
     on_axis = t * maps.lamp_beam.take(pixels) - np.float32(maps.lamp @ maps.lamp_axis)
-    off_axis = np.arccos((on_axis / lamp_distance).clip(-1, 1)) / np.float32(LAMP_BEAM_RAD)
+    off_axis = np.arccos((on_axis / lamp_distance).clip(-1, 1)) / np.float32(lighting.LAMP_BEAM_RAD)
     lit = hits.facing.take(pixels) / lamp_distance
-    lit = np.float32(DIM) + np.float32(FACING) * np.maximum(lit, 0)
+    lit = np.float32(lighting.DIM) + np.float32(lighting.FACING) * np.maximum(lit, 0)
     material_number, along = hits.material_number.take(pixels), hits.along.take(pixels)
     pixel_m = t / np.float32(hits.camera.matrix[0, 0])
     bright, rust = materials.look_up(material_number, hits.across.take(pixels), along, pixel_m)
     shade = np.float32(0.35) + np.float32(1.1) * bright
     stalks = np.flatnonzero(material_number == STALK_MATERIAL)
-    lit[stalks], shade[stalks], rust[stalks] = NO_SIDE, along[stalks], 0
+    lit[stalks], shade[stalks], rust[stalks] = lighting.NO_SIDE, along[stalks], 0
     lit *= np.exp(np.float32(-0.5) * off_axis * off_axis) / lamp_squared
     lit *= maps.lens.take(pixels) * shade
     hidden = np.exp(np.float32(-water.veil_growth) * distance)
@@ -115,11 +103,11 @@ def surface_light(
         light *= lit
         light *= np.float32(water.lamp[colour])
         light -= open_water.take(3 * pixels + colour) * hidden
-        plane.ravel()[pixels] = np.minimum(light, np.float32(BRIGHTEST))
+        plane.ravel()[pixels] = np.minimum(light, np.float32(lighting.BRIGHTEST))
     change = np.asarray(cv2.merge(list(planes)), np.float32)
     spread = (water.blur_px + water.blur_px_per_m * float(distance.min())) * maps.scale
     columns = np.flatnonzero(np.isfinite(hits.depth.reshape(height, -1)).any(axis=0))
-    return scattered(change, pixels[[0, -1]] // width, columns, spread, water.glow)
+    return lighting.scattered(change, pixels[[0, -1]] // width, columns, spread, water.glow)
 
 
 def add_dust(
@@ -196,7 +184,7 @@ def _shine(water: Water, maps: ViewMaps, rays: F64, distance: F32, share: F32) -
     lamp_squared = np.maximum(lamp_squared + maps.lamp @ maps.lamp, _NEAREST_M**2)
     lamp_distance = np.sqrt(lamp_squared)
     on_axis = distance * (rays @ maps.lamp_axis) - maps.lamp @ maps.lamp_axis
-    off_axis = np.arccos((on_axis / lamp_distance).clip(-1, 1)) / LAMP_BEAM_RAD
+    off_axis = np.arccos((on_axis / lamp_distance).clip(-1, 1)) / lighting.LAMP_BEAM_RAD
     lit = share * _ALBEDO * np.exp(-0.5 * np.square(off_axis)) / lamp_squared
     path = distance + lamp_distance
     return [

@@ -19,17 +19,10 @@ MIN_CONTRAST = 0.8
 
 
 def coverage(mask: Bools, grid: Grid) -> F64:
-    """Share of each patch that the tower covers.
+    """Share of each patch that the tower covers: float64, (patches,), 0..1.
 
-    Parameters
-    ----------
-    mask : (height, width) bool
-        Tower pixels of a frame as the camera gave it; it is resized as the frame would be.
-
-    Returns
-    -------
-    numpy.ndarray
-        float64, (patches,), 0..1; exactly 0 where no tower pixel reaches the patch.
+    It is exactly 0 where no tower pixel reaches the patch. The mask (height, width) is true on the
+    tower in a frame as the camera gave it, and is resized as the frame would be.
     """
     covered = _resized(mask.astype(np.float32), grid)
     return np.asarray(grid.cells(covered).mean(axis=(1, 2), dtype=np.float64))

@@ -109,27 +109,14 @@ def simulate_mission(
 
     Writes ``Left/sim_L_N.jpg``, ``Right/sim_R_N.jpg``, ``masks/L_N.png`` (255 on the tower),
     ``depth/L_N.png`` (16 bit, mm along the optical axis, 0 is open water), ``labels.csv``,
-    ``calibration.yml`` and ``scene.json``. The folder appears when all of it is written.
+    ``calibration.yml`` and ``scene.json``. The folder `out` appears when all of it is written; its
+    name becomes the mission's name.
 
-    Parameters
-    ----------
-    out : Path
-        Folder to make; its name becomes the mission's name.
-    seed : int
-        The same seed gives the same bytes, whatever `jobs`.
-    n_frames : int
-        Stereo pairs; from 40 on every part of the dive has frames.
-    width : int
-        Frame width in pixels; the height and the cameras follow the mission's proportions.
-    jobs : int, optional
-        Threads; all cores by default.
-    progress : callable, optional
-        ``progress(frames, total, what)`` passes the frames on as they are done.
-
-    Raises
-    ------
-    ToktError
-        If `out` is there and not an empty folder, or a number is out of range.
+    The same seed gives the same bytes, whatever the `jobs`: threads, all cores by default. Of
+    `n_frames` stereo pairs, from 40 on, every part of the dive has frames. They are `width` pixels
+    wide; the height and the cameras follow the mission's proportions. ``progress(frames, total,
+    what)`` passes the frames on as they are done. Raises ToktError if `out` is there and not an
+    empty folder, or a number is out of range.
     """
     out = Path(out)
     _check(out, seed, n_frames, width, jobs)

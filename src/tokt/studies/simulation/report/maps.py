@@ -233,16 +233,10 @@ def _draw_nearest(axes: Axes, track: Track) -> None:
     color = _RED if clearance < HULL_RADIUS_M else "black"
     place = tuple(track.position[track.nearest][_EAST_NORTH])
     axes.add_patch(Circle(place, HULL_RADIUS_M, fill=False, ec=color, lw=1.2, zorder=6))
-    axes.annotate(
-        f"clearance {clearance - HULL_RADIUS_M:.2f} m",
-        place,
-        xytext=(10, 14),
-        textcoords="offset points",
-        fontsize=8,
-        color=color,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1},
-        zorder=7,
-    )
+    words = f"clearance {clearance - HULL_RADIUS_M:.2f} m"
+    paper = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1}
+    style: Any = {"fontsize": 8, "color": color, "bbox": paper, "zorder": 7}
+    axes.annotate(words, place, (10, 14), textcoords="offset points", **style)
 
 
 def _legend(track: Track) -> list[Line2D]:

@@ -94,13 +94,10 @@ def bounds(happened: int, runs: int) -> tuple[float, float]:
 def table(outcomes: Sequence[FlightOutcome]) -> pd.DataFrame:
     """A row for each scene and method, in the order in which they first occur.
 
-    Returns
-    -------
-    pandas.DataFrame
-        scene, method, runs; collided, reached, false_avoidance (runs in which it happened, each
-        with ``_low`` and ``_high``, the bounds of its rate at 95 % confidence); clearance_min_m,
-        clearance_median_m (NaN where nothing is solid); detour_median, detour_most and
-        time_median_s (of the runs that arrived, NaN without any); false_status_frames, frames.
+    Columns: scene, method, runs; collided, reached, false_avoidance (runs in which it happened,
+    each with ``_low`` and ``_high``, the bounds of its rate at 95 % confidence); clearance_min_m,
+    clearance_median_m (NaN where nothing is solid); detour_median, detour_most and time_median_s
+    (of the runs that arrived, NaN without any); false_status_frames, frames.
     """
     frame = pd.DataFrame([asdict(outcome) for outcome in outcomes])
     frame["false_avoidance"] = frame["false_avoidances"] > 0

@@ -70,30 +70,20 @@ class Plot:
 class Exhibit:
     """One table or figure of the thesis, or several that belong together.
 
-    Parameters
-    ----------
-    words : tuple of str
-        Paragraphs: what was done, and how figures were split.
-    claims, tables, plots : tuple
-    numbers : dict
-        What other pages quote, by name: finite floats, ints, strings and booleans. What is None
-        is not written: a page that quotes it asks first if it is there.
-    key, title, section : str
-        Name of its folder and its anchor, such as ``table-5.1-to-5.4``; what it is called, and
-        where the thesis has it. Given by the run, like the next.
-    missing : str
-        Why there is nothing to show, where there is not: what it needs that this mission lacks.
+    Numbers are what other pages quote, by name: finite floats, ints, strings and booleans. What is
+    None is not written: a page that quotes it asks first if it is there. What follows them is given
+    by the run.
     """
 
-    words: tuple[str, ...] = ()
+    words: tuple[str, ...] = ()  # paragraphs: what was done, and how figures were split
     claims: tuple[Claim, ...] = ()
     tables: tuple[Table, ...] = ()
     plots: tuple[Plot, ...] = ()
     numbers: dict[str, Any] = field(default_factory=dict)
-    key: str = ""
+    key: str = ""  # name of its folder and its anchor, such as ``table-5.1-to-5.4``
     title: str = ""
-    section: str = ""
-    missing: str = ""
+    section: str = ""  # where the thesis has it
+    missing: str = ""  # why there is nothing to show: what it needs that this mission lacks
 
 
 class StudyContext(StudyInputs):

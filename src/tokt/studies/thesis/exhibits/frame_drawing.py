@@ -125,11 +125,5 @@ def explain_dots(axes: Any, labelled: bool, ncols: int = 2) -> None:
             Rectangle((0, 0), 1, 1, fill=False, ec=LABEL_COLOR, label="labelled obstacle"),
             Rectangle((0, 0), 1, 1, fill=False, ec="#909090", ls=":", label="unsure, not scored"),
         ]
-    axes.legend(
-        handles=handles,
-        loc="upper center",
-        bbox_to_anchor=(0.5, -0.01),
-        ncols=ncols,
-        fontsize=8,
-        frameon=False,
-    )
+    below: Any = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.01)}
+    axes.legend(handles=handles, ncols=ncols, fontsize=8, frameon=False, **below)

@@ -439,14 +439,9 @@ def _tables(found: Found, summary: pd.DataFrame, n_frames: int) -> list[Table]:
         by_stage,
     )
     own = [
-        Table(
-            name,
-            f"{found[key].method.title}: profile of one frame, ms.",
-            _profile(found[key]),
-            title,
-        )
+        Table(name, f"{one.method.title}: profile of one frame, ms.", _profile(one), title)
         for key, (name, title) in _TABLES.items()
-        if key in found
+        if (one := found.get(key))
     ]
     return [*own, compared, stages]
 

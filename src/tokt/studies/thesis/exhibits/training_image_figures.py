@@ -381,11 +381,9 @@ def kind_legend(figure: Figure) -> None:
 
 def _promise_plot(table: pd.DataFrame, n_tested: int) -> Plot:
     """What a model trained on an image finds, against what the image could be chosen by."""
-    figure = Figure(figsize=(10.5, 3.7), layout="constrained")
+    figure, panels = new_figure(10.5, 3.7, 1, 3, sharey=True)
     f1 = table[f"{_KEY} {F1}"]
-    for axes, (name, words) in zip(
-        figure.subplots(1, 3, sharey=True), _CRITERIA.items(), strict=True
-    ):
+    for axes, (name, words) in zip(panels, _CRITERIA.items(), strict=True):
         value = table[f"{_KEY} {name}"]
         axes.plot(value, f1, "o", color="#3b75af")
         above = np.argsort(np.argsort(value)) % 2
@@ -398,7 +396,7 @@ def _promise_plot(table: pd.DataFrame, n_tested: int) -> Plot:
         axes.set(xlim=(value.min() - room, value.max() + room), ylim=(-0.1, 1.0))
         axes.set_xlabel(words, fontsize=8)
         axes.grid(alpha=0.3)
-    figure.axes[0].set_ylabel(f"F1 by patch, {n_tested} labelled frames", fontsize=8)
+    panels[0].set_ylabel(f"F1 by patch, {n_tested} labelled frames", fontsize=8)
     caption = (
         "Is the image that is farthest from ocean the best to learn from? F1 by patch of a model "
         "on LBP (10, 5) that learnt from ocean and each image, against what the image could be "

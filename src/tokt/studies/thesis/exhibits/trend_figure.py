@@ -455,9 +455,8 @@ def _plots(held: Held, titles: Mapping[str, str]) -> tuple[Plot, ...]:
 
 def _trend_figure(held: Held, titles: Mapping[str, str]) -> Figure:
     """Depth above, a row a method below, over the frame numbers."""
-    figure = Figure(figsize=(10.5, 2.6 + 1.7 * len(held)), layout="constrained")
-    ratios = [1.4, *[1.0] * len(held)]
-    depth, *axes = figure.subplots(1 + len(held), 1, sharex=True, height_ratios=ratios)
+    shape = {"sharex": True, "height_ratios": [1.4, *[1.0] * len(held)]}
+    figure, (depth, *axes) = new_figure(10.5, 2.6 + 1.7 * len(held), 1 + len(held), 1, **shape)
     first = next(iter(held.values()))
     _dots(depth, first.depth_m, first.by_depth)
     depth.set_ylabel("depth, m")

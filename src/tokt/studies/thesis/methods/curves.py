@@ -178,31 +178,17 @@ def title_and_kind(method: SuperpixelMethod) -> tuple[str, str]:
 
 @dataclass
 class Curves:
-    """Curves of the scored frames in order, index ``frame``, a column a method.
+    """Curves of the scored frames in order, index ``frame``, a column a method."""
 
-    Parameters
-    ----------
-    mean, status : DataFrame
-        Mean of the 0/255 mask, 0..255, nan where the method did not judge the frame; status 1, 0,
-        or -1 where it did not judge it.
-    methods : dict of str to Method
-    patches : dict of str to dict of int to array of bool, shape (n_patches,)
-        Of the texture methods on the grid, by frame: the patches that are not ocean.
-    distance_m : Series
-        Near end of the matched depths, metres; nan where nothing is measured.
-    left_out : list of str
-        Which methods could not be run, and why.
-    unreadable : tuple of int
-        Frames that could not be read.
-    """
-
-    mean: pd.DataFrame
-    status: pd.DataFrame
+    mean: pd.DataFrame  # of the 0/255 mask, 0..255, nan where the method did not judge the frame
+    status: pd.DataFrame  # 1, 0, or -1 where it did not judge it
     methods: dict[str, Method]
+    # Of the texture methods on the grid, by frame: the patches (n_patches,) that are not ocean.
     patches: dict[str, dict[int, Bools]] = field(default_factory=dict)
+    # Near end of the matched depths, metres; nan where nothing is measured.
     distance_m: pd.Series = field(default_factory=lambda: pd.Series(dtype=float))
-    left_out: list[str] = field(default_factory=list)
-    unreadable: tuple[int, ...] = ()
+    left_out: list[str] = field(default_factory=list)  # methods that could not be run, and why
+    unreadable: tuple[int, ...] = ()  # frames that could not be read
 
     def add(
         self, name: str, method: Method, mean: Mapping[int, float], status: Mapping[int, int]
@@ -338,8 +324,8 @@ def _add_runs(curves: Curves, inputs: StudyInputs) -> None:
     calibration, cameras = inputs.calibration, inputs.calibration_words
     # The one that takes longest first, so that the others run beside it.
     words = "growing keypoints (Mori and Scherer 2013): frames against earlier ones; learns nothing"
-    methods = {SizeChange.name: Method("growing keypoints", COMPARED, words)}
-    makers: dict[str, MakeMethod] = {SizeChange.name: SizeChange}
+    method = Method("growing keypoints", COMPARED, words)
+    runs: dict[str, tuple[Method, MakeMethod]] = {SizeChange.name: (method, SizeChange)}
     if calibration is None:
         curves.left_out.append(f"tokt's stereo, and thirds: {cameras}")
     else:
@@ -347,19 +333,17 @@ def _add_runs(curves: Curves, inputs: StudyInputs) -> None:
             "left, centre and right mean disparity (Kostavelis and others 2009) on tokt's "
             f"rectified disparity, with {cameras}; learns nothing"
         )
-        methods[Thirds.name] = Method("thirds of disparity", COMPARED, words)
-        makers[Thirds.name] = partial(Thirds, calibration)
+        method = Method("thirds of disparity", COMPARED, words)
+        runs[Thirds.name] = method, partial(Thirds, calibration)
         ours = "tokt's rectified disparity as tokt run has it"
         words = f"{ours}, with {cameras}; learns no frames' looks"
-        methods[TOKT_STEREO] = Method("tokt stereo", OURS, words)
-        makers[TOKT_STEREO] = partial(_stereo, calibration)
+        runs[TOKT_STEREO] = Method("tokt stereo", OURS, words), partial(_stereo, calibration)
     if inputs.request.model is not None:
-        methods[TOKT_MODEL] = _model_method(inputs)
-        makers[TOKT_MODEL] = partial(_model, inputs.request.model)
+        runs[TOKT_MODEL] = _model_method(inputs), partial(_model, inputs.request.model)
     judge = partial(_judge_sequence, inputs.mission.path)
-    runs = mapped(judge, makers.items(), inputs.request.jobs)
-    for name, found in inputs.progress(runs, len(makers), "curves, in order of frames"):
-        curves.add(name, methods[name], found["mean"], found.status)
+    judged = mapped(judge, [(name, make) for name, (_, make) in runs.items()], inputs.request.jobs)
+    for name, found in inputs.progress(judged, len(runs), "curves, in order of frames"):
+        curves.add(name, runs[name][0], found["mean"], found.status)
         if name == TOKT_STEREO:
             curves.distance_m = found.distance_m
     curves.distance_m = curves.distance_m.reindex(curves.mean.index)

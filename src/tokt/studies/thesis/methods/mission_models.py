@@ -112,14 +112,9 @@ def _dataset(
     """The labelled frames that could be read, cut into blocks."""
     labelled = sorted(set(inputs.obstacle_patches) & set(readable))
     block = min(BLOCK_FRAMES, max(2, len(labelled) // _MIN_BLOCKS))
+    mine = [LabelledMission(inputs.mission, inputs.labels or [])]
     plan, _ = plan_from_missions(
-        "reproduce",
-        "binary",
-        [LabelledMission(inputs.mission, inputs.labels or [])],
-        inputs.taxonomy,
-        GRID,
-        labelled,
-        block,
+        "reproduce", "binary", mine, inputs.taxonomy, GRID, labelled, block
     )
     dataset = build_dataset(plan, folder, inputs.progress)
     return dataset, Split(FOLDS, EMBARGO_FRAMES * block // BLOCK_FRAMES)
