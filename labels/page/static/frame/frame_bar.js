@@ -6,18 +6,11 @@ import { backAfterMouse, el, focusView, setAttribute } from "../core/dom.js";
 import { frameIndex, frames, mission, setSetting, setting, stateOf } from "../core/mission.js";
 import { disagree } from "./cell_drawing.js";
 import { cellName } from "./patch_grid.js";
-import { countPassing, filterChoices, filterName } from "./steps.js";
+import { filterChoices, filterName, passingFrames } from "./steps.js";
 import { kindOf } from "./suggest.js";
 import { STATES } from "./timeline.js";
 
-/**
- * Build the bar.
- * @param {Object<string, Function>} commands
- * @param {(command: string) => string} keyFor
- * @param {HTMLElement} status
- * @returns {{root: HTMLElement, legend: HTMLElement,
- *   show: (camera: string, frame: number) => void}}
- */
+/** Build the bar, of `commandButtons` and the status line: {root, legend, show(camera, frame)}. */
 export function buildBar(commands, keyFor, status) {
   const command = commandButtons(commands, keyFor);
   const number = el("input", {
@@ -57,7 +50,8 @@ export function buildBar(commands, keyFor, status) {
     camera.textContent = where;
     camera.setAttribute("aria-label", `${where} camera: change`);
     showFilters(filter);
-    matches.textContent = filterName() === "all" ? "" : `${countPassing(where)} frames match`;
+    const all = filterName() === "all";
+    matches.textContent = all ? "" : `${passingFrames(where).length} frames match`;
     showLegend(legend, where);
   };
   return { root, legend, show };
@@ -90,13 +84,7 @@ function showLegend(root, camera) {
   );
 }
 
-/**
- * A frame in words.
- * @param {string} camera
- * @param {number} frame
- * @param {?Object} labels
- * @returns {string}
- */
+/** A frame in words; `labels` where they are loaded. */
 export function describeFrame(camera, frame, labels) {
   const words = [`${camera} frame ${frame}`];
   if (labels) {
@@ -108,11 +96,7 @@ export function describeFrame(camera, frame, labels) {
   return words.join(" · ");
 }
 
-/**
- * When and where a frame was taken, in words.
- * @param {Object} said Of /api/frame_info; {} where nothing is known.
- * @returns {string}
- */
+/** When and where a frame was taken, in words; `said`: by /api/frame_info, {} for nothing. */
 export function describeInfo(said) {
   const time = said.time?.replace("T", " ").replace(/(\.\d+)?Z$/, " UTC");
   const parts = {
@@ -131,13 +115,7 @@ function surety({ strong, percent, said }) {
   return (strong ? "sure" : "unsure") + (percent === null ? "" : ` (${kind}: ${percent} %)`);
 }
 
-/**
- * A patch in words.
- * @param {number} cell
- * @param {Object} labels
- * @param {?Object} hint
- * @returns {string}
- */
+/** A patch in words; `hint`: what is proposed for it, or null. */
 export function describeCell(cell, labels, hint) {
   const words = [`${cellName(cell)}: ${labels.mine[cell] ?? "no label"}`];
   const version = labels.models[cell];
@@ -149,13 +127,11 @@ export function describeCell(cell, labels, hint) {
     else words.push(`model suggests ${hint.label}, ${surety(hint)}`);
     if (hint.against) words.push(`the model says ${hint.said}`);
   }
-  const said = [labels.mine[cell]];
-  for (const [name, theirs] of Object.entries(labels.others)) {
-    if (theirs[cell] === null) continue;
-    words.push(`${name}: ${theirs[cell]}`);
-    said.push(theirs[cell]);
-  }
+  const theirs = Object.entries(labels.others).map(([name, all]) => [name, all[cell]]);
+  for (const [name, label] of theirs) if (label !== null) words.push(`${name}: ${label}`);
   if (labels.settled[cell] !== null) words.push(`settled: ${labels.settled[cell]}`);
-  else if (disagree(said)) words.push("disagreement");
+  else if (disagree([labels.mine[cell], ...theirs.map(([, label]) => label)])) {
+    words.push("disagreement");
+  }
   return words.join(", ");
 }
