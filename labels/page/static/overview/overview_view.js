@@ -9,7 +9,7 @@ import {
 } from "../core/mission.js";
 import { frameAspect, lookAtShapes, thumbAddress } from "../core/pictures.js";
 import { addView, go, noteAddress } from "../core/router.js";
-import { ARROWS, cellAt, cellFrom } from "../frame/patch_grid.js";
+import { ARROWS, arrowKeys, cellAt, cellFrom } from "../frame/patch_grid.js";
 import {
   filterWords, onClassFrames, passesBlindList, passing, tryBlindList,
 } from "../frame/steps.js";
@@ -455,9 +455,9 @@ const view = {
     row(["x"], "leave this frame out of all that, or no longer", () => exclude(focused())),
     row(["d", ".", "PageDown"], "next page", () => turn(1)),
     row(["a", ",", "PageUp"], "previous page", () => turn(-1)),
-    row(Object.keys(ARROWS), "move from frame to frame", moveFrame),
+    row(arrowKeys(), "move from frame to frame", moveFrame),
     row(["w"], "open this frame as a whole; so does a double click", () => open(focused())),
-    row(Object.keys(ARROWS).map((key) => `Ctrl+${key}`), "move over the frame's patches", moveCell),
+    row(arrowKeys("Ctrl+"), "move over the frame's patches", moveCell),
     row(["Space"], "paint the patch under the cursor", paintCell),
     row(["Drag"], "paint; also over several frames; right button: unsure"),
     row(["Shift+Drag"], "paint a rectangle"),

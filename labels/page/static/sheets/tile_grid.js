@@ -2,6 +2,7 @@
 
 import { el, setAttribute } from "../core/dom.js";
 import { patchAspect } from "../core/pictures.js";
+import { arrowKeys } from "../frame/patch_grid.js";
 import { TilePictures, patchInTile, putAt } from "./tile_pictures.js";
 
 const DRAG_STARTS = 5; // CSS pixels
@@ -276,10 +277,9 @@ export function selectionKeys(gridOf) {
   const move = (selection, { key, shiftKey }, grid) => selection.move(STEPS[key](grid), shiftKey);
   const toEnd = (selection, { key }) => selection.place(key === "Home" ? 0 : selection.count - 1);
   const toggle = (selection) => selection.count && selection.toggle(selection.cursor);
-  const arrows = Object.keys(STEPS);
   return [
-    row(arrows, "move the cursor", move),
-    row(arrows.map((key) => `Shift+${key}`), "select what the cursor passes", move),
+    row(arrowKeys(), "move the cursor", move),
+    row(arrowKeys("Shift+"), "select what the cursor passes", move),
     row(["Home", "End"], "first, last patch of the page", toEnd),
     row(["Space"], "select the patch under the cursor, or no longer", toggle),
     row(["Ctrl+A"], "select all patches of the page", (selection) => selection.all()),
