@@ -28,10 +28,7 @@ const REST_MS = 80; // a frame that the pointer only passes is not fetched
 
 /** Draws the strip into a canvas that is a slider for keyboards and screen readers. */
 export class Timeline {
-  /**
-   * @param {HTMLCanvasElement} canvas
-   * @param {(frame: number) => void} jump
-   */
+  /** `jump(frame)`: somebody chose one. */
   constructor(canvas, jump) {
     this.canvas = canvas;
     this.jump = jump;
