@@ -25,10 +25,7 @@ let frameLists = {};
  */
 const [onChange, changed] = signal();
 
-/**
- * Ask the server for everything about the mission.
- * @throws {ApiError}
- */
+/** Ask the server for everything about the mission. Throws ApiError. */
 export async function loadMission() {
   const asked = person;
   const heard = settingsHeard;
@@ -118,9 +115,7 @@ export function blind() {
 
 /**
  * Work as somebody else, or hide (or show again) what others and the model said to this person,
- * everywhere. Another name holds at once, also where loading everything anew fails.
- * @param {{who?: string, blind?: boolean}} change
- * @throws {ApiError}
+ * everywhere. Another name holds at once, also where loading everything anew fails (ApiError).
  */
 export async function setPerson({ who: name = who(), blind: hides }) {
   // The server takes no name with signs that cannot be seen, and to it names that look the same
@@ -132,9 +127,8 @@ export async function setPerson({ who: name = who(), blind: hides }) {
 }
 
 /**
- * Forget what is not for the person who works here now, and load the mission anew.
- * @param {boolean} [hides] Whether this person labels blind, where that is known.
- * @throws {ApiError}
+ * Forget what is not for the person who works here now, and load the mission anew; `hides`:
+ * whether this person labels blind. Throws ApiError.
  */
 export async function beginAnew(hides = mission.blind) {
   mission.blind = hides;
@@ -255,9 +249,4 @@ export function givenIn(camera, frame) {
 /** The first class of the taxonomy that is no obstacle. */
 export function clearClass() {
   return mission.classes.find((known) => known.obstacle === false).name;
-}
-
-/** How many patches a frame has. */
-export function cellCount() {
-  return mission.grid.rows * mission.grid.cols;
 }

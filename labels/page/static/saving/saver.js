@@ -136,10 +136,7 @@ export function changesOf(patches) {
   });
 }
 
-/**
- * Give `LabelledPatch`es of many frames their labels, as one action that one undo takes back.
- * @returns {number} How many change.
- */
+/** Give `LabelledPatch`es their labels, as one action that one undo takes back; how many change. */
 export function actOn(kind, patches, options = {}) {
   const again = kind === CONFIRM;
   const changing = patches.filter(({ label, base, model }) => again || model || label !== base);
@@ -233,9 +230,8 @@ function opposite(changes) {
 }
 
 /**
- * Take the newest action back.
- * @returns {Promise<?Object>} The head {kind, camera, frame, changed, frames} of what is undone;
- *   null if there is nothing, or it cannot be done now (that was said).
+ * Take the newest action back: the head {kind, camera, frame, changed, frames} of what is undone;
+ * null if there is nothing, or it cannot be done now (that was said).
  */
 export function undo() {
   return step("undo");
@@ -247,9 +243,8 @@ export function redo() {
 }
 
 /**
- * What undo and redo would act on.
- * @returns {[?Object, ?Object]} Heads as `undo` gives them, null where there is nothing; {} where
- *   only the server knows, which is told of an action now.
+ * What undo and redo would act on: two heads as `undo` gives them, null where there is nothing; {}
+ * where only the server knows, which is told of an action now.
  */
 export function nextSteps() {
   const rest = waiting().length ? {} : null;
@@ -260,8 +255,7 @@ let steps = Promise.resolve();
 
 // One after the other: what the second of two quick presses acts on depends on the first.
 function step(kind) {
-  steps = steps.then(() => oneStep(kind));
-  return steps;
+  return (steps = steps.then(() => oneStep(kind)));
 }
 
 async function oneStep(kind) {
