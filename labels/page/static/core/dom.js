@@ -2,13 +2,9 @@
 // things to screen readers.
 
 /**
- * Make an element.
- * @param {string} tag
- * @param {{text?: string, on?: Object<string, Function>}} [options] `text`: its words; `on`: its
- *   listeners by event. All others are attributes: true gives an empty one, false, null and
- *   undefined give none.
- * @param {...(Node|string|null|undefined)} children
- * @returns {HTMLElement}
+ * Make an element. `text`: its words; `on`: its listeners by event. All other options are
+ * attributes: true gives an empty one, false, null and undefined give none. Null and undefined
+ * among the children (nodes and strings) are left out.
  */
 export function el(tag, { text, on = {}, ...attributes } = {}, ...children) {
   const node = document.createElement(tag);
@@ -36,12 +32,12 @@ export function setText(node, text) {
  * A button that gives the keyboard back to the view after a click with the mouse, so that the
  * next Enter or Space is the view's and does not press the button again.
  */
-export function button(text, run, attributes) {
+export function button(text, run, attributes, ...children) {
   const click = (event) => {
     if (event.currentTarget.ariaDisabled !== "true") run(event);
     if (event.detail > 0) focusView();
   };
-  return el("button", { text, type: "button", on: { click }, ...attributes });
+  return el("button", { text, type: "button", on: { click }, ...attributes }, ...children);
 }
 
 /**
@@ -70,10 +66,8 @@ let toastTimer = 0;
 let toastStays = false;
 
 /**
- * Show a sentence for some seconds, and read it out.
- * @param {string} text
- * @param {{bad?: boolean, link?: ?string, stays?: boolean}} [options] `bad`: something was not
- *   done; `link`: the address of the place that it is about; `stays`: it is not of what is shown.
+ * Show a sentence for some seconds, and read it out. `bad`: something was not done; `link`: the
+ * address of the place that it is about; `stays`: it is not of what is shown.
  */
 export function say(text, { bad = false, link = null, stays = false } = {}) {
   toastStays = stays;
@@ -104,9 +98,8 @@ export function soon(work) {
 }
 
 /**
- * A set of listeners.
- * @returns {[(listener: Function) => Function, Function]} What adds a listener, and returns what
- *   takes it away again; and what tells all of them.
+ * A set of listeners: [what adds a listener, and returns what takes it away again; what tells all
+ * of them].
  */
 export function signal() {
   const listeners = new Set();

@@ -45,10 +45,7 @@ function showMission() {
 
 let shown = "";
 
-/**
- * Say how far the labelling of a camera's frames is.
- * @param {string} [camera] The one that is shown now; without it, the one before.
- */
+/** Say how far the labelling of a camera's frames is: without its name, the one before's. */
 export function showProgress(camera = shown) {
   shown = camera;
   const states = mission.states[shown] ?? Object.values(mission.states)[0];
@@ -80,9 +77,8 @@ export async function askPerson() {
 }
 
 /**
- * Let a person say who works here; without an answer nothing changes.
- * @param {(change: {who: string, blind: ?boolean}) => Promise<void>} take
- * @returns {Promise<void>} When it is closed, and taken.
+ * Let a person say who works here; without an answer nothing changes. `take({who, blind})`, whose
+ * promise is waited for, takes the answer.
  */
 function personDialog(take) {
   const dialog = byId("person-dialog");

@@ -104,10 +104,7 @@ export function who() {
   return identity.preset ? "" : (identity.who ?? "");
 }
 
-/**
- * Who worked here last, to propose.
- * @returns {{who?: string, blind?: boolean}} `blind`: an earlier tokt kept it in the browser.
- */
+/** Who worked here last, to propose: {who, blind}; an earlier tokt kept `blind` in the browser. */
 export function lastPerson() {
   return identity;
 }

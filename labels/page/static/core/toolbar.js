@@ -44,9 +44,7 @@ const OWN = { undo: stepBack, redo: stepForward, settings: toggleDrawer };
 const OWN_KEYS = { undo: "z", redo: "Z", settings: DRAWER_KEY };
 
 /**
- * Build the toolbar.
- * @param {Object<string, Function>} commands The view's, by name; `choose` takes a class.
- * @param {(command: string) => string} keyFor
+ * Build the toolbar; `commands` and `keyFor`: as of `commandButtons`, `choose` takes a class.
  * @param {[string, string, string][]} tools What painting can do beside classes: command, words,
  *   and what it does.
  * @param {[string, string, string][]} actions Of the view in the same form, "rest" among them; the
@@ -136,10 +134,8 @@ function painterButton({ name, group, depth, on, colour, sign, title, disabled }
 }
 
 /**
- * Build the drawer of settings.
- * @param {...Node} more Of the view.
- * @returns {{root: HTMLElement, show: (said: string) => void}} `said`: of the suggestions that
- *   are shown.
+ * Build the drawer of settings, with `more` of the view: {root, show(said)}; `said`: of the
+ * suggestions that are shown.
  */
 export function buildDrawer(...more) {
   const model = el("div", { class: "model" });
