@@ -32,8 +32,10 @@ export class OverviewBar {
       ["acceptAll", "Accept all", ""],
     ]);
     this.drawer = buildDrawer();
+    const single = Object.keys(mission.cameras).length < 2;
+    const other = () => button("other camera", does.otherCamera, { title: "the other camera (s)" });
     this.element = el("div", { class: "bar" },
-      cameraButton(does.otherCamera),
+      single ? null : other(),
       this.filter,
       pager(does.turn, this.range),
       sizeButtons(does.resize),
@@ -68,11 +70,6 @@ export class OverviewBar {
     this.drawer.show(said);
     this.words.textContent = advice(waiting, said);
   }
-}
-
-function cameraButton(otherCamera) {
-  if (Object.keys(mission.cameras).length < 2) return null;
-  return button("other camera", otherCamera, { title: "the other camera (s)" });
 }
 
 function filterChoice() {
