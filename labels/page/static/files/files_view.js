@@ -83,14 +83,13 @@ function exporting() {
 // ---- Labels in
 
 function importing() {
-  const file = el("input", { type: "file", on: { change: () => read({}) } });
+  const on = { change: () => read({}) };
+  const file = el("input", { type: "file", on });
   const files = Object.entries(mission.formats).filter(([name]) => name !== "patches");
-  const form = choice([["", ANY], ...files], "", {
-    on: { change: () => read({}) },
-  });
-  const annotator = el("input", { maxlength: 60, placeholder: ANY, on: { change: () => read({}) } });
+  const form = choice([["", ANY], ...files], "", { on });
+  const annotator = el("input", { maxlength: 60, placeholder: ANY, on });
   const cameras = Object.keys(mission.cameras);
-  const camera = choice(cameras, cameras[0], { on: { change: () => read({}) } });
+  const camera = choice(cameras, cameras[0], { on });
   const told = el("div", { role: "status" });
   // What the file's classes are here: {theirs: ours}; ours is "" for those to leave out.
   async function read(named, apply = false) {
