@@ -21,7 +21,7 @@ let frameLists = {};
 
 /**
  * Be told that something of the mission changed: `onChange((what) => ...)` returns what stops it;
- * `what`: "all", "states", "status", "selected".
+ * `what`: "all", "states", "status".
  */
 const [onChange, changed] = signal();
 
@@ -206,7 +206,6 @@ export function selectedClass() {
 /** Choose the class to paint with. */
 export function selectClass(name) {
   setSetting("selected", name);
-  changed("selected");
 }
 
 /** The frame numbers of a camera, ascending. */

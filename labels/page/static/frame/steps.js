@@ -193,7 +193,7 @@ function changes() {
 
 onReload(forgetList);
 onChange((what) => {
-  if (!wanted || (what !== "states" && what !== "all") || !changes()) return;
+  if (!wanted || what === "status" || !changes()) return;
   clearTimeout(timer);
   timer = setTimeout(askForList, ASK_AGAIN_MS);
 });
