@@ -56,8 +56,7 @@ export function showProgress(camera = shown) {
 function showState() {
   const now = state();
   const box = byId("save-state");
-  const text = WORDS[now](pending());
-  if (box.textContent !== text) box.textContent = text;
+  setText(box, WORDS[now](pending()));
   box.dataset.state = now;
   box.title = stateReason() || "Every action is on the server's disk.";
   byId("try-now").hidden = now === "saved" || now === "saving";

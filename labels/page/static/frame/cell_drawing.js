@@ -102,17 +102,12 @@ function firstOfAreas(keys) {
     while (waiting.length > 0) {
       const cell = waiting.pop();
       known.add(cell);
-      const alike = neighbours(cell).filter((next) => keys[next] === keys[cell]);
-      waiting.push(...alike.filter((next) => !known.has(next)));
+      const [row, col] = rowCol(cell);
+      const near = Object.values(ARROWS).map(([down, right]) => cellAt(row + down, col + right));
+      waiting.push(...near.filter((next) => keys[next] === keys[cell] && !known.has(next)));
     }
     return true;
   });
-}
-
-/** The cells above, below, left and right; -1 outside the frame. */
-function neighbours(index) {
-  const [row, col] = rowCol(index);
-  return Object.values(ARROWS).map(([down, right]) => cellAt(row + down, col + right));
 }
 
 /** Mark patches that the server has not acknowledged. */

@@ -18,11 +18,22 @@ const BLINK_MS = 450; // under three changes a second: no flicker that could har
 export class FrameShow {
   /** `changed()` is called when another frame, or another picture of it, is shown. */
   constructor(canvas, changed) {
-    Object.assign(this, { canvas, changed, camera: "", frame: null, fault: "" });
-    Object.assign(this, { retriable: false, ready: false, raw: false, showsBefore: false });
-    Object.assign(this, { blinking: 0, turn: 0, direction: 1, started: null, first: true });
+    this.canvas = canvas;
+    this.changed = changed;
+    this.camera = "";
+    this.frame = null;
+    this.fault = "";
+    this.retriable = false;
+    this.ready = false;
+    this.raw = false;
+    this.blinking = 0;
+    this.showsBefore = false;
+    this.turn = 0;
+    this.direction = 1;
     /** How many frames apart those are that are shown one after the other. */
     this.stride = 1;
+    this.started = null;
+    this.first = true;
     canvas.onDrawn = (tag) => this.drawn(tag);
   }
 
@@ -120,10 +131,8 @@ export class FrameShow {
   }
 
   show(bitmap, message) {
-    if (bitmap) this.canvas.set({ bitmap });
-    else this.canvas.content.bitmap = null;
     const tag = bitmap ? `${this.camera}/${this.frame}` : null;
-    this.canvas.set({ dim: false, plain: false, message, badge: this.badge(), tag });
+    this.canvas.set({ bitmap, dim: false, plain: false, message, badge: this.badge(), tag });
     this.changed();
   }
 
