@@ -4,7 +4,7 @@
 import { asksObstacleClass, obstacleClass, obstacleClasses } from "../frame/suggest.js";
 import { onFailure, post } from "./api.js";
 import { backAfterMouse, button, el, say, setAttribute } from "./dom.js";
-import { classes, colourOf, mission, signOf } from "./mission.js";
+import { colourOf, mission, signOf } from "./mission.js";
 
 /** Patch of colour with the class's key in it, so that colour is never the only sign. */
 export function swatch(name) {
@@ -20,7 +20,7 @@ export function classTag(name) {
 
 /** A button for each class that can be given: names only found in the store have no key. */
 export function classButtons(choose) {
-  const given = classes().filter((one) => one.key);
+  const given = mission.classes.filter((one) => one.key);
   return given.map(({ name, key, description }) => {
     const title = `${description || name} (key ${key})`;
     return button("", () => choose(name), { title }, classTag(name));

@@ -2,7 +2,7 @@
 
 import { onFailure } from "./api.js";
 import { announce, button, el, say, setText } from "./dom.js";
-import { blind, mission, onChange, setPerson, who } from "./mission.js";
+import { mission, onChange, setPerson, who } from "./mission.js";
 import { lastPerson } from "./settings.js";
 import { listenAnew } from "./live.js";
 import { onState, pending, state, stateReason, tryNow } from "../saving/saver.js";
@@ -39,7 +39,7 @@ function showMission() {
   showProgress();
   byId("person").textContent = `Labelling as ${who()}`;
   byId("person").title = "somebody else works here, or blind";
-  byId("blind-badge").hidden = !blind();
+  byId("blind-badge").hidden = !mission.blind;
   document.title = `${mission.mission} · tokt`;
 }
 
@@ -82,7 +82,7 @@ export async function askPerson() {
 function personDialog(take) {
   const dialog = byId("person-dialog");
   const last = lastPerson();
-  const hid = who() ? blind() : Boolean(last.blind);
+  const hid = who() ? mission.blind : Boolean(last.blind);
   const name = el("input", {
     id: "person-name", value: last.who ?? mission.annotator, maxlength: 60, required: true,
   });
@@ -125,5 +125,5 @@ async function become(change) {
     listenAnew();
   };
   await setPerson(change).catch(onFailure(explain)).finally(showAnew);
-  announce(`Labelling as ${who()}${blind() ? ", blind" : ""}`);
+  announce(`Labelling as ${who()}${mission.blind ? ", blind" : ""}`);
 }

@@ -8,7 +8,11 @@ import { setSetting, setting, setWho, who } from "./settings.js";
 
 export { onSetting, setSetting, setting, who } from "./settings.js";
 
-/** The last /api/mission; `states` holds one array of characters a camera. */
+/**
+ * The last /api/mission. `states` holds one array of characters a camera; `blind` is whether who
+ * works here labels blind, as the server says, which then hides what others said; `classes` are in
+ * the taxonomy's order, then unsure, then names only found in the store.
+ */
 export const mission = {
   loaded: false, classes: [], cameras: {}, states: {}, given: {}, counts: {}, settings: {},
   depths: [],
@@ -108,11 +112,6 @@ const [onReload, personChanged] = signal();
 
 export { onChange, onReload };
 
-/** Whether who works here labels blind; the server says so, and hides what others said. */
-export function blind() {
-  return mission.blind;
-}
-
 /**
  * Work as somebody else, or hide (or show again) what others and the model said to this person,
  * everywhere. Another name holds at once, also where loading everything anew fails (ApiError).
@@ -154,11 +153,6 @@ function forgetOthers() {
   for (const states of Object.values(mission.states)) {
     states.forEach((state, at) => state === "x" && (states[at] = "p"));
   }
-}
-
-/** All classes in the taxonomy's order, then unsure, then names only found in the store. */
-export function classes() {
-  return mission.classes;
 }
 
 /** A class by its name; also for names that the taxonomy does not have. */

@@ -7,9 +7,7 @@ import { nextSteps, redo, undo } from "../saving/saver.js";
 import { allow, commandButtons, nothingYet, obstacleChoice } from "./controls.js";
 import { backAfterMouse, button, el, say, setAttribute, setText } from "./dom.js";
 import { DRAWER_KEY, reachable, toggleDrawer } from "./keys.js";
-import {
-  blind, classes, clearClass, colourOf, mission, setSetting, setting, signOf,
-} from "./mission.js";
+import { clearClass, colourOf, mission, setSetting, setting, signOf } from "./mission.js";
 import { currentView, go } from "./router.js";
 
 /** Undo, and propose again what the undone action had accepted. */
@@ -107,7 +105,7 @@ function showPainters(root, choose, chosen) {
 // All classes with their depth, each below what it is a kind of; a group that is no class stands
 // above its first one.
 function classTree() {
-  const all = classes();
+  const all = mission.classes;
   const rows = [];
   const add = (row, depth) => {
     rows.push({ ...row, depth });
@@ -186,8 +184,8 @@ const NO_MODEL =
 
 function showModel(root, said) {
   const { model } = mission;
-  if (blind() || !model) {
-    if (blind()) setText(root, "Blind: suggestions are hidden.");
+  if (mission.blind || !model) {
+    if (mission.blind) setText(root, "Blind: suggestions are hidden.");
     else if (!root.querySelector("a")) {
       root.replaceChildren(nothingYet(NO_MODEL, "Train a model", "#/files"));
     }

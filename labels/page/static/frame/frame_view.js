@@ -5,8 +5,8 @@ import { allow, commandButtons } from "../core/controls.js";
 import { announce, el, endToast, focusView, say, setAttribute } from "../core/dom.js";
 import { showProgress } from "../core/header.js";
 import {
-  blind, frameIndex, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting,
-  setting, who,
+  frameIndex, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting, setting,
+  who,
 } from "../core/mission.js";
 import { addView, noteAddress } from "../core/router.js";
 import { buildDrawer, buildToolbar } from "../core/toolbar.js";
@@ -325,6 +325,7 @@ function cannotDo(strong) {
   const no = (holds, why) => (holds ? why : "");
   const done = labels && !restOf(camera, frame, page.hints).cells.length;
   const lost = no(fault, "There is no picture to label here.");
+  const { blind: isBlind } = mission;
   return {
     acceptNext: lost || no(labels && !strong, "Nothing sure is suggested here."),
     rest: lost || no(done, "No patch is left for it."),
@@ -334,8 +335,8 @@ function cannotDo(strong) {
     blink: no(before === null, "This is the first frame."),
     previous: no(stepFrom(camera, frame, -1) === null, "No frame before (of this filter)."),
     next: no(stepFrom(camera, frame, 1) === null, "No further frame (of this filter)."),
-    unlabelled: no(!blind() && none("us"), "There is no other frame without a label of yours."),
-    uncertain: no(!mission.model, blind() ? "Not while blind." : "There is no model to ask."),
+    unlabelled: no(!isBlind && none("us"), "There is no other frame without a label of yours."),
+    uncertain: no(!mission.model, isBlind ? "Not while blind." : "There is no model to ask."),
   };
 }
 
@@ -371,7 +372,7 @@ function jump(states, words, direction = 1) {
 
 function unlabelled(direction) {
   const { camera, frame } = page.show;
-  const listed = blind() && direction > 0 ? nextBlindFrame(camera, frame) : null;
+  const listed = mission.blind && direction > 0 ? nextBlindFrame(camera, frame) : null;
   if (listed) {
     why = "";
     show(listed.camera, listed.frame);

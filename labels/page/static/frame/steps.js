@@ -4,7 +4,7 @@
 import { get, onFailure } from "../core/api.js";
 import { signal } from "../core/dom.js";
 import {
-  blind, classes, frameIndex, frames, mission, onChange, onReload, setting, stateOf,
+  frameIndex, frames, mission, onChange, onReload, setting, stateOf,
 } from "../core/mission.js";
 
 const CLASS = "class:";
@@ -13,27 +13,25 @@ const NEXT = "next";
 const NEXT_FRAMES = 5;
 const ASK_AGAIN_MS = 300;
 
-/** What frames a filter lets through; the words are what the page shows. */
+/** The filters by state in the words of the page; all but "all" and "open" are one state. */
 const FILTERS = {
-  all: { words: "all frames", states: "uspdx" },
-  open: { words: "not done", states: "usp" },
-  u: { words: "unseen", states: "u" },
-  s: { words: "seen, no label", states: "s" },
-  p: { words: "part labelled", states: "p" },
-  d: { words: "done", states: "d" },
-  x: { words: "disagreement", states: "x" },
+  all: "all frames",
+  open: "not done",
+  u: "unseen",
+  s: "seen, no label",
+  p: "part labelled",
+  d: "done",
+  x: "disagreement",
 };
 
 /** The filters to choose from: each value of the setting "filter", and its words. */
 export function filterChoices() {
-  const states = Object.entries(FILTERS)
-    .filter(([name]) => name !== "x" || !blind())
-    .map(([name, { words }]) => [name, words]);
+  const states = Object.entries(FILTERS).filter(([name]) => name !== "x" || !mission.blind);
   const next = mission.model ? [[NEXT, `${NEXT_FRAMES} that the model learns most from`]] : [];
   const byDepth = mission.depths.map(([from, to]) => [
     `${DEPTH}${from}:${to}`, `depth ${from} to ${to} m`,
   ]);
-  const byClass = classes().map(({ name }) => [CLASS + name, `with ${name} of mine`]);
+  const byClass = mission.classes.map(({ name }) => [CLASS + name, `with ${name} of mine`]);
   return [...states, ...next, ...byClass, ...byDepth];
 }
 
@@ -54,7 +52,7 @@ export function passing() {
   const name = filterName();
   if (name === "all") return () => true;
   if (!FILTERS[name]) return (camera, frame) => listed(name, camera, frame);
-  const { states } = FILTERS[name];
+  const states = name === "open" ? "usp" : name;
   return (camera, frame) => states.includes(stateOf(camera, frame));
 }
 
@@ -208,7 +206,7 @@ let asking = null;
 /** Fetch the list, if somebody labels blind after somebody else here. Throws ApiError. */
 export async function loadBlindList() {
   const of = setting("blindOf");
-  if (!blind() || !of || (blindList && ofWhom === of)) return;
+  if (!mission.blind || !of || (blindList && ofWhom === of)) return;
   asking ??= get("/api/labelled", { of }).finally(() => (asking = null));
   const { cameras } = await asking;
   ofWhom = of;
@@ -230,7 +228,7 @@ export function passesBlindList(camera, frame) {
 
 /** All frames to be labelled blind, as {camera, frame}; empty while there is no such list. */
 export function blindFrames() {
-  return blind() && ofWhom === setting("blindOf") ? (blindList ?? []) : [];
+  return mission.blind && ofWhom === setting("blindOf") ? (blindList ?? []) : [];
 }
 
 /**

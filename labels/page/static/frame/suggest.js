@@ -19,9 +19,7 @@
 // when accepted, and where it is of another kind than what the model says it is against the model:
 // never confident, and shown as such.
 
-import {
-  blind, classOf, classes, clearClass, frameIndex, frames, mission, setting,
-} from "../core/mission.js";
+import { classOf, clearClass, frameIndex, frames, mission, setting } from "../core/mission.js";
 import { labelsOf } from "../saving/labels.js";
 
 const MAX_CHAIN = 32;
@@ -30,7 +28,7 @@ const NEAREST = 5;
 /** The obstacle classes of the taxonomy: those that the model learnt first, by their number. */
 export function obstacleClasses() {
   const learnt = mission.model?.learnt ?? {};
-  const obstacles = classes().filter((known) => known.obstacle).map(({ name }) => name);
+  const obstacles = mission.classes.filter((known) => known.obstacle).map(({ name }) => name);
   return obstacles.sort((a, b) => (learnt[b] ?? 0) - (learnt[a] ?? 0));
 }
 
@@ -70,7 +68,7 @@ function labelFor(index) {
  */
 export function modelObstacles(camera, frame) {
   const { model } = mission;
-  if (!model || blind()) return [];
+  if (!model || mission.blind) return [];
   const suggestions = labelsOf(camera, frame)?.suggestions;
   if (suggestions?.model !== model.label) return null;
   return suggestions.classes.map((index) => model.obstacle[index]);

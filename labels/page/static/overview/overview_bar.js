@@ -4,9 +4,7 @@
 import { allow, choice, pager, sizeButtons } from "../core/controls.js";
 import { backAfterMouse, button, el } from "../core/dom.js";
 import { reachable } from "../core/keys.js";
-import {
-  blind, chosenClass, mission, selectClass, setSetting, setting,
-} from "../core/mission.js";
+import { chosenClass, mission, selectClass, setSetting, setting } from "../core/mission.js";
 import { buildDrawer, buildToolbar } from "../core/toolbar.js";
 import { blindFrames, filterChoices, filterName } from "../frame/steps.js";
 import { suggesting } from "./thumb.js";
@@ -80,7 +78,7 @@ function filterChoice() {
 }
 
 function advice(waiting, said) {
-  if (blind()) {
+  if (mission.blind) {
     const listed = blindFrames().length > 0;
     const only = listed ? ` Only the frames that ${setting("blindOf")} labelled.` : "";
     return `Blind: no suggestions, and nothing of what others said.${only}`;

@@ -4,8 +4,8 @@ import { el, say, setAttribute, soon } from "../core/dom.js";
 import { showProgress } from "../core/header.js";
 import { labelKeys } from "../core/keys.js";
 import {
-  chosenClass, classes, clearClass, frames, indexFrom, mission, onChange, onReload, onSetting,
-  setSetting, setting,
+  chosenClass, clearClass, frames, indexFrom, mission, onChange, onReload, onSetting, setSetting,
+  setting,
 } from "../core/mission.js";
 import { frameAspect, lookAtShapes, thumbAddress } from "../core/pictures.js";
 import { addView, go, noteAddress } from "../core/router.js";
@@ -386,7 +386,7 @@ function onPainted(cells, mouseButton, own = cells) {
   if (!page) return;
   const label = labelOf(mouseButton);
   if (!label) {
-    const keys = classes().filter(({ key }) => key).map(({ key, name }) => `${key} ${name}`);
+    const keys = mission.classes.filter(({ key }) => key).map(({ key, name }) => `${key} ${name}`);
     return say(`Choose a class first, by its key: ${keys.join(", ")}.`);
   }
   const patches = [];

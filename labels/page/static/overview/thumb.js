@@ -2,7 +2,7 @@
 // Labels are drawn as in the view of one frame.
 
 import { el, setAttribute } from "../core/dom.js";
-import { blind, mission, setting, stateOf } from "../core/mission.js";
+import { mission, setting, stateOf } from "../core/mission.js";
 import { learnShape, thumbAddress } from "../core/pictures.js";
 import { hintsOf } from "../frame/painting.js";
 import { drawCells, drawCursor, shownCell } from "../frame/cell_drawing.js";
@@ -28,7 +28,7 @@ export function contentOf(camera, frame) {
 
 /** Whether a model's suggestions are shown. */
 export function suggesting() {
-  return Boolean(mission.model) && !blind() && setting("suggestions");
+  return Boolean(mission.model) && !mission.blind && setting("suggestions");
 }
 
 /** A thumbnail. */

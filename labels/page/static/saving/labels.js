@@ -3,7 +3,7 @@
 import { get, onFailure } from "../core/api.js";
 import { signal } from "../core/dom.js";
 import { framesOf, frameKey, waitingFor } from "./outbox.js";
-import { blind, mission, onChange, onReload, who } from "../core/mission.js";
+import { mission, onChange, onReload, who } from "../core/mission.js";
 
 const MAX_A_REQUEST = 60;
 const KEPT = 400;
@@ -113,7 +113,7 @@ async function fetchFrames(camera, frames) {
     camera,
     frames: frames.join(","),
     v: mission.pictures,
-    suggest: mission.model && !blind() ? 1 : null,
+    suggest: mission.model && !mission.blind ? 1 : null,
   });
   // Before they are taken in: one that is out of date already is asked for again.
   const forget = () => frames.forEach((frame) => loading.delete(frameKey(camera, frame)));

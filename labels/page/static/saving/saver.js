@@ -4,7 +4,7 @@
 import { ApiError, get, onFailure, post } from "../core/api.js";
 import { say, signal } from "../core/dom.js";
 import {
-  blind, mission, onChange, onReload, sameMission, strangerWords, takeNews, who,
+  mission, onChange, onReload, sameMission, strangerWords, takeNews, who,
 } from "../core/mission.js";
 import { acknowledge, labelsChanged, labelsOf } from "./labels.js";
 import {
@@ -159,7 +159,7 @@ function newEntry(parts) {
   return {
     key: uniqueKey(),
     who: who(),
-    blind: blind(),
+    blind: mission.blind,
     mission: mission.mission,
     grid: { ...mission.grid },
     source: "human",
@@ -358,7 +358,7 @@ function acknowledged(entry, answer) {
   if (!answer.repeated && answer.changed && entry.who === who()) noteOwn(answer);
   acknowledge(entry, answer);
   dequeue(entry);
-  if (entry.who === who() && entry.blind === blind()) takeNews(answer);
+  if (entry.who === who() && entry.blind === mission.blind) takeNews(answer);
   if (answer.conflicts?.length) {
     known.delete(entry.target ?? entry.key); // not all of it was written
     noteConflicts(entry, answer.conflicts);
