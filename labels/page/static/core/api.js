@@ -57,7 +57,7 @@ export async function send(path, params, file) {
   return request(address(path, params), { method: "POST", headers, body: file }, SEND_MS);
 }
 
-/** Fetch an address as it is, in `most` ms: a successful Response. Throws ApiError. */
+/** Fetch an address as it is, in `most` ms at most: a successful Response. Throws ApiError. */
 export async function fetchOk(url, options = {}, most = TIMEOUT_MS) {
   const timeout = AbortSignal.timeout(most);
   const signal = options.signal ? AbortSignal.any([options.signal, timeout]) : timeout;

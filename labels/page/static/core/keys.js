@@ -107,10 +107,9 @@ function ownsKey(target, { key, ctrlKey, altKey }) {
   if (!(target instanceof HTMLElement)) return false;
   if (target instanceof HTMLInputElement) {
     if (target.type === "range") return /^(Arrow|Page|Home|End)/.test(key);
-    if (target.type === "checkbox" || target.type === "radio") return key === " ";
+    if (target.type === "checkbox") return key === " ";
     return key !== "Escape";
   }
-  if (target instanceof HTMLTextAreaElement) return key !== "Escape";
   if (target instanceof HTMLSelectElement) return !ctrlKey && !altKey && key !== "Escape";
   if (target.getAttribute("role") === "slider") return /^(Arrow|Page|Home|End)/.test(key);
   if (target.matches("button, a, summary")) {

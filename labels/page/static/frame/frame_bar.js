@@ -10,7 +10,7 @@ import { filterChoices, filterName, passingFrames } from "./steps.js";
 import { kindOf } from "./suggest.js";
 import { STATES } from "./timeline.js";
 
-/** Build the bar, of `commandButtons` and the status line: {root, legend, show(camera, frame)}. */
+/** Build the bar of commands, by name, and the status line: {root, legend, show(camera, frame)}. */
 export function buildBar(commands, keyFor, status) {
   const command = commandButtons(commands, keyFor);
   const number = el("input", {

@@ -47,7 +47,7 @@ export function filterWords() {
   return filterChoices().find(([name]) => name === chosen)[1];
 }
 
-/** What tells whether the filter in force lets a camera's frame through, for many frames. */
+/** (camera, frame) => whether the filter in force lets it through, looked up once for many. */
 export function passing() {
   const name = filterName();
   if (name === "all") return () => true;
