@@ -23,6 +23,14 @@ export function setAttribute(node, name, value) {
   if (node.getAttribute(name) !== text) node.setAttribute(name, text);
 }
 
+/** Fill an element with what `draw` gives, if it shall show something else than it does. */
+export function redraw(root, what, draw) {
+  const text = JSON.stringify(what);
+  if (root.dataset.shown === text) return;
+  root.dataset.shown = text;
+  root.replaceChildren(...draw());
+}
+
 /** Set an element's words, if they are others. */
 export function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;

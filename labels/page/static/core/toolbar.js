@@ -5,7 +5,7 @@ import { proposeAgain } from "../frame/painting.js";
 import { needsObstacleClass, obstacleClass, percentRight } from "../frame/suggest.js";
 import { nextSteps, redo, undo } from "../saving/saver.js";
 import { allow, commandButtons, nothingYet, obstacleChoice } from "./controls.js";
-import { backAfterMouse, button, el, say, setAttribute, setText } from "./dom.js";
+import { backAfterMouse, button, el, redraw, say, setAttribute, setText } from "./dom.js";
 import { DRAWER_KEY, reachable, toggleDrawer } from "./keys.js";
 import { clearClass, colourOf, mission, setSetting, setting, signOf } from "./mission.js";
 import { currentView, go } from "./router.js";
@@ -94,11 +94,8 @@ function showPainters(root, choose, chosen) {
     // A name that labels carry and the taxonomy does not have: shown, not given.
     disabled: obstacle === null && name !== "unsure",
   }));
-  const text = JSON.stringify(rows);
-  if (root.dataset.shown === text) return;
-  root.dataset.shown = text;
   const focused = root.contains(document.activeElement) && document.activeElement.ariaLabel;
-  root.replaceChildren(...rows.map((row) => painterButton(row, () => choose(row.name))));
+  redraw(root, rows, () => rows.map((row) => painterButton(row, () => choose(row.name))));
   if (focused) [...root.children].find(({ ariaLabel }) => ariaLabel === focused)?.focus();
 }
 

@@ -1,8 +1,8 @@
 // The bar under the picture: which frame this is, where to go, filter, and the status line; the
 // strip's legend; sentences about a frame and its patches, for the status line and screen readers.
 
-import { commandButtons, optionsOf } from "../core/controls.js";
-import { backAfterMouse, el, focusView, setAttribute } from "../core/dom.js";
+import { choice, commandButtons, optionsOf } from "../core/controls.js";
+import { backAfterMouse, el, focusView, redraw, setAttribute } from "../core/dom.js";
 import { frameIndex, frames, mission, setSetting, setting, stateOf } from "../core/mission.js";
 import { disagree } from "./cell_drawing.js";
 import { cellName } from "./patch_grid.js";
@@ -24,9 +24,7 @@ export function buildBar(commands, keyFor, status) {
   const place = el("span", { class: "place" });
   const camera = command("", "camera", "Left or right camera");
   const both = command("Both", "beside", "Left and right side by side");
-  const setFilter = () => setSetting("filter", filter.value);
-  const options = { class: "filter", "aria-label": "Filter", title: "Which frames are stepped to" };
-  const filter = backAfterMouse(el("select", { ...options, on: { change: setFilter } }));
+  const filter = filterSelect("Filter", "Which frames are stepped to");
   const matches = el("span", { class: "matches" });
   const legend = el("div", { class: "legend", "aria-label": "States of frames" });
   const root = el("div", { class: "frame-bar" },
@@ -49,7 +47,10 @@ export function buildBar(commands, keyFor, status) {
     setAttribute(both, "aria-pressed", String(setting("beside")));
     camera.textContent = where;
     camera.setAttribute("aria-label", `${where} camera: change`);
-    showFilters(filter);
+    // Classes come when somebody uses them first, and go with who works here.
+    const filters = filterChoices();
+    redraw(filter, filters, () => optionsOf(filters));
+    filter.value = filterName();
     const all = filterName() === "all";
     matches.textContent = all ? "" : `${passingFrames(where).length} frames match`;
     showLegend(legend, where);
@@ -57,31 +58,22 @@ export function buildBar(commands, keyFor, status) {
   return { root, legend, show };
 }
 
-// Classes come when somebody uses them first, and go with who works here.
-function showFilters(filter) {
-  const choices = filterChoices();
-  const text = JSON.stringify(choices);
-  if (filter.dataset.shown !== text) {
-    filter.dataset.shown = text;
-    filter.replaceChildren(...optionsOf(choices));
-  }
-  filter.value = filterName();
+/** The choice of the filter. */
+export function filterSelect(words, title) {
+  const change = ({ target }) => setSetting("filter", target.value);
+  const options = { class: "filter", "aria-label": words, title, on: { change } };
+  return backAfterMouse(choice(filterChoices(), filterName(), options));
 }
 
 function showLegend(root, camera) {
   const counts = {};
   for (const state of mission.states[camera]) counts[state] = (counts[state] ?? 0) + 1;
-  const text = JSON.stringify([counts, camera]);
-  if (root.dataset.shown === text) return;
-  root.dataset.shown = text;
-  root.replaceChildren(
-    ...Object.entries(STATES).map(([state, { words }]) =>
-      el("span", { class: "legend-item" },
-        el("i", { class: `legend-mark state-${state}`, "aria-hidden": "true" }),
-        `${words} ${counts[state] ?? 0}`,
-      ),
-    ),
-  );
+  const item = ([state, { words }]) =>
+    el("span", { class: "legend-item" },
+      el("i", { class: `legend-mark state-${state}`, "aria-hidden": "true" }),
+      `${words} ${counts[state] ?? 0}`,
+    );
+  redraw(root, counts, () => Object.entries(STATES).map(item));
 }
 
 /** A frame in words; `labels` where they are loaded. */

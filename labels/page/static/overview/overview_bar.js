@@ -1,12 +1,13 @@
 // The bar and the tools of the overview: which frames are shown, and what one key does to all of
 // them.
 
-import { allow, choice, pager, sizeButtons } from "../core/controls.js";
-import { backAfterMouse, button, el } from "../core/dom.js";
+import { allow, pager, sizeButtons } from "../core/controls.js";
+import { button, el } from "../core/dom.js";
 import { reachable } from "../core/keys.js";
 import { chosenClass, mission, selectClass, setSetting, setting } from "../core/mission.js";
 import { buildDrawer, buildToolbar } from "../core/toolbar.js";
-import { blindFrames, filterChoices, filterName } from "../frame/steps.js";
+import { filterSelect } from "../frame/frame_bar.js";
+import { blindFrames } from "../frame/steps.js";
 import { suggesting } from "./thumb.js";
 
 const KEYS = { acceptNext: "Enter", acceptAll: "Shift+Enter", rest: "o" };
@@ -17,7 +18,8 @@ export class OverviewBar {
   constructor(does) {
     this.range = el("span", { class: "overview-range" });
     this.words = el("span", { class: "overview-words", role: "status" });
-    this.filter = filterChoice();
+    const words = "which frames are shown";
+    this.filter = filterSelect(words, `${words} (/)`);
     const commands = {
       choose: selectClass,
       acceptNext: () => does.accept(false),
@@ -68,13 +70,6 @@ export class OverviewBar {
     this.drawer.show(said);
     this.words.textContent = advice(waiting, said);
   }
-}
-
-function filterChoice() {
-  const change = ({ target }) => setSetting("filter", target.value);
-  const words = "which frames are shown";
-  const options = { class: "filter", "aria-label": words, title: `${words} (/)`, on: { change } };
-  return backAfterMouse(choice(filterChoices(), filterName(), options));
 }
 
 function advice(waiting, said) {
