@@ -86,7 +86,7 @@ function patchFigures(model, step) {
 
 function frameFigures(model, rule) {
   const found = statuses(model, rule);
-  const count = (of) => of.reduce((sum, yes, i) => sum + (yes && found[i] === OBSTACLE ? 1 : 0), 0);
+  const count = (of) => of.filter((yes, i) => yes && found[i] === OBSTACLE).length;
   const { ocean, obstacle, number } = explorer.frames;
   const first = explorer.sequences.map((sequence) => {
     const at = firstDetection(found, sequence);
@@ -107,11 +107,8 @@ function frameFigures(model, rule) {
 const written = (value) => (value === null ? "–" : value.toFixed(3));
 
 function nearest(thresholds, value) {
-  let best = 0;
-  thresholds.forEach((t, i) => {
-    if (Math.abs(t - value) < Math.abs(thresholds[best] - value)) best = i;
-  });
-  return best;
+  const distances = thresholds.map((t) => Math.abs(t - value));
+  return distances.indexOf(Math.min(...distances));
 }
 
 function element(name, attributes) {

@@ -15,9 +15,8 @@ export class ApiError extends Error {
 }
 
 /**
- * What to give to `catch` of a request: takes its failure. Any other fault goes on.
- * @param {(error: ApiError) => *} [handle] What the request then gives.
- * @returns {(error: Error) => *}
+ * What to give to `catch` of a request: it takes an ApiError, and the request then gives what
+ * `handle(error)` gives. Any other fault goes on.
  */
 export function onFailure(handle = () => undefined) {
   return (error) => {
@@ -58,14 +57,7 @@ export async function send(path, params, file) {
   return request(address(path, params), { method: "POST", headers, body: file }, SEND_MS);
 }
 
-/**
- * Fetch an address as it is.
- * @param {string} url
- * @param {RequestInit} options
- * @param {number} [most] How many ms it may take.
- * @returns {Promise<Response>} A successful one.
- * @throws {ApiError}
- */
+/** Fetch an address as it is, in `most` ms at most: a successful Response. Throws ApiError. */
 export async function fetchOk(url, options = {}, most = TIMEOUT_MS) {
   const timeout = AbortSignal.timeout(most);
   const signal = options.signal ? AbortSignal.any([options.signal, timeout]) : timeout;

@@ -4,7 +4,7 @@
 import { asksObstacleClass, obstacleClass, obstacleClasses } from "../frame/suggest.js";
 import { onFailure, post } from "./api.js";
 import { backAfterMouse, button, el, say, setAttribute } from "./dom.js";
-import { classes, colourOf, mission, signOf } from "./mission.js";
+import { colourOf, mission, signOf } from "./mission.js";
 
 /** Patch of colour with the class's key in it, so that colour is never the only sign. */
 export function swatch(name) {
@@ -18,24 +18,16 @@ export function classTag(name) {
   return el("span", { class: "class-tag" }, swatch(name), el("span", { text: name }));
 }
 
-/**
- * A button for each class that can be given: names only found in the store have no key.
- * @param {(name: string) => void} choose
- */
+/** A button for each class that can be given: names only found in the store have no key. */
 export function classButtons(choose) {
-  const given = classes().filter((one) => one.key);
+  const given = mission.classes.filter((one) => one.key);
   return given.map(({ name, key, description }) => {
     const title = `${description || name} (key ${key})`;
-    const made = button("", () => choose(name), { class: "class-button", title });
-    made.append(classTag(name));
-    return made;
+    return button("", () => choose(name), { title }, classTag(name));
   });
 }
 
-/**
- * What to say where there is nothing to show, and the button that leads on.
- * @returns {HTMLElement}
- */
+/** What to say where there is nothing to show, and the button that leads on. */
 export function nothingYet(text, words, href) {
   const onward = el("a", { class: "button main", text: words, href });
   return el("p", { class: "empty-state" }, `${text} `, onward);
@@ -58,10 +50,8 @@ export function commandButtons(commands, keyFor) {
 }
 
 /**
- * Let a button do what it does, or say why it cannot; it keeps the keyboard in any case.
- * @param {HTMLButtonElement} made By `commandButtons`.
- * @param {string} [why] It cannot; "" if it can.
- * @param {string} [does] What it does, where that changed.
+ * Let a button of `commandButtons` do what it does, or say `why` it cannot ("": it can); it keeps
+ * the keyboard in any case. `does`: what it does, where that changed.
  */
 export function allow(made, why = "", does = made.dataset.does) {
   setAttribute(made, "data-does", does);
@@ -70,34 +60,22 @@ export function allow(made, why = "", does = made.dataset.does) {
 }
 
 /**
- * A choice of one of several values.
- * @param {(string | [string, string])[]} values Each one, or with the words for it.
- * @param {string} chosen
- * @param {Object} options Of the element, as `el` takes them.
- * @returns {HTMLSelectElement}
+ * A choice of one of several values, each as it is or as [value, words for it]; `options`: of the
+ * element, as `el` takes them.
  */
 export function choice(values, chosen, options) {
   return el("select", options, ...optionsOf(values, chosen));
 }
 
-/**
- * The options of a `choice`.
- * @param {(string | [string, string])[]} values
- * @param {string} [chosen]
- * @returns {HTMLOptionElement[]}
- */
+/** The options of a `choice`. */
 export function optionsOf(values, chosen) {
-  return values
-    .map((value) => [value].flat())
-    .map(([value, text = value]) =>
-      el("option", { text, value, selected: value === chosen }),
-    );
+  return values.map((one) => {
+    const [value, text = value] = [one].flat();
+    return el("option", { text, value, selected: value === chosen });
+  });
 }
 
-/**
- * For a model that only knows "obstacle": which class that is in these frames.
- * @returns {HTMLSelectElement}
- */
+/** For a model that only knows "obstacle": which class that is in these frames. */
 export function obstacleChoice() {
   const change = ({ target }) => setObstacleClass(target.value);
   return backAfterMouse(choice(obstacleClasses(), obstacleClass(), { on: { change } }));
@@ -110,8 +88,8 @@ async function setObstacleClass(value) {
 }
 
 /**
- * Ask which class the model's obstacles are, where it learnt several and nobody said it yet.
- * @returns {boolean} Whether it had to be asked.
+ * Ask which class the model's obstacles are, where it learnt several and nobody said it yet;
+ * whether it had to be asked.
  */
 export function askObstacleClass() {
   const dialog = document.getElementById("question");
@@ -123,10 +101,8 @@ export function askObstacleClass() {
     setObstacleClass(name);
   };
   const answers = obstacleClasses().map((name) => {
-    const count = learnt[name] ? `${learnt[name].toLocaleString("en")} patches learnt` : "not learnt";
-    const made = button("", () => choose(name), { class: "class-button" });
-    made.append(classTag(name), el("span", { class: "count", text: count }));
-    return made;
+    const text = learnt[name] ? `${learnt[name].toLocaleString("en")} patches learnt` : "not learnt";
+    return button("", () => choose(name), {}, classTag(name), el("span", { class: "count", text }));
   });
   dialog.replaceChildren(
     el("h2", { text: "What are the obstacles of this dive?" }),
@@ -145,25 +121,14 @@ function named(sign, name, key, run) {
   return button(sign, run, { title: `${name} (${key})`, "aria-label": name });
 }
 
-/**
- * Previous page, which it is, next page.
- * @param {(step: number) => void} turn -1 or 1.
- * @param {Node} range Says what the page shows.
- * @param {...Node} more Further buttons.
- * @returns {HTMLElement}
- */
+/** Previous page (`turn(-1)`), what the page shows, next page (`turn(1)`), further buttons. */
 export function pager(turn, range, ...more) {
   const back = named("‹", "previous page", "Page Up", () => turn(-1));
   const on = named("›", "next page", "Page Down", () => turn(1));
   return group("pages", back, range, on, ...more);
 }
 
-/**
- * Smaller and larger pictures.
- * @param {(step: number) => void} resize -1: smaller, 1: larger.
- * @param {...Node} more Further buttons.
- * @returns {HTMLElement}
- */
+/** Smaller pictures (`resize(-1)`), larger ones (`resize(1)`), further buttons. */
 export function sizeButtons(resize, ...more) {
   const smaller = named("−", "smaller pictures", "-", () => resize(-1));
   const larger = named("+", "larger pictures", "+", () => resize(1));

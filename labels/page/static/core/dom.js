@@ -2,13 +2,9 @@
 // things to screen readers.
 
 /**
- * Make an element.
- * @param {string} tag
- * @param {{text?: string, on?: Object<string, Function>}} [options] `text`: its words; `on`: its
- *   listeners by event. All others are attributes: true gives an empty one, false, null and
- *   undefined give none.
- * @param {...(Node|string|null|undefined)} children
- * @returns {HTMLElement}
+ * Make an element. `text`: its words; `on`: its listeners by event. All other options are
+ * attributes: true gives an empty one, false, null and undefined give none. Null and undefined
+ * among the children (nodes and strings) are left out.
  */
 export function el(tag, { text, on = {}, ...attributes } = {}, ...children) {
   const node = document.createElement(tag);
@@ -27,6 +23,14 @@ export function setAttribute(node, name, value) {
   if (node.getAttribute(name) !== text) node.setAttribute(name, text);
 }
 
+/** Fill an element with what `draw` gives, if it shall show something else than it does. */
+export function redraw(root, what, draw) {
+  const text = JSON.stringify(what);
+  if (root.dataset.shown === text) return;
+  root.dataset.shown = text;
+  root.replaceChildren(...draw());
+}
+
 /** Set an element's words, if they are others. */
 export function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
@@ -36,12 +40,12 @@ export function setText(node, text) {
  * A button that gives the keyboard back to the view after a click with the mouse, so that the
  * next Enter or Space is the view's and does not press the button again.
  */
-export function button(text, run, attributes) {
+export function button(text, run, attributes, ...children) {
   const click = (event) => {
     if (event.currentTarget.ariaDisabled !== "true") run(event);
     if (event.detail > 0) focusView();
   };
-  return el("button", { text, type: "button", on: { click }, ...attributes });
+  return el("button", { text, type: "button", on: { click }, ...attributes }, ...children);
 }
 
 /**
@@ -70,10 +74,8 @@ let toastTimer = 0;
 let toastStays = false;
 
 /**
- * Show a sentence for some seconds, and read it out.
- * @param {string} text
- * @param {{bad?: boolean, link?: ?string, stays?: boolean}} [options] `bad`: something was not
- *   done; `link`: the address of the place that it is about; `stays`: it is not of what is shown.
+ * Show a sentence for some seconds, and read it out. `bad`: something was not done; `link`: the
+ * address of the place that it is about; `stays`: it is not of what is shown.
  */
 export function say(text, { bad = false, link = null, stays = false } = {}) {
   toastStays = stays;
@@ -104,9 +106,8 @@ export function soon(work) {
 }
 
 /**
- * A set of listeners.
- * @returns {[(listener: Function) => Function, Function]} What adds a listener, and returns what
- *   takes it away again; and what tells all of them.
+ * A set of listeners: [what adds a listener, and returns what takes it away again; what tells all
+ * of them].
  */
 export function signal() {
   const listeners = new Set();

@@ -2,7 +2,7 @@
 
 import { onFailure } from "./api.js";
 import { announce, button, el, say, setText } from "./dom.js";
-import { blind, mission, onChange, setPerson, who } from "./mission.js";
+import { mission, onChange, setPerson, who } from "./mission.js";
 import { lastPerson } from "./settings.js";
 import { listenAnew } from "./live.js";
 import { onState, pending, state, stateReason, tryNow } from "../saving/saver.js";
@@ -39,16 +39,13 @@ function showMission() {
   showProgress();
   byId("person").textContent = `Labelling as ${who()}`;
   byId("person").title = "somebody else works here, or blind";
-  byId("blind-badge").hidden = !blind();
+  byId("blind-badge").hidden = !mission.blind;
   document.title = `${mission.mission} · tokt`;
 }
 
 let shown = "";
 
-/**
- * Say how far the labelling of a camera's frames is.
- * @param {string} [camera] The one that is shown now; without it, the one before.
- */
+/** Say how far the labelling of a camera's frames is: without its name, the one before's. */
 export function showProgress(camera = shown) {
   shown = camera;
   const states = mission.states[shown] ?? Object.values(mission.states)[0];
@@ -59,8 +56,7 @@ export function showProgress(camera = shown) {
 function showState() {
   const now = state();
   const box = byId("save-state");
-  const text = WORDS[now](pending());
-  if (box.textContent !== text) box.textContent = text;
+  setText(box, WORDS[now](pending()));
   box.dataset.state = now;
   box.title = stateReason() || "Every action is on the server's disk.";
   byId("try-now").hidden = now === "saved" || now === "saving";
@@ -80,14 +76,13 @@ export async function askPerson() {
 }
 
 /**
- * Let a person say who works here; without an answer nothing changes.
- * @param {(change: {who: string, blind: ?boolean}) => Promise<void>} take
- * @returns {Promise<void>} When it is closed, and taken.
+ * Let a person say who works here; without an answer nothing changes. `take({who, blind})`, whose
+ * promise is waited for, takes the answer.
  */
 function personDialog(take) {
   const dialog = byId("person-dialog");
   const last = lastPerson();
-  const hid = who() ? blind() : Boolean(last.blind);
+  const hid = who() ? mission.blind : Boolean(last.blind);
   const name = el("input", {
     id: "person-name", value: last.who ?? mission.annotator, maxlength: 60, required: true,
   });
@@ -130,5 +125,5 @@ async function become(change) {
     listenAnew();
   };
   await setPerson(change).catch(onFailure(explain)).finally(showAnew);
-  announce(`Labelling as ${who()}${blind() ? ", blind" : ""}`);
+  announce(`Labelling as ${who()}${mission.blind ? ", blind" : ""}`);
 }

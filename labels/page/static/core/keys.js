@@ -3,7 +3,7 @@
 // single character therefore also answers to Alt with it.
 
 import { el } from "./dom.js";
-import { classes, selectClass } from "./mission.js";
+import { mission, selectClass } from "./mission.js";
 import { changeSetting, setSetting, setting } from "./settings.js";
 
 const CONTRAST_STEP = 10;
@@ -76,7 +76,7 @@ function entryFor(event) {
 
 function classFor(event) {
   if (event.ctrlKey || event.metaKey || event.altKey) return null;
-  return classes().find(({ key }) => key && key === event.key) ?? null;
+  return mission.classes.find(({ key }) => key && key === event.key) ?? null;
 }
 
 // Shift is part of a character ("N", "?") and said only with named keys and Ctrl.
@@ -107,10 +107,9 @@ function ownsKey(target, { key, ctrlKey, altKey }) {
   if (!(target instanceof HTMLElement)) return false;
   if (target instanceof HTMLInputElement) {
     if (target.type === "range") return /^(Arrow|Page|Home|End)/.test(key);
-    if (target.type === "checkbox" || target.type === "radio") return key === " ";
+    if (target.type === "checkbox") return key === " ";
     return key !== "Escape";
   }
-  if (target instanceof HTMLTextAreaElement) return key !== "Escape";
   if (target instanceof HTMLSelectElement) return !ctrlKey && !altKey && key !== "Escape";
   if (target.getAttribute("role") === "slider") return /^(Arrow|Page|Home|End)/.test(key);
   if (target.matches("button, a, summary")) {
@@ -141,7 +140,7 @@ export function toggleHelp() {
 }
 
 function tables() {
-  const given = classes().filter(({ key }) => key);
+  const given = mission.classes.filter(({ key }) => key);
   const rows = [
     ...given.map(({ key, name }) => ["Classes", [key], name]),
     ...viewKeys.map(({ keys, does, group }) => [group ?? viewTitle, keys.map(reachable), does]),
@@ -168,7 +167,7 @@ function printed(key) {
 
 /** The form in which a page key can be pressed: with Alt where a class takes it. */
 export function reachable(key) {
-  return classes().some((known) => known.key === key) ? `Alt+${key}` : key;
+  return mission.classes.some((known) => known.key === key) ? `Alt+${key}` : key;
 }
 
 const lookKey = (key, does, run) => ({ keys: [key], does, run, group: "Seeing" });

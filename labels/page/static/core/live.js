@@ -2,9 +2,7 @@
 
 import { address, onFailure } from "./api.js";
 import { labelsAreStale } from "../saving/labels.js";
-import {
-  beginAnew, blind, loadMission, mission, onReload, strangerWords, takeNews,
-} from "./mission.js";
+import { beginAnew, loadMission, mission, onReload, strangerWords, takeNews } from "./mission.js";
 import { allOwn, noteStranger, setConnected, takeEventHeads, whenIdle } from "../saving/saver.js";
 
 const RETRY_MS = [200, 400, 800, 1500];
@@ -68,7 +66,7 @@ function broken() {
 }
 
 function takeStatus(news) {
-  if (news.blind === blind()) return void takeNews(news);
+  if (news.blind === mission.blind) return void takeNews(news);
   // This person began or ended to label blind, in another tab or on another computer.
   beginAnew(news.blind).catch(onFailure()).finally(listenAnew);
 }

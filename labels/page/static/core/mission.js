@@ -8,7 +8,11 @@ import { setSetting, setting, setWho, who } from "./settings.js";
 
 export { onSetting, setSetting, setting, who } from "./settings.js";
 
-/** The last /api/mission; `states` holds one array of characters a camera. */
+/**
+ * The last /api/mission. `states` holds one array of characters a camera; `blind` is whether who
+ * works here labels blind, as the server says, which then hides what others said; `classes` are in
+ * the taxonomy's order, then unsure, then names only found in the store.
+ */
 export const mission = {
   loaded: false, classes: [], cameras: {}, states: {}, given: {}, counts: {}, settings: {},
   depths: [],
@@ -21,14 +25,11 @@ let frameLists = {};
 
 /**
  * Be told that something of the mission changed: `onChange((what) => ...)` returns what stops it;
- * `what`: "all", "states", "status", "selected".
+ * `what`: "all", "states", "status".
  */
 const [onChange, changed] = signal();
 
-/**
- * Ask the server for everything about the mission.
- * @throws {ApiError}
- */
+/** Ask the server for everything about the mission. Throws ApiError. */
 export async function loadMission() {
   const asked = person;
   const heard = settingsHeard;
@@ -111,16 +112,9 @@ const [onReload, personChanged] = signal();
 
 export { onChange, onReload };
 
-/** Whether who works here labels blind; the server says so, and hides what others said. */
-export function blind() {
-  return mission.blind;
-}
-
 /**
  * Work as somebody else, or hide (or show again) what others and the model said to this person,
- * everywhere. Another name holds at once, also where loading everything anew fails.
- * @param {{who?: string, blind?: boolean}} change
- * @throws {ApiError}
+ * everywhere. Another name holds at once, also where loading everything anew fails (ApiError).
  */
 export async function setPerson({ who: name = who(), blind: hides }) {
   // The server takes no name with signs that cannot be seen, and to it names that look the same
@@ -132,9 +126,8 @@ export async function setPerson({ who: name = who(), blind: hides }) {
 }
 
 /**
- * Forget what is not for the person who works here now, and load the mission anew.
- * @param {boolean} [hides] Whether this person labels blind, where that is known.
- * @throws {ApiError}
+ * Forget what is not for the person who works here now, and load the mission anew; `hides`:
+ * whether this person labels blind. Throws ApiError.
  */
 export async function beginAnew(hides = mission.blind) {
   mission.blind = hides;
@@ -160,11 +153,6 @@ function forgetOthers() {
   for (const states of Object.values(mission.states)) {
     states.forEach((state, at) => state === "x" && (states[at] = "p"));
   }
-}
-
-/** All classes in the taxonomy's order, then unsure, then names only found in the store. */
-export function classes() {
-  return mission.classes;
 }
 
 /** A class by its name; also for names that the taxonomy does not have. */
@@ -212,7 +200,6 @@ export function selectedClass() {
 /** Choose the class to paint with. */
 export function selectClass(name) {
   setSetting("selected", name);
-  changed("selected");
 }
 
 /** The frame numbers of a camera, ascending. */
@@ -255,9 +242,4 @@ export function givenIn(camera, frame) {
 /** The first class of the taxonomy that is no obstacle. */
 export function clearClass() {
   return mission.classes.find((known) => known.obstacle === false).name;
-}
-
-/** How many patches a frame has. */
-export function cellCount() {
-  return mission.grid.rows * mission.grid.cols;
 }

@@ -24,9 +24,8 @@ export function pictureNow(camera, frame, enhance) {
 }
 
 /**
- * The picture of a frame; `enhance` is 0 (as the camera gave it) to 100.
- * @returns {Promise<ImageBitmap>}
- * @throws {ApiError} Also for a frame that cannot be read (status 422, its sentence).
+ * The ImageBitmap of a frame; `enhance` is 0 (as the camera gave it) to 100. Throws ApiError, also
+ * for a frame that cannot be read (status 422, its sentence).
  */
 export function picture(camera, frame, enhance) {
   const job = jobFor(pictureAddress(camera, frame, enhance));

@@ -21,10 +21,8 @@ export function addView(name, view) {
 
 /**
  * Register a view whose module is loaded when it is first shown, and registers itself then.
- * @param {string} name
- * @param {string} title Of its link; "" for a view that others lead to.
- * @param {(again: string) => Promise} load `again` belongs at the end of the module's address:
- *   browsers do not fetch an address again that could not be had.
+ * `title`: of its link, "" for a view that others lead to. `load(again)`: `again` ends the module's
+ * address, as browsers do not fetch an address again that could not be had.
  */
 export function addLaterView(name, title, load) {
   views.set(name, { title, load });

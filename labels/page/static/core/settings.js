@@ -3,53 +3,42 @@
 
 import { signal } from "./dom.js";
 
-// Reading the property itself throws where a browser blocks storage.
-function area(name) {
+// What something gives that works with the storage, or what to take where the storage does not let
+// us. Reading the property itself throws where a browser blocks it.
+function tried(work, otherwise) {
   try {
-    return window[name];
+    return work();
   } catch {
-    return null;
+    return otherwise;
   }
 }
 
-const areas = { local: area("localStorage"), session: area("sessionStorage") };
+const local = tried(() => window.localStorage, null);
+const session = tried(() => window.sessionStorage, null);
 
 /** What is stored under a name, parsed; null where there is nothing or it cannot be read. */
-export function read(name, store = areas.local) {
-  try {
-    return JSON.parse(store.getItem(name));
-  } catch {
-    return null;
-  }
+export function read(name, store = local) {
+  return tried(() => JSON.parse(store.getItem(name)), null);
 }
 
 /** Store a value; whether it is there then. */
-export function write(name, value, store = areas.local) {
+export function write(name, value, store = local) {
   const text = JSON.stringify(value);
-  try {
+  const put = () => {
     store.setItem(name, text);
     return store.getItem(name) === text;
-  } catch {
-    return false;
-  }
+  };
+  return tried(put, false);
 }
 
 /** Forget a name. */
 export function remove(name) {
-  try {
-    areas.local.removeItem(name);
-  } catch {
-    // Storage is switched off: there is nothing to forget.
-  }
+  tried(() => local.removeItem(name));
 }
 
 /** The stored names that start with a text, sorted. */
 export function names(prefix) {
-  try {
-    return Object.keys(areas.local).filter((name) => name.startsWith(prefix)).sort();
-  } catch {
-    return [];
-  }
+  return tried(() => Object.keys(local).filter((name) => name.startsWith(prefix)).sort(), []);
 }
 
 const SETTINGS = "tokt.settings";
@@ -96,7 +85,7 @@ export function changeSetting(name, by, most) {
 }
 
 // A tab keeps its person over reloads; a new tab starts as the last one on this computer did.
-let identity = read(IDENTITY, areas.session) ?? read(IDENTITY) ?? {};
+let identity = read(IDENTITY, session) ?? read(IDENTITY) ?? {};
 
 /** The annotator of this tab; "" until a person said so. */
 export function who() {
@@ -104,10 +93,7 @@ export function who() {
   return identity.preset ? "" : (identity.who ?? "");
 }
 
-/**
- * Who worked here last, to propose.
- * @returns {{who?: string, blind?: boolean}} `blind`: an earlier tokt kept it in the browser.
- */
+/** Who worked here last, to propose: {who, blind}; an earlier tokt kept `blind` in the browser. */
 export function lastPerson() {
   return identity;
 }
@@ -115,6 +101,6 @@ export function lastPerson() {
 /** Choose who works here. */
 export function setWho(name) {
   identity = { who: name };
-  write(IDENTITY, identity, areas.session);
+  write(IDENTITY, identity, session);
   write(IDENTITY, identity);
 }

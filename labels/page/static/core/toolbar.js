@@ -5,11 +5,9 @@ import { proposeAgain } from "../frame/painting.js";
 import { needsObstacleClass, obstacleClass, percentRight } from "../frame/suggest.js";
 import { nextSteps, redo, undo } from "../saving/saver.js";
 import { allow, commandButtons, nothingYet, obstacleChoice } from "./controls.js";
-import { backAfterMouse, button, el, say, setAttribute, setText } from "./dom.js";
+import { backAfterMouse, button, el, redraw, say, setAttribute, setText } from "./dom.js";
 import { DRAWER_KEY, reachable, toggleDrawer } from "./keys.js";
-import {
-  blind, classes, clearClass, colourOf, mission, setSetting, setting, signOf,
-} from "./mission.js";
+import { clearClass, colourOf, mission, setSetting, setting, signOf } from "./mission.js";
 import { currentView, go } from "./router.js";
 
 /** Undo, and propose again what the undone action had accepted. */
@@ -44,9 +42,7 @@ const OWN = { undo: stepBack, redo: stepForward, settings: toggleDrawer };
 const OWN_KEYS = { undo: "z", redo: "Z", settings: DRAWER_KEY };
 
 /**
- * Build the toolbar.
- * @param {Object<string, Function>} commands The view's, by name; `choose` takes a class.
- * @param {(command: string) => string} keyFor
+ * Build the toolbar; `commands` and `keyFor`: as of `commandButtons`, `choose` takes a class.
  * @param {[string, string, string][]} tools What painting can do beside classes: command, words,
  *   and what it does.
  * @param {[string, string, string][]} actions Of the view in the same form, "rest" among them; the
@@ -98,18 +94,15 @@ function showPainters(root, choose, chosen) {
     // A name that labels carry and the taxonomy does not have: shown, not given.
     disabled: obstacle === null && name !== "unsure",
   }));
-  const text = JSON.stringify(rows);
-  if (root.dataset.shown === text) return;
-  root.dataset.shown = text;
   const focused = root.contains(document.activeElement) && document.activeElement.ariaLabel;
-  root.replaceChildren(...rows.map((row) => painterButton(row, () => choose(row.name))));
+  redraw(root, rows, () => rows.map((row) => painterButton(row, () => choose(row.name))));
   if (focused) [...root.children].find(({ ariaLabel }) => ariaLabel === focused)?.focus();
 }
 
 // All classes with their depth, each below what it is a kind of; a group that is no class stands
 // above its first one.
 function classTree() {
-  const all = classes();
+  const all = mission.classes;
   const rows = [];
   const add = (row, depth) => {
     rows.push({ ...row, depth });
@@ -136,10 +129,8 @@ function painterButton({ name, group, depth, on, colour, sign, title, disabled }
 }
 
 /**
- * Build the drawer of settings.
- * @param {...Node} more Of the view.
- * @returns {{root: HTMLElement, show: (said: string) => void}} `said`: of the suggestions that
- *   are shown.
+ * Build the drawer of settings, with `more` of the view: {root, show(said)}; `said`: of the
+ * suggestions that are shown.
  */
 export function buildDrawer(...more) {
   const model = el("div", { class: "model" });
@@ -190,8 +181,8 @@ const NO_MODEL =
 
 function showModel(root, said) {
   const { model } = mission;
-  if (blind() || !model) {
-    if (blind()) setText(root, "Blind: suggestions are hidden.");
+  if (mission.blind || !model) {
+    if (mission.blind) setText(root, "Blind: suggestions are hidden.");
     else if (!root.querySelector("a")) {
       root.replaceChildren(nothingYet(NO_MODEL, "Train a model", "#/files"));
     }

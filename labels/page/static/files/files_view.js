@@ -4,7 +4,7 @@
 import { address, get, onFailure, post, send } from "../core/api.js";
 import { choice } from "../core/controls.js";
 import { button, el, say } from "../core/dom.js";
-import { blind, classes, mission, onChange, onReload, who } from "../core/mission.js";
+import { mission, onChange, onReload, who } from "../core/mission.js";
 import { addView, go } from "../core/router.js";
 import { classEditor } from "./class_editor.js";
 
@@ -20,7 +20,7 @@ function show(root) {
     el("section", { class: "files", tabindex: -1, "data-home": true, "aria-label": "files" },
       card("Export labels", ...exporting()),
       card("Import labels", ...importing()),
-      blind() ? "" : card("Backup",
+      mission.blind ? "" : card("Backup",
         el("p", { text: "All labels and notes of the workspace, in one checked file." }),
         link("Download a backup", address("/api/backup")),
       ),
@@ -53,8 +53,8 @@ const failed = ({ message }) => say(message, { bad: true });
 
 function exporting() {
   const form = choice(Object.entries(mission.formats), "csv", { on: { change: check } });
-  const people = blind() ? [who()] : [EVERYBODY, ...mission.annotators];
-  const whose = choice(people, blind() ? who() : EVERYBODY, { on: { change: check } });
+  const people = mission.blind ? [who()] : [EVERYBODY, ...mission.annotators];
+  const whose = choice(people, mission.blind ? who() : EVERYBODY, { on: { change: check } });
   const full = el("input", { type: "checkbox", checked: true, on: { change: check } });
   const told = el("div", { role: "status" });
   const download = link("Download", "#");
@@ -83,14 +83,13 @@ function exporting() {
 // ---- Labels in
 
 function importing() {
-  const file = el("input", { type: "file", on: { change: () => read({}) } });
+  const on = { change: () => read({}) };
+  const file = el("input", { type: "file", on });
   const files = Object.entries(mission.formats).filter(([name]) => name !== "patches");
-  const form = choice([["", ANY], ...files], "", {
-    on: { change: () => read({}) },
-  });
-  const annotator = el("input", { maxlength: 60, placeholder: ANY, on: { change: () => read({}) } });
+  const form = choice([["", ANY], ...files], "", { on });
+  const annotator = el("input", { maxlength: 60, placeholder: ANY, on });
   const cameras = Object.keys(mission.cameras);
-  const camera = choice(cameras, cameras[0], { on: { change: () => read({}) } });
+  const camera = choice(cameras, cameras[0], { on });
   const told = el("div", { role: "status" });
   // What the file's classes are here: {theirs: ours}; ours is "" for those to leave out.
   async function read(named, apply = false) {
@@ -116,7 +115,8 @@ function importing() {
 }
 
 function asking(unknown, named, read) {
-  const ours = [["", LEAVE_OUT], ...classes().filter(({ key }) => key).map(({ name }) => name)];
+  const given = mission.classes.filter(({ key }) => key).map(({ name }) => name);
+  const ours = [["", LEAVE_OUT], ...given];
   const rows = unknown.map((theirs) => [theirs, choice(ours, "")]);
   const chosen = () => Object.fromEntries(rows.map(([theirs, control]) => [theirs, control.value]));
   return [
@@ -152,13 +152,13 @@ function jobs() {
     ? `Suggestions come from ${mission.model.label}.`
     : "There is no model yet: train one of your labels, and it suggests the rest.";
   return [
-    el("p", { text: blind() ? "Not while you label blind." : model }),
+    el("p", { text: mission.blind ? "Not while you label blind." : model }),
     button("Train a model of these labels", start({ what: "model" }), {
-      class: "main", disabled: blind(),
+      class: "main", disabled: mission.blind,
       title: "Takes minutes; it needs labels of water and of obstacles on some twenty frames.",
     }),
     button("Look for labels that may be wrong", start({ what: "audit" }), {
-      disabled: blind(),
+      disabled: mission.blind,
       title: "Models that did not learn a frame judge its labels; nothing is changed.",
     }),
   ];

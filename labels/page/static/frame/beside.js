@@ -9,10 +9,7 @@ import { FrameCanvas } from "./frame_canvas.js";
 
 /** Shows it, or hides its canvas. */
 export class Beside {
-  /**
-   * @param {FrameShow} show Whose frame it is.
-   * @param {HTMLCanvasElement} element
-   */
+  /** `show`: the FrameShow whose frame it is; `element`: a canvas. */
   constructor(show, element) {
     Object.assign(this, { show, element, asked: "" });
     this.canvas = new FrameCanvas(element);

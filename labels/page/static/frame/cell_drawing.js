@@ -12,7 +12,7 @@ const FAINT = 0.5; // opacity of lines around what is clear
 const BOLD = "600 14px system-ui, sans-serif";
 
 /**
- * @typedef {Object} CellPlan
+ * @typedef {Object} CellPlan What it is drawn onto: `plan` in all functions here.
  * @property {CanvasRenderingContext2D} ctx Scaled so that one unit is one CSS pixel.
  * @property {(cell: number) => {x: number, y: number, width: number, height: number}} boxOf
  *
@@ -20,9 +20,7 @@ const BOLD = "600 14px system-ui, sans-serif";
  */
 
 /**
- * What is drawn of a patch: its label, else what is proposed for it.
- * @param {?string} label
- * @param {?{label: string, strong: boolean, kept: boolean, against: boolean}} hint
+ * What is drawn of a patch: its label, else what is proposed for it (`hint`, as of `hintsOf`).
  * @returns {ShownCell} `mark`: "?" where the model is not confident, "→" where the frame before
  *   says so and not the model, "≠" where the model says the opposite.
  */
@@ -34,10 +32,8 @@ export function shownCell(label, hint) {
 }
 
 /**
- * Draw labels, outlined solid and tinted (unsure ones hatched), and proposals, outlined dashed or,
- * if not confident, dotted. What is clear has faint lines only.
- * @param {CellPlan} plan
- * @param {ShownCell[]} cells Row by row.
+ * Draw `ShownCell`s, row by row: labels, outlined solid and tinted (unsure ones hatched), and
+ * proposals, outlined dashed or, if not confident, dotted. What is clear has faint lines only.
  */
 export function drawCells(plan, cells) {
   const { ctx } = plan;
@@ -46,8 +42,11 @@ export function drawCells(plan, cells) {
   const width = roomy ? 2 : 1;
   const keys = cells.map((cell) => cell && Object.values(cell).join(" "));
   cells.forEach((cell, at) => cell?.line === "solid" && fill(ctx, boxOf(at), cell.label));
-  for (const [key, path] of outlines(keys, boxOf, width / 2 + 1)) {
-    const { label, line } = cells[keys.indexOf(key)];
+  for (const [key, area] of Map.groupBy(keys.keys(), (cell) => keys[cell])) {
+    if (key === null) continue;
+    const path = new Path2D();
+    for (const cell of area) addEdges(path, boxOf(cell), cell, keys, width / 2 + 1);
+    const { label, line } = cells[area[0]];
     ctx.globalAlpha = isClear(label) ? FAINT : 1;
     strokeTwice(ctx, path, colourOf(label), DASHES[line], width);
   }
@@ -103,30 +102,19 @@ function firstOfAreas(keys) {
     while (waiting.length > 0) {
       const cell = waiting.pop();
       known.add(cell);
-      const alike = neighbours(cell).filter((next) => keys[next] === keys[cell]);
-      waiting.push(...alike.filter((next) => !known.has(next)));
+      const [row, col] = rowCol(cell);
+      const near = Object.values(ARROWS).map(([down, right]) => cellAt(row + down, col + right));
+      waiting.push(...near.filter((next) => keys[next] === keys[cell] && !known.has(next)));
     }
     return true;
   });
 }
 
-/** The cells above, below, left and right; -1 outside the frame. */
-function neighbours(index) {
-  const [row, col] = rowCol(index);
-  return Object.values(ARROWS).map(([down, right]) => cellAt(row + down, col + right));
-}
-
-/**
- * Mark patches that the server has not acknowledged.
- * @param {CellPlan} plan
- * @param {Iterable<number>} cells
- */
+/** Mark patches that the server has not acknowledged. */
 export function drawPending({ ctx, boxOf }, cells) {
+  Object.assign(ctx, { fillStyle: "#ffb000", strokeStyle: "#000", lineWidth: 1 });
   for (const cell of cells) {
     const { x, y, width, height } = boxOf(cell);
-    ctx.fillStyle = "#ffb000";
-    ctx.strokeStyle = "#000";
-    ctx.lineWidth = 1;
     ctx.beginPath();
     ctx.arc(x + width - 9, y + height - 9, 3.5, 0, 2 * Math.PI);
     ctx.fill();
@@ -137,10 +125,8 @@ export function drawPending({ ctx, boxOf }, cells) {
 /**
  * What others said other than what is shown: an initial and the class's sign in the lower left
  * corner; a mark in the right one where two people are sure of different classes; a tick where it
- * is settled. That only somebody else said clear is not told where nothing is shown.
- * @param {CellPlan} plan
- * @param {{mine: (?string)[], others: Object, settled: (?string)[]}} labels
- * @param {ShownCell[]} cells As `drawCells` takes them.
+ * is settled. That only somebody else said clear is not told where nothing is shown. `cells`: as
+ * `drawCells` takes them.
  */
 export function drawOthers(plan, { mine, others, settled }, cells) {
   const people = Object.entries(others);
@@ -168,17 +154,12 @@ export function disagree(labels) {
 }
 
 function drawDisagreement({ ctx }, { x, y, width, height }) {
-  Object.assign(ctx, { font: "700 18px system-ui, sans-serif", lineWidth: 4, lineJoin: "round" });
+  Object.assign(ctx, { font: "700 18px system-ui, sans-serif", lineWidth: 4 });
   Object.assign(ctx, { textAlign: "right", textBaseline: "bottom" });
-  rimmedText(ctx, "≠", x + width - 5, y + height - 3, { rim: "#000000", ink: "#ff7aa2" });
+  rimmedText(ctx, "≠", x + width - 5, y + height - 3, "#ff7aa2");
 }
 
-/**
- * Show the cursor and the selected rectangle.
- * @param {CellPlan} plan
- * @param {?number} cursor
- * @param {number[]} selection
- */
+/** Show the cursor's cell, if there is one, and the cells that are selected. */
 export function drawCursor(plan, cursor, selection) {
   const { ctx, boxOf } = plan;
   for (const cell of selection) {
@@ -193,12 +174,7 @@ export function drawCursor(plan, cursor, selection) {
   strokeTwice(ctx, path, "#ffffff", [], 2);
 }
 
-/**
- * Fill patches faintly: the stroke that is being drawn.
- * @param {CellPlan} plan
- * @param {Iterable<number>} cells
- * @param {?string} label Null takes labels back.
- */
+/** Fill patches faintly: the stroke that is being drawn. A null label takes labels back. */
 export function drawStroke({ ctx, boxOf }, cells, label) {
   ctx.globalAlpha = 0.35;
   ctx.fillStyle = label === null ? "#000000" : colourOf(label);
@@ -209,24 +185,7 @@ export function drawStroke({ ctx, boxOf }, cells, label) {
   ctx.globalAlpha = 1;
 }
 
-/**
- * The outlines of areas of equal patches.
- * @param {(?string)[]} keys One a cell: what is equal; null: none.
- * @param {(cell: number) => Object} boxOf
- * @param {number} inset How far inside the patches the lines lie.
- * @returns {Map<string, Path2D>} By key.
- */
-function outlines(keys, boxOf, inset) {
-  const paths = new Map();
-  keys.forEach((key, cell) => {
-    if (key === null) return;
-    if (!paths.has(key)) paths.set(key, new Path2D());
-    addEdges(paths.get(key), boxOf(cell), cell, keys, inset);
-  });
-  return paths;
-}
-
-// Edges towards a patch with another key.
+// Edges towards a patch with another key, `inset` CSS pixels inside the patch.
 function addEdges(path, { x, y, width, height }, cell, keys, inset) {
   const [row, col] = rowCol(cell);
   const same = (r, c) => keys[cellAt(r, c)] === keys[cell];
@@ -251,7 +210,7 @@ function addEdges(path, { x, y, width, height }, cell, keys, inset) {
   }
 }
 
-function strokeTwice(ctx, path, colour, dash, width = 2) {
+function strokeTwice(ctx, path, colour, dash, width) {
   ctx.lineCap = "butt";
   ctx.setLineDash([]);
   ctx.lineWidth = width + 2; // all of the rim and of `colourOf` is needed for 3:1 on any ground
@@ -279,23 +238,17 @@ function drawSign(ctx, { x, y, width }, { label, line, mark }) {
 }
 
 function smallText(ctx, text, x, y, ink) {
-  Object.assign(ctx, { font: BOLD, lineWidth: 3, lineJoin: "round" });
-  Object.assign(ctx, { textAlign: "left", textBaseline: "top" });
-  rimmedText(ctx, text, x, y, { rim: "#000000", ink });
+  Object.assign(ctx, { font: BOLD, lineWidth: 3, textAlign: "left", textBaseline: "top" });
+  rimmedText(ctx, text, x, y, ink);
 }
 
-function rimmedText(ctx, text, x, y, { rim, ink }) {
-  ctx.strokeStyle = rim;
+function rimmedText(ctx, text, x, y, ink) {
+  Object.assign(ctx, { lineJoin: "round", strokeStyle: "#000000", fillStyle: ink });
   ctx.strokeText(text, x, y);
-  ctx.fillStyle = ink;
   ctx.fillText(text, x, y);
 }
 
-/**
- * Fold the upper right corner of patches that have a note.
- * @param {CellPlan} plan
- * @param {{cell: ?number}[]} notes
- */
+/** Fold the upper right corner of patches that have a note. */
 export function drawNotes({ ctx, boxOf }, notes) {
   for (const { cell } of notes) {
     if (cell === null) continue;

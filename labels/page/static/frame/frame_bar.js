@@ -1,23 +1,16 @@
 // The bar under the picture: which frame this is, where to go, filter, and the status line; the
 // strip's legend; sentences about a frame and its patches, for the status line and screen readers.
 
-import { commandButtons, optionsOf } from "../core/controls.js";
-import { backAfterMouse, el, focusView, setAttribute } from "../core/dom.js";
+import { choice, commandButtons, optionsOf } from "../core/controls.js";
+import { backAfterMouse, el, focusView, redraw, setAttribute } from "../core/dom.js";
 import { frameIndex, frames, mission, setSetting, setting, stateOf } from "../core/mission.js";
 import { disagree } from "./cell_drawing.js";
 import { cellName } from "./patch_grid.js";
-import { countPassing, filterChoices, filterName } from "./steps.js";
+import { filterChoices, filterName, passingFrames } from "./steps.js";
 import { kindOf } from "./suggest.js";
 import { STATES } from "./timeline.js";
 
-/**
- * Build the bar.
- * @param {Object<string, Function>} commands
- * @param {(command: string) => string} keyFor
- * @param {HTMLElement} status
- * @returns {{root: HTMLElement, legend: HTMLElement,
- *   show: (camera: string, frame: number) => void}}
- */
+/** Build the bar of commands, by name, and the status line: {root, legend, show(camera, frame)}. */
 export function buildBar(commands, keyFor, status) {
   const command = commandButtons(commands, keyFor);
   const number = el("input", {
@@ -31,9 +24,7 @@ export function buildBar(commands, keyFor, status) {
   const place = el("span", { class: "place" });
   const camera = command("", "camera", "Left or right camera");
   const both = command("Both", "beside", "Left and right side by side");
-  const setFilter = () => setSetting("filter", filter.value);
-  const options = { class: "filter", "aria-label": "Filter", title: "Which frames are stepped to" };
-  const filter = backAfterMouse(el("select", { ...options, on: { change: setFilter } }));
+  const filter = filterSelect("Filter", "Which frames are stepped to");
   const matches = el("span", { class: "matches" });
   const legend = el("div", { class: "legend", "aria-label": "States of frames" });
   const root = el("div", { class: "frame-bar" },
@@ -56,47 +47,36 @@ export function buildBar(commands, keyFor, status) {
     setAttribute(both, "aria-pressed", String(setting("beside")));
     camera.textContent = where;
     camera.setAttribute("aria-label", `${where} camera: change`);
-    showFilters(filter);
-    matches.textContent = filterName() === "all" ? "" : `${countPassing(where)} frames match`;
+    // Classes come when somebody uses them first, and go with who works here.
+    const filters = filterChoices();
+    redraw(filter, filters, () => optionsOf(filters));
+    filter.value = filterName();
+    const all = filterName() === "all";
+    matches.textContent = all ? "" : `${passingFrames(where).length} frames match`;
     showLegend(legend, where);
   };
   return { root, legend, show };
 }
 
-// Classes come when somebody uses them first, and go with who works here.
-function showFilters(filter) {
-  const choices = filterChoices();
-  const text = JSON.stringify(choices);
-  if (filter.dataset.shown !== text) {
-    filter.dataset.shown = text;
-    filter.replaceChildren(...optionsOf(choices));
-  }
-  filter.value = filterName();
+/** The choice of the filter. */
+export function filterSelect(words, title) {
+  const change = ({ target }) => setSetting("filter", target.value);
+  const options = { class: "filter", "aria-label": words, title, on: { change } };
+  return backAfterMouse(choice(filterChoices(), filterName(), options));
 }
 
 function showLegend(root, camera) {
   const counts = {};
   for (const state of mission.states[camera]) counts[state] = (counts[state] ?? 0) + 1;
-  const text = JSON.stringify([counts, camera]);
-  if (root.dataset.shown === text) return;
-  root.dataset.shown = text;
-  root.replaceChildren(
-    ...Object.entries(STATES).map(([state, { words }]) =>
-      el("span", { class: "legend-item" },
-        el("i", { class: `legend-mark state-${state}`, "aria-hidden": "true" }),
-        `${words} ${counts[state] ?? 0}`,
-      ),
-    ),
-  );
+  const item = ([state, { words }]) =>
+    el("span", { class: "legend-item" },
+      el("i", { class: `legend-mark state-${state}`, "aria-hidden": "true" }),
+      `${words} ${counts[state] ?? 0}`,
+    );
+  redraw(root, counts, () => Object.entries(STATES).map(item));
 }
 
-/**
- * A frame in words.
- * @param {string} camera
- * @param {number} frame
- * @param {?Object} labels
- * @returns {string}
- */
+/** A frame in words; `labels` where they are loaded. */
 export function describeFrame(camera, frame, labels) {
   const words = [`${camera} frame ${frame}`];
   if (labels) {
@@ -108,11 +88,7 @@ export function describeFrame(camera, frame, labels) {
   return words.join(" · ");
 }
 
-/**
- * When and where a frame was taken, in words.
- * @param {Object} said Of /api/frame_info; {} where nothing is known.
- * @returns {string}
- */
+/** When and where a frame was taken, in words; `said`: by /api/frame_info, {} for nothing. */
 export function describeInfo(said) {
   const time = said.time?.replace("T", " ").replace(/(\.\d+)?Z$/, " UTC");
   const parts = {
@@ -131,13 +107,7 @@ function surety({ strong, percent, said }) {
   return (strong ? "sure" : "unsure") + (percent === null ? "" : ` (${kind}: ${percent} %)`);
 }
 
-/**
- * A patch in words.
- * @param {number} cell
- * @param {Object} labels
- * @param {?Object} hint
- * @returns {string}
- */
+/** A patch in words; `hint`: what is proposed for it, or null. */
 export function describeCell(cell, labels, hint) {
   const words = [`${cellName(cell)}: ${labels.mine[cell] ?? "no label"}`];
   const version = labels.models[cell];
@@ -149,13 +119,11 @@ export function describeCell(cell, labels, hint) {
     else words.push(`model suggests ${hint.label}, ${surety(hint)}`);
     if (hint.against) words.push(`the model says ${hint.said}`);
   }
-  const said = [labels.mine[cell]];
-  for (const [name, theirs] of Object.entries(labels.others)) {
-    if (theirs[cell] === null) continue;
-    words.push(`${name}: ${theirs[cell]}`);
-    said.push(theirs[cell]);
-  }
+  const theirs = Object.entries(labels.others).map(([name, all]) => [name, all[cell]]);
+  for (const [name, label] of theirs) if (label !== null) words.push(`${name}: ${label}`);
   if (labels.settled[cell] !== null) words.push(`settled: ${labels.settled[cell]}`);
-  else if (disagree(said)) words.push("disagreement");
+  else if (disagree([labels.mine[cell], ...theirs.map(([, label]) => label)])) {
+    words.push("disagreement");
+  }
   return words.join(", ");
 }

@@ -36,6 +36,11 @@ export class Viewport {
     };
   }
 
+  /** Size of a patch in frame pixels. */
+  get patch() {
+    return patchSize(this.frame.width, this.frame.height);
+  }
+
   /** Where the frame's upper left corner lies on the canvas. */
   get origin() {
     const { width, height } = this.room;
@@ -154,14 +159,9 @@ export class FrameCanvas {
   /** Where a cell lies on the canvas, in CSS pixels. */
   boxOf(cell) {
     const [row, col] = rowCol(cell);
-    const { origin, scale, frame } = this.viewport;
-    const { width, height } = patchSize(frame.width, frame.height);
-    return {
-      x: origin.x + col * width * scale,
-      y: origin.y + row * height * scale,
-      width: width * scale,
-      height: height * scale,
-    };
+    const { origin, scale, patch } = this.viewport;
+    const [width, height] = [patch.width * scale, patch.height * scale];
+    return { x: origin.x + col * width, y: origin.y + row * height, width, height };
   }
 
   /**
@@ -172,10 +172,8 @@ export class FrameCanvas {
   hit(clientX, clientY) {
     const { left, top } = this.canvas.getBoundingClientRect();
     const inFrame = this.viewport.toFrame(clientX - left, clientY - top);
-    const { frame } = this.viewport;
-    const { width, height } = patchSize(frame.width, frame.height);
-    const x = inFrame.x / width;
-    const y = inFrame.y / height;
+    const { patch } = this.viewport;
+    const [x, y] = [inFrame.x / patch.width, inFrame.y / patch.height];
     const [row, col] = [Math.floor(y), Math.floor(x)];
     let head = null;
     if (clientX - left < 24 && cellAt(row, 0) >= 0) head = { row };
@@ -186,8 +184,7 @@ export class FrameCanvas {
   /** Move the picture so that a cell is in sight. */
   reveal(cell) {
     const [row, col] = rowCol(cell);
-    const { frame } = this.viewport;
-    const { width, height } = patchSize(frame.width, frame.height);
+    const { width, height } = this.viewport.patch;
     this.viewport.reveal({ x: col * width, y: row * height, width, height });
     this.invalidate();
   }

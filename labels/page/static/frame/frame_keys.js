@@ -1,6 +1,7 @@
 // The table of the frame view's keys: what dispatches them, the overlay and the buttons read it.
 
 import { labelKeys, reachable } from "../core/keys.js";
+import { arrowKeys } from "./patch_grid.js";
 
 const NEXT = "Frames";
 const PAINT = "Painting";
@@ -23,13 +24,8 @@ const TABLE = [
   ["beside", ["w"], SEE, "left and right side by side: the second one is to look at"],
   ["play", ["k"], NEXT, "play, and stop; what labels stops it too and labels nothing"],
   ["paint", ["Space"], PAINT, "paint the cursor's patch or the rectangle"],
-  ["move", ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"], PAINT, "move the cursor"],
-  [
-    "extend",
-    ["Shift+ArrowLeft", "Shift+ArrowRight", "Shift+ArrowUp", "Shift+ArrowDown"],
-    PAINT,
-    "span a rectangle; a class key then paints it",
-  ],
+  ["move", arrowKeys(), PAINT, "move the cursor"],
+  ["extend", arrowKeys("Shift+"), PAINT, "span a rectangle; a class key then paints it"],
   ["row", ["r"], PAINT, "paint the cursor's row"],
   ["rest", ["o"], PAINT, "the rest of this frame is clear (the class that is no obstacle)"],
   ["copy", ["p"], PAINT, "same as the frame before, to be accepted"],
@@ -50,12 +46,7 @@ const TABLE = [
   ["zoomIn", ["+", "="], SEE, "zoom in (also the wheel)"],
   ["zoomOut", ["-"], SEE, "zoom out"],
   ["fit", ["0"], SEE, "whole frame"],
-  [
-    "pan",
-    ["Ctrl+ArrowLeft", "Ctrl+ArrowRight", "Ctrl+ArrowUp", "Ctrl+ArrowDown"],
-    SEE,
-    "move the picture (also Space+drag, middle button)",
-  ],
+  ["pan", arrowKeys("Ctrl+"), SEE, "move the picture (also Space+drag, middle button)"],
 ];
 
 // For the overlay only.
@@ -68,28 +59,17 @@ const POINTER_HELP = [
   ["Wheel on the strip", "fewer or more frames there (also +, -, 0 on it); sideways: move it"],
 ];
 
-/**
- * The table of keys for the router.
- * @param {Object<string, Function>} commands By name; a function may carry a `release`.
- * @returns {KeyEntry[]}
- */
+/** `KeyEntry`s for the router of commands by name; a function may carry a `release`. */
 export function frameKeys(commands) {
-  const rows = TABLE.map(([name, keys, group, does]) => ({
-    keys,
-    group,
-    does,
-    run: commands[name],
-    release: commands[name].release,
-  }));
+  const rows = TABLE.map(([name, keys, group, does]) => {
+    const run = commands[name];
+    return { keys, group, does, run, release: run.release };
+  });
   const pointer = POINTER_HELP.map(([what, does]) => ({ keys: [what], group: "Pointer", does }));
   return [...rows, ...labelKeys, ...pointer];
 }
 
-/**
- * The key to show on a button.
- * @param {string} command
- * @returns {string}
- */
+/** The key to show on a command's button. */
 export function keyForCommand(command) {
   const [, keys] = TABLE.find(([name]) => name === command);
   return keys.find((key) => reachable(key) === key) ?? reachable(keys[0]);

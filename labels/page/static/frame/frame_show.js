@@ -8,8 +8,7 @@ import { forgetFailed, picture, pictureNow, prefetchPictures } from "../core/pic
 import { stepFrom } from "./steps.js";
 import { framesFollowed } from "./suggest.js";
 
-const AHEAD = 3;
-const BEHIND = 1;
+const NEIGHBOURS = [1, 2, 3, -1]; // steps in the direction of travel
 const SLOW_MS = 250;
 const SEEN_MS = 400;
 const TAP_MS = 300;
@@ -17,10 +16,7 @@ const BLINK_MS = 450; // under three changes a second: no flicker that could har
 
 /** Shows one frame at a time on a FrameCanvas. */
 export class FrameShow {
-  /**
-   * @param {FrameCanvas} canvas
-   * @param {Function} changed Called when another frame, or another picture of it, is shown.
-   */
+  /** `changed()` is called when another frame, or another picture of it, is shown. */
   constructor(canvas, changed) {
     this.canvas = canvas;
     this.changed = changed;
@@ -37,7 +33,6 @@ export class FrameShow {
     /** How many frames apart those are that are shown one after the other. */
     this.stride = 1;
     this.started = null;
-    this.pressed = 0;
     this.first = true;
     canvas.onDrawn = (tag) => this.drawn(tag);
   }
@@ -76,11 +71,7 @@ export class FrameShow {
     );
   }
 
-  /**
-   * Show a frame.
-   * @param {string} camera
-   * @param {number} frame
-   */
+  /** Show a frame. */
   go(camera, frame) {
     this.started = performance.now();
     this.endBlink();
@@ -89,26 +80,16 @@ export class FrameShow {
     this.frame = frame;
     this.retriable = false;
     this.fault = frameIndex(camera, frame) < 0 ? absent(camera, frame) : "";
-    prefetch(camera, this.fault ? [] : this.neighbours(frame));
+    prefetch(camera, this.fault ? [] : this.neighbours());
     this.loadPicture();
     this.noteSeen();
   }
 
   // The frames that will be wanted: this one, more in the direction of travel than behind.
-  neighbours(frame) {
-    const list = [frame];
-    for (const [count, direction] of [
-      [AHEAD, this.direction],
-      [BEHIND, -this.direction],
-    ]) {
-      let at = frame;
-      for (let step = 0; step < count; step += 1) {
-        at = stepFrom(this.camera, at, direction * this.stride);
-        if (at === null) break;
-        list.push(at);
-      }
-    }
-    return this.before === null ? list : [...new Set([...list, this.before])];
+  neighbours() {
+    const { camera, frame, direction, stride, before } = this;
+    const near = NEIGHBOURS.map((steps) => stepFrom(camera, frame, steps * direction * stride));
+    return [...new Set([frame, ...near, before])].filter((one) => one !== null);
   }
 
   /** Fetch and show the picture anew: other contrast, or the server is back. */
@@ -118,18 +99,13 @@ export class FrameShow {
     const { turn } = this;
     clearTimeout(this.slowTimer);
     this.ready = false;
-    if (this.fault && !this.retriable) {
-      this.show(null, this.fault);
-      return;
-    }
+    if (this.fault && !this.retriable) return this.show(null, this.fault);
     this.fault = "";
     let bitmap = pictureNow(camera, frame, enhance);
     if (!bitmap) {
       this.canvas.set({ dim: true, labels: null, message: "" });
-      this.slowTimer = setTimeout(
-        () => this.canvas.set({ message: `Loading frame ${frame}…` }),
-        SLOW_MS,
-      );
+      const tell = () => this.canvas.set({ message: `Loading frame ${frame}…` });
+      this.slowTimer = setTimeout(tell, SLOW_MS);
       bitmap = await this.fetchPicture(camera, frame, enhance, turn);
     }
     if (turn !== this.turn) return;
@@ -148,25 +124,21 @@ export class FrameShow {
       if (turn !== this.turn) return null;
       // 409: the server shows another mission now, and may show this one again.
       this.retriable = error.status === 0 || error.status === 409;
-      this.fault =
-        error.status === 0
-          ? `Frame ${frame} cannot be shown now: the server does not answer.`
-          : `Frame ${frame} cannot be shown: ${error.message || "not a picture"}.`;
+      const why = error.message || "not a picture";
+      this.fault = `Frame ${frame} cannot be shown${error.status === 0 ? " now" : ""}: ${why}.`;
       return null;
     }
   }
 
   show(bitmap, message) {
-    if (bitmap) this.canvas.set({ bitmap });
-    else this.canvas.content.bitmap = null;
     const tag = bitmap ? `${this.camera}/${this.frame}` : null;
-    this.canvas.set({ dim: false, plain: false, message, badge: this.badge(), tag });
+    this.canvas.set({ bitmap, dim: false, plain: false, message, badge: this.badge(), tag });
     this.changed();
   }
 
   prefetch() {
     const { camera, frame, enhance, beside } = this;
-    const pictures = this.neighbours(frame)
+    const pictures = this.neighbours()
       .flatMap((near) => [camera, beside].map((name) => ({ camera: name, frame: near, enhance })))
       .filter((one) => frameIndex(one.camera, one.frame) >= 0);
     const kept = this.raw ? [{ camera, frame, enhance: setting("enhance") }] : [];
@@ -258,14 +230,11 @@ export class FrameShow {
 
   async fetchBefore(frame) {
     const { turn } = this;
-    try {
-      await picture(this.camera, frame, this.enhance);
-    } catch {
-      // Not readable, or given up: there is nothing to compare with.
-      if (turn === this.turn) this.endBlink();
-      return;
-    }
-    if (turn === this.turn && this.showsBefore) this.showBefore(true);
+    // Not readable, or given up: there is nothing to compare with.
+    const bitmap = await picture(this.camera, frame, this.enhance).catch(() => null);
+    if (turn !== this.turn) return;
+    if (!bitmap) this.endBlink();
+    else if (this.showsBefore) this.showBefore(true);
   }
 
   endBlink() {

@@ -5,8 +5,8 @@ import { allow, commandButtons } from "../core/controls.js";
 import { announce, el, endToast, focusView, say, setAttribute } from "../core/dom.js";
 import { showProgress } from "../core/header.js";
 import {
-  blind, frameIndex, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting,
-  setting, who,
+  frameIndex, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting, setting,
+  who,
 } from "../core/mission.js";
 import { addView, noteAddress } from "../core/router.js";
 import { buildDrawer, buildToolbar } from "../core/toolbar.js";
@@ -20,12 +20,12 @@ import { FrameShow } from "./frame_show.js";
 import { listenToPointer } from "./gestures.js";
 import { noteWords, writeNote } from "./notes.js";
 import {
-  accept, copyFrom, dropAllCopies, hintsOf, paint, paintRest, propose, restOf,
+  accept, dropAllCopies, hintsOf, paint, paintRest, propose, restOf,
 } from "./painting.js";
 import { ARROWS, PatchCursor, cellName, cellsOfRow, rowCol } from "./patch_grid.js";
 import { Player } from "./play.js";
 import {
-  endFrame, filterName, nextBlindFrame, nextIn, nextUncertain, onClassFrames, stepFrom,
+  filterName, nextBlindFrame, nextIn, nextUncertain, onClassFrames, passingFrames, stepFrom,
   whereStopped,
 } from "./steps.js";
 import { suggestionFault } from "./suggest.js";
@@ -179,7 +179,7 @@ function apply(cells, how, kind = "paint") {
 }
 
 function goTo(frame) {
-  if (frame === null || Number.isNaN(frame)) return;
+  if (Number.isNaN(frame ?? NaN)) return;
   why = "";
   show(page.show.camera, frame);
 }
@@ -306,12 +306,8 @@ function showTools() {
   const nothing = "Nothing is suggested here.";
   page.drawer.show(suggestionFault(camera, frame) || (proposed.length ? counted : nothing));
   page.bar.show(camera, frame);
-  const on = {
-    raw,
-    blink: Boolean(blinking || showsBefore),
-    grid: setting("grid"),
-    outlines: setting("outlines"),
-  };
+  const blink = Boolean(blinking || showsBefore);
+  const on = { raw, blink, grid: setting("grid"), outlines: setting("outlines") };
   for (const made of page.toggles) {
     setAttribute(made, "aria-pressed", String(on[made.dataset.command]));
   }
@@ -329,6 +325,7 @@ function cannotDo(strong) {
   const no = (holds, why) => (holds ? why : "");
   const done = labels && !restOf(camera, frame, page.hints).cells.length;
   const lost = no(fault, "There is no picture to label here.");
+  const { blind: isBlind } = mission;
   return {
     acceptNext: lost || no(labels && !strong, "Nothing sure is suggested here."),
     rest: lost || no(done, "No patch is left for it."),
@@ -338,8 +335,8 @@ function cannotDo(strong) {
     blink: no(before === null, "This is the first frame."),
     previous: no(stepFrom(camera, frame, -1) === null, "No frame before (of this filter)."),
     next: no(stepFrom(camera, frame, 1) === null, "No further frame (of this filter)."),
-    unlabelled: no(!blind() && none("us"), "There is no other frame without a label of yours."),
-    uncertain: no(!mission.model, blind() ? "Not while blind." : "There is no model to ask."),
+    unlabelled: no(!isBlind && none("us"), "There is no other frame without a label of yours."),
+    uncertain: no(!mission.model, isBlind ? "Not while blind." : "There is no model to ask."),
   };
 }
 
@@ -375,7 +372,7 @@ function jump(states, words, direction = 1) {
 
 function unlabelled(direction) {
   const { camera, frame } = page.show;
-  const listed = blind() && direction > 0 ? nextBlindFrame(camera, frame) : null;
+  const listed = mission.blind && direction > 0 ? nextBlindFrame(camera, frame) : null;
   if (listed) {
     why = "";
     show(listed.camera, listed.frame);
@@ -387,10 +384,7 @@ async function uncertain() {
   const explain = ({ message }) => say(`No uncertain frame is known: ${message}`, { bad: true });
   const next = await nextUncertain(camera, frame).catch(onFailure(explain));
   if (!page || !next) return;
-  if (next.frame === undefined) {
-    say(next.why);
-    return;
-  }
+  if (next.frame === undefined) return say(next.why);
   why = `Why this frame: ${next.why}`;
   show(next.camera, next.frame);
 }
@@ -491,8 +485,8 @@ const commands = {
   previous: () => step(-1),
   next10: () => step(10),
   previous10: () => step(-10),
-  first: () => goTo(endFrame(page.show.camera, false)),
-  last: () => goTo(endFrame(page.show.camera, true)),
+  first: () => goTo(passingFrames(page.show.camera)[0]),
+  last: () => goTo(passingFrames(page.show.camera).at(-1)),
   unlabelled: () => unlabelled(1),
   unlabelledBack: () => unlabelled(-1),
   uncertain,
@@ -530,32 +524,26 @@ const commands = {
   grid: () => toggle("grid"),
   outlines: () => toggle("outlines"),
   suggestions: () => toggle("suggestions"),
-  zoomIn: () => zoom(1.25),
-  zoomOut: () => zoom(0.8),
-  fit: () => {
-    page.canvas.viewport.fit();
-    page.canvas.invalidate();
-  },
-  pan: arrows((rows, cols) => {
-    page.canvas.viewport.pan(-cols * PAN_STEP, -rows * PAN_STEP);
-    page.canvas.invalidate();
-  }),
+  zoomIn: () => look((viewport) => viewport.zoomMiddle(1.25)),
+  zoomOut: () => look((viewport) => viewport.zoomMiddle(0.8)),
+  fit: () => look((viewport) => viewport.fit()),
+  pan: arrows((rows, cols) => look((viewport) => viewport.pan(-cols * PAN_STEP, -rows * PAN_STEP))),
 };
 
-function zoom(factor) {
-  page.canvas.viewport.zoomMiddle(factor);
+function look(change) {
+  change(page.canvas.viewport);
   page.canvas.invalidate();
 }
 
 async function copyPrevious() {
   if (!mayPaint()) return;
   const { camera, frame, before } = page.show;
-  if (before === null) {
-    say("This is the first frame.");
-    return;
-  }
+  if (before === null) return say("This is the first frame.");
   await prefetch(camera, [before]);
-  if (page && isHere(camera, frame)) copyFrom(camera, before, frame);
+  if (!page || !isHere(camera, frame)) return;
+  const labels = labelsOf(camera, before);
+  if (!labels) return say(`Frame ${before} is not loaded yet.`, { bad: true });
+  propose(camera, frame, labels.mine, `frame ${before}`, `You have no labels on frame ${before}.`);
 }
 
 async function carryLeft() {

@@ -18,11 +18,9 @@ const RIGHT = 2;
  */
 
 /**
- * Listen to the pointer.
- * @param {FrameCanvas} view
- * @param {Host} host Tools: "chosen", "unsure", "confirm".
- * @returns {{cancel: Function, complete: Function, busy: () => boolean}} `complete`: what was
- *   done so far counts, and the rest of the gesture does nothing.
+ * Listen to the pointer over a FrameCanvas, for a `Host` with the tools "chosen", "unsure" and
+ * "confirm". Gives {cancel, complete, busy}; `complete`: what was done so far counts, and the rest
+ * of the gesture does nothing.
  */
 export function listenToPointer(view, host) {
   const { canvas } = view;

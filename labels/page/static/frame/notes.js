@@ -10,12 +10,7 @@ import { cellName } from "./patch_grid.js";
  * @typedef {{cell: ?number, text: string, who: string, time: string}} Note `cell`: null on a frame.
  */
 
-/**
- * The notes on a patch and on its frame in words.
- * @param {Note[]} notes Of the frame.
- * @param {?number} cell
- * @returns {string[]}
- */
+/** The `Note`s of a frame that are on a patch, or on the frame, each in words. */
 export function noteWords(notes, cell) {
   const here = notes.filter((note) => note.cell === null || note.cell === cell);
   return here.map((note) => {
@@ -25,13 +20,7 @@ export function noteWords(notes, cell) {
   });
 }
 
-/**
- * Let a person write a note; an empty one takes it back.
- * @param {string} camera
- * @param {number} frame
- * @param {?number} cell
- * @param {Note[]} notes Of the frame.
- */
+/** Let a person write a note; an empty one takes it back. `notes`: all `Note`s of the frame. */
 export function writeNote(camera, frame, cell, notes) {
   const here = notes.filter((note) => note.cell === cell);
   const field = el("textarea", { id: "note-text", maxlength: 2000, rows: 5 });

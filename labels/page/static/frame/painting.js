@@ -14,14 +14,7 @@ const COPY = { text: "copy", strong: true, kept: true, model: null };
 // key of an accepting action -> the copies that it took, for its undo
 const taken = new Map();
 
-/**
- * Put a label on patches.
- * @param {string} camera
- * @param {number} frame
- * @param {number[]} cells
- * @param {?string} label Null takes my labels back.
- * @param {string} [kind]
- */
+/** Put a label on patches; null takes my labels back. */
 export function paint(camera, frame, cells, label, kind = "paint") {
   const key = act(label === null ? "erase" : kind, [{ camera, frame, label, cells }]);
   if (key && label !== null) forgetCopies(camera, frame, cells);
@@ -31,10 +24,7 @@ export function paint(camera, frame, cells, label, kind = "paint") {
 /**
  * The patches of a frame without a label of mine, which one key makes clear; but not those that the
  * model calls an obstacle, or that are proposed as one: to call them clear takes a stroke of their
- * own.
- * @param {string} camera
- * @param {number} frame
- * @param {Object[]} [hints] Its proposals, where they are known.
+ * own. `hints`: its proposals.
  * @returns {{cells: number[], left: number, waits: boolean}} `left`: how many stay as they are;
  *   `waits`: what the model says is not known yet.
  */
@@ -66,8 +56,6 @@ export function leftWords(left) {
 
 /**
  * Accept proposals.
- * @param {string} camera
- * @param {number} frame
  * @param {{cells?: number[], all?: boolean}} [options] `cells`: these only; `all`: also those
  *   below the threshold.
  * @returns {?number} How many patches have a label now; null where something is asked first.
@@ -99,43 +87,19 @@ export function proposeAgain(key) {
 }
 
 /**
- * Propose the labels of another frame for the patches that have none.
- * @param {string} camera
- * @param {number} from
- * @param {number} frame
- */
-export function copyFrom(camera, from, frame) {
-  const before = labelsOf(camera, from);
-  if (!before) {
-    say(`Frame ${from} is not loaded yet.`, { bad: true });
-    return;
-  }
-  propose(camera, frame, before.mine, `frame ${from}`, `You have no labels on frame ${from}.`);
-}
-
-/**
- * Propose labels for the patches that have none.
- * @param {string} camera
- * @param {number} frame
- * @param {(?string)[]} labels
- * @param {string} whose Where they come from, in words.
- * @param {string} none What to say where there are none.
+ * Propose labels, one a cell or null, for the patches that have none; `whose`: where they come
+ * from, in words; `none`: what to say where there are none.
  */
 export function propose(camera, frame, labels, whose, none) {
   const { mine } = labelsOf(camera, frame);
   const copies = labels.map((label, cell) => (mine[cell] === null ? label : null));
   const count = copies.filter((label) => label !== null).length;
   if (!count) {
-    say(
-      labels.every((label) => label === null)
-        ? none
-        : "Every patch with a label there has one here already.",
-    );
-    return;
+    const isNone = labels.every((label) => label === null);
+    return say(isNone ? none : "Every patch with a label there has one here already.");
   }
   if (!setCopies(camera, frame, copies)) {
-    say("Not copied: this browser's storage is full or switched off.", { bad: true });
-    return;
+    return say("Not copied: this browser's storage is full or switched off.", { bad: true });
   }
   labelsChanged(camera, frame);
   const copied = hintsOf(camera, frame).filter((hint) => hint?.text === COPY.text).length;
@@ -143,10 +107,7 @@ export function propose(camera, frame, labels, whose, none) {
   say(`${copied} labels of ${whose} copied: Enter accepts, Escape drops them. ${words}`);
 }
 
-/**
- * Drop the copies that were not accepted.
- * @returns {boolean} Whether there were any.
- */
+/** Drop the copies that were not accepted; whether there were any. */
 export function dropAllCopies(camera, frame) {
   const copies = copiesOf(camera, frame);
   if (!copies.some(Boolean)) return false;
@@ -159,8 +120,6 @@ export function dropAllCopies(camera, frame) {
 /**
  * The proposals for the patches of a frame without a label of mine; a copy goes before a
  * suggestion, but a clear class is not copied over what the model calls an obstacle.
- * @param {string} camera
- * @param {number} frame
  * @returns {(?{label: string, text: string, percent: ?number, strong: boolean, kept: boolean,
  *   model: ?string, said: string, against: boolean})[]} `strong`: taken by "accept the confident
  *   ones"; `kept`: from the frame before; `model`: the version to record; `said`: what the model
@@ -195,12 +154,7 @@ function nameOf(camera, frame) {
   return `${PREFIX}${mission.mission}/${rows}x${cols}/${who()}/${camera}/${frame}`;
 }
 
-/**
- * The unconfirmed copies on a frame.
- * @param {string} camera
- * @param {number} frame
- * @returns {(?string)[]} One a cell; empty where there are none.
- */
+/** The unconfirmed copies on a frame: labels or null, one a cell; empty where there are none. */
 function copiesOf(camera, frame) {
   return read(nameOf(camera, frame)) ?? [];
 }

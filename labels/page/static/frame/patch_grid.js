@@ -3,10 +3,8 @@
 import { mission } from "../core/mission.js";
 
 /**
- * The part of a frame that patches cover: their size is rounded down, as in features/frames/grid.py.
- * @param {number} width  Of the frame, in pixels.
- * @param {number} height
- * @returns {{width: number, height: number}} Size of one patch in frame pixels.
+ * The {width, height} of one patch in pixels of a frame of a width and height: rounded down, as in
+ * features/frames/grid.py.
  */
 export function patchSize(width, height) {
   const { rows, cols, width: resized } = mission.grid;
@@ -33,10 +31,8 @@ export function cellAt(row, col) {
 }
 
 /**
- * All cells that a straight line crosses, none left out however long it is.
- * @param {{x: number, y: number}} from In patches: x in columns, y in rows.
- * @param {{x: number, y: number}} to
- * @returns {number[]} In the order in which they are met.
+ * All cells that a straight line crosses, none left out however long it is, in the order in which
+ * they are met. Its ends {x, y} are in patches: x in columns, y in rows.
  */
 export function cellsOnLine(from, to) {
   const cells = [];
@@ -62,12 +58,7 @@ function crossings(from, to) {
   return cuts;
 }
 
-/**
- * The cells of the rectangle between two of them.
- * @param {number} one
- * @param {number} other
- * @returns {number[]}
- */
+/** The cells of the rectangle between two of them. */
 export function cellsBetween(one, other) {
   const [row1, col1] = rowCol(one);
   const [row2, col2] = rowCol(other);
@@ -98,6 +89,9 @@ export const ARROWS = {
   ArrowDown: [1, 0],
 };
 
+/** The names of the arrow keys in tables of keys, with "Shift+" or "Ctrl+" before them. */
+export const arrowKeys = (held = "") => Object.keys(ARROWS).map((key) => held + key);
+
 /** The cell some rows and columns away, or the last one before the edge. */
 export function cellFrom(cell, rows, cols) {
   const [row, col] = rowCol(cell);
@@ -124,10 +118,8 @@ export class PatchCursor {
   }
 
   /**
-   * Move by rows and columns; the first press only shows where the cursor is.
-   * @param {number} rows
-   * @param {number} cols
-   * @param {boolean} extend Keep the other corner of the rectangle.
+   * Move by rows and columns; the first press only shows where the cursor is. `extend` keeps the
+   * other corner of the rectangle.
    */
   move(rows, cols, extend) {
     if (!this.visible) {
@@ -139,21 +131,12 @@ export class PatchCursor {
     this.cell = cellFrom(this.cell, rows, cols);
   }
 
-  /**
-   * Stand on a cell.
-   * @param {number} cell
-   * @param {boolean} visible Whether to show it.
-   */
+  /** Stand on a cell, seen or not. */
   put(cell, visible) {
-    this.cell = cell;
-    this.anchor = null;
-    this.visible = visible;
+    Object.assign(this, { cell, visible, anchor: null });
   }
 
-  /**
-   * Give the rectangle up.
-   * @returns {boolean} Whether there was one.
-   */
+  /** Give the rectangle up; whether there was one. */
   collapse() {
     const was = this.spans;
     this.anchor = null;

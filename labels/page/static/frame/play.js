@@ -13,11 +13,7 @@ const IN_TIME = 10; // frames that come in time before fewer are passed over
 
 /** Plays the frames that pass the filter. */
 export class Player {
-  /**
-   * @param {FrameShow} show
-   * @param {(camera: string, frame: number) => void} go Shows a frame.
-   * @param {HTMLButtonElement} toggle
-   */
+  /** `show`: a FrameShow; `go(camera, frame)` shows a frame; `toggle`: the button. */
   constructor(show, go, toggle) {
     Object.assign(this, { show, go, toggle, timer: 0 });
     const rates = RATES.map((rate) => [String(rate), `${rate}/s`]);
@@ -37,10 +33,7 @@ export class Player {
     this.tell();
   }
 
-  /**
-   * Stay on the frame that is shown.
-   * @returns {boolean} Whether it played.
-   */
+  /** Stay on the frame that is shown; whether it played. */
   stop() {
     const played = this.timer !== 0;
     clearTimeout(this.timer);
@@ -77,8 +70,7 @@ export class Player {
     } else this.inTime += 1;
     if (next === null) {
       this.stop();
-      say("No further frame (of this filter).");
-      return;
+      return say("No further frame (of this filter).");
     }
     // A little late is made up for by the next one.
     this.times = [...this.times, -wait < each ? now + wait : now].slice(-MEAN_OF);

@@ -4,7 +4,7 @@
 import { get, onFailure } from "../core/api.js";
 import { signal } from "../core/dom.js";
 import {
-  blind, classes, frameIndex, frames, mission, onChange, onReload, setting, stateOf,
+  frameIndex, frames, mission, onChange, onReload, setting, stateOf,
 } from "../core/mission.js";
 
 const CLASS = "class:";
@@ -13,30 +13,25 @@ const NEXT = "next";
 const NEXT_FRAMES = 5;
 const ASK_AGAIN_MS = 300;
 
-/** What frames a filter lets through; the words are what the page shows. */
+/** The filters by state in the words of the page; all but "all" and "open" are one state. */
 const FILTERS = {
-  all: { words: "all frames", states: "uspdx" },
-  open: { words: "not done", states: "usp" },
-  u: { words: "unseen", states: "u" },
-  s: { words: "seen, no label", states: "s" },
-  p: { words: "part labelled", states: "p" },
-  d: { words: "done", states: "d" },
-  x: { words: "disagreement", states: "x" },
+  all: "all frames",
+  open: "not done",
+  u: "unseen",
+  s: "seen, no label",
+  p: "part labelled",
+  d: "done",
+  x: "disagreement",
 };
 
-/**
- * The filters to choose from.
- * @returns {[string, string][]} Value of the setting "filter", and its words.
- */
+/** The filters to choose from: each value of the setting "filter", and its words. */
 export function filterChoices() {
-  const states = Object.entries(FILTERS)
-    .filter(([name]) => name !== "x" || !blind())
-    .map(([name, { words }]) => [name, words]);
+  const states = Object.entries(FILTERS).filter(([name]) => name !== "x" || !mission.blind);
   const next = mission.model ? [[NEXT, `${NEXT_FRAMES} that the model learns most from`]] : [];
   const byDepth = mission.depths.map(([from, to]) => [
     `${DEPTH}${from}:${to}`, `depth ${from} to ${to} m`,
   ]);
-  const byClass = classes().map(({ name }) => [CLASS + name, `with ${name} of mine`]);
+  const byClass = mission.classes.map(({ name }) => [CLASS + name, `with ${name} of mine`]);
   return [...states, ...next, ...byClass, ...byDepth];
 }
 
@@ -52,30 +47,24 @@ export function filterWords() {
   return filterChoices().find(([name]) => name === chosen)[1];
 }
 
-/**
- * What the filter in force lets through, looked up once for many frames.
- * @returns {(camera: string, frame: number) => boolean}
- */
+/** (camera, frame) => whether the filter in force lets it through, looked up once for many. */
 export function passing() {
   const name = filterName();
   if (name === "all") return () => true;
   if (!FILTERS[name]) return (camera, frame) => listed(name, camera, frame);
-  const { states } = FILTERS[name];
+  const states = name === "open" ? "usp" : name;
   return (camera, frame) => states.includes(stateOf(camera, frame));
 }
 
-/** How many frames of a camera pass the filter. */
-export function countPassing(camera) {
+/** The frames of a camera that pass the filter. */
+export function passingFrames(camera) {
   const pass = passing();
-  return frames(camera).filter((frame) => pass(camera, frame)).length;
+  return frames(camera).filter((frame) => pass(camera, frame));
 }
 
 /**
- * The frame some steps away among those that pass the filter.
- * @param {string} camera
- * @param {number} frame
- * @param {number} steps Negative: backwards.
- * @returns {?number} Null if there is none in that direction.
+ * The frame some steps away (negative: backwards) among those that pass the filter; null if there
+ * is none in that direction.
  */
 export function stepFrom(camera, frame, steps) {
   const list = frames(camera);
@@ -91,14 +80,7 @@ export function stepFrom(camera, frame, steps) {
   return found;
 }
 
-/**
- * The next frame in one of some states, round the end of the mission.
- * @param {string} camera
- * @param {number} frame
- * @param {string} states
- * @param {number} [direction]
- * @returns {?number}
- */
+/** The next frame in one of some states, round the end of the mission; null if there is none. */
 export function nextIn(camera, frame, states, direction = 1) {
   const list = frames(camera);
   const from = frameIndex(camera, frame);
@@ -109,10 +91,7 @@ export function nextIn(camera, frame, states, direction = 1) {
   return null;
 }
 
-/**
- * Where this person goes on: at the frame labelled last, else at the first one that is not done.
- * @returns {[string, number]} Camera and frame.
- */
+/** Camera and frame where a person goes on: the one labelled last, else the first not done. */
 export function whereStopped() {
   const last = mission.undo.undo;
   if (last && frameIndex(last.camera, last.frame) >= 0) return [last.camera, last.frame];
@@ -121,20 +100,12 @@ export function whereStopped() {
   return all.find((place) => "usp".includes(stateOf(...place))) ?? all[0];
 }
 
-/** The first or last frame that passes the filter. */
-export function endFrame(camera, last) {
-  const pass = passing();
-  const list = frames(camera).filter((frame) => pass(camera, frame));
-  return (last ? list.at(-1) : list[0]) ?? null;
-}
-
 const QUEUE_LENGTH = 30;
 const shown = new Set();
 
 /**
- * The frame that the model is least sure about and that is unlike what is labelled.
- * @param {string} camera Of the frame that is shown.
- * @param {number} frame
+ * The frame that the model is least sure about and that is unlike what is labelled, asked for
+ * while a frame of a camera is shown.
  * @returns {Promise<{camera?: string, frame?: number, why: string}>} Without a frame: `why` says
  *   why there is none.
  * @throws {ApiError}
@@ -220,7 +191,7 @@ function changes() {
 
 onReload(forgetList);
 onChange((what) => {
-  if (!wanted || (what !== "states" && what !== "all") || !changes()) return;
+  if (!wanted || what === "status" || !changes()) return;
   clearTimeout(timer);
   timer = setTimeout(askForList, ASK_AGAIN_MS);
 });
@@ -232,14 +203,10 @@ let blindListed = new Set(); // "camera/frame"
 let ofWhom = "";
 let asking = null;
 
-/**
- * Fetch the list, if somebody labels blind after somebody else here.
- * @returns {Promise<void>}
- * @throws {ApiError}
- */
+/** Fetch the list, if somebody labels blind after somebody else here. Throws ApiError. */
 export async function loadBlindList() {
   const of = setting("blindOf");
-  if (!blind() || !of || (blindList && ofWhom === of)) return;
+  if (!mission.blind || !of || (blindList && ofWhom === of)) return;
   asking ??= get("/api/labelled", { of }).finally(() => (asking = null));
   const { cameras } = await asking;
   ofWhom = of;
@@ -249,37 +216,24 @@ export async function loadBlindList() {
   blindListed = new Set(blindList.map(({ camera, frame }) => `${camera}/${frame}`));
 }
 
-/**
- * Fetch the list if it can be had; the agreement view asks again, and says why there is none.
- * @returns {Promise<void>}
- */
+/** Fetch the list if it can be had; the agreement view asks again, and says why there is none. */
 export function tryBlindList() {
   return loadBlindList().catch(onFailure());
 }
 
-/**
- * Whether a frame is on the list, or there is none.
- * @param {string} camera
- * @param {number} frame
- * @returns {boolean}
- */
+/** Whether a frame is on the list, or there is none. */
 export function passesBlindList(camera, frame) {
   return blindFrames().length === 0 || blindListed.has(`${camera}/${frame}`);
 }
 
-/**
- * All frames to be labelled blind; empty while there is no such list.
- * @returns {{camera: string, frame: number}[]}
- */
+/** All frames to be labelled blind, as {camera, frame}; empty while there is no such list. */
 export function blindFrames() {
-  return blind() && ofWhom === setting("blindOf") ? (blindList ?? []) : [];
+  return mission.blind && ofWhom === setting("blindOf") ? (blindList ?? []) : [];
 }
 
 /**
- * The next frame to label blind that is not done, after this one and then from the beginning.
- * @param {string} [camera]
- * @param {number} [frame]
- * @returns {?{camera: string, frame: number}} Null when all are done or there is no list.
+ * The next {camera, frame} to label blind that is not done, after this one, if one is named, and
+ * then from the beginning; null when all are done or there is no list.
  */
 export function nextBlindFrame(camera, frame) {
   const open = blindFrames().filter((one) => stateOf(one.camera, one.frame) !== "d");

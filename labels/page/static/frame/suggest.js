@@ -19,9 +19,7 @@
 // when accepted, and where it is of another kind than what the model says it is against the model:
 // never confident, and shown as such.
 
-import {
-  blind, classOf, classes, clearClass, frameIndex, frames, mission, setting,
-} from "../core/mission.js";
+import { classOf, clearClass, frameIndex, frames, mission, setting } from "../core/mission.js";
 import { labelsOf } from "../saving/labels.js";
 
 const MAX_CHAIN = 32;
@@ -30,7 +28,7 @@ const NEAREST = 5;
 /** The obstacle classes of the taxonomy: those that the model learnt first, by their number. */
 export function obstacleClasses() {
   const learnt = mission.model?.learnt ?? {};
-  const obstacles = classes().filter((known) => known.obstacle).map(({ name }) => name);
+  const obstacles = mission.classes.filter((known) => known.obstacle).map(({ name }) => name);
   return obstacles.sort((a, b) => (learnt[b] ?? 0) - (learnt[a] ?? 0));
 }
 
@@ -65,14 +63,12 @@ function labelFor(index) {
 }
 
 /**
- * Which patches of a frame the model calls an obstacle, whether suggestions are shown or not.
- * @param {string} camera
- * @param {number} frame
- * @returns {?boolean[]} Null while that is not known; empty where no model judges the frame.
+ * Which patches of a frame the model calls an obstacle, whether suggestions are shown or not; null
+ * while that is not known, empty where no model judges the frame.
  */
 export function modelObstacles(camera, frame) {
   const { model } = mission;
-  if (!model || blind()) return [];
+  if (!model || mission.blind) return [];
   const suggestions = labelsOf(camera, frame)?.suggestions;
   if (suggestions?.model !== model.label) return null;
   return suggestions.classes.map((index) => model.obstacle[index]);
@@ -80,8 +76,6 @@ export function modelObstacles(camera, frame) {
 
 /**
  * The suggestion for each patch of a frame.
- * @param {string} camera
- * @param {number} frame
  * @returns {?({label: string, value: number, percent: ?number, confident: boolean, said: string,
  *   against: boolean})[]} Null where there are none (no model, blind, not computed yet, or the
  *   frame cannot be judged). `value`, `percent` and `said` are the model's, also where the
@@ -103,10 +97,8 @@ export function suggestedLabels(camera, frame) {
 
 /**
  * How many of a hundred patches, at least, that a model called obstacle (or clear) with such a
- * decision value were so: of patches that it had not learnt from when it was trained.
- * @param {boolean} obstacle What it says.
- * @param {number} value The decision value.
- * @returns {?number} Null where that was not measured.
+ * decision value were so: of patches that it had not learnt from when it was trained. Null where
+ * that was not measured.
  */
 export function percentRight(obstacle, value) {
   const holds = ([of, low, high]) =>
@@ -149,12 +141,7 @@ function contradicts({ label, named, value }, { label: y, mine }) {
   return !agrees && value >= setting("follow");
 }
 
-/**
- * The frames before one that its suggestions depend on, latest first.
- * @param {string} camera
- * @param {number} frame
- * @returns {number[]}
- */
+/** The frames before one that its suggestions depend on, latest first. */
 export function framesFollowed(camera, frame) {
   if (!mission.model || !setting("follow")) return [];
   const list = frames(camera);
@@ -189,11 +176,7 @@ function heldBefore(camera, frame) {
   return held;
 }
 
-/**
- * Why a frame has no suggestions; "" where it has or nothing is amiss.
- * @param {string} camera
- * @param {number} frame
- */
+/** Why a frame has no suggestions; "" where it has or nothing is amiss. */
 export function suggestionFault(camera, frame) {
   return labelsOf(camera, frame)?.suggestions?.fault ?? "";
 }

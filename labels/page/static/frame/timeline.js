@@ -2,9 +2,7 @@
 // a person gave, zoom, a small picture under the pointer, jump by click, drag or keys.
 
 import { el, soon } from "../core/dom.js";
-import {
-  classes, colourOf, frameIndex, frames, givenIn, mission, stateOf,
-} from "../core/mission.js";
+import { colourOf, frameIndex, frames, givenIn, mission, stateOf } from "../core/mission.js";
 import { reachable } from "../core/keys.js";
 import { frameAspect, thumbAddress } from "../core/pictures.js";
 import { passing } from "./steps.js";
@@ -28,10 +26,7 @@ const REST_MS = 80; // a frame that the pointer only passes is not fetched
 
 /** Draws the strip into a canvas that is a slider for keyboards and screen readers. */
 export class Timeline {
-  /**
-   * @param {HTMLCanvasElement} canvas
-   * @param {(frame: number) => void} jump
-   */
+  /** `jump(frame)`: somebody chose one. */
   constructor(canvas, jump) {
     this.canvas = canvas;
     this.jump = jump;
@@ -121,7 +116,7 @@ export class Timeline {
     ctx.fillRect(0, 0, width, height);
     const given = Object.values(mission.given[this.camera] ?? {});
     const used = new Set(given.flat());
-    const bands = classes().filter(({ name }) => used.has(name));
+    const bands = mission.classes.filter(({ name }) => used.has(name));
     const room = height - TICK_ROOM - MARK_ROOM;
     const thick = Math.min(BAND, room / 2 / bands.length);
     this.drawFrames(ctx, width, room - thick * bands.length - 1, bands, thick);

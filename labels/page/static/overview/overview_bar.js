@@ -1,14 +1,13 @@
 // The bar and the tools of the overview: which frames are shown, and what one key does to all of
 // them.
 
-import { allow, choice, pager, sizeButtons } from "../core/controls.js";
-import { backAfterMouse, button, el } from "../core/dom.js";
+import { allow, pager, sizeButtons } from "../core/controls.js";
+import { button, el } from "../core/dom.js";
 import { reachable } from "../core/keys.js";
-import {
-  blind, chosenClass, mission, selectClass, setSetting, setting,
-} from "../core/mission.js";
+import { chosenClass, mission, selectClass, setSetting, setting } from "../core/mission.js";
 import { buildDrawer, buildToolbar } from "../core/toolbar.js";
-import { blindFrames, filterChoices, filterName } from "../frame/steps.js";
+import { filterSelect } from "../frame/frame_bar.js";
+import { blindFrames } from "../frame/steps.js";
 import { suggesting } from "./thumb.js";
 
 const KEYS = { acceptNext: "Enter", acceptAll: "Shift+Enter", rest: "o" };
@@ -19,7 +18,8 @@ export class OverviewBar {
   constructor(does) {
     this.range = el("span", { class: "overview-range" });
     this.words = el("span", { class: "overview-words", role: "status" });
-    this.filter = filterChoice();
+    const words = "which frames are shown";
+    this.filter = filterSelect(words, `${words} (/)`);
     const commands = {
       choose: selectClass,
       acceptNext: () => does.accept(false),
@@ -32,8 +32,10 @@ export class OverviewBar {
       ["acceptAll", "Accept all", ""],
     ]);
     this.drawer = buildDrawer();
+    const single = Object.keys(mission.cameras).length < 2;
+    const other = () => button("other camera", does.otherCamera, { title: "the other camera (s)" });
     this.element = el("div", { class: "bar" },
-      cameraButton(does.otherCamera),
+      single ? null : other(),
       this.filter,
       pager(does.turn, this.range),
       sizeButtons(does.resize),
@@ -70,20 +72,8 @@ export class OverviewBar {
   }
 }
 
-function cameraButton(otherCamera) {
-  if (Object.keys(mission.cameras).length < 2) return null;
-  return button("other camera", otherCamera, { title: "the other camera (s)" });
-}
-
-function filterChoice() {
-  const change = ({ target }) => setSetting("filter", target.value);
-  const words = "which frames are shown";
-  const options = { class: "filter", "aria-label": words, title: `${words} (/)`, on: { change } };
-  return backAfterMouse(choice(filterChoices(), filterName(), options));
-}
-
 function advice(waiting, said) {
-  if (blind()) {
+  if (mission.blind) {
     const listed = blindFrames().length > 0;
     const only = listed ? ` Only the frames that ${setting("blindOf")} labelled.` : "";
     return `Blind: no suggestions, and nothing of what others said.${only}`;

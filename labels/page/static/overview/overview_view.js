@@ -1,15 +1,15 @@
 // The overview: a contact sheet of frames, on which many frames are labelled at once.
 
-import { el, say, soon } from "../core/dom.js";
+import { el, say, setAttribute, soon } from "../core/dom.js";
 import { showProgress } from "../core/header.js";
 import { labelKeys } from "../core/keys.js";
 import {
-  chosenClass, classes, clearClass, frames, indexFrom, mission, onChange, onReload, onSetting,
-  setSetting, setting,
+  chosenClass, clearClass, frames, indexFrom, mission, onChange, onReload, onSetting, setSetting,
+  setting,
 } from "../core/mission.js";
 import { frameAspect, lookAtShapes, thumbAddress } from "../core/pictures.js";
 import { addView, go, noteAddress } from "../core/router.js";
-import { ARROWS, cellAt, cellFrom } from "../frame/patch_grid.js";
+import { ARROWS, arrowKeys, cellAt, cellFrom } from "../frame/patch_grid.js";
 import {
   filterWords, onClassFrames, passesBlindList, passing, tryBlindList,
 } from "../frame/steps.js";
@@ -179,7 +179,7 @@ const layOutSoon = soon(() => page && layOut());
 
 /** The next page's labels and pictures, so that going on is instant. */
 function readAhead() {
-  if (!page || page.thumbs.length === 0) return;
+  if (!page) return;
   const next = nextFrames();
   prefetch(page.camera, needed(next));
   for (const frame of next) {
@@ -189,6 +189,7 @@ function readAhead() {
 
 function nextFrames() {
   const { camera, thumbs, count } = page;
+  if (thumbs.length === 0) return [];
   return framesFrom(frames(camera), indexFrom(camera, thumbs.at(-1).frame + 1), count);
 }
 
@@ -200,9 +201,8 @@ function draw() {
   const missing = page.thumbs.filter(({ camera, frame }) => !labelsOf(camera, frame));
   if (missing.length > 0) prefetch(page.camera, missing.map(({ frame }) => frame));
   page.thumbs.forEach(drawThumb);
-  if (page.thumbs.length > 0) {
-    parts.list.setAttribute("aria-activedescendant", `thumb-${page.focus}`);
-  } else parts.list.removeAttribute("aria-activedescendant");
+  const active = page.thumbs.length > 0 && `thumb-${page.focus}`;
+  setAttribute(parts.list, "aria-activedescendant", active);
   showWords();
 }
 
@@ -298,15 +298,11 @@ function goOn(words) {
 }
 
 function turn(step) {
-  const list = frames(page.camera);
-  const found =
-    step > 0
-      ? page.thumbs.length > 0 && nextFrames()
-      : framesBefore(list, indexFrom(page.camera, page.first), page.count);
-  if (!found || found.length === 0) {
-    return say(step > 0 ? "This is the last page." : "This is the first page.");
-  }
-  go(`#/overview/${page.camera}/${found[0]}`);
+  const { camera, first, count } = page;
+  const before = () => framesBefore(frames(camera), indexFrom(camera, first), count);
+  const [found] = step > 0 ? nextFrames() : before();
+  if (found === undefined) say(`This is the ${step > 0 ? "last" : "first"} page.`);
+  else go(`#/overview/${camera}/${found}`);
 }
 
 function resize(step) {
@@ -334,10 +330,9 @@ function open(thumb) {
 }
 
 function moveFrame(event) {
-  const across = { ArrowLeft: -1, ArrowRight: 1, ArrowUp: -columns(), ArrowDown: columns() };
-  const next = page.focus + across[event.key];
-  if (next < 0 || next >= page.thumbs.length) return;
-  focusOn(next);
+  const [down, right] = ARROWS[event.key];
+  const next = page.focus + down * columns() + right;
+  if (next in page.thumbs) focusOn(next);
 }
 
 function focusOn(index) {
@@ -391,7 +386,7 @@ function onPainted(cells, mouseButton, own = cells) {
   if (!page) return;
   const label = labelOf(mouseButton);
   if (!label) {
-    const keys = classes().filter(({ key }) => key).map(({ key, name }) => `${key} ${name}`);
+    const keys = mission.classes.filter(({ key }) => key).map(({ key, name }) => `${key} ${name}`);
     return say(`Choose a class first, by its key: ${keys.join(", ")}.`);
   }
   const patches = [];
@@ -455,9 +450,9 @@ const view = {
     row(["x"], "leave this frame out of all that, or no longer", () => exclude(focused())),
     row(["d", ".", "PageDown"], "next page", () => turn(1)),
     row(["a", ",", "PageUp"], "previous page", () => turn(-1)),
-    row(Object.keys(ARROWS), "move from frame to frame", moveFrame),
+    row(arrowKeys(), "move from frame to frame", moveFrame),
     row(["w"], "open this frame as a whole; so does a double click", () => open(focused())),
-    row(Object.keys(ARROWS).map((key) => `Ctrl+${key}`), "move over the frame's patches", moveCell),
+    row(arrowKeys("Ctrl+"), "move over the frame's patches", moveCell),
     row(["Space"], "paint the patch under the cursor", paintCell),
     row(["Drag"], "paint; also over several frames; right button: unsure"),
     row(["Shift+Drag"], "paint a rectangle"),

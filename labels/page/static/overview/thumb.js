@@ -2,7 +2,7 @@
 // Labels are drawn as in the view of one frame.
 
 import { el, setAttribute } from "../core/dom.js";
-import { blind, mission, setting, stateOf } from "../core/mission.js";
+import { mission, setting, stateOf } from "../core/mission.js";
 import { learnShape, thumbAddress } from "../core/pictures.js";
 import { hintsOf } from "../frame/painting.js";
 import { drawCells, drawCursor, shownCell } from "../frame/cell_drawing.js";
@@ -28,7 +28,7 @@ export function contentOf(camera, frame) {
 
 /** Whether a model's suggestions are shown. */
 export function suggesting() {
-  return Boolean(mission.model) && !blind() && setting("suggestions");
+  return Boolean(mission.model) && !mission.blind && setting("suggestions");
 }
 
 /** A thumbnail. */
@@ -98,7 +98,19 @@ export class Thumb {
     const drawn = JSON.stringify([setting("tint"), this.size, cursor, cells]);
     if (drawn === this.drawn) return;
     this.drawn = drawn;
-    drawAreas(this.canvas, this.size, cells, cursor);
+    const { width, height } = this.size;
+    const scale = Math.min(2, window.devicePixelRatio || 1);
+    this.canvas.width = Math.round(width * scale);
+    this.canvas.height = Math.round(height * scale);
+    const ctx = this.canvas.getContext("2d");
+    ctx.scale(scale, scale);
+    const patch = patchSize(width, height);
+    const boxOf = (index) => {
+      const [row, col] = rowCol(index);
+      return { x: col * patch.width, y: row * patch.height, ...patch };
+    };
+    if (cells.length) drawCells({ ctx, boxOf }, cells);
+    drawCursor({ ctx, boxOf }, cursor, []);
   }
 
   #say(content, excluded) {
@@ -119,20 +131,4 @@ export class Thumb {
 function shownCells({ mine, hints }, painted) {
   const labelOf = (cell) => (painted?.has(cell) ? painted.get(cell) : mine[cell]);
   return mine.map((_, cell) => shownCell(labelOf(cell), hints[cell]));
-}
-
-// Draws `ShownCell`s, row by row, and the cursor over a picture of a size in CSS pixels.
-function drawAreas(canvas, { width, height }, cells, cursor) {
-  const scale = Math.min(2, window.devicePixelRatio || 1);
-  canvas.width = Math.round(width * scale);
-  canvas.height = Math.round(height * scale);
-  const ctx = canvas.getContext("2d");
-  ctx.scale(scale, scale);
-  const patch = patchSize(width, height);
-  const boxOf = (index) => {
-    const [row, col] = rowCol(index);
-    return { x: col * patch.width, y: row * patch.height, ...patch };
-  };
-  if (cells.length) drawCells({ ctx, boxOf }, cells);
-  drawCursor({ ctx, boxOf }, cursor, []);
 }

@@ -3,13 +3,13 @@
 import { get, onFailure } from "../core/api.js";
 import { signal } from "../core/dom.js";
 import { framesOf, frameKey, waitingFor } from "./outbox.js";
-import { blind, cellCount, mission, onChange, onReload, who } from "../core/mission.js";
+import { mission, onChange, onReload, who } from "../core/mission.js";
 
 const MAX_A_REQUEST = 60;
 const KEPT = 400;
 
-// frame key -> {event, place, mine, models, others, settled, notes, suggestions}; least recently
-// used first.
+// frame key -> {event, camera, frame, mine, models, others, settled, notes, suggestions}; least
+// recently used first.
 const truths = new Map();
 // frame key -> the event up to which it must be read again
 const stale = new Map();
@@ -38,9 +38,7 @@ export function labelsOf(camera, frame) {
   const waits = waitingFor(camera, frame);
   const shown = { ...truth, pending: new Set() };
   if (!waits.length) return shown;
-  shown.mine = [...truth.mine];
-  shown.settled = [...truth.settled];
-  shown.models = { ...truth.models };
+  Object.assign(shown, copied(truth));
   for (const entry of waits) {
     for (const change of entry.changes) {
       if (change.camera !== camera || change.frame !== frame) continue;
@@ -49,6 +47,11 @@ export function labelsOf(camera, frame) {
     }
   }
   return shown;
+}
+
+// What `applyChange` may change of labels.
+function copied({ mine, settled, models }) {
+  return { mine: [...mine], settled: [...settled], models: { ...models } };
 }
 
 function applyChange(labels, entry, change, holds) {
@@ -72,7 +75,7 @@ export function prefetch(camera, frames) {
     if (truths.has(key) && !stale.has(key)) return null;
     return loading.get(key) ?? want(key, camera, frame);
   });
-  return Promise.all(waits.filter(Boolean)).then(() => undefined);
+  return Promise.all(waits);
 }
 
 /** Load the labels of the frames in which patches lie. */
@@ -97,8 +100,8 @@ function fetchWanted() {
   wanted = new Map();
   for (const [camera, batch] of batches) {
     const parts = [];
-    for (let from = 0; from < batch.frames.length; from += MAX_A_REQUEST) {
-      parts.push(fetchFrames(camera, batch.frames.slice(from, from + MAX_A_REQUEST)));
+    while (batch.frames.length) {
+      parts.push(fetchFrames(camera, batch.frames.splice(0, MAX_A_REQUEST)));
     }
     Promise.all(parts).then(batch.resolve);
   }
@@ -110,7 +113,7 @@ async function fetchFrames(camera, frames) {
     camera,
     frames: frames.join(","),
     v: mission.pictures,
-    suggest: mission.model && !blind() ? 1 : null,
+    suggest: mission.model && !mission.blind ? 1 : null,
   });
   // Before they are taken in: one that is out of date already is asked for again.
   const forget = () => frames.forEach((frame) => loading.delete(frameKey(camera, frame)));
@@ -130,18 +133,8 @@ function takeTruth(event, labels) {
     labelsAreStale([[camera, frame]], needed);
     return;
   }
-  const none = Array(cellCount()).fill(null);
   truths.delete(key);
-  truths.set(key, {
-    event,
-    place: [camera, frame],
-    mine: labels.mine ?? none,
-    models: labels.models ?? {},
-    others: labels.others ?? {},
-    settled: labels.settled ?? none,
-    notes: labels.notes ?? [],
-    suggestions: labels.suggestions ?? null,
-  });
+  truths.set(key, { ...labels, event });
   stale.delete(key);
   while (truths.size > KEPT) truths.delete(truths.keys().next().value);
   labelsChanged(camera, frame);
@@ -156,13 +149,7 @@ export function acknowledge(entry, answer) {
     const key = frameKey(change.camera, change.frame);
     const truth = truths.get(key);
     if (!truth) continue;
-    const next = {
-      ...truth,
-      event: Math.max(truth.event, answer.event),
-      mine: [...truth.mine],
-      settled: [...truth.settled],
-      models: { ...truth.models },
-    };
+    const next = { ...truth, ...copied(truth), event: Math.max(truth.event, answer.event) };
     applyChange(next, entry, change, (cell) => !refused.has(`${key}/${cell}`));
     truths.set(key, next);
   }
@@ -173,9 +160,8 @@ export function acknowledge(entry, answer) {
 }
 
 /**
- * Ask anew for frames that somebody else changed; those not in memory are asked for when shown.
- * @param {[string, number][]} frames
- * @param {number} [event] Answers from before it do not do.
+ * Ask anew for frames, [camera, frame], that somebody else changed; those not in memory are asked
+ * for when shown. Answers from before `event` do not do.
  */
 export function labelsAreStale(frames, event = 0) {
   const here = frames.filter(([camera, frame]) => {
@@ -214,7 +200,7 @@ onChange((what) => {
   const done = mission.model?.done ?? 0;
   if (what === "status" && done !== modelDone && done === mission.model?.total) {
     const without = [...truths.values()].filter(({ suggestions }) => !suggestions);
-    labelsAreStale(without.map(({ place }) => place));
+    labelsAreStale(without.map(({ camera, frame }) => [camera, frame]));
   }
   modelDone = done;
 });

@@ -82,11 +82,8 @@ export function waitingFor(camera, frame) {
 
 /** The frames that an entry changes, [camera, frame], each once. */
 export function framesOf(entry) {
-  const seen = new Map();
-  for (const { camera, frame } of entry.changes) {
-    seen.set(frameKey(camera, frame), [camera, frame]);
-  }
-  return [...seen.values()];
+  const all = entry.changes.map(({ camera, frame }) => [frameKey(camera, frame), [camera, frame]]);
+  return [...new Map(all).values()];
 }
 
 function touched(entry) {
@@ -129,10 +126,7 @@ export function isKept(entry) {
   return read(entry.stored) !== null;
 }
 
-/**
- * The entries that pages left which are gone, in the order in which they were made.
- * @returns {Promise<Entry[]>}
- */
+/** The entries that pages left which are gone, in the order in which they were made. */
 export async function leftovers() {
   const pages = new Set(names(PREFIX).map((name) => name.slice(PREFIX.length).split("/")[0]));
   pages.delete(page);
@@ -172,7 +166,6 @@ export { onRefused };
  * What was not written: `aside`, entries that the server refused, each with its `refusal`;
  * `foreign`, entries in this browser that are another mission's or another person's; `conflicts`
  * {stored, camera, frame, cell, theirs, yours, source}, to decide.
- * @returns {{aside: Entry[], foreign: Entry[], conflicts: Object[]}}
  */
 export function unwritten() {
   return { aside, foreign, conflicts };
@@ -206,15 +199,14 @@ export function setForeign(entries) {
 }
 
 /**
- * Note patches that were not written because somebody said something else meanwhile.
- * @param {Entry} entry
- * @param {Object[]} refusedCells From the server: {camera, frame, cell, theirs, yours}.
+ * Note patches of an entry, {camera, frame, cell, theirs, yours} as the server names them, that
+ * were not written because somebody said something else meanwhile.
  */
 export function noteConflicts(entry, refusedCells) {
   const { who, mission, source } = entry;
   for (const conflict of refusedCells) {
-    conflicts.filter((noted) => isSame(noted, conflict, entry)).forEach(drop);
     const noted = { ...conflict, who, mission, source, stored: CONFLICT + uniqueKey() };
+    conflicts.filter((other) => isOfOnePatch(other, noted)).forEach(drop);
     noted.kept = write(noted.stored, noted);
     conflicts.push(noted);
   }
@@ -222,9 +214,9 @@ export function noteConflicts(entry, refusedCells) {
 }
 
 // Of two things said of a patch and not written only the newer one is still meant.
-function isSame(noted, conflict, entry) {
-  const same = (other, ...parts) => parts.every((part) => noted[part] === other[part]);
-  return same(conflict, "camera", "frame", "cell") && same(entry, "who", "mission", "source");
+function isOfOnePatch(one, other) {
+  const parts = ["camera", "frame", "cell", "who", "mission", "source"];
+  return parts.every((part) => one[part] === other[part]);
 }
 
 /** Forget conflicts that were decided. */

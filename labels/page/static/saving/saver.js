@@ -4,7 +4,7 @@
 import { ApiError, get, onFailure, post } from "../core/api.js";
 import { say, signal } from "../core/dom.js";
 import {
-  blind, mission, onChange, onReload, sameMission, strangerWords, takeNews, who,
+  mission, onChange, onReload, sameMission, strangerWords, takeNews, who,
 } from "../core/mission.js";
 import { acknowledge, labelsChanged, labelsOf } from "./labels.js";
 import {
@@ -136,10 +136,7 @@ export function changesOf(patches) {
   });
 }
 
-/**
- * Give `LabelledPatch`es of many frames their labels, as one action that one undo takes back.
- * @returns {number} How many change.
- */
+/** Give `LabelledPatch`es their labels, as one action that one undo takes back; how many change. */
 export function actOn(kind, patches, options = {}) {
   const again = kind === CONFIRM;
   const changing = patches.filter(({ label, base, model }) => again || model || label !== base);
@@ -162,7 +159,7 @@ function newEntry(parts) {
   return {
     key: uniqueKey(),
     who: who(),
-    blind: blind(),
+    blind: mission.blind,
     mission: mission.mission,
     grid: { ...mission.grid },
     source: "human",
@@ -233,9 +230,8 @@ function opposite(changes) {
 }
 
 /**
- * Take the newest action back.
- * @returns {Promise<?Object>} The head {kind, camera, frame, changed, frames} of what is undone;
- *   null if there is nothing, or it cannot be done now (that was said).
+ * Take the newest action back: the head {kind, camera, frame, changed, frames} of what is undone;
+ * null if there is nothing, or it cannot be done now (that was said).
  */
 export function undo() {
   return step("undo");
@@ -247,9 +243,8 @@ export function redo() {
 }
 
 /**
- * What undo and redo would act on.
- * @returns {[?Object, ?Object]} Heads as `undo` gives them, null where there is nothing; {} where
- *   only the server knows, which is told of an action now.
+ * What undo and redo would act on: two heads as `undo` gives them, null where there is nothing; {}
+ * where only the server knows, which is told of an action now.
  */
 export function nextSteps() {
   const rest = waiting().length ? {} : null;
@@ -260,8 +255,7 @@ let steps = Promise.resolve();
 
 // One after the other: what the second of two quick presses acts on depends on the first.
 function step(kind) {
-  steps = steps.then(() => oneStep(kind));
-  return steps;
+  return (steps = steps.then(() => oneStep(kind)));
 }
 
 async function oneStep(kind) {
@@ -364,7 +358,7 @@ function acknowledged(entry, answer) {
   if (!answer.repeated && answer.changed && entry.who === who()) noteOwn(answer);
   acknowledge(entry, answer);
   dequeue(entry);
-  if (entry.who === who() && entry.blind === blind()) takeNews(answer);
+  if (entry.who === who() && entry.blind === mission.blind) takeNews(answer);
   if (answer.conflicts?.length) {
     known.delete(entry.target ?? entry.key); // not all of it was written
     noteConflicts(entry, answer.conflicts);

@@ -4,7 +4,7 @@ import { onFailure } from "../core/api.js";
 import { choice, classButtons } from "../core/controls.js";
 import { button, el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
-import { blind, mission, onChange, onReload, onSetting, who } from "../core/mission.js";
+import { mission, onChange, onReload, onSetting, who } from "../core/mission.js";
 import { lookAtShapes } from "../core/pictures.js";
 import { addView, go } from "../core/router.js";
 import { loadBlindList } from "../frame/steps.js";
@@ -135,7 +135,7 @@ let last = null; // {pair, place}: where the person was, to come back to
 async function show(element, [a, b]) {
   leave();
   root = element;
-  if (blind()) return showBlind();
+  if (mission.blind) return showBlind();
   pair = pairFor(a, b);
   if (!pair) return showAlone();
   const here = (parts = build());
@@ -178,7 +178,7 @@ async function showBlind() {
   let fault = "";
   const explain = ({ message }) => (fault = `The list of frames could not be loaded: ${message}.`);
   await loadBlindList().catch(onFailure(explain));
-  if (root && blind()) showAlso(blindProgress(fault));
+  if (root && mission.blind) showAlso(blindProgress(fault));
 }
 
 function showAlone() {
@@ -272,7 +272,7 @@ function showNumbers() {
 // ---- Keys
 
 function enter() {
-  if (blind()) continueBlind();
+  if (mission.blind) continueBlind();
   else parts?.sheet.openCurrent();
 }
 
@@ -305,7 +305,7 @@ onChange((what) => {
   // Heard again of the server: what is selected stays selected.
   if (found && what === "all") compare({ anew: false });
   else if (root && what === "all") show(root, pair ? [pair.a, pair.b] : []);
-  else if (root && blind()) showBlind();
+  else if (root && mission.blind) showBlind();
   // Figures are computed anew, and the tiles stay where they are.
   else if (found) asking.soon(() => compare({ anew: false }));
 });
@@ -313,7 +313,7 @@ onReload(() => {
   if (root) leave();
   last = null;
   if (!root) return;
-  if (blind()) showBlind();
+  if (mission.blind) showBlind();
   else root.replaceChildren();
 });
 onSetting((name) => {

@@ -4,7 +4,7 @@
 import { classButtons, nothingYet } from "../core/controls.js";
 import { button, el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
-import { blind, onChange, onReload, onSetting } from "../core/mission.js";
+import { mission, onChange, onReload, onSetting } from "../core/mission.js";
 import { lookAtShapes } from "../core/pictures.js";
 import { addView } from "../core/router.js";
 import { onLabels } from "../saving/labels.js";
@@ -157,7 +157,7 @@ function build() {
 
 async function load(wanted) {
   asking.stop();
-  if (blind()) return void (parts.words.textContent = "Not while labelling blind.");
+  if (mission.blind) return void (parts.words.textContent = "Not while labelling blind.");
   parts.words.textContent = "Loading ...";
   const failed = ({ message }) => (parts.words.textContent = `It could not be loaded: ${message}.`);
   const listed = await asking.get("/api/audits", {}, failed);

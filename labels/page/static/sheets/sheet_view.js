@@ -3,9 +3,7 @@
 import { classButtons, classTag, nothingYet, pager, sizeButtons } from "../core/controls.js";
 import { button, el, say, soon } from "../core/dom.js";
 import { lookKeys } from "../core/keys.js";
-import {
-  classes, mission, onChange, onReload, onSetting, setSetting, setting,
-} from "../core/mission.js";
+import { mission, onChange, onReload, onSetting, setSetting, setting } from "../core/mission.js";
 import { lookAtShapes } from "../core/pictures.js";
 import { addView, go } from "../core/router.js";
 import { onLabels, prefetchOf } from "../saving/labels.js";
@@ -143,7 +141,7 @@ class ReviewSheet extends TileSheet {
   #showTabs() {
     const audit = el("a", { class: "tab", text: "Audit", href: "#/audit" });
     audit.title = "labels that a model which did not learn them contradicts";
-    const tabs = classes().map(({ name }) =>
+    const tabs = mission.classes.map(({ name }) =>
       tab(classTag(name), mission.counts[name] ?? 0, addressOf(name), name === this.label),
     );
     this.tabs.replaceChildren(...tabs, audit);
@@ -223,7 +221,7 @@ const places = new Map(); // class -> {page, cursor}: where the person was, to c
 
 async function show(root, [name]) {
   leave();
-  label = classes().some((known) => known.name === name) ? name : firstLabelled();
+  label = mission.classes.some((known) => known.name === name) ? name : firstLabelled();
   const here = (sheet = new ReviewSheet(label));
   root.replaceChildren(here.root);
   here.grid.focus();
@@ -241,7 +239,8 @@ function leave() {
 }
 
 function firstLabelled() {
-  return classes().find(({ name }) => mission.counts[name] > 0)?.name ?? classes()[0].name;
+  const { classes, counts } = mission;
+  return classes.find(({ name }) => counts[name] > 0)?.name ?? classes[0].name;
 }
 
 function addressOf(name) {
@@ -249,7 +248,7 @@ function addressOf(name) {
 }
 
 function turnClass(step) {
-  const names = classes().map((known) => known.name);
+  const names = mission.classes.map((known) => known.name);
   go(addressOf(names[(names.indexOf(label) + step + names.length) % names.length]));
 }
 

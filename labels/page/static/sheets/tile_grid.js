@@ -2,6 +2,7 @@
 
 import { el, setAttribute } from "../core/dom.js";
 import { patchAspect } from "../core/pictures.js";
+import { ARROWS, arrowKeys } from "../frame/patch_grid.js";
 import { TilePictures, patchInTile, putAt } from "./tile_pictures.js";
 
 const DRAG_STARTS = 5; // CSS pixels
@@ -12,7 +13,7 @@ let grids = 0;
  * that a plain click adds to the selection, because odd patches lie scattered.
  */
 class TileSelection {
-  constructor(count = 0) {
+  constructor(count) {
     this.count = count;
     this.cursor = 0;
     this.anchor = 0;
@@ -82,20 +83,17 @@ class TileSelection {
 /** Grid of tiles; a tile is anything with `camera`, `frame` and `cell`. */
 export class TileGrid {
   /**
-   * @param {string} label what the grid holds, for screen readers
-   * @param {number} captionLines lines kept free under each picture; 0: the caption stands over it
-   * @param {object} sheet
-   * @param {(tile: object) => {name: string, lines: Node[], faded?: boolean}} sheet.describe
-   *   the tile in words, and what stands under its picture
-   * @param {() => void} sheet.showSelection the selection or the cursor changed
-   * @param {(tile: object) => void} sheet.open a tile was double clicked
+   * `label`: what the grid holds, for screen readers; `captionLines`: lines kept free under each
+   * picture, 0: the caption stands over it. Of the sheet, `describe(tile)`: the tile in words and
+   * what stands under its picture, {name, lines: Node[], faded}; `showSelection()`: selection or
+   * cursor changed; `open(tile)`: it was double clicked.
    */
   constructor(label, captionLines, sheet) {
     this.sheet = sheet;
     this.prefix = `tiles-${(grids += 1)}`;
     this.tiles = [];
     this.elements = [];
-    this.selection = new TileSelection();
+    this.selection = new TileSelection(0);
     /** Whether the mouse is held down on a tile. */
     this.busy = false;
     this.list = el("div", {
@@ -106,7 +104,10 @@ export class TileGrid {
     this.element = el("div", { class: "tile-scroller" }, this.list, this.band);
     this.pictures = new TilePictures(this.element);
     this.list.addEventListener("pointerdown", (event) => this.#press(event));
-    this.list.addEventListener("dblclick", (event) => this.#open(event));
+    this.list.addEventListener("dblclick", (event) => {
+      const tile = this.tiles[this.#indexOf(event)];
+      if (tile) sheet.open(tile);
+    });
   }
 
   /** Show these tiles, as `resize` does. */
@@ -117,9 +118,8 @@ export class TileGrid {
   }
 
   /**
-   * Show the same tiles, maybe at another size; selection and cursor stay.
-   * @param {{width: number, margin: number}} look Width in CSS pixels, margin around each patch in
-   *   patches.
+   * Show the same tiles, maybe at another size: width in CSS pixels, margin around each patch in
+   * patches. Selection and cursor stay.
    */
   resize({ width, margin }) {
     this.list.style.setProperty("--tile-width", `${width}px`);
@@ -206,11 +206,6 @@ export class TileGrid {
     return this.elements.indexOf(event.target.closest(".tile"));
   }
 
-  #open(event) {
-    const tile = this.tiles[this.#indexOf(event)];
-    if (tile) this.sheet.open(tile);
-  }
-
   #press(event) {
     if (event.button !== 0) return;
     const pressed = this.#indexOf(event);
@@ -257,13 +252,6 @@ export class TileGrid {
   }
 }
 
-const STEPS = {
-  ArrowLeft: () => -1,
-  ArrowRight: () => 1,
-  ArrowUp: (grid) => -grid.columns(),
-  ArrowDown: (grid) => grid.columns(),
-};
-
 /** Rows of a view's table of keys that move the cursor of its grid and select. */
 export function selectionKeys(gridOf) {
   const row = (keys, does, change) => {
@@ -273,13 +261,15 @@ export function selectionKeys(gridOf) {
     };
     return { keys, does, run, group: "Selecting patches" };
   };
-  const move = (selection, { key, shiftKey }, grid) => selection.move(STEPS[key](grid), shiftKey);
+  const move = (selection, { key, shiftKey }, grid) => {
+    const [down, right] = ARROWS[key];
+    selection.move(down * grid.columns() + right, shiftKey);
+  };
   const toEnd = (selection, { key }) => selection.place(key === "Home" ? 0 : selection.count - 1);
   const toggle = (selection) => selection.count && selection.toggle(selection.cursor);
-  const arrows = Object.keys(STEPS);
   return [
-    row(arrows, "move the cursor", move),
-    row(arrows.map((key) => `Shift+${key}`), "select what the cursor passes", move),
+    row(arrowKeys(), "move the cursor", move),
+    row(arrowKeys("Shift+"), "select what the cursor passes", move),
     row(["Home", "End"], "first, last patch of the page", toEnd),
     row(["Space"], "select the patch under the cursor, or no longer", toggle),
     row(["Ctrl+A"], "select all patches of the page", (selection) => selection.all()),

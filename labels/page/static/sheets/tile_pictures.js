@@ -62,9 +62,8 @@ export class TilePictures {
   }
 
   /**
-   * Show these patches, each in one of the elements.
-   * @param {{width: number, height: number, margin: number}} look Size in CSS pixels, margin
-   *   around each patch in patches.
+   * Show these patches, each in one of the elements. `look`: {width, height, margin}, a size in CSS
+   * pixels and a margin around each patch in patches.
    */
   show(tiles, elements, look) {
     this.stop();
@@ -100,11 +99,8 @@ export class TilePictures {
 function load(chunk) {
   const { sprite, elements, look } = chunk;
   const image = (chunk.image = new Image());
-  image.addEventListener("load", () => {
-    elements.forEach((element, position) =>
-      placeTile(element, sprite, position, look.width, look.height),
-    );
-  });
+  const place = (element, at) => placeTile(element, sprite, at, look.width, look.height);
+  image.addEventListener("load", () => elements.forEach(place));
   image.addEventListener("error", () => {
     if (image.src !== new URL(sprite, location).href) return; // no longer wanted
     for (const element of elements) element.classList.add("no-picture");

@@ -273,18 +273,15 @@ function nowOf(patch, what) {
   return known ? known[what][patch.cell] : patch[what];
 }
 
-/**
- * Give patches other labels of one's own; null takes them away.
- * @returns {number} How many change.
- */
+/** Give patches other labels of one's own; null takes them away. Gives how many change. */
 export function relabel(patches, labelFor, kind = "relabel") {
   const wanted = patches.map((one) => ({ ...one, label: labelFor(one), base: mineOf(one) }));
   return actOn(kind, wanted);
 }
 
 /**
- * Settle patches: both opinions stay, and what holds stands beside them; null takes it back.
- * @returns {number} How many change.
+ * Settle patches: both opinions stay, and what holds stands beside them; null takes it back. Gives
+ * how many change.
  */
 export function settle(patches, labelFor, kind = "settle") {
   const wanted = patches.map((one) => ({ ...one, label: labelFor(one), base: settledOf(one) }));
@@ -293,12 +290,8 @@ export function settle(patches, labelFor, kind = "settle") {
 
 /** Makes rows of a view's table of keys that only work while its sheet is shown. */
 export function sheetRow(sheetOf) {
-  return (keys, does, run) => ({
-    keys,
-    does,
-    run: () => {
-      const sheet = sheetOf();
-      return sheet ? run(sheet) : false;
-    },
-  });
+  return (keys, does, act) => {
+    const run = () => (sheetOf() ? act(sheetOf()) : false);
+    return { keys, does, run };
+  };
 }
