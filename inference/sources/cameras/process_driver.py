@@ -16,7 +16,7 @@ import queue
 import subprocess
 import threading
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.camera_frame import frame_from_camera
@@ -26,32 +26,27 @@ from tokt.inference.reason import Fault, Reason
 from .capture import Capture, Deliver
 from .messages import Message, program, read_message, write_message
 
-Answers = queue.SimpleQueue[dict[str, Any]]
-"""What a camera's process says, besides frames."""
-
-_CLOSE_S = 3.0
+_OPEN_S, _CLOSE_S = 30.0, 3.0
 
 
 @dataclass(eq=False)
 class ProcessDriver:
     """A `CameraDriver` of the camera `capture.LEFT` or `capture.RIGHT`, whose work a process does.
 
-    `name` is as the user called it, `order` what the process is told, passwords too, and `open_s`
-    how many seconds it may take to answer.
+    `kind` is the process's folder, for `messages.program`, `name` as the user called the camera,
+    and `order` what the process is told, passwords too.
     """
 
-    kind: ClassVar[str]
-    """The folder of the process, for `messages.program`."""
-
+    kind: str
     camera: int
     name: str
     order: dict[str, Any] = field(repr=False)
     clock: Clock
-    open_s: float = 30.0
 
     def __post_init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
         self._reader = threading.Thread()
+        self._answers = queue.SimpleQueue[dict[str, Any]]()  # what is said besides frames
         self._stopping = threading.Event()
         self._lost = ""
         self.period_s: float | None = None
@@ -77,8 +72,8 @@ class ProcessDriver:
         except OSError as error:
             raise ToktError(f"camera {self.name}: no process for it: {error}") from error
         self._process = process
-        opened: Answers = queue.SimpleQueue()
-        name, told = f"tokt camera {self.name}", (process, opened, deliver)
+        self._answers = queue.SimpleQueue()
+        name, told = f"tokt camera {self.name}", (process, deliver)
         self._reader = threading.Thread(target=self._read, args=told, name=name, daemon=True)
         self._reader.start()
         assert process.stdin is not None
@@ -86,17 +81,14 @@ class ProcessDriver:
         with contextlib.suppress(BrokenPipeError):
             write_message(process.stdin, self.order)
         try:
-            answer = opened.get(timeout=self.open_s)
+            answer = self._answers.get(timeout=_OPEN_S)
         except queue.Empty:
-            words = f"camera {self.name} does not answer in {self.open_s:g} s"
-            answer = {"kind": "refused", "words": words}
-        if answer["kind"] != "ready":
+            answer = {"words": f"camera {self.name} does not answer in {_OPEN_S:g} s"}
+        if "words" in answer:
             self.stop()
             raise ToktError(answer["words"])
-        self.answered(answer)
-
-    def answered(self, answer: dict[str, Any]) -> None:
-        """The camera is open, and this is what its process says of it."""
+        if "place" in answer:  # where it is looked for from now on
+            self.order["place"] = answer["place"]
 
     def stop(self) -> None:
         """Deliver nothing more and end the camera's process, by force if it does not end."""
@@ -119,33 +111,29 @@ class ProcessDriver:
         """Why the camera is gone: what its process said, or how its process ended."""
         return self._lost
 
-    def _read(self, process: subprocess.Popen[bytes], opened: Answers, deliver: Deliver) -> None:
+    def _read(self, process: subprocess.Popen[bytes], deliver: Deliver) -> None:
         """Take messages until the process ends; the thread's whole life."""
         assert process.stdout is not None
         try:
             while (message := read_message(process.stdout)) is not None:
-                if message.header["kind"] == "frame":
+                header = message.header
+                if header["kind"] == "frame":
                     self._take(message, deliver)
+                elif header["kind"] == "ready":
+                    self.period_s = header["period_s"]
+                    self.shared_clock = header["shared_clock"]
+                    self._answers.put(header)
                 else:
-                    self._hear(message.header, opened)
+                    self._lose(header["words"])
         except (OSError, ValueError, LookupError, TypeError) as error:
-            self._lose(f"camera {self.name}: its process does not make sense: {error!r}", opened)
-        self._lose(f"camera {self.name}: its process ended with {process.wait()}", opened)
+            self._lose(f"camera {self.name}: its process does not make sense: {error!r}")
+        self._lose(f"camera {self.name}: its process ended with {process.wait()}")
 
-    def _hear(self, answer: dict[str, Any], opened: Answers) -> None:
-        """Everything but frames."""
-        if answer["kind"] != "ready":
-            self._lose(answer["words"], opened)
-            return
-        self.period_s = answer["period_s"]
-        self.shared_clock = answer["shared_clock"]
-        opened.put(answer)
-
-    def _lose(self, words: str, opened: Answers) -> None:
+    def _lose(self, words: str) -> None:
         """The camera is gone, for the first reason that is known."""
         if not self._stopping.is_set() and not self._lost:
             self._lost = words
-        opened.put({"kind": "refused", "words": words})
+        self._answers.put({"words": words})
 
     def _take(self, message: Message, deliver: Deliver) -> None:
         """Deliver a frame."""

@@ -108,19 +108,14 @@ def is_index(text: str) -> bool:
     return text.isascii() and text.isdecimal()
 
 
-def check_installed() -> None:
-    """See that the packages are there; ToktError if not, saying what to install."""
-    for package in ("harvesters", "genicam"):
-        if find_spec(package) is None:
-            raise ToktError(f"a genicam camera needs {package}: install tokt[genicam]")
-
-
 def list_cameras(timeout_s: float = _TIMEOUT_S) -> Listing:
     """Ask all producers for their cameras, in a process of its own.
 
     ToktError if harvesters is not installed, there is no producer, or one crashes or hangs.
     """
-    check_installed()
+    for package in ("harvesters", "genicam"):
+        if find_spec(package) is None:
+            raise ToktError(f"a genicam camera needs {package}: install tokt[genicam]")
     try:
         ran = subprocess.run(
             program("cameras.genicam"),
