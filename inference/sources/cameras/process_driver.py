@@ -24,7 +24,7 @@ from tokt.inference.clock import SYSTEM_CLOCK, Clock
 from tokt.inference.reason import Fault, Reason
 
 from .capture import Capture, Deliver
-from .messages import Message, program, read_message, write_message
+from .messages import program, read_message, write_message
 
 _OPEN_S, _CLOSE_S = 30.0, 3.0
 
@@ -116,9 +116,9 @@ class ProcessDriver:
         assert process.stdout is not None
         try:
             while (message := read_message(process.stdout)) is not None:
-                header = message.header
+                header, data = message
                 if header["kind"] == "frame":
-                    self._take(message, deliver)
+                    self._take(header, data, deliver)
                 elif header["kind"] == "ready":
                     self.period_s = header["period_s"]
                     self.shared_clock = header["shared_clock"]
@@ -135,28 +135,23 @@ class ProcessDriver:
             self._lost = words
         self._answers.put({"words": words})
 
-    def _take(self, message: Message, deliver: Deliver) -> None:
+    def _take(self, header: dict[str, Any], data: bytearray | None, deliver: Deliver) -> None:
         """Deliver a frame."""
-        capture = self._capture(message)
-        try:
-            deliver(capture)
-        except Exception:  # noqa: BLE001 - the thread is the camera's: it outlives all
-            self.failures += 1
-
-    def _capture(self, message: Message) -> Capture:
-        header = message.header
         # One clock for all processes of a machine.
         age_s = max(0.0, SYSTEM_CLOCK.monotonic() - header["fetched_s"])
         arrived, t = self.clock.monotonic() - age_s, self.clock.time() - age_s
         taken_s = math.nan if header["taken_s"] is None else header["taken_s"]
         picture, fault = None, Fault(Reason(header["reason"]), header["words"])
-        if message.data is not None:
+        if data is not None:
             try:
                 picture = frame_from_camera(
-                    message.data, header["height"], header["width"], header["pixel_format"]
+                    *(data, header["height"], header["width"], header["pixel_format"])
                 )
             except ValueError as error:
                 fault = Fault(Reason.UNREADABLE, str(error))
-        captured_t = header.get("captured_t")
-        frame_id = header["frame_id"]
-        return Capture(self.camera, frame_id, taken_s, arrived, t, picture, fault, captured_t)
+        captured_t, number = header.get("captured_t"), header["frame_id"]
+        capture = Capture(self.camera, number, taken_s, arrived, t, picture, fault, captured_t)
+        try:
+            deliver(capture)
+        except Exception:  # noqa: BLE001 - the thread is the camera's: it outlives all
+            self.failures += 1

@@ -10,9 +10,6 @@ core. A stream that ends or falls silent is looked for again here; meanwhile the
 saying that it is lost. What the process is told and what it answers: `cameras.messages`.
 """
 
-import json
-import signal
-import sys
 import threading
 from collections.abc import Callable
 from importlib import import_module
@@ -23,7 +20,7 @@ import numpy as np
 from tokt.features.common.address import without_credentials
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.sources.cameras.messages import answers_out, watch_input, write_message
+from tokt.inference.sources.cameras.messages import begun, write_frame, write_message
 
 from .address import VideoAddress
 from .newest import NewestReading, Reading, StreamLostError
@@ -47,14 +44,9 @@ Reader = Callable[[VideoAddress, NewestReading], None]
 
 def main() -> None:
     """Do what the first line of the standard input says until that is closed."""
-    # The runtime has its own way to end on Ctrl-C, which a terminal sends to all of its processes.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    answers = answers_out()
-    order = json.loads(sys.stdin.buffer.readline())
-    address = VideoAddress(**order["address"])
-    newest = NewestReading()
+    answers, order, stopped = begun()
+    address, newest = VideoAddress(**order["address"]), NewestReading(stopped)
     newest.alive()
-    threading.Thread(target=watch_input, args=(newest.stopped,), daemon=True).start()
     sender = threading.Thread(target=_send, args=(answers, address.name, newest))
     sender.start()
     try:
@@ -115,23 +107,13 @@ def _send(answers: IO[bytes], name: str, newest: NewestReading) -> None:
 
 
 def _write(answers: IO[bytes], number: int, reading: Reading) -> None:
-    header: dict[str, Any] = {
-        "kind": "frame",
-        "frame_id": number,
-        "taken_s": reading.taken_s,
-        "captured_t": reading.captured_t,
-        "fetched_s": reading.arrived,
-        "reason": reading.fault.reason,
-        "words": str(reading.fault),
-    }
-    picture = reading.picture
-    if picture is None:
-        write_message(answers, header)
-        return
-    pixels = picture if isinstance(picture, np.ndarray) else picture.to_ndarray(format="bgr24")
-    header["height"], header["width"] = pixels.shape[:2]
-    header["pixel_format"] = "Mono8" if pixels.ndim == 2 else "BGR8"
-    write_message(answers, header, np.ascontiguousarray(pixels).data.cast("B"))
+    picture = None
+    if (shown := reading.picture) is not None:
+        pixels: Any = shown if isinstance(shown, np.ndarray) else shown.to_ndarray(format="bgr24")
+        kind = "Mono8" if pixels.ndim == 2 else "BGR8"
+        picture = *pixels.shape[:2], kind, np.ascontiguousarray(pixels)
+    times = reading.taken_s, reading.captured_t
+    write_frame(answers, number, reading.arrived, reading.fault, picture, *times)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ For a camera's own process only (see `process`).
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,16 +25,7 @@ _COLOUR_BYTES = 3
 _PART_IS_IMAGE = 1  # GenTL's PART_DATATYPE_2D_IMAGE
 
 
-class NoPictureError(Exception):
-    """A buffer without a picture that can be used."""
-
-    def __init__(self, fault: Fault) -> None:
-        super().__init__(fault)
-        self.fault = fault
-
-
-@dataclass(frozen=True)
-class Pixels:
+class Pixels(NamedTuple):
     """A picture in a buffer, as the camera gave it."""
 
     height: int
@@ -43,38 +34,37 @@ class Pixels:
     data: U8  # without padding; where that has none the buffer's own memory, gone when it is queued
 
 
-def pixels_of(buffer: Any, format_name: Callable[[int], str]) -> Pixels:
-    """The picture in a raw buffer of harvesters; of one with several parts the first image.
+def pixels_of(buffer: Any, format_name: Callable[[int], str]) -> tuple[Pixels | None, Fault]:
+    """The picture in a raw buffer of harvesters, of one with several parts the first image.
+
+    None, and why, if it is not all there, or not of a format that tokt reads.
 
     Not by harvesters' own components: they leave padding in, and raise for a pixel format that they
     do not know without giving the buffer back. `format_name` gives the name of a format's number.
-    NoPictureError if the picture is not all there, or not of a format that tokt reads.
     """
     image, offset = _image(buffer)
     height, width = int(image.height), int(image.width)
     number = read_property(image, "pixel_format", read_property(image, "data_format", 0))
     pixel_format = format_name(number)
     if pixel_format not in PIXEL_FORMATS:
-        known = ", ".join(PIXEL_FORMATS)
-        sent = f"the camera sends {pixel_format} pixels"
-        words = f"{sent}, which tokt does not read (it reads {known})"
-        raise NoPictureError(Fault(Reason.UNREADABLE, words))
+        words = f"which tokt does not read (it reads {', '.join(PIXEL_FORMATS)})"
+        return None, Fault(Reason.UNREADABLE, f"the camera sends {pixel_format} pixels, {words}")
     row = width * (1 if pixel_format in MOSAIC_FORMATS else _COLOUR_BYTES)
     padding = int(read_property(image, "padding_x", read_property(image, "x_padding", 0)))
     lines = int(read_property(buffer, "delivered_image_height", height)) or height
     size = height * (row + padding)
     filled = read_property(buffer, "size_filled", offset + size)
     if lines < height:
-        raise _incomplete(f"{lines} of {height} rows came")
+        return None, _incomplete(f"{lines} of {height} rows came")
     # The last row's padding may be left out.
     if filled < offset + size - padding:
-        raise _incomplete(f"{max(filled - offset, 0)} of {size} bytes came")
+        return None, _incomplete(f"{max(filled - offset, 0)} of {size} bytes came")
     raw = np.frombuffer(buffer.raw_buffer, np.uint8, size - padding, offset)
     if padding:
         shape, strides = (height, row), (row + padding, 1)
         rows = np.lib.stride_tricks.as_strided(raw, shape, strides, writeable=False)
         raw = np.ascontiguousarray(rows).reshape(-1)
-    return Pixels(height, width, pixel_format, raw)
+    return Pixels(height, width, pixel_format, raw), NO_FAULT
 
 
 def _image(buffer: Any) -> tuple[Any, int]:
@@ -85,8 +75,8 @@ def _image(buffer: Any) -> tuple[Any, int]:
     return buffer, int(read_property(buffer, "image_offset", 0))
 
 
-def _incomplete(words: str) -> NoPictureError:
-    return NoPictureError(Fault(Reason.INCOMPLETE, f"incomplete frame: {words}"))
+def _incomplete(words: str) -> Fault:
+    return Fault(Reason.INCOMPLETE, f"incomplete frame: {words}")
 
 
 def taken_s(buffer: Any, ticks_per_s: float | None) -> float | None:
@@ -134,7 +124,7 @@ class FetchedFrame:
     taken_s: float | None  # of the camera's clock
     fetched_s: float  # ``SYSTEM_CLOCK.monotonic()`` when the producer handed it over
     pixels: Pixels | None  # gone when the next one is asked for
-    fault: Fault = NO_FAULT
+    fault: Fault
 
 
 class GenicamCamera:
@@ -197,11 +187,8 @@ class GenicamCamera:
         fetched_s = SYSTEM_CLOCK.monotonic()
         self._last_id = int(read_property(buffer, "frame_id", self._last_id + 1))
         when = taken_s(buffer, self._ticks_per_s)
-        try:
-            pixels = pixels_of(buffer, lambda n: self._formats.get(n, f"unknown (0x{n:08x})"))
-        except NoPictureError as error:
-            return FetchedFrame(self._last_id, when, fetched_s, None, error.fault)
-        return FetchedFrame(self._last_id, when, fetched_s, pixels)
+        found = pixels_of(buffer, lambda n: self._formats.get(n, f"unknown (0x{n:08x})"))
+        return FetchedFrame(self._last_id, when, fetched_s, *found)
 
     def _not_whole(self) -> FetchedFrame | None:
         """What came, where no buffer did."""
@@ -209,7 +196,7 @@ class GenicamCamera:
             return None
         # Its own number went with the buffer; cameras count frames one by one.
         self._last_id += 1
-        fault = Fault(Reason.INCOMPLETE, "incomplete frame: packets were lost")
+        fault = _incomplete("packets were lost")
         return FetchedFrame(self._last_id, None, SYSTEM_CLOCK.monotonic(), None, fault)
 
     def _give_back(self, buffer: Any) -> None:

@@ -279,7 +279,7 @@ def test_a_process_without_a_runtime_ends_though_it_hangs():
     command = [sys.executable, "-P", "-c", program]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as hung:
         write_message(hung.stdin, order)
-        assert read_message(hung.stdout).header["kind"] == "ready"
+        assert read_message(hung.stdout)[0]["kind"] == "ready"
         assert hung.wait(MAX_S) == -signal.SIGALRM
 
 
