@@ -223,8 +223,9 @@ def opened_camera(
         ParameterKey.ENABLE_AUTO_CHUNK_DATA_UPDATE: False,
     }
     try:
-        info = producers.info(listed)
-        acquirer = producers.harvester.create(info, config=ParameterSet(values))
+        harvester, at = producers.harvester, producers.listing.cameras.index(listed)
+        info = harvester.device_info_list[at]
+        acquirer = harvester.create(info, config=ParameterSet(values))
         features = GenicamFeatures(acquirer.remote_device.node_map, name)
         features.set_up(options, share, listed.link)
         stream = GenicamFeatures(acquirer.data_streams[0].node_map, name)

@@ -10,6 +10,7 @@ What it is told and what it answers: `cameras.messages`.
 
 import signal
 import threading
+from dataclasses import asdict
 from typing import IO, Any
 
 from tokt.features.common.errors import ToktError
@@ -37,7 +38,7 @@ def main() -> None:
     try:
         if "list" in order:
             with opened_producers() as producers:
-                write_message(answers, {"kind": "listed", "listing": producers.listing.to_json()})
+                write_message(answers, {"kind": "listed", "listing": asdict(producers.listing)})
         else:
             _run(answers, order, stopped)
     except BrokenPipeError:

@@ -81,7 +81,7 @@ def test_what_is_listed_and_who_is_meant(producers):
     listing = producers.listing
     assert listing.camera("VikyTL_DEV_green") is listing.cameras[1]
     assert listing.camera("2") is listing.cameras[2]  # serial number and index
-    assert listing == Listing.from_json(listing.to_json())
+    assert listing == Listing.from_json(asdict(listing))
     refuses(r"no GenICam camera 'x': found 0: VikyTL_DEV_red .*serial", listing.camera, "x")
     # What a camera's process is told: a name, and where the camera was if that is known.
     assert _chosen(listing, {"name": "VikyTL_DEV_green", "place": None}) is listing.cameras[1]
