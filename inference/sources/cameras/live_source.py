@@ -57,17 +57,13 @@ class CameraKeeper(threading.Thread):
     when it was opened or could not be; then `refused` says why.
     """
 
-    def __init__(
-        self, camera: int, driver: CameraDriver, clock: Clock, source: CameraSource, wait: bool
-    ) -> None:
+    def __init__(self, camera: int, driver: CameraDriver, source: CameraSource) -> None:
         super().__init__(name=f"tokt {SIDES[camera]} camera", daemon=True)
         self.driver = driver
         self.refused: ToktError | None = None
         self._camera = camera
-        self._clock = clock
+        self._clock = source.clock
         self._source = source
-        self._wait = wait
-        self._stopped = False
         self._started_s = 0.0
         self._captured_s: float | None = None
         self._gap_s: float | None = None
@@ -75,10 +71,6 @@ class CameraKeeper(threading.Thread):
         self._call: tuple[str, float] | None = None
         self._is_lost = False
         self.tried = threading.Event()
-
-    def stop(self) -> None:
-        """Come to an end soon; may be called from a signal handler."""
-        self._stopped = True
 
     @property
     def hung(self) -> str:
@@ -100,10 +92,10 @@ class CameraKeeper(threading.Thread):
     def run(self) -> None:
         """Open the camera, and again when it is lost, until the end."""
         try:
-            while not self._stopped:
+            while not self._source.stopped:
                 words = self._opened() or self._watched()
                 self.tried.set()
-                if self._stopped or self.refused:
+                if self._source.stopped or self.refused:
                     return
                 # Told before it is closed, which may hang; what still comes meanwhile is too late.
                 self._is_lost = True
@@ -127,7 +119,7 @@ class CameraKeeper(threading.Thread):
             with self._calling("opening"):
                 self.driver.start(self._deliver)
         except ToktError as error:
-            if not self.tried.is_set() and not self._wait:
+            if not self.tried.is_set() and not self._source.wait:
                 self.refused = error
             return str(error)
         self._started_s = awake_s(self._clock)
@@ -147,7 +139,7 @@ class CameraKeeper(threading.Thread):
     def _watched(self) -> str:
         """Look after a camera until it delivers no more; why."""
         words = ""
-        while not self._stopped and not words:
+        while not self._source.stopped and not words:
             self._sleep(_LOOK_S)
             words = self._trouble()
         return words
@@ -168,7 +160,7 @@ class CameraKeeper(threading.Thread):
     def _sleep(self, seconds: float) -> None:
         """Sleep in short pieces, so that `stop` is noticed."""
         until = self._clock.monotonic() + seconds
-        while not self._stopped and (left_s := until - self._clock.monotonic()) > 0:
+        while not self._source.stopped and (left_s := until - self._clock.monotonic()) > 0:
             self._clock.sleep(min(left_s, _LOOK_S))
 
 
@@ -220,10 +212,9 @@ class CameraSource:
     def __post_init__(self) -> None:
         self.counts = [CameraCounts() for _ in self.drivers]
         self._keepers = [
-            CameraKeeper(camera, driver, self.clock, self, self.wait)
-            for camera, driver in enumerate(self.drivers)
+            CameraKeeper(camera, driver, self) for camera, driver in enumerate(self.drivers)
         ]
-        self._begun = self._stopped = False
+        self._begun = self.stopped = False
         # All of these under the lock, which captures, keepers and the reader share.
         self._changed = threading.Condition()
         self._pairer = Pairer()
@@ -260,9 +251,7 @@ class CameraSource:
 
     def stop(self) -> None:
         """Deliver no further frame, and close the cameras; may be called from a signal handler."""
-        self._stopped = True
-        for keeper in self._keepers:
-            keeper.stop()
+        self.stopped = True
 
     def close(self) -> None:
         """Stop, and wait until the cameras are closed, though not for one that hangs."""
@@ -287,7 +276,7 @@ class CameraSource:
             self.start()
         told_s = -math.inf
         try:
-            while not self._stopped:
+            while not self.stopped:
                 frame = self._next(told_s)
                 if frame is not None:
                     told_s = self.clock.monotonic()
@@ -365,7 +354,7 @@ class CameraSource:
         """The latest frame; None if it is time to look whether all is well."""
         # One that ended by itself is one that raised: its camera would never come back.
         for camera, keeper in enumerate(self._keepers):
-            if not keeper.is_alive() and not self._stopped:
+            if not keeper.is_alive() and not self.stopped:
                 raise RuntimeError(f"nobody looks after the {SIDES[camera]} camera any more")
             if keeper.hung:
                 raise ToktError(f"{keeper.hung}; only a new start frees it")
@@ -377,30 +366,22 @@ class CameraSource:
                 wait_s = _CHECK_S if due is None else min(max(due - now, 0.0), _CHECK_S)
                 self._changed.wait(wait_s)
             moment, self._latest = self._latest, None
-            if moment is not None:
-                return self._frame(moment)
             if self._lost[LEFT] and self.clock.monotonic() - told_s >= _LOST_EVERY_S:
-                nothing = Moment(None, None, _NOTHING, math.nan)
-                t, arrived = self.clock.time(), self.clock.monotonic()
-                return self._delivered(nothing, t, MANY_MISSED, arrived)
-            return None
+                moment = moment or Moment(None, None, _NOTHING, math.nan)
+            return None if moment is None else self._frame(moment)
 
     def _frame(self, moment: Moment) -> Frame:
-        first = moment.left or moment.right
-        assert first is not None
-        missed = self._missed(moment.at)
-        arrived = [view.arrived for view in (moment.left, moment.right) if view is not None]
-        frame = self._delivered(moment, first.t, missed, min(arrived))
-        return replace(frame, captured_t=first.captured_t)
-
-    def _delivered(self, moment: Moment, t: float, missed: int, arrived: float) -> Frame:
+        taken = [view for view in (moment.left, moment.right) if view is not None]
+        t, captured_t = (taken[0].t, taken[0].captured_t) if taken else (self.clock.time(), None)
+        arrived = min((view.arrived for view in taken), default=self.clock.monotonic())
         left, left_fault = self._view(LEFT, moment.left, moment.alone)
         right, right_fault = self._view(RIGHT, moment.right, moment.alone)
         if self.split:
             (left, right), right_fault = _halves(left), left_fault
+        missed = self._missed(moment.at)
         self._number += 1 + (missed if missed < MANY_MISSED else 0)
         views = left, right, left_fault, right_fault
-        return Frame(self._number, t, *views, missed, timed=True, arrived=arrived)
+        return Frame(self._number, t, *views, missed, True, arrived, captured_t)
 
     def _view(self, camera: int, capture: Capture | None, alone: Fault) -> tuple[U8 | None, Fault]:
         """A camera's picture, or why there is none."""
@@ -415,12 +396,10 @@ class CameraSource:
         """How many frames between the last one delivered and this one were not."""
         skipped, self._skipped = self._skipped, 0
         last, self._last_at = self._last_at, at
-        if self._lost[LEFT]:
+        if self._gap:  # the left camera is lost, or has just come back
+            self._gap = bool(self._lost[LEFT])
             return MANY_MISSED
-        gap, self._gap = self._gap, False
-        if gap:
-            return MANY_MISSED
-        fits = [fit for fit in self._pairer.fits if fit is not None]
+        fits = (fit for fit in self._pairer.fits if fit is not None)
         periods = [fit.period_s for fit in fits if fit.period_s is not None]
         if math.isnan(at - last) or not periods:
             return skipped

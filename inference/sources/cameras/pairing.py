@@ -46,14 +46,9 @@ class _Exposures:
     """The exposures that a camera has delivered, by their times or numbers."""
 
     def __init__(self) -> None:
-        self._seen: deque[float] = deque(maxlen=_WINDOW)  # each once
+        self.seen: deque[float] = deque(maxlen=_WINDOW)  # the last ones, each once
         self._newest = -math.inf
         self._forward = 0
-
-    @property
-    def count(self) -> int:
-        """How many different ones there were, of the last ones."""
-        return len(self._seen)
 
     def old(self, mark: float) -> str:
         """What is wrong with the next one, in words; empty where it is new.
@@ -61,11 +56,11 @@ class _Exposures:
         One that goes back is a buffer from before, or the clock was set: that is believed when more
         run forward in a row than a driver has buffers, none of them seen before.
         """
-        if mark in self._seen:
+        if mark in self.seen:
             self._forward = 0
             return "was handed out again"
-        runs_on = bool(self._seen) and mark > self._seen[-1]
-        self._seen.append(mark)
+        runs_on = bool(self.seen) and mark > self.seen[-1]
+        self.seen.append(mark)
         if mark <= self._newest:
             self._forward = self._forward + 1 if runs_on else 1
             if self._forward <= _MIN_SAMPLES:
@@ -99,7 +94,7 @@ class ClockFit:
         untimed = math.isnan(capture.taken_s)
         exposures = self._exposures[untimed]
         words = exposures.old(float(capture.frame_id) if untimed else capture.taken_s)
-        if not words or (untimed and exposures.count < 2):
+        if not words or (untimed and len(exposures.seen) < 2):
             return NO_FAULT
         how = "number" if untimed else "time"
         return Fault(Reason.STALE, f"frame {capture.frame_id} {words}, by its {how}")
@@ -183,10 +178,9 @@ class Pairer:
     @property
     def period_s(self) -> float | None:
         """The shorter of the cameras' periods, or None if one is not known."""
-        periods = [None if fit is None else fit.period_s for fit in self.fits]
-        if periods[0] is None or periods[1] is None:
-            return None
-        return min(periods[0], periods[1])
+        fits = (fit for fit in self.fits if fit is not None)
+        periods = [fit.period_s for fit in fits if fit.period_s is not None]
+        return min(periods) if len(periods) == len(self.fits) else None
 
     def add(self, capture: Capture) -> list[Moment]:
         """Take a capture that its camera's `ClockFit` has learnt from; what is settled by it."""
