@@ -69,12 +69,12 @@ class Codec:
         return bool(unit[self.header] & 0x80)
 
 
-H264 = Codec("h264", 1, 24, 28, range(1, 6), range(5, 6), range(7, 9))
-H265 = Codec("hevc", 2, 48, 49, range(32), range(16, 24), range(32, 35))
-"""Table 7-1 of either standard, RFC 6184 and RFC 7798."""
-
-CODECS = {"h264": H264, "h265": H265}
-"""By the names that addresses and SDP have for them, in lower case."""
+CODECS = {
+    "h264": Codec("h264", 1, 24, 28, range(1, 6), range(5, 6), range(7, 9)),
+    "h265": Codec("hevc", 2, 48, 49, range(32), range(16, 24), range(32, 35)),
+}
+"""By the names that addresses and SDP have for them, in lower case: table 7-1 of either standard,
+RFC 6184 and RFC 7798."""
 
 
 def access_unit(

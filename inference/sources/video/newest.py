@@ -40,12 +40,12 @@ class Reading:
 class NewestReading:
     """One place: a reading that nobody has taken gives way to the next one, and is counted."""
 
-    def __init__(self, stopped: threading.Event) -> None:
+    def __init__(self, stopped: threading.Event | None = None) -> None:
         self._changed = threading.Condition()
         self._reading: Reading | None = None
         self._taken_s = -math.inf
         self._count = 0
-        self.stopped = stopped
+        self.stopped = stopped or threading.Event()
         self.last_put = SYSTEM_CLOCK.monotonic()
         self._gaps_s = 0.0, 0.0
         self.lost = ""  # why the stream is being looked for again

@@ -61,24 +61,19 @@ def is_rtcp(data: bytes) -> bool:
     return len(data) >= 8 and data[0] >> 6 == 2 and 192 <= data[1] <= 223
 
 
-@dataclass(frozen=True)
-class SenderReport:
-    """A sender's time of day at one of its time stamps (section 6.4.1)."""
+def parse_sender_report(data: bytes) -> tuple[int, float, int] | None:
+    """Read the sender report that a compound RTCP packet begins with; None of any other.
 
-    ssrc: int
-    utc: float  # seconds since 1970 by the sender's clock
-    timestamp: int
-
-
-def parse_sender_report(data: bytes) -> SenderReport | None:
-    """Read the sender report that a compound RTCP packet begins with; None of any other."""
+    It is the sender's SSRC, and its time of day (seconds since 1970 by its own clock) at one of its
+    time stamps (section 6.4.1).
+    """
     if len(data) < 28 or data[0] >> 6 != 2 or data[1] != _SENDER_REPORT:
         return None
     ssrc, seconds, fraction, timestamp = struct.unpack_from("!4xIIII", data)
     # A sender that does not know the time of day says 0, or counts from its own start.
     if seconds < _NTP_1970:
         return None
-    return SenderReport(ssrc, seconds - _NTP_1970 + fraction / 2**32, timestamp)
+    return ssrc, seconds - _NTP_1970 + fraction / 2**32, timestamp
 
 
 class PacketOrder:
@@ -171,9 +166,9 @@ class SenderClock:
         self._ticks: int | None = None
         self._report: tuple[int, float] | None = None  # ticks, seconds since 1970
 
-    def report(self, report: SenderReport) -> None:
+    def report(self, utc: float, timestamp: int) -> None:
         """Learn the time of day."""
-        self._report = self._unwrapped(report.timestamp), report.utc
+        self._report = self._unwrapped(timestamp), utc
 
     def seconds(self, timestamp: int) -> float:
         """When something was taken, by the sender's clock, of any zero."""

@@ -37,7 +37,7 @@ PICTURES = [jpeg(number) for number in range(4)]
 @contextmanager
 def reading(url):
     """A reader of an address on a thread: what it puts, and why it ended."""
-    newest, words = NewestReading(threading.Event()), []
+    newest, words = NewestReading(), []
     newest.alive = lambda: None  # the test's process is not to be ended
 
     def work():

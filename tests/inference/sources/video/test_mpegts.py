@@ -267,7 +267,7 @@ def test_times_go_on_where_33_bits_begin_anew(codec):
 
 def reading(url):
     """A reader of an address on a thread: what it puts, and how it is ended."""
-    newest, words = NewestReading(threading.Event()), []
+    newest, words = NewestReading(), []
     newest.alive = lambda: None  # the test's process is not to be ended
 
     def work():

@@ -2,7 +2,6 @@
 
 import json
 import sys
-from threading import Event
 
 import cv2
 import pytest
@@ -136,7 +135,7 @@ def test_what_is_no_camera_is_told(tmp_path):
     (tmp_path / "file").touch()
     for name, words in (("none", "No such file"), ("file", "Inappropriate ioctl")):
         with pytest.raises(StreamLostError, match=words):
-            read_v4l2(VideoAddress.parse(f"v4l2:{tmp_path / name}"), NewestReading(Event()))
+            read_v4l2(VideoAddress.parse(f"v4l2:{tmp_path / name}"), NewestReading())
 
 
 LISTS = """
