@@ -229,10 +229,7 @@ class CameraSource:
     def start(self) -> None:
         """Open the cameras.
 
-        Raises
-        ------
-        ToktError
-            If one cannot be opened or set, or hangs, unless they are to be waited for.
+        ToktError if one cannot be opened or set, or hangs, unless they are to be waited for.
         """
         self._begun = True
         with ExitStack() as undo:
@@ -264,13 +261,9 @@ class CameraSource:
     def __iter__(self) -> Iterator[Frame]:
         """Deliver the latest frame, again and again, until `stop`.
 
-        Raises
-        ------
-        ToktError
-            As `start` does, which it calls if nobody has; and if a driver hangs, be its camera to
-            be waited for or not: only a new process frees it.
-        RuntimeError
-            If nobody looks after a camera any more: a mistake in this program.
+        ToktError as from `start`, which it calls if nobody has; and if a driver hangs, be its camera
+        to be waited for or not: only a new process frees it. RuntimeError if nobody looks after a
+        camera any more: a mistake in this program.
         """
         if not self._begun:
             self.start()

@@ -100,10 +100,7 @@ class VideoAddress:
 def parse_video_sources(text: str) -> list[VideoAddress]:
     """The addresses of one camera, or of a left and a right one with a comma between.
 
-    Raises
-    ------
-    ToktError
-        If there are more than two, the same twice, or one cannot be meant.
+    ToktError if there are more than two, the same twice, or one cannot be meant.
     """
     addresses = [VideoAddress.parse(each.strip()) for each in _NEXT.split(text)]
     if len(addresses) > 2:

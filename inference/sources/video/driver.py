@@ -15,10 +15,7 @@ from .address import VideoAddress
 def open_drivers(addresses: Sequence[VideoAddress], clock: Clock) -> list[CameraDriver]:
     """Drivers of a camera, or of a left and a right one; nothing is opened yet.
 
-    Raises
-    ------
-    ToktError
-        If what reads video is not installed.
+    ToktError if what reads video is not installed.
     """
     if not (find_spec("av") and find_spec("aiortsp")):
         raise ToktError("network video needs the extra 'video': pip install 'tokt[video]'")

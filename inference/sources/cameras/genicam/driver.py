@@ -18,19 +18,11 @@ from .producers import is_index, list_cameras
 def open_drivers(ids: Sequence[str], options: SourceConfig, clock: Clock) -> list[CameraDriver]:
     """Drivers of the cameras that a user named: left, and right where there are two.
 
-    Parameters
-    ----------
-    ids : sequence of str
-        Each a camera's device ID, serial number or name, or its index in what the producers list.
-        An index is looked up now and never again: with a camera unplugged it would be another's.
-    options : SourceConfig
-    clock : Clock
+    Each by its device ID, serial number or name, or its index in what the producers list. An index
+    is looked up now and never again: with a camera unplugged it would be another's.
 
-    Raises
-    ------
-    ToktError
-        If there is no such camera, saying which there are, unless it is to be waited for; if two
-        are the same; or if nothing is installed that could drive one.
+    ToktError if there is no such camera, saying which there are, unless it is to be waited for; if
+    two are the same; or if nothing is installed that could drive one.
     """
     listing = list_cameras()
     places: list[dict[str, str] | None] = []

@@ -249,20 +249,9 @@ def _picture(frame: Any, address: int, size: int, room: int) -> tuple[U8 | None,
 def open_drivers(
     ids: Sequence[str], options: SourceConfig, clock: Clock, vimbax: bool = False
 ) -> Sequence[CameraDriver]:
-    """The drivers of one camera, or of a left and a right one; nothing is opened yet.
+    """The drivers of one camera, or of a left and a right one, by the Vimba SDK or by Vimba X.
 
-    Parameters
-    ----------
-    ids : sequence of str
-    options : SourceConfig
-    clock : Clock
-    vimbax : bool
-        Whether Vimba X drives them, and not the Vimba SDK.
-
-    Raises
-    ------
-    ToktError
-        If pymba or vmbpy is missing, or its library.
+    Nothing is opened yet. ToktError if pymba or vmbpy is missing, or its library.
     """
     if vimbax:
         system = load_vimbax()
