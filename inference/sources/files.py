@@ -109,8 +109,9 @@ def read_picture(
     if image.ndim != 2:
         words = f"the image is in colour: it does not hold raw {pixel_format} pixels"
         return None, Fault(Reason.UNREADABLE, words)
+    height, width = image.shape
     try:
-        return frame_from_camera(image, *image.shape, pixel_format), NO_FAULT
+        return frame_from_camera(image, height, width, pixel_format), NO_FAULT
     except ValueError as error:
         return None, Fault(Reason.UNREADABLE, str(error))
 

@@ -63,8 +63,9 @@ def open_camera_source(
 ) -> CameraSource:
     """Open live cameras; they deliver from now on.
 
-    The source that is wanted is one of `PREFIXES` and the left camera's ID, or its video's address;
-    for two a comma and the right one's. `on_event` is given each `Event`, on a thread of a camera's.
+    The wanted source is one of `PREFIXES` and the left camera's ID, or its video's address; for two
+    a comma and the right one's. `on_event` is given each `Event`, on a thread of a camera's.
+
     ToktError if it names no such cameras or asks them for what cannot be meant, what drives them is
     missing, or they cannot be opened.
     """

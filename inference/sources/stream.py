@@ -159,7 +159,7 @@ def _fault(side: str, picture: U8 | None) -> Fault:
     return Fault(Reason.MISSING, f"the stream has no {side} picture")
 
 
-def _header(line: bytes, where: str) -> tuple[int, float, int, list[Any]]:
+def _header(line: bytes, where: str) -> tuple[Any, float, int, list[Any]]:
     """A frame's number, time, those missed before it, and its pictures' shapes.
 
     ToktError if they are not what they have to be.

@@ -261,9 +261,9 @@ class CameraSource:
     def __iter__(self) -> Iterator[Frame]:
         """Deliver the latest frame, again and again, until `stop`.
 
-        ToktError as from `start`, which it calls if nobody has; and if a driver hangs, be its camera
-        to be waited for or not: only a new process frees it. RuntimeError if nobody looks after a
-        camera any more: a mistake in this program.
+        ToktError as from `start`, which it calls if nobody has, and if a driver hangs, be its
+        camera to be waited for or not: only a new process frees it. RuntimeError if nobody looks
+        after a camera any more: a mistake in this program.
         """
         if not self._begun:
             self.start()

@@ -130,9 +130,9 @@ class FetchedFrame:
 class GenicamCamera:
     """A camera that is set and sends frames, by its ``harvesters.core.ImageAcquirer``."""
 
-    def __init__(self, acquirer: Any, features: GenicamFeatures) -> None:
-        from genicam.genapi import GenericException as FeatureError
-        from genicam.gentl import GenericException as ProducerError
+    def __init__(
+        self, acquirer: Any, features: GenicamFeatures, gone: tuple[type[Exception], ...]
+    ) -> None:
         from harvesters.core import Callback
         from harvesters.util.pfnc import dict_by_ints
 
@@ -146,12 +146,12 @@ class GenicamCamera:
 
         acquirer.add_callback(acquirer.Events.INCOMPLETE_BUFFER, Incomplete())
         self._acquirer = acquirer
-        self._gone = (ProducerError, FeatureError)
+        self._gone = gone
         self._formats = dict_by_ints
         self._incomplete = False
         self._last_id = 0
         frequency = read_property(acquirer.device, "timestamp_frequency", 0)
-        self._ticks_per_s = frequency or features.ticks_per_s()
+        self._ticks_per_s = frequency or features.value("GevTimestampTickFrequency")
         self.period_s = features.period_s()
         self.shared_clock = features.clock_is_shared()
 
@@ -216,6 +216,7 @@ def opened_camera(
     from genicam.gentl import GenericException as ProducerError
     from harvesters.core import ParameterKey, ParameterSet
 
+    gone = (ProducerError, FeatureError)
     values = {
         ParameterKey.NUM_BUFFERS_FOR_FETCH_CALL: _BUFFERS,
         ParameterKey.TIMEOUT_PERIOD_ON_CLIENT_FETCH_CALL: 2 * _WAIT_S,
@@ -231,13 +232,12 @@ def opened_camera(
         stream = GenicamFeatures(acquirer.data_streams[0].node_map, name)
         stream.give("StreamBufferHandlingMode", "NewestOnly")
         acquirer.start()
-        camera = GenicamCamera(acquirer, features)
-    except (FeatureError, ProducerError) as error:
-        words = in_one_line(str(error))
-        raise ToktError(f"camera {name} cannot be opened: {words}") from None
+        camera = GenicamCamera(acquirer, features, gone)
+    except gone as error:
+        raise ToktError(f"camera {name} cannot be opened: {in_one_line(str(error))}") from None
     try:
         yield camera
     finally:
         # One that is gone refuses to be closed as it should.
-        with suppress(FeatureError, ProducerError):
+        with suppress(*gone):
             acquirer.destroy()

@@ -77,11 +77,6 @@ class GenicamFeatures:
             latch.execute()
         return any(self.value(name) in ("Master", "Slave") for name in _PTP_STATUS)
 
-    def ticks_per_s(self) -> float | None:
-        """How fast its clock ticks, where a feature says so."""
-        value = self.value("GevTimestampTickFrequency")
-        return float(value) if value else None
-
     def value(self, name: str) -> Any:
         """A feature's value, or None where there is none to be read."""
         node = self._node(name, self._readable)
