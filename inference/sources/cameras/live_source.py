@@ -100,16 +100,14 @@ class CameraKeeper(threading.Thread):
                 # Told before it is closed, which may hang; what still comes meanwhile is too late.
                 self._is_lost = True
                 self._source.lost(self._camera, words)
-                self._close()
+                with self._calling("closing"):
+                    self.driver.stop()
                 self._sleep(self._pause_s)
                 self._pause_s = min(2 * self._pause_s, MAX_PAUSE_S)
         finally:
             self.tried.set()
-            self._close()
-
-    def _close(self) -> None:
-        with self._calling("closing"):
-            self.driver.stop()
+            with self._calling("closing"):
+                self.driver.stop()
 
     def _opened(self) -> str:
         """Open the camera; why that cannot be, or nothing."""
@@ -281,7 +279,7 @@ class CameraSource:
 
     def captured(self, capture: Capture) -> None:
         """Take a capture."""
-        camera, back = capture.camera, None
+        camera = capture.camera
         if capture.fault and capture.fault.reason is Reason.CAMERA_LOST:
             self.lost(camera, capture.fault)  # its driver looks for it itself
             return
@@ -293,11 +291,14 @@ class CameraSource:
             counts.incomplete += capture.picture is None
             if not math.isnan(capture.taken_s):
                 counts.left_out += fit.add(capture)
-            if self._lost[camera]:
-                back, self._lost[camera] = f"the {SIDES[camera]} camera is back", NO_FAULT
-            self._put(self._settled(capture, fit))
-        if back is not None:
-            self._tell("camera_back", camera, back)
+            back, self._lost[camera] = bool(self._lost[camera]), NO_FAULT
+            if len(self.counts) > 1:
+                self._put(self._pairer.add(capture))
+            else:
+                at = fit.common_s(capture.taken_s, fit.shared)
+                self._put([Moment(capture, None, NO_FAULT, math.nan if at is None else at)])
+        if back:
+            self._tell("camera_back", camera, "back")
 
     def lost(self, camera: int, words: str) -> None:
         """A camera is gone."""
@@ -308,10 +309,11 @@ class CameraSource:
             self._gap |= camera == LEFT
             self.counts[camera].lost += first
         if first:
-            self._tell("camera_lost", camera, f"the {SIDES[camera]} camera is lost: {words}")
+            self._tell("camera_lost", camera, f"lost: {words}")
 
     def _tell(self, name: str, camera: int, words: str) -> None:
         fields = {"camera": SIDES[camera], "name": self._keepers[camera].driver.name}
+        words = f"the {SIDES[camera]} camera is {words}"
         self.on_event(Event(self.clock.time(), name, words, fields))
 
     def _fit(self, camera: int) -> ClockFit:
@@ -322,12 +324,6 @@ class CameraSource:
             fit = ClockFit(driver.period_s, driver.shared_clock)
             self._pairer.present(camera, fit)
         return fit
-
-    def _settled(self, capture: Capture, fit: ClockFit) -> list[Moment]:
-        if len(self.counts) > 1:
-            return self._pairer.add(capture)
-        at = fit.common_s(capture.taken_s, fit.shared)
-        return [Moment(capture, None, NO_FAULT, math.nan if at is None else at)]
 
     def _put(self, moments: Sequence[Moment]) -> None:
         """The latest takes the place of the one before; locked."""

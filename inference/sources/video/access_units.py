@@ -160,10 +160,10 @@ class Depacketizer:
     def _take(self, payload: bytes) -> None:
         """The NAL units that a packet holds, or its part of one."""
         codec = self._codec
-        if len(payload) <= codec.header:
+        kind = codec.type_of(payload)
+        if len(payload) <= codec.header + (kind == codec.fragment):
             self._fault = "it holds an empty packet"
             return
-        kind = codec.type_of(payload)
         if kind == codec.fragment:
             self._take_part(payload)
             return
@@ -178,9 +178,6 @@ class Depacketizer:
     def _take_part(self, payload: bytes) -> None:
         """A fragment of a unit: the first one begins it, the last one ends it."""
         codec = self._codec
-        if len(payload) <= codec.header + 1:
-            self._fault = "it holds an empty packet"
-            return
         flags = payload[codec.header]
         if flags & 0x80:
             self._finish_part()

@@ -5,7 +5,6 @@ For a camera's own process only (see `process`).
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -116,15 +115,14 @@ class CameraGoneError(Exception):
     """The camera does not answer any more; the message says what its producer said."""
 
 
-@dataclass(frozen=True)
-class FetchedFrame:
+class FetchedFrame(NamedTuple):
     """One exposure fetched from the producer's buffers, or why there is no picture."""
 
     frame_id: int
-    taken_s: float | None  # of the camera's clock
     fetched_s: float  # ``SYSTEM_CLOCK.monotonic()`` when the producer handed it over
-    pixels: Pixels | None  # gone when the next one is asked for
     fault: Fault
+    pixels: Pixels | None = None  # gone when the next one is asked for
+    taken_s: float | None = None  # of the camera's clock
 
 
 class GenicamCamera:
@@ -187,8 +185,8 @@ class GenicamCamera:
         fetched_s = SYSTEM_CLOCK.monotonic()
         self._last_id = int(read_property(buffer, "frame_id", self._last_id + 1))
         when = taken_s(buffer, self._ticks_per_s)
-        found = pixels_of(buffer, lambda n: self._formats.get(n, f"unknown (0x{n:08x})"))
-        return FetchedFrame(self._last_id, when, fetched_s, *found)
+        pixels, fault = pixels_of(buffer, lambda n: self._formats.get(n, f"unknown (0x{n:08x})"))
+        return FetchedFrame(self._last_id, fetched_s, fault, pixels, when)
 
     def _not_whole(self) -> FetchedFrame | None:
         """What came, where no buffer did."""
@@ -197,7 +195,7 @@ class GenicamCamera:
         # Its own number went with the buffer; cameras count frames one by one.
         self._last_id += 1
         fault = _incomplete("packets were lost")
-        return FetchedFrame(self._last_id, None, SYSTEM_CLOCK.monotonic(), None, fault)
+        return FetchedFrame(self._last_id, SYSTEM_CLOCK.monotonic(), fault)
 
     def _give_back(self, buffer: Any) -> None:
         with suppress(*self._gone):  # takes nothing back: the next call says so

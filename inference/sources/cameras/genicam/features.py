@@ -21,18 +21,13 @@ _PTP_STATUS = ("PtpStatus", "GevIEEE1588Status")
 
 
 class GenicamFeatures:
-    """The features of one camera, by its ``genicam.genapi.NodeMap``.
+    """The features of one camera, by its ``genicam.genapi.NodeMap``; its name is for messages."""
 
-    Its name is for messages; `ptp_s` is how long its clock may take to be set by the Precision Time
-    Protocol.
-    """
-
-    def __init__(self, nodes: Any, name: str, ptp_s: float = _PTP_S) -> None:
+    def __init__(self, nodes: Any, name: str) -> None:
         from genicam.genapi import EAccessMode, GenericException
 
         self._nodes = nodes
         self._name = name
-        self._ptp_s = ptp_s
         self._readable = (EAccessMode.RO, EAccessMode.RW)
         self._writable = (EAccessMode.WO, EAccessMode.RW)
         self._error = GenericException
@@ -141,10 +136,10 @@ class GenicamFeatures:
         """Have its clock set by the Precision Time Protocol, and wait until it is."""
         if not self.give("PtpMode", "Auto"):
             self._set(("PtpEnable", "GevIEEE1588"), True, "Precision Time Protocol")
-        until = time.monotonic() + self._ptp_s
+        until = time.monotonic() + _PTP_S
         while not self.clock_is_shared():
             if time.monotonic() > until:
-                raise ToktError(f"camera {self._name}: no clock by PTP in {self._ptp_s:g} s")
+                raise ToktError(f"camera {self._name}: no clock by PTP in {_PTP_S:g} s")
             time.sleep(_LOOK_S)
 
     def _set(self, names: Iterable[str], value: Any, what: str) -> None:

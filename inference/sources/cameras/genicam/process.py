@@ -86,9 +86,7 @@ def _send_next(answers: IO[bytes], camera: GenicamCamera) -> None:
         if taken is None:
             return
         started = SYSTEM_CLOCK.monotonic()
-        write_frame(
-            *(answers, taken.frame_id, taken.fetched_s), *(taken.fault, taken.pixels, taken.taken_s)
-        )
+        write_frame(answers, *taken)
     # The runtime did not read: what was filled meanwhile is older than it looks.
     if SYSTEM_CLOCK.monotonic() - started > _SLOW_S:
         camera.forget_waiting()
