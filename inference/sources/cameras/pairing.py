@@ -77,7 +77,7 @@ class ClockFit:
     """
 
     def __init__(self, period_s: float | None = None, shared: bool = False) -> None:
-        self._nominal_s = period_s
+        self._nominal_s = () if period_s is None else (period_s,)
         self.shared = shared
         self._offset_s = math.inf  # from the camera's clock to the host's, with the least delay
         self._samples = 0
@@ -129,10 +129,7 @@ class ClockFit:
     @property
     def period_s(self) -> float | None:
         """Seconds between exposures, rather too short than too long; None if not known."""
-        known = list(self._periods)
-        if self._nominal_s is not None:
-            known.append(self._nominal_s)
-        return min(known, default=None)
+        return min((*self._nominal_s, *self._periods), default=None)
 
     def common_s(self, taken_s: float, shared: bool) -> float | None:
         """A time by the camera's clock, in seconds that both cameras share; None if not known.

@@ -11,7 +11,6 @@ saying that it is lost. What the process is told and what it answers: `cameras.m
 """
 
 import threading
-from collections.abc import Callable
 from importlib import import_module
 from typing import IO, Any
 
@@ -39,7 +38,6 @@ _READERS = {
     "http": ("mjpeg", "read_mjpeg"),
     "v4l2": ("v4l2", "read_v4l2"),
 }
-Reader = Callable[[VideoAddress, NewestReading], None]
 
 
 def main() -> None:
@@ -50,21 +48,16 @@ def main() -> None:
     sender = threading.Thread(target=_send, args=(answers, address.name, newest))
     sender.start()
     try:
-        _read(reader_of(address), address, newest)
+        _read(address, newest)
     finally:
         newest.stopped.set()
         sender.join()
 
 
-def reader_of(address: VideoAddress) -> Reader:
-    """What reads such an address."""
-    module, name = _READERS[address.scheme if address.scheme == "v4l2" else address.scheme[:4]]
-    reader: Reader = getattr(import_module(f"{__package__}.{module}"), name)
-    return reader
-
-
-def _read(reader: Reader, address: VideoAddress, newest: NewestReading) -> None:
+def _read(address: VideoAddress, newest: NewestReading) -> None:
     """Read, and again when the stream is lost, until stopped."""
+    module, name = _READERS[address.scheme if address.scheme == "v4l2" else address.scheme[:4]]
+    reader = getattr(import_module(f"{__package__}.{module}"), name)
     pause_s = MIN_PAUSE_S
     while not newest.stopped.is_set():
         newest.alive()
@@ -86,16 +79,17 @@ def _send(answers: IO[bytes], name: str, newest: NewestReading) -> None:
         while not newest.stopped.is_set():
             taken = newest.take(_LOOK_S)
             now = SYSTEM_CLOCK.monotonic()
-            if taken is None and not ready and now - opened > OPEN_S:
+            if taken is not None:
+                if not ready:
+                    ready = True
+                    about = {"period_s": None, "shared_clock": False}
+                    write_message(answers, {"kind": "ready", **about})
+                number, reading = taken
+                _write(answers, number, reading)
+            elif not ready and now - opened > OPEN_S:
                 words = newest.lost or f"nothing has come in {OPEN_S:g} s"
                 write_message(answers, {"kind": "refused", "words": f"source {name}: {words}"})
                 break
-            if taken is not None and not ready:
-                ready = True
-                write_message(answers, {"kind": "ready", "period_s": None, "shared_clock": False})
-            if taken is not None:
-                number, reading = taken
-                _write(answers, number, reading)
             elif ready and (silent_s := newest.silent_s(now)) and now - told > _TELL_S:
                 told, words = now, newest.lost or "nothing comes"
                 fault = Fault(Reason.CAMERA_LOST, f"{name}: {words}, for {silent_s:.0f} s")
