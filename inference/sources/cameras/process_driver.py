@@ -47,7 +47,6 @@ class ProcessDriver:
         self._process: subprocess.Popen[bytes] | None = None
         self._reader = threading.Thread()
         self._answers = queue.SimpleQueue[dict[str, Any]]()  # what is said besides frames
-        self._stopping = threading.Event()
         self._lost = ""
         self.period_s: float | None = None
         self.shared_clock = False
@@ -59,7 +58,6 @@ class ProcessDriver:
         ToktError if it is not there, cannot be set as asked, or does not answer in time.
         """
         self.stop()
-        self._stopping.clear()
         self._lost = ""
         try:
             process = subprocess.Popen(
@@ -96,7 +94,6 @@ class ProcessDriver:
         if process is None:
             return
         assert process.stdin is not None and process.stdout is not None
-        self._stopping.set()
         with contextlib.suppress(BrokenPipeError):
             process.stdin.close()
         try:
@@ -131,7 +128,7 @@ class ProcessDriver:
 
     def _lose(self, words: str) -> None:
         """The camera is gone, for the first reason that is known."""
-        if not self._stopping.is_set() and not self._lost:
+        if self._process is not None and not self._lost:
             self._lost = words
         self._answers.put({"words": words})
 

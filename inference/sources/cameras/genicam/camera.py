@@ -111,10 +111,6 @@ _WAIT_S = 0.2
 _WAIT_MS = 100  # of one call within; a process that shall stop notices it no sooner
 
 
-class CameraGoneError(Exception):
-    """The camera does not answer any more; the message says what its producer said."""
-
-
 class FetchedFrame(NamedTuple):
     """One exposure fetched from the producer's buffers, or why there is no picture."""
 
@@ -126,7 +122,10 @@ class FetchedFrame(NamedTuple):
 
 
 class GenicamCamera:
-    """A camera that is set and sends frames, by its ``harvesters.core.ImageAcquirer``."""
+    """A camera that is set and sends frames, by its ``harvesters.core.ImageAcquirer``.
+
+    One that does not answer any more raises one of `gone`.
+    """
 
     def __init__(
         self, acquirer: Any, features: GenicamFeatures, gone: tuple[type[Exception], ...]
@@ -144,7 +143,7 @@ class GenicamCamera:
 
         acquirer.add_callback(acquirer.Events.INCOMPLETE_BUFFER, Incomplete())
         self._acquirer = acquirer
-        self._gone = gone
+        self.gone = gone
         self._formats = dict_by_ints
         self._incomplete = False
         self._last_id = 0
@@ -157,15 +156,13 @@ class GenicamCamera:
     def next(self) -> Iterator[FetchedFrame | None]:
         """Wait a moment for the next exposure; its pixels are there within the context only.
 
-        None where none came; CameraGoneError if the producer says that something is wrong.
+        None where none came; one of `gone` if the producer says that something is wrong.
         """
         buffer = None
         try:
             self._incomplete = False
             buffer = self._acquirer.try_fetch(timeout=_WAIT_S, is_raw=True)
             yield self._taken(buffer) if buffer is not None else self._not_whole()
-        except self._gone as error:
-            raise CameraGoneError(in_one_line(str(error))) from None
         finally:
             if buffer is not None:
                 self._give_back(buffer)
@@ -173,13 +170,10 @@ class GenicamCamera:
     def forget_waiting(self) -> None:
         """Give back what was filled while nobody looked: nothing says how old it is."""
         stream = self._acquirer.data_streams[0]
-        try:
-            for _ in range(int(read_property(stream, "num_awaiting_delivery", 0))):
-                buffer = self._acquirer.try_fetch(timeout=_WAIT_S, is_raw=True)
-                if buffer is not None:
-                    self._give_back(buffer)
-        except self._gone as error:
-            raise CameraGoneError(in_one_line(str(error))) from None
+        for _ in range(int(read_property(stream, "num_awaiting_delivery", 0))):
+            buffer = self._acquirer.try_fetch(timeout=_WAIT_S, is_raw=True)
+            if buffer is not None:
+                self._give_back(buffer)
 
     def _taken(self, buffer: Any) -> FetchedFrame:
         fetched_s = SYSTEM_CLOCK.monotonic()
@@ -198,7 +192,7 @@ class GenicamCamera:
         return FetchedFrame(self._last_id, SYSTEM_CLOCK.monotonic(), fault)
 
     def _give_back(self, buffer: Any) -> None:
-        with suppress(*self._gone):  # takes nothing back: the next call says so
+        with suppress(*self.gone):  # takes nothing back: the next call says so
             buffer.parent.queue_buffer(buffer)
 
 

@@ -23,7 +23,7 @@ from tokt.inference.sources.cameras.messages import (
     write_message,
 )
 
-from .camera import CameraGoneError, GenicamCamera, opened_camera
+from .camera import GenicamCamera, opened_camera
 from .producers import ListedCamera, Listing, Place, in_one_line, opened_producers
 
 _SLOW_S = 0.02
@@ -65,9 +65,9 @@ def _run(answers: IO[bytes], order: dict[str, Any], stopped: threading.Event) ->
                 while not stopped.is_set():
                     end_unless_called_again(_HUNG_S)
                     _send_next(answers, camera)
-            except CameraGoneError as error:
+            except camera.gone as error:
                 # Told before it is closed, which may hang or fail as well.
-                write_message(answers, {"kind": "lost", "words": str(error)})
+                write_message(answers, {"kind": "lost", "words": in_one_line(str(error))})
 
 
 def _chosen(listing: Listing, order: dict[str, Any]) -> ListedCamera:

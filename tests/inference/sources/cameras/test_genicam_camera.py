@@ -20,7 +20,6 @@ from tokt.inference.config import SourceConfig
 from tokt.inference.reason import NO_FAULT, Reason
 from tokt.inference.sources.cameras.genicam import producers as genicam_producers
 from tokt.inference.sources.cameras.genicam.camera import (
-    CameraGoneError,
     FetchedFrame,
     GenicamCamera,
     opened_camera,
@@ -183,7 +182,7 @@ def test_what_came_while_nobody_read_is_given_back(producers):
 
 def test_a_camera_that_is_pulled_out_can_be_opened_again(producers):
     """Its handles are closed under harvesters, as a producer does when its device is gone."""
-    with red(producers) as camera, pytest.raises(CameraGoneError, match="handle"):
+    with red(producers) as camera, pytest.raises(camera.gone, match="handle"):
         taken(camera, 1)
         producers.harvester.image_acquirers[0].device.module.close()
         taken(camera, 1)
