@@ -366,7 +366,10 @@ class CameraSource:
         left, left_fault = self._view(LEFT, moment.left, moment.alone)
         right, right_fault = self._view(RIGHT, moment.right, moment.alone)
         if self.split:
-            (left, right), right_fault = _halves(left), left_fault
+            right_fault = left_fault
+            if left is not None:
+                width = left.shape[1]
+                left, right = left[:, : width // 2].copy(), left[:, width - width // 2 :].copy()
         missed = self._missed(moment.at)
         self._number += 1 + (missed if missed < MANY_MISSED else 0)
         views = left, right, left_fault, right_fault
@@ -393,11 +396,3 @@ class CameraSource:
         if math.isnan(at - last) or not periods:
             return skipped
         return max(skipped, round(min((at - last) / min(periods) - 1, MANY_MISSED)))
-
-
-def _halves(picture: U8 | None) -> tuple[U8 | None, U8 | None]:
-    """The left and the right half of a picture, each in memory of its own."""
-    if picture is None:
-        return None, None
-    width = picture.shape[1] // 2
-    return picture[:, :width].copy(), picture[:, picture.shape[1] - width :].copy()

@@ -65,13 +65,8 @@ def read_message(source: IO[bytes]) -> tuple[dict[str, Any], bytearray | None] |
     if "bytes" not in header:
         return header, None
     data = bytearray(header.pop("bytes"))
-    view, filled = memoryview(data), 0
-    while filled < len(data):
-        count = source.readinto(view[filled:])  # type: ignore[attr-defined]
-        if not count:
-            return None
-        filled += count
-    return header, data
+    complete = source.readinto(data) == len(data)  # type: ignore[attr-defined]
+    return (header, data) if complete else None
 
 
 def begun() -> tuple[IO[bytes], dict[str, Any], threading.Event]:
