@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 from .rtp import RtpPacket
 
-START_CODE = b"\x00\x00\x00\x01"
 _START = re.compile(rb"\0{2,}\x01")
 _MAX_BYTES = 16 << 20  # of one picture: more is none
 
@@ -26,7 +25,7 @@ class AccessUnit:
     @property
     def data(self) -> bytes:
         """As decoders take it (Annex B of the standards)."""
-        return b"".join(START_CODE + unit for unit in self.units)
+        return b"".join(b"\0\0\0\1" + unit for unit in self.units)
 
 
 def nal_units(data: bytes) -> list[bytes]:

@@ -20,7 +20,6 @@ from .access_units import AccessUnit, Codec
 from .frame_numbers import FrameNumbers
 
 _WAITS = "waiting for the next key picture"
-_NO_KEY = "the stream is joined"
 _MAX_PIXELS, _MAX_DELAY = 100_000_000, 64  # of a picture; pictures that a decoder may hold back
 
 
@@ -53,7 +52,7 @@ class VideoDecoder:
         self.codec = codec
         self._decoder = open_codec(codec.name)
         self._numbers = FrameNumbers() if codec.name == "h264" else None
-        self._broken = _NO_KEY
+        self._broken = "the stream is joined"
         self._inside: dict[int, AccessUnit] = {}
         self._count = 0
 
