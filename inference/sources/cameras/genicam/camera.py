@@ -58,12 +58,8 @@ def pixels_of(buffer: Any, format_name: Callable[[int], str]) -> tuple[Pixels | 
     # The last row's padding may be left out.
     if filled < offset + size - padding:
         return None, _incomplete(f"{max(filled - offset, 0)} of {size} bytes came")
-    raw = np.frombuffer(buffer.raw_buffer, np.uint8, size - padding, offset)
-    if padding:
-        shape, strides = (height, row), (row + padding, 1)
-        rows = np.lib.stride_tricks.as_strided(raw, shape, strides, writeable=False)
-        raw = np.ascontiguousarray(rows).reshape(-1)
-    return Pixels(height, width, pixel_format, raw), NO_FAULT
+    rows = np.ndarray((height, row), np.uint8, buffer.raw_buffer, offset, (row + padding, 1))
+    return Pixels(height, width, pixel_format, np.ascontiguousarray(rows).reshape(-1)), NO_FAULT
 
 
 def _image(buffer: Any) -> tuple[Any, int]:
@@ -98,11 +94,9 @@ def read_property(module: Any, name: str, otherwise: Any) -> Any:
 
     try:
         return getattr(module, name)
-    except AttributeError:
-        return otherwise
     except (ClosedException, InvalidHandleException):
         raise
-    except GenericException:
+    except (AttributeError, GenericException):
         return otherwise
 
 

@@ -58,9 +58,8 @@ def _run(answers: IO[bytes], order: dict[str, Any], stopped: threading.Event) ->
         with opened_camera(producers, listed, order["name"], options, order["share"]) as camera:
             # harvesters takes the signal for itself.
             signal.signal(signal.SIGINT, signal.SIG_IGN)
-            place = vars(listed.place)
-            ready = {"kind": "ready", "place": place, "period_s": camera.period_s}
-            write_message(answers, {**ready, "shared_clock": camera.shared_clock})
+            ready = {"period_s": camera.period_s, "shared_clock": camera.shared_clock}
+            write_message(answers, {"kind": "ready", "place": vars(listed.place), **ready})
             try:
                 while not stopped.is_set():
                     end_unless_called_again(_HUNG_S)
