@@ -231,8 +231,7 @@ def _picture(frame: Any, address: int, size: int, room: int) -> tuple[U8 | None,
     if pixel_format is None:
         return None, Fault(Reason.DAMAGED, f"pixel format {frame.pixelFormat:#010x} is not known")
     if not 0 < size <= room:
-        words = f"the frame has {size} bytes in a buffer of {room}"
-        return None, Fault(Reason.DAMAGED, words)
+        return None, Fault(Reason.DAMAGED, f"the frame has {size} bytes in a buffer of {room}")
     buffer: Any = (ctypes.c_ubyte * size).from_address(address)
     data = np.frombuffer(buffer, np.uint8)
     try:
@@ -248,13 +247,8 @@ def open_drivers(
 
     Nothing is opened yet. ToktError if pymba or vmbpy is missing, or its library.
     """
-    if vimbax:
-        system = load_vimbax()
-    else:
-        pymba = load_pymba()
-        # AttributeError is its way to say that the camera has no such feature.
-        system = VimbaSystem(pymba.vimba_c, (pymba.VimbaException, AttributeError))
-    share = 1 / len(ids)
+    system = load_vimbax() if vimbax else load_pymba()
     return [
-        VimbaDriver(camera, name, options, share, clock, system) for camera, name in enumerate(ids)
+        VimbaDriver(camera, name, options, 1 / len(ids), clock, system)
+        for camera, name in enumerate(ids)
     ]

@@ -1,12 +1,13 @@
 """The Vimba API as a whole: pymba, which loads it, its start, the cameras that it finds."""
 
+from __future__ import annotations
+
 import ctypes
 import subprocess
 import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from types import ModuleType
 from typing import Any
 
 from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
@@ -27,8 +28,8 @@ def _without_sdk(reason: str) -> str:
     return f"no Vimba library ({reason}): {WHAT_TO_SET}" if missing else ""
 
 
-def load_pymba() -> ModuleType:
-    """Import pymba.
+def load_pymba() -> VimbaSystem:
+    """The Vimba API by pymba.
 
     ToktError says what to install and set if it is not installed, or its library cannot be loaded.
     """
@@ -44,8 +45,8 @@ def load_pymba() -> ModuleType:
         words = _without_sdk(reason)
         message = f"finds {words}" if words else f"cannot load the Vimba library: {reason}"
         raise ToktError(f"pymba {installed} {message}") from error
-    module: ModuleType = pymba
-    return module
+    # AttributeError is its way to say that the camera has no such feature.
+    return VimbaSystem(pymba.vimba_c, (pymba.VimbaException, AttributeError))
 
 
 _IN_USE = (-6, -27)  # VmbErrorInvalidAccess, VmbErrorInUse; they have other names in pymba
