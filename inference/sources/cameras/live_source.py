@@ -296,7 +296,7 @@ class CameraSource:
                 self._put(self._pairer.add(capture))
             else:
                 at = fit.common_s(capture.taken_s, fit.shared)
-                self._put([Moment(capture, None, NO_FAULT, math.nan if at is None else at)])
+                self._put([Moment(capture, None, NO_FAULT, at)])
         if back:
             self._tell("camera_back", camera, "back")
 

@@ -131,16 +131,14 @@ class ClockFit:
         """Seconds between exposures, rather too short than too long; None if not known."""
         return min((*self._nominal_s, *self._periods), default=None)
 
-    def common_s(self, taken_s: float, shared: bool) -> float | None:
-        """A time by the camera's clock, in seconds that both cameras share; None if not known.
+    def common_s(self, taken_s: float, shared: bool) -> float:
+        """A time by the camera's clock, in seconds that both cameras share; NaN if not known.
 
         `shared` is whether both cameras' clocks are one.
         """
         if shared:
             return taken_s
-        if self._samples < _MIN_SAMPLES:
-            return None
-        return taken_s + self._offset_s
+        return taken_s + self._offset_s if self._samples >= _MIN_SAMPLES else math.nan
 
 
 @dataclass(frozen=True)
@@ -188,8 +186,8 @@ class Pairer:
         shared = all(known.shared for known in self.fits if known is not None)
         at, period_s = fit.common_s(capture.taken_s, shared), self.period_s
         if self.fits[other] is None:  # its source knows why better
-            return [_moment(capture, _NO_PARTNER, math.nan if at is None else at)]
-        if at is None or period_s is None:
+            return [_moment(capture, _NO_PARTNER, at)]
+        if math.isnan(at) or period_s is None:
             return [_moment(capture, NOT_FITTED, math.nan)]
         self._newest[camera] = at
         return self._paired(capture, at, 0.5 * period_s)

@@ -1,7 +1,6 @@
 """RTSP: a camera's stream by aiortsp, its packets to `RtpStream`."""
 
 import asyncio
-import binascii
 import math
 import ssl
 import struct
@@ -149,7 +148,7 @@ def _stream(session: RTSPMediaSession) -> RtpStream:
     stream = RtpStream(codec, mapped["pt"])
     for name in ("sprop-vps", "sprop-sps", "sprop-pps", "sprop-parameter-sets"):
         for text in (given.get(name, "") if isinstance(given, dict) else "").split(","):
-            with suppress(binascii.Error, ValueError):
+            with suppress(ValueError):
                 stream.take_set(b64decode(text))
     return stream
 
