@@ -141,10 +141,8 @@ class PacketOrder:
             return []
         del self._candidates[sender]
         self._sender = sender
-        near = [
-            each for each in held if abs(_signed(each.sequence - packet.sequence, 16)) < _MAX_JUMP
-        ]
-        self._ahead = {each.sequence: each for each in near}
+        near = [one for one in held if abs(_signed(one.sequence - packet.sequence, 16)) < _MAX_JUMP]
+        self._ahead = {one.sequence: one for one in near}
         self._next, self._heard = packet.sequence, packet.arrived
         return self._skip()
 
