@@ -29,12 +29,10 @@ from tokt.inference.report import Event
 from .capture import LEFT, RIGHT, SIDES, CameraDriver, Capture
 from .pairing import ClockFit, Moment, Pairer
 
-MIN_PAUSE_S, MAX_PAUSE_S = 0.2, 2.0
-"""Seconds until a lost camera is tried again: the first time, and at most."""
-
 HUNG_S = 40.0
 """Seconds in one call of a driver's after which it hangs: no opening takes that long."""
 
+_MIN_PAUSE_S, _MAX_PAUSE_S = 0.2, 2.0  # until a lost camera is tried again: at first, and at most
 _LOOK_S = 0.05  # how often a camera is looked after
 _SILENT_PERIODS = 5
 _MIN_SILENCE_S = 1.0
@@ -67,7 +65,7 @@ class CameraKeeper(threading.Thread):
         self._started_s = 0.0
         self._captured_s: float | None = None
         self._gap_s: float | None = None
-        self._pause_s = MIN_PAUSE_S
+        self._pause_s = _MIN_PAUSE_S
         self._call: tuple[str, float] | None = None
         self._is_lost = False
         self.tried = threading.Event()
@@ -103,7 +101,7 @@ class CameraKeeper(threading.Thread):
                 with self._calling("closing"):
                     self.driver.stop()
                 self._sleep(self._pause_s)
-                self._pause_s = min(2 * self._pause_s, MAX_PAUSE_S)
+                self._pause_s = min(2 * self._pause_s, _MAX_PAUSE_S)
         finally:
             self.tried.set()
             with self._calling("closing"):
@@ -131,7 +129,7 @@ class CameraKeeper(threading.Thread):
         if self._captured_s is not None:
             self._gap_s = captured_s - self._captured_s
         self._captured_s = captured_s
-        self._pause_s = MIN_PAUSE_S
+        self._pause_s = _MIN_PAUSE_S
         self._source.captured(capture)
 
     def _watched(self) -> str:

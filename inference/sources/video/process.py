@@ -24,11 +24,8 @@ from tokt.inference.sources.cameras.messages import begun, write_frame, write_me
 from .address import VideoAddress
 from .newest import NewestReading, Reading, StreamLostError
 
-OPEN_S = 8.0
-"""Seconds until the first one, after which the source is refused."""
-MIN_PAUSE_S, MAX_PAUSE_S = 0.2, 1.0
-"""Seconds until a lost stream is tried again: the first time, and at most."""
-
+_OPEN_S = 8.0  # until the first one, after which the source is refused
+_MIN_PAUSE_S, _MAX_PAUSE_S = 0.2, 1.0  # until a lost stream is tried again: at first, and at most
 _LOOK_S = 0.1
 _TELL_S = 0.3  # between two times that it is said to be lost
 _READERS = {
@@ -58,7 +55,7 @@ def _read(address: VideoAddress, newest: NewestReading) -> None:
     """Read, and again when the stream is lost, until stopped."""
     module, name = _READERS[address.scheme if address.scheme == "v4l2" else address.scheme[:4]]
     reader = getattr(import_module(f"{__package__}.{module}"), name)
-    pause_s = MIN_PAUSE_S
+    pause_s = _MIN_PAUSE_S
     while not newest.stopped.is_set():
         newest.alive()
         began = SYSTEM_CLOCK.monotonic()
@@ -66,10 +63,10 @@ def _read(address: VideoAddress, newest: NewestReading) -> None:
             reader(address, newest)
         except StreamLostError as error:
             if newest.last_put > began:
-                pause_s = MIN_PAUSE_S
+                pause_s = _MIN_PAUSE_S
             newest.lost = without_credentials(str(error))
         newest.stopped.wait(pause_s)
-        pause_s = min(2 * pause_s, MAX_PAUSE_S)
+        pause_s = min(2 * pause_s, _MAX_PAUSE_S)
 
 
 def _send(answers: IO[bytes], name: str, newest: NewestReading) -> None:
@@ -86,8 +83,8 @@ def _send(answers: IO[bytes], name: str, newest: NewestReading) -> None:
                     write_message(answers, {"kind": "ready", **about})
                 number, reading = taken
                 _write(answers, number, reading)
-            elif not ready and now - opened > OPEN_S:
-                words = newest.lost or f"nothing has come in {OPEN_S:g} s"
+            elif not ready and now - opened > _OPEN_S:
+                words = newest.lost or f"nothing has come in {_OPEN_S:g} s"
                 write_message(answers, {"kind": "refused", "words": f"source {name}: {words}"})
                 break
             elif ready and (silent_s := newest.silent_s(now)) and now - told > _TELL_S:

@@ -9,11 +9,9 @@ from .newest import StreamLostError
 
 RTP_HZ = 90_000
 """Ticks a second of video's time stamps."""
-REORDER_S = 0.05
-"""Seconds that a missing packet is waited for while later ones are there already."""
-SILENT_S = 0.5
-"""Seconds of silence after which another sender is believed to have taken over."""
 
+_REORDER_S = 0.05  # that a missing packet is waited for while later ones are there already
+_SILENT_S = 0.5  # of silence, after which another sender is believed to have taken over
 _MAX_AHEAD = 1024  # packets that wait for a missing one
 _MAX_JUMP = 3000  # RFC 3550, A.1: beyond it the sender may have begun anew
 _MAX_CANDIDATES, _MAX_HELD = 8, 1024
@@ -108,7 +106,7 @@ class PacketOrder:
     def due(self) -> float:
         """When `expired` is to be asked: `Clock.monotonic`; infinite if nothing is missing."""
         first = min((each.arrived for each in self._ahead.values()), default=math.inf)
-        return first + REORDER_S
+        return first + _REORDER_S
 
     def expired(self, now: float) -> list[tuple[RtpPacket, bool]]:
         """Give up what is missing for too long; what is in order by that."""
@@ -131,13 +129,13 @@ class PacketOrder:
     def _try(self, packet: RtpPacket) -> list[tuple[RtpPacket, bool]]:
         """Keep a packet of who may be the next sender, and go over to that one when it is."""
         sender = packet.ssrc, packet.payload_type
-        since, before = self._heard - REORDER_S, (packet.sequence - 1) & 0xFFFF
+        since, before = self._heard - _REORDER_S, (packet.sequence - 1) & 0xFFFF
         held = [each for each in self._candidates.pop(sender, []) if each.arrived > since]
         self._candidates[sender] = held = [*held[1 - _MAX_HELD :], packet]
         if len(self._candidates) > _MAX_CANDIDATES:
             self._candidates.popitem(last=False)
         follows = any(each.sequence == before for each in held)
-        if not follows or packet.arrived - self._heard < SILENT_S:
+        if not follows or packet.arrived - self._heard < _SILENT_S:
             return []
         del self._candidates[sender]
         self._sender = sender
