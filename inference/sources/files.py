@@ -96,13 +96,7 @@ def read_picture(
 ) -> tuple[U8 | None, Fault]:
     """One camera's picture of a mission's frame, or why there is none.
 
-    Parameters
-    ----------
-    mission : Mission
-    number : int
-    camera : {"left", "right"}
-    pixel_format : str, optional
-        As in `MissionSource`.
+    `camera` is `LEFT` or `RIGHT`, `pixel_format` as in `MissionSource`.
     """
     try:
         image = mission.read(number, camera)
@@ -112,11 +106,6 @@ def read_picture(
         return None, Fault(reason, str(error))
     if pixel_format is None:
         return image, NO_FAULT
-    return _from_raw(image, pixel_format)
-
-
-def _from_raw(image: U8, pixel_format: str) -> tuple[U8 | None, Fault]:
-    """The frame that an image's gray levels are the raw pixels of, or why there is none."""
     if image.ndim != 2:
         words = f"the image is in colour: it does not hold raw {pixel_format} pixels"
         return None, Fault(Reason.UNREADABLE, words)
@@ -152,19 +141,9 @@ def open_source(
     stereo: bool = True,
     pixel_format: str | None = None,
 ) -> MissionSource:
-    """Open what a user named as the source: a folder or a video file.
+    """Open the folder or the video file that a user named, the rest as in `MissionSource`.
 
-    Parameters
-    ----------
-    text : str
-        Its path.
-    clock, frames, rate, stereo, pixel_format
-        As in `MissionSource`.
-
-    Raises
-    ------
-    ToktError
-        If it is neither, or `MissionSource` refuses the rest.
+    ToktError if it is neither, or `MissionSource` refuses the rest.
     """
     if not Path(text).exists():
         raise ToktError(f"unknown source {text!r}: not a folder of frames and not a video file")

@@ -63,20 +63,11 @@ def open_camera_source(
 ) -> CameraSource:
     """Open live cameras; they deliver from now on.
 
-    Parameters
-    ----------
-    wanted : SourceConfig
-        Its `source` is one of `PREFIXES` and the left camera's ID, or its video's address; for two
-        a comma and the right one's.
-    clock : Clock
-    on_event : callable
-        Given each `Event`, on a thread of a camera's.
+    The wanted source is one of `PREFIXES` and the left camera's ID, or its video's address; for two
+    a comma and the right one's. `on_event` is given each `Event`, on a thread of a camera's.
 
-    Raises
-    ------
-    ToktError
-        If it names no such cameras or asks them for what cannot be meant, what drives them is
-        missing, or they cannot be opened.
+    ToktError if it names no such cameras or asks them for what cannot be meant, what drives them is
+    missing, or they cannot be opened.
     """
     check_camera_options(wanted)
     from .cameras.live_source import CameraSource

@@ -68,18 +68,9 @@ def encode_frame(
 
 
 class StreamSource:
-    """The frames of a stream, each in its turn.
+    """The frames of the stream ``stream:HOST:PORT``, each in its turn.
 
-    Parameters
-    ----------
-    text : str
-        ``stream:HOST:PORT``.
-    clock : Clock
-
-    Raises
-    ------
-    ToktError
-        If it names no address, or nobody answers there.
+    ToktError if the text names no address, or nobody answers there.
     """
 
     live = False
@@ -97,26 +88,21 @@ class StreamSource:
     def __iter__(self) -> Iterator[Frame]:
         """Frames until the other side ends the stream between two of them, or `stop` was called.
 
-        Raises
-        ------
-        ToktError
-            If the stream ends within a frame, or what comes is no frame: where the next one
-            begins is then not known. If it runs backwards, in numbers or in time: what comes are
-            not the frames of now.
+        ToktError if the stream ends within a frame, or what comes is no frame: where the next one
+        begins is then not known. ToktError if it runs backwards, in numbers or in time: what comes
+        are not the frames of now.
         """
-        before = -math.inf, -math.inf
+        before, t_before = -math.inf, -math.inf
         while (line := self._line()) is not None:
-            header = _header(line, self._where)
-            now = header["frame"], header["t"]
-            if now[0] <= before[0] or now[1] < before[1]:
-                words = "frame {} of {} s after frame {} of {} s".format(*now, *before)
+            number, t, missed, shapes = _header(line, self._where)
+            if number <= before or t < t_before:
+                words = f"frame {number} of {t} s after frame {before} of {t_before} s"
                 raise ToktError(f"{self._where} runs backwards: {words}")
-            before = now
-            left, right = (self._picture(header[side]) for side in ("left", "right"))
+            before, t_before = number, t
+            left, right = map(self._picture, shapes)
             if self._stopped:
                 return
             views = left, right, _fault("left", left), _fault("right", right)
-            number, t, missed = header["frame"], header["t"], header["missed"]
             arrived = self._clock.monotonic()
             yield Frame(number, t, *views, missed, timed=True, arrived=arrived)
 
@@ -173,8 +159,11 @@ def _fault(side: str, picture: U8 | None) -> Fault:
     return Fault(Reason.MISSING, f"the stream has no {side} picture")
 
 
-def _header(line: bytes, where: str) -> dict[str, Any]:
-    """A frame's header, held against what it has to be. Raises ToktError."""
+def _header(line: bytes, where: str) -> tuple[Any, float, int, list[Any]]:
+    """A frame's number, time, those missed before it, and its pictures' shapes.
+
+    ToktError if they are not what they have to be.
+    """
     refused = ToktError(f"{where} sends no frames: {line[:60].decode('ascii', 'replace')!r}")
     try:
         header = json.loads(line)
@@ -183,14 +172,14 @@ def _header(line: bytes, where: str) -> dict[str, Any]:
     if not isinstance(header, dict):
         raise refused
     number, t, missed = header.get("frame"), header.get("t"), header.get("missed", 0)
-    sides = {side: header.get(side) for side in ("left", "right")}
+    shapes = [header.get(side) for side in ("left", "right")]
     fits = type(number) is int and abs(number) <= MAX_NUMBER
     fits = fits and type(missed) is int and 0 <= missed <= MANY_MISSED
-    fits = fits and all(shape is None or _is_shape(shape) for shape in sides.values())
-    fits = fits and sum(math.prod(shape) for shape in sides.values() if shape) <= MAX_PICTURES
+    fits = fits and all(shape is None or _is_shape(shape) for shape in shapes)
+    fits = fits and sum(math.prod(shape) for shape in shapes if shape) <= MAX_PICTURES
     if isinstance(t, bool) or not isinstance(t, int | float) or not (fits and abs(t) <= MAX_TIME_S):
         raise refused
-    return {"frame": number, "t": float(t), "missed": missed, **sides}
+    return number, float(t), missed, shapes
 
 
 def _is_shape(shape: Any) -> bool:

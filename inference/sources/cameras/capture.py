@@ -65,24 +65,17 @@ class CameraDriver(Protocol):
     turns for as long as the source lives: a driver is started again after its camera was lost.
     """
 
-    @property
-    def name(self) -> str:
-        """The camera as the user called it, for messages."""
+    name: str
+    """The camera as the user called it, for messages."""
+    period_s: float | None
+    """Seconds from one exposure to the next as the camera is set; None where it cannot say.
 
-    @property
-    def period_s(self) -> float | None:
-        """Seconds from one exposure to the next as the camera is set; None where it cannot say.
-
-        Asked for after `start`. The source measures it as well, and takes the shorter.
-        """
-
-    @property
-    def shared_clock(self) -> bool:
-        """Whether `taken_s` is of a clock that the cameras share (PTP); asked for after `start`."""
-
-    @property
-    def failures(self) -> int:
-        """How often `deliver`, or what came before it, raised: each cost one capture."""
+    Asked for after `start`. The source measures it as well, and takes the shorter.
+    """
+    shared_clock: bool
+    """Whether `taken_s` is of a clock that the cameras share (PTP); asked for after `start`."""
+    failures: int
+    """How often `deliver`, or what came before it, raised: each cost one capture."""
 
     def start(self, deliver: Deliver) -> None:
         """Open the camera, set its features, and deliver captures until `stop`.

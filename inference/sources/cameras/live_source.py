@@ -29,12 +29,10 @@ from tokt.inference.report import Event
 from .capture import LEFT, RIGHT, SIDES, CameraDriver, Capture
 from .pairing import ClockFit, Moment, Pairer
 
-MIN_PAUSE_S, MAX_PAUSE_S = 0.2, 2.0
-"""Seconds until a lost camera is tried again: the first time, and at most."""
-
 HUNG_S = 40.0
 """Seconds in one call of a driver's after which it hangs: no opening takes that long."""
 
+_MIN_PAUSE_S, _MAX_PAUSE_S = 0.2, 2.0  # until a lost camera is tried again: at first, and at most
 _LOOK_S = 0.05  # how often a camera is looked after
 _SILENT_PERIODS = 5
 _MIN_SILENCE_S = 1.0
@@ -57,28 +55,20 @@ class CameraKeeper(threading.Thread):
     when it was opened or could not be; then `refused` says why.
     """
 
-    def __init__(
-        self, camera: int, driver: CameraDriver, clock: Clock, source: CameraSource, wait: bool
-    ) -> None:
+    def __init__(self, camera: int, driver: CameraDriver, source: CameraSource) -> None:
         super().__init__(name=f"tokt {SIDES[camera]} camera", daemon=True)
         self.driver = driver
         self.refused: ToktError | None = None
         self._camera = camera
-        self._clock = clock
+        self._clock = source.clock
         self._source = source
-        self._wait = wait
-        self._stopped = False
         self._started_s = 0.0
         self._captured_s: float | None = None
         self._gap_s: float | None = None
-        self._pause_s = MIN_PAUSE_S
+        self._pause_s = _MIN_PAUSE_S
         self._call: tuple[str, float] | None = None
         self._is_lost = False
         self.tried = threading.Event()
-
-    def stop(self) -> None:
-        """Come to an end soon; may be called from a signal handler."""
-        self._stopped = True
 
     @property
     def hung(self) -> str:
@@ -100,24 +90,22 @@ class CameraKeeper(threading.Thread):
     def run(self) -> None:
         """Open the camera, and again when it is lost, until the end."""
         try:
-            while not self._stopped:
+            while not self._source.stopped:
                 words = self._opened() or self._watched()
                 self.tried.set()
-                if self._stopped or self.refused:
+                if self._source.stopped or self.refused:
                     return
                 # Told before it is closed, which may hang; what still comes meanwhile is too late.
                 self._is_lost = True
                 self._source.lost(self._camera, words)
-                self._close()
+                with self._calling("closing"):
+                    self.driver.stop()
                 self._sleep(self._pause_s)
-                self._pause_s = min(2 * self._pause_s, MAX_PAUSE_S)
+                self._pause_s = min(2 * self._pause_s, _MAX_PAUSE_S)
         finally:
             self.tried.set()
-            self._close()
-
-    def _close(self) -> None:
-        with self._calling("closing"):
-            self.driver.stop()
+            with self._calling("closing"):
+                self.driver.stop()
 
     def _opened(self) -> str:
         """Open the camera; why that cannot be, or nothing."""
@@ -127,7 +115,7 @@ class CameraKeeper(threading.Thread):
             with self._calling("opening"):
                 self.driver.start(self._deliver)
         except ToktError as error:
-            if not self.tried.is_set() and not self._wait:
+            if not self.tried.is_set() and not self._source.wait:
                 self.refused = error
             return str(error)
         self._started_s = awake_s(self._clock)
@@ -141,13 +129,13 @@ class CameraKeeper(threading.Thread):
         if self._captured_s is not None:
             self._gap_s = captured_s - self._captured_s
         self._captured_s = captured_s
-        self._pause_s = MIN_PAUSE_S
+        self._pause_s = _MIN_PAUSE_S
         self._source.captured(capture)
 
     def _watched(self) -> str:
         """Look after a camera until it delivers no more; why."""
         words = ""
-        while not self._stopped and not words:
+        while not self._source.stopped and not words:
             self._sleep(_LOOK_S)
             words = self._trouble()
         return words
@@ -168,7 +156,7 @@ class CameraKeeper(threading.Thread):
     def _sleep(self, seconds: float) -> None:
         """Sleep in short pieces, so that `stop` is noticed."""
         until = self._clock.monotonic() + seconds
-        while not self._stopped and (left_s := until - self._clock.monotonic()) > 0:
+        while not self._source.stopped and (left_s := until - self._clock.monotonic()) > 0:
             self._clock.sleep(min(left_s, _LOOK_S))
 
 
@@ -220,10 +208,9 @@ class CameraSource:
     def __post_init__(self) -> None:
         self.counts = [CameraCounts() for _ in self.drivers]
         self._keepers = [
-            CameraKeeper(camera, driver, self.clock, self, self.wait)
-            for camera, driver in enumerate(self.drivers)
+            CameraKeeper(camera, driver, self) for camera, driver in enumerate(self.drivers)
         ]
-        self._begun = self._stopped = False
+        self._begun = self.stopped = False
         # All of these under the lock, which captures, keepers and the reader share.
         self._changed = threading.Condition()
         self._pairer = Pairer()
@@ -238,10 +225,7 @@ class CameraSource:
     def start(self) -> None:
         """Open the cameras.
 
-        Raises
-        ------
-        ToktError
-            If one cannot be opened or set, or hangs, unless they are to be waited for.
+        ToktError if one cannot be opened or set, or hangs, unless they are to be waited for.
         """
         self._begun = True
         with ExitStack() as undo:
@@ -260,9 +244,7 @@ class CameraSource:
 
     def stop(self) -> None:
         """Deliver no further frame, and close the cameras; may be called from a signal handler."""
-        self._stopped = True
-        for keeper in self._keepers:
-            keeper.stop()
+        self.stopped = True
 
     def close(self) -> None:
         """Stop, and wait until the cameras are closed, though not for one that hangs."""
@@ -275,19 +257,15 @@ class CameraSource:
     def __iter__(self) -> Iterator[Frame]:
         """Deliver the latest frame, again and again, until `stop`.
 
-        Raises
-        ------
-        ToktError
-            As `start` does, which it calls if nobody has; and if a driver hangs, be its camera to
-            be waited for or not: only a new process frees it.
-        RuntimeError
-            If nobody looks after a camera any more: a mistake in this program.
+        ToktError as from `start`, which it calls if nobody has, and if a driver hangs, be its
+        camera to be waited for or not: only a new process frees it. RuntimeError if nobody looks
+        after a camera any more: a mistake in this program.
         """
         if not self._begun:
             self.start()
         told_s = -math.inf
         try:
-            while not self._stopped:
+            while not self.stopped:
                 frame = self._next(told_s)
                 if frame is not None:
                     told_s = self.clock.monotonic()
@@ -299,7 +277,7 @@ class CameraSource:
 
     def captured(self, capture: Capture) -> None:
         """Take a capture."""
-        camera, back = capture.camera, None
+        camera = capture.camera
         if capture.fault and capture.fault.reason is Reason.CAMERA_LOST:
             self.lost(camera, capture.fault)  # its driver looks for it itself
             return
@@ -311,11 +289,14 @@ class CameraSource:
             counts.incomplete += capture.picture is None
             if not math.isnan(capture.taken_s):
                 counts.left_out += fit.add(capture)
-            if self._lost[camera]:
-                back, self._lost[camera] = f"the {SIDES[camera]} camera is back", NO_FAULT
-            self._put(self._settled(capture, fit))
-        if back is not None:
-            self._tell("camera_back", camera, back)
+            back, self._lost[camera] = bool(self._lost[camera]), NO_FAULT
+            if len(self.counts) > 1:
+                self._put(self._pairer.add(capture))
+            else:
+                at = fit.common_s(capture.taken_s, fit.shared)
+                self._put([Moment(capture, None, NO_FAULT, at)])
+        if back:
+            self._tell("camera_back", camera, "back")
 
     def lost(self, camera: int, words: str) -> None:
         """A camera is gone."""
@@ -326,10 +307,11 @@ class CameraSource:
             self._gap |= camera == LEFT
             self.counts[camera].lost += first
         if first:
-            self._tell("camera_lost", camera, f"the {SIDES[camera]} camera is lost: {words}")
+            self._tell("camera_lost", camera, f"lost: {words}")
 
     def _tell(self, name: str, camera: int, words: str) -> None:
         fields = {"camera": SIDES[camera], "name": self._keepers[camera].driver.name}
+        words = f"the {SIDES[camera]} camera is {words}"
         self.on_event(Event(self.clock.time(), name, words, fields))
 
     def _fit(self, camera: int) -> ClockFit:
@@ -340,12 +322,6 @@ class CameraSource:
             fit = ClockFit(driver.period_s, driver.shared_clock)
             self._pairer.present(camera, fit)
         return fit
-
-    def _settled(self, capture: Capture, fit: ClockFit) -> list[Moment]:
-        if len(self.counts) > 1:
-            return self._pairer.add(capture)
-        at = fit.common_s(capture.taken_s, fit.shared)
-        return [Moment(capture, None, NO_FAULT, math.nan if at is None else at)]
 
     def _put(self, moments: Sequence[Moment]) -> None:
         """The latest takes the place of the one before; locked."""
@@ -365,7 +341,7 @@ class CameraSource:
         """The latest frame; None if it is time to look whether all is well."""
         # One that ended by itself is one that raised: its camera would never come back.
         for camera, keeper in enumerate(self._keepers):
-            if not keeper.is_alive() and not self._stopped:
+            if not keeper.is_alive() and not self.stopped:
                 raise RuntimeError(f"nobody looks after the {SIDES[camera]} camera any more")
             if keeper.hung:
                 raise ToktError(f"{keeper.hung}; only a new start frees it")
@@ -377,30 +353,25 @@ class CameraSource:
                 wait_s = _CHECK_S if due is None else min(max(due - now, 0.0), _CHECK_S)
                 self._changed.wait(wait_s)
             moment, self._latest = self._latest, None
-            if moment is not None:
-                return self._frame(moment)
             if self._lost[LEFT] and self.clock.monotonic() - told_s >= _LOST_EVERY_S:
-                nothing = Moment(None, None, _NOTHING, math.nan)
-                t, arrived = self.clock.time(), self.clock.monotonic()
-                return self._delivered(nothing, t, MANY_MISSED, arrived)
-            return None
+                moment = moment or Moment(None, None, _NOTHING, math.nan)
+            return None if moment is None else self._frame(moment)
 
     def _frame(self, moment: Moment) -> Frame:
-        first = moment.left or moment.right
-        assert first is not None
-        missed = self._missed(moment.at)
-        arrived = [view.arrived for view in (moment.left, moment.right) if view is not None]
-        frame = self._delivered(moment, first.t, missed, min(arrived))
-        return replace(frame, captured_t=first.captured_t)
-
-    def _delivered(self, moment: Moment, t: float, missed: int, arrived: float) -> Frame:
+        taken = [view for view in (moment.left, moment.right) if view is not None]
+        t, captured_t = (taken[0].t, taken[0].captured_t) if taken else (self.clock.time(), None)
+        arrived = min((view.arrived for view in taken), default=self.clock.monotonic())
         left, left_fault = self._view(LEFT, moment.left, moment.alone)
         right, right_fault = self._view(RIGHT, moment.right, moment.alone)
         if self.split:
-            (left, right), right_fault = _halves(left), left_fault
+            right_fault = left_fault
+            if left is not None:
+                width = left.shape[1]
+                left, right = left[:, : width // 2].copy(), left[:, width - width // 2 :].copy()
+        missed = self._missed(moment.at)
         self._number += 1 + (missed if missed < MANY_MISSED else 0)
         views = left, right, left_fault, right_fault
-        return Frame(self._number, t, *views, missed, timed=True, arrived=arrived)
+        return Frame(self._number, t, *views, missed, True, arrived, captured_t)
 
     def _view(self, camera: int, capture: Capture | None, alone: Fault) -> tuple[U8 | None, Fault]:
         """A camera's picture, or why there is none."""
@@ -415,21 +386,11 @@ class CameraSource:
         """How many frames between the last one delivered and this one were not."""
         skipped, self._skipped = self._skipped, 0
         last, self._last_at = self._last_at, at
-        if self._lost[LEFT]:
+        if self._gap:  # the left camera is lost, or has just come back
+            self._gap = bool(self._lost[LEFT])
             return MANY_MISSED
-        gap, self._gap = self._gap, False
-        if gap:
-            return MANY_MISSED
-        fits = [fit for fit in self._pairer.fits if fit is not None]
+        fits = (fit for fit in self._pairer.fits if fit is not None)
         periods = [fit.period_s for fit in fits if fit.period_s is not None]
         if math.isnan(at - last) or not periods:
             return skipped
         return max(skipped, round(min((at - last) / min(periods) - 1, MANY_MISSED)))
-
-
-def _halves(picture: U8 | None) -> tuple[U8 | None, U8 | None]:
-    """The left and the right half of a picture, each in memory of its own."""
-    if picture is None:
-        return None, None
-    width = picture.shape[1] // 2
-    return picture[:, :width].copy(), picture[:, picture.shape[1] - width :].copy()

@@ -9,8 +9,10 @@ import os
 import signal
 import sys
 import threading
-from dataclasses import dataclass
 from typing import IO, Any
+
+from tokt.features.common.arrays import U8
+from tokt.inference.reason import Fault
 
 
 def program(kind: str) -> list[str]:
@@ -21,52 +23,72 @@ def program(kind: str) -> list[str]:
     return [sys.executable, "-P", "-m", f"tokt.inference.sources.{kind}.process"]
 
 
-@dataclass(frozen=True)
-class Message:
-    """One message of a camera's process: its header, and a picture's bytes where it has some."""
-
-    header: dict[str, Any]
-    data: bytearray | None = None
-
-
-def write_message(
-    out: IO[bytes], header: dict[str, Any], data: bytes | memoryview | None = None
-) -> None:
+def write_message(out: IO[bytes], header: dict[str, Any], data: bytes | memoryview = b"") -> None:
     """Send a message; waits while the other side does not read."""
-    if data is not None:
-        header = {**header, "bytes": len(data)}
+    header = {**header, "bytes": len(data)} if data else header
     out.write(json.dumps(header).encode() + b"\n")
-    if data is not None:
-        out.write(data)
+    out.write(data)
     out.flush()
 
 
-def read_message(source: IO[bytes]) -> Message | None:
-    """The next message, its data in memory of their own; None when there will be none.
+def write_frame(
+    out: IO[bytes],
+    number: int,
+    fetched_s: float,
+    fault: Fault,
+    picture: tuple[int, int, str, U8] | None = None,
+    taken_s: float | None = None,
+    captured_t: float | None = None,
+) -> None:
+    """Send an exposure, or why there is none: times as in `capture.Capture`.
 
-    A process that dies in the middle of a message has said nothing with it.
+    A picture is its height, its width, one of `PIXEL_FORMATS` and its pixels in one piece.
+    """
+    header = {"kind": "frame", "frame_id": number, "fetched_s": fetched_s, "taken_s": taken_s}
+    header |= {"captured_t": captured_t, "reason": fault.reason, "words": str(fault)}
+    if picture is None:
+        write_message(out, header)
+        return
+    header["height"], header["width"], header["pixel_format"], pixels = picture
+    write_message(out, header, pixels.data.cast("B"))
+
+
+def read_message(source: IO[bytes]) -> tuple[dict[str, Any], bytearray | None] | None:
+    """The next message's header, and a picture's bytes in memory of their own where it has some.
+
+    None when there will be none. A process that dies in the middle of a message has said nothing.
     """
     line = source.readline()
     if not line.endswith(b"\n"):
         return None
     header = json.loads(line)
     if "bytes" not in header:
-        return Message(header)
+        return header, None
     data = bytearray(header.pop("bytes"))
-    view, filled = memoryview(data), 0
-    while filled < len(data):
-        count = source.readinto(view[filled:])  # type: ignore[attr-defined]
-        if not count:
-            return None
-        filled += count
-    return Message(header, data)
+    complete = source.readinto(data) == len(data)  # type: ignore[attr-defined]
+    return (header, data) if complete else None
 
 
-def answers_out() -> IO[bytes]:
-    """The standard output, which from now on is out of reach: libraries print, too."""
-    answers = os.fdopen(os.dup(1), "wb")
+def begun() -> tuple[IO[bytes], dict[str, Any], threading.Event]:
+    """Begin a camera's process: its answers, its order, and an event that tells it to stop.
+
+    That is set when the runtime closes its end, or is gone.
+    """
+    # The runtime has its own way to end on Ctrl-C, which a terminal sends to all of its processes.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # The standard output is out of reach from now on: libraries print, too.
+    answers, stopped = os.fdopen(os.dup(1), "wb"), threading.Event()
     os.dup2(2, 1)
-    return answers
+    order = json.loads(sys.stdin.buffer.readline())
+
+    def watch() -> None:
+        # Not through sys.stdin: a thread that waits in it makes Python abort when it ends.
+        while os.read(0, 1):
+            pass
+        stopped.set()
+
+    threading.Thread(target=watch, daemon=True).start()
+    return answers, order, stopped
 
 
 def end_unless_called_again(limit_s: float) -> None:
@@ -78,11 +100,3 @@ def end_unless_called_again(limit_s: float) -> None:
     if sys.platform != "win32":
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
         signal.setitimer(signal.ITIMER_REAL, limit_s)
-
-
-def watch_input(stop: threading.Event) -> None:
-    """Stop when the runtime closes its end, or is gone."""
-    # Not through sys.stdin: a thread that waits in it makes Python abort when it ends.
-    while os.read(0, 1):
-        pass
-    stop.set()

@@ -46,14 +46,9 @@ class _Exposures:
     """The exposures that a camera has delivered, by their times or numbers."""
 
     def __init__(self) -> None:
-        self._seen: deque[float] = deque(maxlen=_WINDOW)  # each once
+        self.seen: deque[float] = deque(maxlen=_WINDOW)  # the last ones, each once
         self._newest = -math.inf
         self._forward = 0
-
-    @property
-    def count(self) -> int:
-        """How many different ones there were, of the last ones."""
-        return len(self._seen)
 
     def old(self, mark: float) -> str:
         """What is wrong with the next one, in words; empty where it is new.
@@ -61,11 +56,11 @@ class _Exposures:
         One that goes back is a buffer from before, or the clock was set: that is believed when more
         run forward in a row than a driver has buffers, none of them seen before.
         """
-        if mark in self._seen:
+        if mark in self.seen:
             self._forward = 0
             return "was handed out again"
-        runs_on = bool(self._seen) and mark > self._seen[-1]
-        self._seen.append(mark)
+        runs_on = bool(self.seen) and mark > self.seen[-1]
+        self.seen.append(mark)
         if mark <= self._newest:
             self._forward = self._forward + 1 if runs_on else 1
             if self._forward <= _MIN_SAMPLES:
@@ -82,7 +77,7 @@ class ClockFit:
     """
 
     def __init__(self, period_s: float | None = None, shared: bool = False) -> None:
-        self._nominal_s = period_s
+        self._nominal_s = () if period_s is None else (period_s,)
         self.shared = shared
         self._offset_s = math.inf  # from the camera's clock to the host's, with the least delay
         self._samples = 0
@@ -99,7 +94,7 @@ class ClockFit:
         untimed = math.isnan(capture.taken_s)
         exposures = self._exposures[untimed]
         words = exposures.old(float(capture.frame_id) if untimed else capture.taken_s)
-        if not words or (untimed and exposures.count < 2):
+        if not words or (untimed and len(exposures.seen) < 2):
             return NO_FAULT
         how = "number" if untimed else "time"
         return Fault(Reason.STALE, f"frame {capture.frame_id} {words}, by its {how}")
@@ -134,21 +129,16 @@ class ClockFit:
     @property
     def period_s(self) -> float | None:
         """Seconds between exposures, rather too short than too long; None if not known."""
-        known = list(self._periods)
-        if self._nominal_s is not None:
-            known.append(self._nominal_s)
-        return min(known, default=None)
+        return min((*self._nominal_s, *self._periods), default=None)
 
-    def common_s(self, taken_s: float, shared: bool) -> float | None:
-        """A time by the camera's clock, in seconds that both cameras share; None if not known.
+    def common_s(self, taken_s: float, shared: bool) -> float:
+        """A time by the camera's clock, in seconds that both cameras share; NaN if not known.
 
         `shared` is whether both cameras' clocks are one.
         """
         if shared:
             return taken_s
-        if self._samples < _MIN_SAMPLES:
-            return None
-        return taken_s + self._offset_s
+        return taken_s + self._offset_s if self._samples >= _MIN_SAMPLES else math.nan
 
 
 @dataclass(frozen=True)
@@ -183,10 +173,9 @@ class Pairer:
     @property
     def period_s(self) -> float | None:
         """The shorter of the cameras' periods, or None if one is not known."""
-        periods = [None if fit is None else fit.period_s for fit in self.fits]
-        if periods[0] is None or periods[1] is None:
-            return None
-        return min(periods[0], periods[1])
+        fits = (fit for fit in self.fits if fit is not None)
+        periods = [fit.period_s for fit in fits if fit.period_s is not None]
+        return min(periods) if len(periods) == len(self.fits) else None
 
     def add(self, capture: Capture) -> list[Moment]:
         """Take a capture that its camera's `ClockFit` has learnt from; what is settled by it."""
@@ -197,8 +186,8 @@ class Pairer:
         shared = all(known.shared for known in self.fits if known is not None)
         at, period_s = fit.common_s(capture.taken_s, shared), self.period_s
         if self.fits[other] is None:  # its source knows why better
-            return [_moment(capture, _NO_PARTNER, math.nan if at is None else at)]
-        if at is None or period_s is None:
+            return [_moment(capture, _NO_PARTNER, at)]
+        if math.isnan(at) or period_s is None:
             return [_moment(capture, NOT_FITTED, math.nan)]
         self._newest[camera] = at
         return self._paired(capture, at, 0.5 * period_s)

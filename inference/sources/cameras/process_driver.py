@@ -16,7 +16,7 @@ import queue
 import subprocess
 import threading
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.camera_frame import frame_from_camera
@@ -24,35 +24,29 @@ from tokt.inference.clock import SYSTEM_CLOCK, Clock
 from tokt.inference.reason import Fault, Reason
 
 from .capture import Capture, Deliver
-from .messages import Message, program, read_message, write_message
+from .messages import program, read_message, write_message
 
-Answers = queue.SimpleQueue[dict[str, Any]]
-"""What a camera's process says, besides frames."""
-
-_CLOSE_S = 3.0
+_OPEN_S, _CLOSE_S = 30.0, 3.0
 
 
 @dataclass(eq=False)
 class ProcessDriver:
     """A `CameraDriver` of the camera `capture.LEFT` or `capture.RIGHT`, whose work a process does.
 
-    `name` is as the user called it, `order` what the process is told, passwords too, and `open_s`
-    how many seconds it may take to answer.
+    `kind` is the process's folder, for `messages.program`, `name` as the user called the camera,
+    and `order` what the process is told, passwords too.
     """
 
-    kind: ClassVar[str]
-    """The folder of the process, for `messages.program`."""
-
+    kind: str
     camera: int
     name: str
     order: dict[str, Any] = field(repr=False)
     clock: Clock
-    open_s: float = 30.0
 
     def __post_init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
         self._reader = threading.Thread()
-        self._stopping = threading.Event()
+        self._answers = queue.SimpleQueue[dict[str, Any]]()  # what is said besides frames
         self._lost = ""
         self.period_s: float | None = None
         self.shared_clock = False
@@ -64,7 +58,6 @@ class ProcessDriver:
         ToktError if it is not there, cannot be set as asked, or does not answer in time.
         """
         self.stop()
-        self._stopping.clear()
         self._lost = ""
         try:
             process = subprocess.Popen(
@@ -77,8 +70,8 @@ class ProcessDriver:
         except OSError as error:
             raise ToktError(f"camera {self.name}: no process for it: {error}") from error
         self._process = process
-        opened: Answers = queue.SimpleQueue()
-        name, told = f"tokt camera {self.name}", (process, opened, deliver)
+        self._answers = queue.SimpleQueue()
+        name, told = f"tokt camera {self.name}", (process, deliver)
         self._reader = threading.Thread(target=self._read, args=told, name=name, daemon=True)
         self._reader.start()
         assert process.stdin is not None
@@ -86,17 +79,14 @@ class ProcessDriver:
         with contextlib.suppress(BrokenPipeError):
             write_message(process.stdin, self.order)
         try:
-            answer = opened.get(timeout=self.open_s)
+            answer = self._answers.get(timeout=_OPEN_S)
         except queue.Empty:
-            words = f"camera {self.name} does not answer in {self.open_s:g} s"
-            answer = {"kind": "refused", "words": words}
-        if answer["kind"] != "ready":
+            answer = {"words": f"camera {self.name} does not answer in {_OPEN_S:g} s"}
+        if "words" in answer:
             self.stop()
             raise ToktError(answer["words"])
-        self.answered(answer)
-
-    def answered(self, answer: dict[str, Any]) -> None:
-        """The camera is open, and this is what its process says of it."""
+        if "place" in answer:  # where it is looked for from now on
+            self.order["place"] = answer["place"]
 
     def stop(self) -> None:
         """Deliver nothing more and end the camera's process, by force if it does not end."""
@@ -104,7 +94,6 @@ class ProcessDriver:
         if process is None:
             return
         assert process.stdin is not None and process.stdout is not None
-        self._stopping.set()
         with contextlib.suppress(BrokenPipeError):
             process.stdin.close()
         try:
@@ -119,56 +108,47 @@ class ProcessDriver:
         """Why the camera is gone: what its process said, or how its process ended."""
         return self._lost
 
-    def _read(self, process: subprocess.Popen[bytes], opened: Answers, deliver: Deliver) -> None:
+    def _read(self, process: subprocess.Popen[bytes], deliver: Deliver) -> None:
         """Take messages until the process ends; the thread's whole life."""
         assert process.stdout is not None
         try:
             while (message := read_message(process.stdout)) is not None:
-                if message.header["kind"] == "frame":
-                    self._take(message, deliver)
+                header, data = message
+                if header["kind"] == "frame":
+                    self._take(header, data, deliver)
+                elif header["kind"] == "ready":
+                    self.period_s = header["period_s"]
+                    self.shared_clock = header["shared_clock"]
+                    self._answers.put(header)
                 else:
-                    self._hear(message.header, opened)
+                    self._lose(header["words"])
         except (OSError, ValueError, LookupError, TypeError) as error:
-            self._lose(f"camera {self.name}: its process does not make sense: {error!r}", opened)
-        self._lose(f"camera {self.name}: its process ended with {process.wait()}", opened)
+            self._lose(f"camera {self.name}: its process does not make sense: {error!r}")
+        self._lose(f"camera {self.name}: its process ended with {process.wait()}")
 
-    def _hear(self, answer: dict[str, Any], opened: Answers) -> None:
-        """Everything but frames."""
-        if answer["kind"] != "ready":
-            self._lose(answer["words"], opened)
-            return
-        self.period_s = answer["period_s"]
-        self.shared_clock = answer["shared_clock"]
-        opened.put(answer)
-
-    def _lose(self, words: str, opened: Answers) -> None:
+    def _lose(self, words: str) -> None:
         """The camera is gone, for the first reason that is known."""
-        if not self._stopping.is_set() and not self._lost:
+        if self._process is not None and not self._lost:
             self._lost = words
-        opened.put({"kind": "refused", "words": words})
+        self._answers.put({"words": words})
 
-    def _take(self, message: Message, deliver: Deliver) -> None:
+    def _take(self, header: dict[str, Any], data: bytearray | None, deliver: Deliver) -> None:
         """Deliver a frame."""
-        capture = self._capture(message)
-        try:
-            deliver(capture)
-        except Exception:  # noqa: BLE001 - the thread is the camera's: it outlives all
-            self.failures += 1
-
-    def _capture(self, message: Message) -> Capture:
-        header = message.header
         # One clock for all processes of a machine.
         age_s = max(0.0, SYSTEM_CLOCK.monotonic() - header["fetched_s"])
         arrived, t = self.clock.monotonic() - age_s, self.clock.time() - age_s
         taken_s = math.nan if header["taken_s"] is None else header["taken_s"]
         picture, fault = None, Fault(Reason(header["reason"]), header["words"])
-        if message.data is not None:
+        if data is not None:
             try:
                 picture = frame_from_camera(
-                    message.data, header["height"], header["width"], header["pixel_format"]
+                    *(data, header["height"], header["width"], header["pixel_format"])
                 )
             except ValueError as error:
                 fault = Fault(Reason.UNREADABLE, str(error))
-        captured_t = header.get("captured_t")
-        frame_id = header["frame_id"]
-        return Capture(self.camera, frame_id, taken_s, arrived, t, picture, fault, captured_t)
+        captured_t, number = header.get("captured_t"), header["frame_id"]
+        capture = Capture(self.camera, number, taken_s, arrived, t, picture, fault, captured_t)
+        try:
+            deliver(capture)
+        except Exception:  # noqa: BLE001 - the thread is the camera's: it outlives all
+            self.failures += 1

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 from .rtp import RtpPacket
 
-START_CODE = b"\x00\x00\x00\x01"
 _START = re.compile(rb"\0{2,}\x01")
 _MAX_BYTES = 16 << 20  # of one picture: more is none
 
@@ -26,7 +25,7 @@ class AccessUnit:
     @property
     def data(self) -> bytes:
         """As decoders take it (Annex B of the standards)."""
-        return b"".join(START_CODE + unit for unit in self.units)
+        return b"".join(b"\0\0\0\1" + unit for unit in self.units)
 
 
 def nal_units(data: bytes) -> list[bytes]:
@@ -69,12 +68,12 @@ class Codec:
         return bool(unit[self.header] & 0x80)
 
 
-H264 = Codec("h264", 1, 24, 28, range(1, 6), range(5, 6), range(7, 9))
-H265 = Codec("hevc", 2, 48, 49, range(32), range(16, 24), range(32, 35))
-"""Table 7-1 of either standard, RFC 6184 and RFC 7798."""
-
-CODECS = {"h264": H264, "h265": H265}
-"""By the names that addresses and SDP have for them, in lower case."""
+CODECS = {
+    "h264": Codec("h264", 1, 24, 28, range(1, 6), range(5, 6), range(7, 9)),
+    "h265": Codec("hevc", 2, 48, 49, range(32), range(16, 24), range(32, 35)),
+}
+"""By the names that addresses and SDP have for them, in lower case: table 7-1 of either standard,
+RFC 6184 and RFC 7798."""
 
 
 def access_unit(
@@ -160,10 +159,10 @@ class Depacketizer:
     def _take(self, payload: bytes) -> None:
         """The NAL units that a packet holds, or its part of one."""
         codec = self._codec
-        if len(payload) <= codec.header:
+        kind = codec.type_of(payload)
+        if len(payload) <= codec.header + (kind == codec.fragment):
             self._fault = "it holds an empty packet"
             return
-        kind = codec.type_of(payload)
         if kind == codec.fragment:
             self._take_part(payload)
             return
@@ -178,9 +177,6 @@ class Depacketizer:
     def _take_part(self, payload: bytes) -> None:
         """A fragment of a unit: the first one begins it, the last one ends it."""
         codec = self._codec
-        if len(payload) <= codec.header + 1:
-            self._fault = "it holds an empty packet"
-            return
         flags = payload[codec.header]
         if flags & 0x80:
             self._finish_part()

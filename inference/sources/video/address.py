@@ -15,8 +15,12 @@ USER_VARIABLE, PASSWORD_VARIABLE = "TOKT_SOURCE_USER", "TOKT_SOURCE_PASSWORD"
 
 SCHEMES = ("rtsp", "rtspu", "rtsps", "rtp", "udp", "http", "https", "v4l2")
 _OPTIONS = {"rtp": {"codec"}, "udp": set[str](), "v4l2": {"size", "rate", "format"}}
-_CODECS = ("h264", "h265")
-_FORMATS = ("yuyv", "mjpeg", "h264")
+_VALUES = {
+    "codec": ("h264|h265", "h264 or h265"),
+    "format": ("yuyv|mjpeg|h264", "yuyv or mjpeg or h264"),
+    "size": (r"[1-9]\d{0,4}x[1-9]\d{0,4}", "WIDTHxHEIGHT, such as 1280x720"),
+    "rate": (r"[1-9]\d{0,3}(\.\d{1,3})?", "frames per second, such as 30"),
+}
 _NEXT = re.compile(rf",(?=(?:{'|'.join(SCHEMES)}):)")
 
 
@@ -57,9 +61,9 @@ class VideoAddress:
             raise ToktError(f"source {shown}: {words}") from None
         known = _OPTIONS.get(scheme)
         options = {} if known is None else dict(parse_qsl(parts.query, keep_blank_values=True))
-        made = cls(scheme, shown, USER_INFO.sub(r"\1", f"{scheme}:{rest}"), host, port)
+        url = USER_INFO.sub(r"\1", f"{scheme}:{rest}")
         user, password = unquote(parts.username or ""), unquote(parts.password or "")
-        made = replace(made, user=user, password=password, options=options)
+        made = cls(scheme, shown, url, host, port, user, password, options)
         if wrong := made._wrong(known):
             raise ToktError(f"source {shown}: {wrong}")
         return made
@@ -75,19 +79,9 @@ class VideoAddress:
         if known is not None and (unknown := sorted(set(self.options) - known)):
             have = ", ".join(sorted(known)) or "none"
             return f"unknown option {unknown[0]!r} (it has {have})"
-        return self._wrong_option()
-
-    def _wrong_option(self) -> str:
-        """What an option cannot be, in words."""
-        given = self.options.get
-        if given("codec", "h264") not in _CODECS:
-            return f"codec is {' or '.join(_CODECS)}, not {given('codec')!r}"
-        if given("format", "mjpeg") not in _FORMATS:
-            return f"format is {' or '.join(_FORMATS)}, not {given('format')!r}"
-        if not re.fullmatch(r"[1-9]\d{0,4}x[1-9]\d{0,4}", given("size", "1x1")):
-            return f"size is WIDTHxHEIGHT, such as 1280x720, not {given('size')!r}"
-        if not re.fullmatch(r"[1-9]\d{0,3}(\.\d{1,3})?", given("rate", "1")):
-            return f"rate is frames per second, such as 30, not {given('rate')!r}"
+        for name, (pattern, words) in _VALUES.items():
+            if name in self.options and not re.fullmatch(pattern, value := self.options[name]):
+                return f"{name} is {words}, not {value!r}"
         return ""
 
     @property
@@ -106,10 +100,7 @@ class VideoAddress:
 def parse_video_sources(text: str) -> list[VideoAddress]:
     """The addresses of one camera, or of a left and a right one with a comma between.
 
-    Raises
-    ------
-    ToktError
-        If there are more than two, the same twice, or one cannot be meant.
+    ToktError if there are more than two, the same twice, or one cannot be meant.
     """
     addresses = [VideoAddress.parse(each.strip()) for each in _NEXT.split(text)]
     if len(addresses) > 2:

@@ -20,7 +20,6 @@ from .access_units import AccessUnit, Codec
 from .frame_numbers import FrameNumbers
 
 _WAITS = "waiting for the next key picture"
-_NO_KEY = "the stream is joined"
 _MAX_PIXELS, _MAX_DELAY = 100_000_000, 64  # of a picture; pictures that a decoder may hold back
 
 
@@ -50,22 +49,21 @@ class VideoDecoder:
     """Decode one stream of H.264 or H.265, access unit by access unit."""
 
     def __init__(self, codec: Codec) -> None:
-        self._codec = codec
+        self.codec = codec
         self._decoder = open_codec(codec.name)
         self._numbers = FrameNumbers() if codec.name == "h264" else None
-        self._broken = _NO_KEY
+        self._broken = "the stream is joined"
         self._inside: dict[int, AccessUnit] = {}
         self._count = 0
 
     def feed(self, unit: AccessUnit) -> list[Decoded]:
         """Take the next one; what is known by that."""
-        codec = self._codec
         gap = self._numbers is not None and self._numbers.gap(unit.units)
         if unit.fault:
             return [self._break(unit, unit.fault)]
         if unit.key:
             self._broken = ""
-        elif not any(map(codec.is_picture, unit.units)):  # which FFmpeg calls invalid
+        elif not any(map(self.codec.is_picture, unit.units)):  # which FFmpeg calls invalid
             self.take_sets(unit.units)
             return []
         elif gap and not self._broken:
@@ -77,7 +75,7 @@ class VideoDecoder:
 
     def take_sets(self, units: Iterable[bytes]) -> None:
         """Take the parameter sets among NAL units: they are whole, and may not come again."""
-        header, is_set = self._codec.header, self._codec.is_set
+        header, is_set = self.codec.header, self.codec.is_set
         sets = tuple(each for each in units if len(each) > header and is_set(each))
         if sets:
             if self._numbers is not None:

@@ -12,23 +12,14 @@ from tokt.inference.sources.cameras.process_driver import ProcessDriver
 from .address import VideoAddress
 
 
-class VideoDriver(ProcessDriver):
-    """A `CameraDriver` of one video address."""
-
-    kind = "video"
-
-
 def open_drivers(addresses: Sequence[VideoAddress], clock: Clock) -> list[CameraDriver]:
     """Drivers of a camera, or of a left and a right one; nothing is opened yet.
 
-    Raises
-    ------
-    ToktError
-        If what reads video is not installed.
+    ToktError if what reads video is not installed.
     """
     if not (find_spec("av") and find_spec("aiortsp")):
         raise ToktError("network video needs the extra 'video': pip install 'tokt[video]'")
     return [
-        VideoDriver(side, each.name, {"address": asdict(each.with_environment())}, clock)
-        for side, each in enumerate(addresses)
+        ProcessDriver("video", side, at.name, {"address": asdict(at.with_environment())}, clock)
+        for side, at in enumerate(addresses)
     ]

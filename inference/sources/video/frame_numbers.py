@@ -29,11 +29,9 @@ class _Bits:
         return value
 
     def golomb(self) -> int:
-        """An unsigned Exp-Golomb number (clause 9.1)."""
-        zeros = 0
-        while not self.take(1):
-            zeros += 1
-        return (1 << zeros) - 1 + self.take(zeros)
+        """An unsigned Exp-Golomb number (clause 9.1); ValueError or IndexError at the end."""
+        zeros = self._bits.index("1", self._at) - self._at
+        return self.take(2 * zeros + 1) - 1
 
     def signed(self) -> int:
         """A signed one."""
@@ -64,7 +62,7 @@ class FrameNumbers:
                     self._set_of[bits.golomb()] = bits.golomb()
                 elif kind in _SLICES:
                     return self._follows(unit, kind)
-            except (IndexError, KeyError):
+            except (IndexError, KeyError, ValueError):
                 self._last = None
                 return True
         return False

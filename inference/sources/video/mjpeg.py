@@ -102,9 +102,7 @@ class Parts:
         StreamLostError if one does not end.
         """
         self._buffer += data
-        parts = []
-        while (part := self._part()) is not None:
-            parts.append(part)
+        parts = list(iter(self._part, None))
         if len(self._buffer) > _MAX_BYTES:
             raise StreamLostError("the server sends a picture that has no end")
         return parts

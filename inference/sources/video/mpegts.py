@@ -28,7 +28,7 @@ from .address import VideoAddress
 from .decoder import VideoDecoder
 from .newest import NewestReading, Reading, StreamLostError
 from .rtp import Delay, SenderClock, parse_rtp
-from .rtp_stream import listening_socket
+from .rtp_stream import listening_socket, timed_reading
 
 PACKET = 188
 _SYNC, _NULL_PID, _PAT_PID = 0x47, 0x1FFF, 0
@@ -200,7 +200,6 @@ class TransportReader:
         self._stream = TransportStream()
         self._clock, self._delay = SenderClock(), Delay()
         self._decoder: VideoDecoder | None = None
-        self._codec: Codec | None = None
         self._last, self._others = b"", 0
 
     def datagram(self, data: bytes, arrived: float, lost: bool = False) -> list[Reading]:
@@ -212,7 +211,7 @@ class TransportReader:
             self._stream.lose()
         if data[:1] != bytes([_SYNC]):
             self._others += parse_rtp(data, arrived) is not None
-            if self._others > _MAX_OTHERS and self._codec is None:
+            if self._others > _MAX_OTHERS and self._decoder is None:
                 raise StreamLostError("RTP comes there and no MPEG-TS: name it rtp:// and its port")
             return []
         # A network may send a datagram twice; one of 16 packets may be as it was before.
@@ -224,17 +223,14 @@ class TransportReader:
     def _decoded(self, unit: AccessUnit) -> list[Reading]:
         codec = self._stream.codec
         assert codec is not None
-        if self._decoder is None or codec is not self._codec:
-            self._codec, self._decoder = codec, VideoDecoder(codec)
-        readings = []
-        for done in self._decoder.feed(unit):
-            if done.unit.fault:  # its time is not known
-                readings.append(Reading(None, done.unit.arrived, done.fault))
-                continue
-            taken_s = self._clock.seconds(done.unit.timestamp)
-            arrived = self._delay.undelayed(taken_s, done.unit.arrived)
-            readings.append(Reading(done.frame, arrived, done.fault, taken_s))
-        return readings
+        if self._decoder is None or codec is not self._decoder.codec:
+            self._decoder = VideoDecoder(codec)
+        return [
+            Reading(None, done.unit.arrived, done.fault)  # its time is not known
+            if done.unit.fault
+            else timed_reading(done, self._clock, self._delay)
+            for done in self._decoder.feed(unit)
+        ]
 
 
 def read_mpegts(address: VideoAddress, newest: NewestReading) -> None:

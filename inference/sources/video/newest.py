@@ -11,11 +11,8 @@ from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.reason import NO_FAULT, Fault
 from tokt.inference.sources.cameras.messages import end_unless_called_again
 
-SILENT_S = 0.7
-"""Seconds without a reading after which a stream is lost: less than `live_source` waits."""
-HUNG_S = 10.0
-"""Seconds in one call of a library's after which the process is ended."""
-
+_SILENT_S = 0.7  # without a reading, after which a stream is lost: less than `live_source` waits
+_HUNG_S = 10.0  # in one call of a library's, after which the process is ended
 _SILENT_GAPS = 3  # of the time between two readings
 
 
@@ -40,12 +37,12 @@ class Reading:
 class NewestReading:
     """One place: a reading that nobody has taken gives way to the next one, and is counted."""
 
-    def __init__(self) -> None:
+    def __init__(self, stopped: threading.Event | None = None) -> None:
         self._changed = threading.Condition()
         self._reading: Reading | None = None
         self._taken_s = -math.inf
         self._count = 0
-        self.stopped = threading.Event()
+        self.stopped = stopped or threading.Event()
         self.last_put = SYSTEM_CLOCK.monotonic()
         self._gaps_s = 0.0, 0.0
         self.lost = ""  # why the stream is being looked for again
@@ -74,8 +71,8 @@ class NewestReading:
     def silent_s(self, now: float) -> float:
         """Seconds for which nothing has come; 0 while the next one may still be on its way."""
         silent_s = now - self.last_put
-        return silent_s if silent_s > max(SILENT_S, _SILENT_GAPS * min(self._gaps_s)) else 0.0
+        return silent_s if silent_s > max(_SILENT_S, _SILENT_GAPS * min(self._gaps_s)) else 0.0
 
     def alive(self) -> None:
         """The reader has not hung; asked for by it, on the process's first thread."""
-        end_unless_called_again(HUNG_S)
+        end_unless_called_again(_HUNG_S)

@@ -10,11 +10,7 @@ core. A stream that ends or falls silent is looked for again here; meanwhile the
 saying that it is lost. What the process is told and what it answers: `cameras.messages`.
 """
 
-import json
-import signal
-import sys
 import threading
-from collections.abc import Callable
 from importlib import import_module
 from typing import IO, Any
 
@@ -23,16 +19,13 @@ import numpy as np
 from tokt.features.common.address import without_credentials
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.sources.cameras.messages import answers_out, watch_input, write_message
+from tokt.inference.sources.cameras.messages import begun, write_frame, write_message
 
 from .address import VideoAddress
 from .newest import NewestReading, Reading, StreamLostError
 
-OPEN_S = 8.0
-"""Seconds until the first one, after which the source is refused."""
-MIN_PAUSE_S, MAX_PAUSE_S = 0.2, 1.0
-"""Seconds until a lost stream is tried again: the first time, and at most."""
-
+_OPEN_S = 8.0  # until the first one, after which the source is refused
+_MIN_PAUSE_S, _MAX_PAUSE_S = 0.2, 1.0  # until a lost stream is tried again: at first, and at most
 _LOOK_S = 0.1
 _TELL_S = 0.3  # between two times that it is said to be lost
 _READERS = {
@@ -42,38 +35,27 @@ _READERS = {
     "http": ("mjpeg", "read_mjpeg"),
     "v4l2": ("v4l2", "read_v4l2"),
 }
-Reader = Callable[[VideoAddress, NewestReading], None]
 
 
 def main() -> None:
     """Do what the first line of the standard input says until that is closed."""
-    # The runtime has its own way to end on Ctrl-C, which a terminal sends to all of its processes.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    answers = answers_out()
-    order = json.loads(sys.stdin.buffer.readline())
-    address = VideoAddress(**order["address"])
-    newest = NewestReading()
+    answers, order, stopped = begun()
+    address, newest = VideoAddress(**order["address"]), NewestReading(stopped)
     newest.alive()
-    threading.Thread(target=watch_input, args=(newest.stopped,), daemon=True).start()
     sender = threading.Thread(target=_send, args=(answers, address.name, newest))
     sender.start()
     try:
-        _read(reader_of(address), address, newest)
+        _read(address, newest)
     finally:
         newest.stopped.set()
         sender.join()
 
 
-def reader_of(address: VideoAddress) -> Reader:
-    """What reads such an address."""
-    module, name = _READERS[address.scheme if address.scheme == "v4l2" else address.scheme[:4]]
-    reader: Reader = getattr(import_module(f"{__package__}.{module}"), name)
-    return reader
-
-
-def _read(reader: Reader, address: VideoAddress, newest: NewestReading) -> None:
+def _read(address: VideoAddress, newest: NewestReading) -> None:
     """Read, and again when the stream is lost, until stopped."""
-    pause_s = MIN_PAUSE_S
+    module, name = _READERS[address.scheme if address.scheme == "v4l2" else address.scheme[:4]]
+    reader = getattr(import_module(f"{__package__}.{module}"), name)
+    pause_s = _MIN_PAUSE_S
     while not newest.stopped.is_set():
         newest.alive()
         began = SYSTEM_CLOCK.monotonic()
@@ -81,10 +63,10 @@ def _read(reader: Reader, address: VideoAddress, newest: NewestReading) -> None:
             reader(address, newest)
         except StreamLostError as error:
             if newest.last_put > began:
-                pause_s = MIN_PAUSE_S
+                pause_s = _MIN_PAUSE_S
             newest.lost = without_credentials(str(error))
         newest.stopped.wait(pause_s)
-        pause_s = min(2 * pause_s, MAX_PAUSE_S)
+        pause_s = min(2 * pause_s, _MAX_PAUSE_S)
 
 
 def _send(answers: IO[bytes], name: str, newest: NewestReading) -> None:
@@ -94,16 +76,17 @@ def _send(answers: IO[bytes], name: str, newest: NewestReading) -> None:
         while not newest.stopped.is_set():
             taken = newest.take(_LOOK_S)
             now = SYSTEM_CLOCK.monotonic()
-            if taken is None and not ready and now - opened > OPEN_S:
-                words = newest.lost or f"nothing has come in {OPEN_S:g} s"
-                write_message(answers, {"kind": "refused", "words": f"source {name}: {words}"})
-                break
-            if taken is not None and not ready:
-                ready = True
-                write_message(answers, {"kind": "ready", "period_s": None, "shared_clock": False})
             if taken is not None:
+                if not ready:
+                    ready = True
+                    about = {"period_s": None, "shared_clock": False}
+                    write_message(answers, {"kind": "ready", **about})
                 number, reading = taken
                 _write(answers, number, reading)
+            elif not ready and now - opened > _OPEN_S:
+                words = newest.lost or f"nothing has come in {_OPEN_S:g} s"
+                write_message(answers, {"kind": "refused", "words": f"source {name}: {words}"})
+                break
             elif ready and (silent_s := newest.silent_s(now)) and now - told > _TELL_S:
                 told, words = now, newest.lost or "nothing comes"
                 fault = Fault(Reason.CAMERA_LOST, f"{name}: {words}, for {silent_s:.0f} s")
@@ -115,23 +98,13 @@ def _send(answers: IO[bytes], name: str, newest: NewestReading) -> None:
 
 
 def _write(answers: IO[bytes], number: int, reading: Reading) -> None:
-    header: dict[str, Any] = {
-        "kind": "frame",
-        "frame_id": number,
-        "taken_s": reading.taken_s,
-        "captured_t": reading.captured_t,
-        "fetched_s": reading.arrived,
-        "reason": reading.fault.reason,
-        "words": str(reading.fault),
-    }
-    picture = reading.picture
-    if picture is None:
-        write_message(answers, header)
-        return
-    pixels = picture if isinstance(picture, np.ndarray) else picture.to_ndarray(format="bgr24")
-    header["height"], header["width"] = pixels.shape[:2]
-    header["pixel_format"] = "Mono8" if pixels.ndim == 2 else "BGR8"
-    write_message(answers, header, np.ascontiguousarray(pixels).data.cast("B"))
+    picture = None
+    if (shown := reading.picture) is not None:
+        pixels: Any = shown if isinstance(shown, np.ndarray) else shown.to_ndarray(format="bgr24")
+        kind = "Mono8" if pixels.ndim == 2 else "BGR8"
+        picture = *pixels.shape[:2], kind, np.ascontiguousarray(pixels)
+    times = reading.taken_s, reading.captured_t
+    write_frame(answers, number, reading.arrived, reading.fault, picture, *times)
 
 
 if __name__ == "__main__":

@@ -9,11 +9,9 @@ from .newest import StreamLostError
 
 RTP_HZ = 90_000
 """Ticks a second of video's time stamps."""
-REORDER_S = 0.05
-"""Seconds that a missing packet is waited for while later ones are there already."""
-SILENT_S = 0.5
-"""Seconds of silence after which another sender is believed to have taken over."""
 
+_REORDER_S = 0.05  # that a missing packet is waited for while later ones are there already
+_SILENT_S = 0.5  # of silence, after which another sender is believed to have taken over
 _MAX_AHEAD = 1024  # packets that wait for a missing one
 _MAX_JUMP = 3000  # RFC 3550, A.1: beyond it the sender may have begun anew
 _MAX_CANDIDATES, _MAX_HELD = 8, 1024
@@ -61,24 +59,19 @@ def is_rtcp(data: bytes) -> bool:
     return len(data) >= 8 and data[0] >> 6 == 2 and 192 <= data[1] <= 223
 
 
-@dataclass(frozen=True)
-class SenderReport:
-    """A sender's time of day at one of its time stamps (section 6.4.1)."""
+def parse_sender_report(data: bytes) -> tuple[int, float, int] | None:
+    """Read the sender report that a compound RTCP packet begins with; None of any other.
 
-    ssrc: int
-    utc: float  # seconds since 1970 by the sender's clock
-    timestamp: int
-
-
-def parse_sender_report(data: bytes) -> SenderReport | None:
-    """Read the sender report that a compound RTCP packet begins with; None of any other."""
+    It is the sender's SSRC, and its time of day (seconds since 1970 by its own clock) at one of its
+    time stamps (section 6.4.1).
+    """
     if len(data) < 28 or data[0] >> 6 != 2 or data[1] != _SENDER_REPORT:
         return None
     ssrc, seconds, fraction, timestamp = struct.unpack_from("!4xIIII", data)
     # A sender that does not know the time of day says 0, or counts from its own start.
     if seconds < _NTP_1970:
         return None
-    return SenderReport(ssrc, seconds - _NTP_1970 + fraction / 2**32, timestamp)
+    return ssrc, seconds - _NTP_1970 + fraction / 2**32, timestamp
 
 
 class PacketOrder:
@@ -113,7 +106,7 @@ class PacketOrder:
     def due(self) -> float:
         """When `expired` is to be asked: `Clock.monotonic`; infinite if nothing is missing."""
         first = min((each.arrived for each in self._ahead.values()), default=math.inf)
-        return first + REORDER_S
+        return first + _REORDER_S
 
     def expired(self, now: float) -> list[tuple[RtpPacket, bool]]:
         """Give up what is missing for too long; what is in order by that."""
@@ -136,20 +129,18 @@ class PacketOrder:
     def _try(self, packet: RtpPacket) -> list[tuple[RtpPacket, bool]]:
         """Keep a packet of who may be the next sender, and go over to that one when it is."""
         sender = packet.ssrc, packet.payload_type
-        since, before = self._heard - REORDER_S, (packet.sequence - 1) & 0xFFFF
+        since, before = self._heard - _REORDER_S, (packet.sequence - 1) & 0xFFFF
         held = [each for each in self._candidates.pop(sender, []) if each.arrived > since]
         self._candidates[sender] = held = [*held[1 - _MAX_HELD :], packet]
         if len(self._candidates) > _MAX_CANDIDATES:
             self._candidates.popitem(last=False)
         follows = any(each.sequence == before for each in held)
-        if not follows or packet.arrived - self._heard < SILENT_S:
+        if not follows or packet.arrived - self._heard < _SILENT_S:
             return []
         del self._candidates[sender]
         self._sender = sender
-        near = [
-            each for each in held if abs(_signed(each.sequence - packet.sequence, 16)) < _MAX_JUMP
-        ]
-        self._ahead = {each.sequence: each for each in near}
+        near = [one for one in held if abs(_signed(one.sequence - packet.sequence, 16)) < _MAX_JUMP]
+        self._ahead = {one.sequence: one for one in near}
         self._next, self._heard = packet.sequence, packet.arrived
         return self._skip()
 
@@ -171,9 +162,9 @@ class SenderClock:
         self._ticks: int | None = None
         self._report: tuple[int, float] | None = None  # ticks, seconds since 1970
 
-    def report(self, report: SenderReport) -> None:
+    def report(self, utc: float, timestamp: int) -> None:
         """Learn the time of day."""
-        self._report = self._unwrapped(report.timestamp), report.utc
+        self._report = self._unwrapped(timestamp), utc
 
     def seconds(self, timestamp: int) -> float:
         """When something was taken, by the sender's clock, of any zero."""

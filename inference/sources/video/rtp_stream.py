@@ -2,9 +2,8 @@
 
 import select
 import socket
-import struct
 from collections.abc import Iterable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from ipaddress import ip_address
 
 from tokt.inference.clock import SYSTEM_CLOCK
@@ -50,9 +49,8 @@ class RtpStream:
         `arrived` is in seconds of a clock that never steps back.
         """
         if is_rtcp(data):
-            report = parse_sender_report(data)
-            if report is not None and report.ssrc == self._ssrc:
-                self._clock.report(report)
+            if (report := parse_sender_report(data)) and report[0] == self._ssrc:
+                self._clock.report(*report[1:])
             return []
         packet = parse_rtp(data, arrived)
         return [] if packet is None else self._taken(self._order.add(packet))
@@ -74,25 +72,28 @@ class RtpStream:
                 self._begin()
             self._ssrc = packet.ssrc
             for unit in self._units.add(packet, lost):
-                readings += [self._reading(done) for done in self._decoder.feed(unit)]
+                for done in self._decoder.feed(unit):
+                    readings.append(timed_reading(done, self._clock, self._delay))
         return readings
 
-    def _reading(self, decoded: Decoded) -> Reading:
-        unit = decoded.unit
-        taken_s, captured_t = self._clock.seconds(unit.timestamp), self._clock.utc(unit.timestamp)
-        arrived = self._delay.undelayed(taken_s, unit.arrived)
-        return Reading(decoded.frame, arrived, decoded.fault, taken_s, captured_t)
+
+def timed_reading(decoded: Decoded, clock: SenderClock, delay: Delay) -> Reading:
+    """A picture, or why there is none, with the times that its sender tells."""
+    unit = decoded.unit
+    taken_s, captured_t = clock.seconds(unit.timestamp), clock.utc(unit.timestamp)
+    arrived = delay.undelayed(taken_s, unit.arrived)
+    return Reading(decoded.frame, arrived, decoded.fault, taken_s, captured_t)
 
 
 def read_rtp(address: VideoAddress, newest: NewestReading) -> None:
     """Listen on an RTP address, and on the port after it for RTCP, until stopped."""
     assert address.port is not None
     stream = RtpStream(CODECS[address.options.get("codec", "h264")])
-    ports = [listening_socket(address.host, address.port)]
-    try:
+    with ExitStack() as opened:
+        ports = [opened.enter_context(listening_socket(address.host, address.port))]
         # Where another program has it, the sender's time of day is not known.
         with suppress(StreamLostError, OverflowError):
-            ports.append(listening_socket(address.host, address.port + 1))
+            ports.append(opened.enter_context(listening_socket(address.host, address.port + 1)))
         while not newest.stopped.is_set():
             newest.alive()
             wait_s = min(_LOOK_S, max(0.0, stream.due() - SYSTEM_CLOCK.monotonic()))
@@ -101,9 +102,6 @@ def read_rtp(address: VideoAddress, newest: NewestReading) -> None:
                     newest.put(reading)
             for reading in stream.expired(SYSTEM_CLOCK.monotonic()):
                 newest.put(reading)
-    finally:
-        for port in ports:
-            port.close()
 
 
 def listening_socket(host: str, port: int) -> socket.socket:
@@ -121,13 +119,11 @@ def listening_socket(host: str, port: int) -> socket.socket:
         if group is not None:
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         opened.bind((host, port))
-        if group is not None and group.version == 4:
-            joined = struct.pack("=4sL", group.packed, socket.INADDR_ANY)
-            opened.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, joined)
-        elif group is not None:
-            opened.setsockopt(
-                socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP, struct.pack("16sI", group.packed, 0)
-            )
+        if group is not None:  # at any interface: the zeros
+            level, join = socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP
+            if group.version == 6:
+                level, join = socket.IPPROTO_IPV6, socket.IPV6_JOIN_GROUP
+            opened.setsockopt(level, join, group.packed + bytes(4))
     except (OSError, TypeError) as error:  # the latter for what can be no host's name
         opened.close()
         where = f"{host or 'any address'}, port {port}"

@@ -1,12 +1,11 @@
 """RTSP: a camera's stream by aiortsp, its packets to `RtpStream`."""
 
 import asyncio
-import binascii
 import math
 import ssl
 import struct
 from base64 import b64decode
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import Any
 
@@ -44,24 +43,21 @@ class _Packets:
 
     def handle_rtp_data(self, data: bytes) -> None:
         """Take a packet of RTP, and let aiortsp count it for its receiver reports."""
-        self._take(data)
-        with suppress(*_NO_SENSE):
-            super().handle_rtp_data(data)  # type: ignore[misc]
+        self._take(data, super().handle_rtp_data)  # type: ignore[misc]
 
     def handle_rtcp_data(self, data: bytes) -> None:
         """Take a packet of RTCP."""
-        self._take(data)
-        with suppress(*_NO_SENSE):
-            super().handle_rtcp_data(data)  # type: ignore[misc]
+        self._take(data, super().handle_rtcp_data)  # type: ignore[misc]
 
-    def _take(self, data: bytes) -> None:
+    def _take(self, data: bytes, count: Callable[[bytes], None]) -> None:
         self.heard = SYSTEM_CLOCK.monotonic()
-        if self.stream is None or self.failure:
-            return
-        try:
-            self.put(self.stream.datagram(bytes(data), self.heard))
-        except StreamLostError as error:  # which asyncio would keep to itself
-            self.failure = error
+        if self.stream is not None and not self.failure:
+            try:
+                self.put(self.stream.datagram(bytes(data), self.heard))
+            except StreamLostError as error:  # which asyncio would keep to itself
+                self.failure = error
+        with suppress(*_NO_SENSE):
+            count(data)
 
     def put(self, readings: Iterable[Reading]) -> None:
         """Hand on what came, but no picture while a server sends at once what it had kept.
@@ -152,7 +148,7 @@ def _stream(session: RTSPMediaSession) -> RtpStream:
     stream = RtpStream(codec, mapped["pt"])
     for name in ("sprop-vps", "sprop-sps", "sprop-pps", "sprop-parameter-sets"):
         for text in (given.get(name, "") if isinstance(given, dict) else "").split(","):
-            with suppress(binascii.Error, ValueError):
+            with suppress(ValueError):
                 stream.take_set(b64decode(text))
     return stream
 

@@ -5,8 +5,7 @@ For a camera's own process only (see `process`).
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,16 +24,7 @@ _COLOUR_BYTES = 3
 _PART_IS_IMAGE = 1  # GenTL's PART_DATATYPE_2D_IMAGE
 
 
-class NoPictureError(Exception):
-    """A buffer without a picture that can be used."""
-
-    def __init__(self, fault: Fault) -> None:
-        super().__init__(fault)
-        self.fault = fault
-
-
-@dataclass(frozen=True)
-class Pixels:
+class Pixels(NamedTuple):
     """A picture in a buffer, as the camera gave it."""
 
     height: int
@@ -43,38 +33,33 @@ class Pixels:
     data: U8  # without padding; where that has none the buffer's own memory, gone when it is queued
 
 
-def pixels_of(buffer: Any, format_name: Callable[[int], str]) -> Pixels:
-    """The picture in a raw buffer of harvesters; of one with several parts the first image.
+def pixels_of(buffer: Any, format_name: Callable[[int], str]) -> tuple[Pixels | None, Fault]:
+    """The picture in a raw buffer of harvesters, of one with several parts the first image.
+
+    None, and why, if it is not all there, or not of a format that tokt reads.
 
     Not by harvesters' own components: they leave padding in, and raise for a pixel format that they
     do not know without giving the buffer back. `format_name` gives the name of a format's number.
-    NoPictureError if the picture is not all there, or not of a format that tokt reads.
     """
     image, offset = _image(buffer)
     height, width = int(image.height), int(image.width)
     number = read_property(image, "pixel_format", read_property(image, "data_format", 0))
     pixel_format = format_name(number)
     if pixel_format not in PIXEL_FORMATS:
-        known = ", ".join(PIXEL_FORMATS)
-        sent = f"the camera sends {pixel_format} pixels"
-        words = f"{sent}, which tokt does not read (it reads {known})"
-        raise NoPictureError(Fault(Reason.UNREADABLE, words))
+        words = f"which tokt does not read (it reads {', '.join(PIXEL_FORMATS)})"
+        return None, Fault(Reason.UNREADABLE, f"the camera sends {pixel_format} pixels, {words}")
     row = width * (1 if pixel_format in MOSAIC_FORMATS else _COLOUR_BYTES)
     padding = int(read_property(image, "padding_x", read_property(image, "x_padding", 0)))
     lines = int(read_property(buffer, "delivered_image_height", height)) or height
     size = height * (row + padding)
     filled = read_property(buffer, "size_filled", offset + size)
     if lines < height:
-        raise _incomplete(f"{lines} of {height} rows came")
+        return None, _incomplete(f"{lines} of {height} rows came")
     # The last row's padding may be left out.
     if filled < offset + size - padding:
-        raise _incomplete(f"{max(filled - offset, 0)} of {size} bytes came")
-    raw = np.frombuffer(buffer.raw_buffer, np.uint8, size - padding, offset)
-    if padding:
-        shape, strides = (height, row), (row + padding, 1)
-        rows = np.lib.stride_tricks.as_strided(raw, shape, strides, writeable=False)
-        raw = np.ascontiguousarray(rows).reshape(-1)
-    return Pixels(height, width, pixel_format, raw)
+        return None, _incomplete(f"{max(filled - offset, 0)} of {size} bytes came")
+    rows = np.ndarray((height, row), np.uint8, buffer.raw_buffer, offset, (row + padding, 1))
+    return Pixels(height, width, pixel_format, np.ascontiguousarray(rows).reshape(-1)), NO_FAULT
 
 
 def _image(buffer: Any) -> tuple[Any, int]:
@@ -85,8 +70,8 @@ def _image(buffer: Any) -> tuple[Any, int]:
     return buffer, int(read_property(buffer, "image_offset", 0))
 
 
-def _incomplete(words: str) -> NoPictureError:
-    return NoPictureError(Fault(Reason.INCOMPLETE, f"incomplete frame: {words}"))
+def _incomplete(words: str) -> Fault:
+    return Fault(Reason.INCOMPLETE, f"incomplete frame: {words}")
 
 
 def taken_s(buffer: Any, ticks_per_s: float | None) -> float | None:
@@ -109,11 +94,9 @@ def read_property(module: Any, name: str, otherwise: Any) -> Any:
 
     try:
         return getattr(module, name)
-    except AttributeError:
-        return otherwise
     except (ClosedException, InvalidHandleException):
         raise
-    except GenericException:
+    except (AttributeError, GenericException):
         return otherwise
 
 
@@ -122,27 +105,25 @@ _WAIT_S = 0.2
 _WAIT_MS = 100  # of one call within; a process that shall stop notices it no sooner
 
 
-class CameraGoneError(Exception):
-    """The camera does not answer any more; the message says what its producer said."""
-
-
-@dataclass(frozen=True)
-class FetchedFrame:
+class FetchedFrame(NamedTuple):
     """One exposure fetched from the producer's buffers, or why there is no picture."""
 
     frame_id: int
-    taken_s: float | None  # of the camera's clock
     fetched_s: float  # ``SYSTEM_CLOCK.monotonic()`` when the producer handed it over
-    pixels: Pixels | None  # gone when the next one is asked for
-    fault: Fault = NO_FAULT
+    fault: Fault
+    pixels: Pixels | None = None  # gone when the next one is asked for
+    taken_s: float | None = None  # of the camera's clock
 
 
 class GenicamCamera:
-    """A camera that is set and sends frames, by its ``harvesters.core.ImageAcquirer``."""
+    """A camera that is set and sends frames, by its ``harvesters.core.ImageAcquirer``.
 
-    def __init__(self, acquirer: Any, features: GenicamFeatures) -> None:
-        from genicam.genapi import GenericException as FeatureError
-        from genicam.gentl import GenericException as ProducerError
+    One that does not answer any more raises one of `gone`.
+    """
+
+    def __init__(
+        self, acquirer: Any, features: GenicamFeatures, gone: tuple[type[Exception], ...]
+    ) -> None:
         from harvesters.core import Callback
         from harvesters.util.pfnc import dict_by_ints
 
@@ -156,12 +137,12 @@ class GenicamCamera:
 
         acquirer.add_callback(acquirer.Events.INCOMPLETE_BUFFER, Incomplete())
         self._acquirer = acquirer
-        self._gone = (ProducerError, FeatureError)
+        self.gone = gone
         self._formats = dict_by_ints
         self._incomplete = False
         self._last_id = 0
         frequency = read_property(acquirer.device, "timestamp_frequency", 0)
-        self._ticks_per_s = frequency or features.ticks_per_s()
+        self._ticks_per_s = frequency or features.value("GevTimestampTickFrequency")
         self.period_s = features.period_s()
         self.shared_clock = features.clock_is_shared()
 
@@ -169,15 +150,13 @@ class GenicamCamera:
     def next(self) -> Iterator[FetchedFrame | None]:
         """Wait a moment for the next exposure; its pixels are there within the context only.
 
-        None where none came; CameraGoneError if the producer says that something is wrong.
+        None where none came; one of `gone` if the producer says that something is wrong.
         """
         buffer = None
         try:
             self._incomplete = False
             buffer = self._acquirer.try_fetch(timeout=_WAIT_S, is_raw=True)
             yield self._taken(buffer) if buffer is not None else self._not_whole()
-        except self._gone as error:
-            raise CameraGoneError(in_one_line(str(error))) from None
         finally:
             if buffer is not None:
                 self._give_back(buffer)
@@ -185,23 +164,17 @@ class GenicamCamera:
     def forget_waiting(self) -> None:
         """Give back what was filled while nobody looked: nothing says how old it is."""
         stream = self._acquirer.data_streams[0]
-        try:
-            for _ in range(int(read_property(stream, "num_awaiting_delivery", 0))):
-                buffer = self._acquirer.try_fetch(timeout=_WAIT_S, is_raw=True)
-                if buffer is not None:
-                    self._give_back(buffer)
-        except self._gone as error:
-            raise CameraGoneError(in_one_line(str(error))) from None
+        for _ in range(int(read_property(stream, "num_awaiting_delivery", 0))):
+            buffer = self._acquirer.try_fetch(timeout=_WAIT_S, is_raw=True)
+            if buffer is not None:
+                self._give_back(buffer)
 
     def _taken(self, buffer: Any) -> FetchedFrame:
         fetched_s = SYSTEM_CLOCK.monotonic()
         self._last_id = int(read_property(buffer, "frame_id", self._last_id + 1))
         when = taken_s(buffer, self._ticks_per_s)
-        try:
-            pixels = pixels_of(buffer, lambda n: self._formats.get(n, f"unknown (0x{n:08x})"))
-        except NoPictureError as error:
-            return FetchedFrame(self._last_id, when, fetched_s, None, error.fault)
-        return FetchedFrame(self._last_id, when, fetched_s, pixels)
+        pixels, fault = pixels_of(buffer, lambda n: self._formats.get(n, f"unknown (0x{n:08x})"))
+        return FetchedFrame(self._last_id, fetched_s, fault, pixels, when)
 
     def _not_whole(self) -> FetchedFrame | None:
         """What came, where no buffer did."""
@@ -209,11 +182,11 @@ class GenicamCamera:
             return None
         # Its own number went with the buffer; cameras count frames one by one.
         self._last_id += 1
-        fault = Fault(Reason.INCOMPLETE, "incomplete frame: packets were lost")
-        return FetchedFrame(self._last_id, None, SYSTEM_CLOCK.monotonic(), None, fault)
+        fault = _incomplete("packets were lost")
+        return FetchedFrame(self._last_id, SYSTEM_CLOCK.monotonic(), fault)
 
     def _give_back(self, buffer: Any) -> None:
-        with suppress(*self._gone):  # takes nothing back: the next call says so
+        with suppress(*self.gone):  # takes nothing back: the next call says so
             buffer.parent.queue_buffer(buffer)
 
 
@@ -229,6 +202,7 @@ def opened_camera(
     from genicam.gentl import GenericException as ProducerError
     from harvesters.core import ParameterKey, ParameterSet
 
+    gone = (ProducerError, FeatureError)
     values = {
         ParameterKey.NUM_BUFFERS_FOR_FETCH_CALL: _BUFFERS,
         ParameterKey.TIMEOUT_PERIOD_ON_CLIENT_FETCH_CALL: 2 * _WAIT_S,
@@ -236,20 +210,20 @@ def opened_camera(
         ParameterKey.ENABLE_AUTO_CHUNK_DATA_UPDATE: False,
     }
     try:
-        info = producers.info(listed)
-        acquirer = producers.harvester.create(info, config=ParameterSet(values))
+        harvester, at = producers.harvester, producers.listing.cameras.index(listed)
+        info = harvester.device_info_list[at]
+        acquirer = harvester.create(info, config=ParameterSet(values))
         features = GenicamFeatures(acquirer.remote_device.node_map, name)
         features.set_up(options, share, listed.link)
         stream = GenicamFeatures(acquirer.data_streams[0].node_map, name)
         stream.give("StreamBufferHandlingMode", "NewestOnly")
         acquirer.start()
-        camera = GenicamCamera(acquirer, features)
-    except (FeatureError, ProducerError) as error:
-        words = in_one_line(str(error))
-        raise ToktError(f"camera {name} cannot be opened: {words}") from None
+        camera = GenicamCamera(acquirer, features, gone)
+    except gone as error:
+        raise ToktError(f"camera {name} cannot be opened: {in_one_line(str(error))}") from None
     try:
         yield camera
     finally:
         # One that is gone refuses to be closed as it should.
-        with suppress(FeatureError, ProducerError):
+        with suppress(*gone):
             acquirer.destroy()

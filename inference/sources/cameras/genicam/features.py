@@ -15,23 +15,19 @@ from tokt.inference.sources.cameras.capture import GIGABIT_BYTES_S, bandwidth_by
 
 _GIGE = ("GEV", "GigEVision")
 _FIXED_RATE = "FixedRate"
+_FRAME_RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 _PTP_S, _LOOK_S = 15.0, 0.1
-_PTP_FOLLOWS = ("Master", "Slave")
+_PTP_STATUS = ("PtpStatus", "GevIEEE1588Status")
 
 
 class GenicamFeatures:
-    """The features of one camera, by its ``genicam.genapi.NodeMap``.
+    """The features of one camera, by its ``genicam.genapi.NodeMap``; its name is for messages."""
 
-    Its name is for messages; `ptp_s` is how long its clock may take to be set by the Precision Time
-    Protocol.
-    """
-
-    def __init__(self, nodes: Any, name: str, ptp_s: float = _PTP_S) -> None:
+    def __init__(self, nodes: Any, name: str) -> None:
         from genicam.genapi import EAccessMode, GenericException
 
         self._nodes = nodes
         self._name = name
-        self._ptp_s = ptp_s
         self._readable = (EAccessMode.RO, EAccessMode.RW)
         self._writable = (EAccessMode.WO, EAccessMode.RW)
         self._error = GenericException
@@ -65,26 +61,16 @@ class GenicamFeatures:
         """Seconds from one exposure to the next, or None where the camera does not say."""
         if self.value("TriggerMode") == "On" and self.value("TriggerSource") != _FIXED_RATE:
             return None
-        names = ("AcquisitionResultingFrameRate", "ResultingFrameRate")
-        for name in (*names, "AcquisitionFrameRate", "AcquisitionFrameRateAbs"):
-            rate = self.value(name)
-            if rate:
-                return float(1 / rate)
-        return None
+        names = ("AcquisitionResultingFrameRate", "ResultingFrameRate", *_FRAME_RATES)
+        rate = next(filter(None, map(self.value, names)), None)
+        return float(1 / rate) if rate else None
 
     def clock_is_shared(self) -> bool:
         """Whether the camera's clock follows the Precision Time Protocol, as of now."""
         latch = self._node("PtpDataSetLatch", self._writable)
         if latch is not None:
             latch.execute()
-        return self.value("PtpStatus") in _PTP_FOLLOWS or (
-            self.value("GevIEEE1588Status") in _PTP_FOLLOWS
-        )
-
-    def ticks_per_s(self) -> float | None:
-        """How fast its clock ticks, where a feature says so."""
-        value = self.value("GevTimestampTickFrequency")
-        return float(value) if value else None
+        return any(self.value(name) in ("Master", "Slave") for name in _PTP_STATUS)
 
     def value(self, name: str) -> Any:
         """A feature's value, or None where there is none to be read."""
@@ -94,7 +80,7 @@ class GenicamFeatures:
     def give(self, name: str, value: object) -> bool:
         """Set a feature where there is one that takes the value; whether there is."""
         node = self._node(name, self._writable)
-        if node is None or (isinstance(value, str) and value not in _choices(node)):
+        if node is None or (isinstance(value, str) and value not in getattr(node, "symbolics", ())):
             return False
         node.value = value
         return True
@@ -103,10 +89,11 @@ class GenicamFeatures:
         node = self._node("PixelFormat", self._readable)
         if node is None:
             raise ToktError(f"camera {self._name} does not say its pixel format")
-        offered = _choices(node)
+        offered = tuple(getattr(node, "symbolics", ()))
         if wanted is None and node.value in PIXEL_FORMATS:
             return
-        spelt = [name for name in PIXEL_FORMATS if wanted is None or _plain(name) == _plain(wanted)]
+        plain = wanted and wanted.removesuffix("Packed")  # as it is spelt today
+        spelt = [name for name in PIXEL_FORMATS if plain in (None, name.removesuffix("Packed"))]
         chosen = next((name for name in spelt if name in offered), None)
         if chosen is None:
             wanted = wanted or "pixel format that tokt reads"
@@ -129,8 +116,7 @@ class GenicamFeatures:
         self.give("AcquisitionFrameRateMode", "On")
         self.give("AcquisitionFrameRateEnable", True)
         self.give("AcquisitionFrameRateEnabled", True)
-        names = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
-        self._set(names, options.camera_rate, "frame rate")
+        self._set(_FRAME_RATES, options.camera_rate, "frame rate")
 
     def _set_bandwidth(self, bytes_s: float, asked_for: bool) -> None:
         """At most what the camera can do, and at least what it must."""
@@ -150,10 +136,10 @@ class GenicamFeatures:
         """Have its clock set by the Precision Time Protocol, and wait until it is."""
         if not self.give("PtpMode", "Auto"):
             self._set(("PtpEnable", "GevIEEE1588"), True, "Precision Time Protocol")
-        until = time.monotonic() + self._ptp_s
+        until = time.monotonic() + _PTP_S
         while not self.clock_is_shared():
             if time.monotonic() > until:
-                raise ToktError(f"camera {self._name}: no clock by PTP in {self._ptp_s:g} s")
+                raise ToktError(f"camera {self._name}: no clock by PTP in {_PTP_S:g} s")
             time.sleep(_LOOK_S)
 
     def _set(self, names: Iterable[str], value: Any, what: str) -> None:
@@ -176,13 +162,3 @@ class GenicamFeatures:
         """A feature, or None where the camera has none that can be used so."""
         node = getattr(self._nodes, name, None)
         return node if node is not None and node.get_access_mode() in access else None
-
-
-def _choices(node: Any) -> tuple[str, ...]:
-    """What an enumeration can be set to."""
-    return tuple(getattr(node, "symbolics", ()))
-
-
-def _plain(pixel_format: str) -> str:
-    """A pixel format's name as it is spelt today."""
-    return pixel_format.removesuffix("Packed")

@@ -8,23 +8,22 @@ producer that lost its camera may keep its memory; here that goes with the proce
 What it is told and what it answers: `cameras.messages`.
 """
 
-import json
 import signal
-import sys
 import threading
+from dataclasses import asdict
 from typing import IO, Any
 
 from tokt.features.common.errors import ToktError
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
 from tokt.inference.sources.cameras.messages import (
-    answers_out,
+    begun,
     end_unless_called_again,
-    watch_input,
+    write_frame,
     write_message,
 )
 
-from .camera import CameraGoneError, FetchedFrame, GenicamCamera, opened_camera
+from .camera import GenicamCamera, opened_camera
 from .producers import ListedCamera, Listing, Place, in_one_line, opened_producers
 
 _SLOW_S = 0.02
@@ -34,17 +33,14 @@ _HUNG_S = 10.0  # a call that takes longer hangs; the runtime has given up long 
 
 def main() -> None:
     """Do what the first line of the standard input says until that is closed."""
-    # The runtime has its own way to end on Ctrl-C, which a terminal sends to all of its processes.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_unless_called_again(_OPEN_S)
-    answers = answers_out()
-    order = json.loads(sys.stdin.buffer.readline())
+    answers, order, stopped = begun()
     try:
         if "list" in order:
             with opened_producers() as producers:
-                write_message(answers, {"kind": "listed", "listing": producers.listing.to_json()})
+                write_message(answers, {"kind": "listed", "listing": asdict(producers.listing)})
         else:
-            _run(answers, order)
+            _run(answers, order, stopped)
     except BrokenPipeError:
         return  # the runtime is gone, or does not listen any more
     except ToktError as error:
@@ -54,26 +50,23 @@ def main() -> None:
         write_message(answers, {"kind": "refused", "words": words})
 
 
-def _run(answers: IO[bytes], order: dict[str, Any]) -> None:
+def _run(answers: IO[bytes], order: dict[str, Any], stopped: threading.Event) -> None:
     """Send a camera's frames."""
-    stop = threading.Event()
-    threading.Thread(target=watch_input, args=(stop,), daemon=True).start()
     options = SourceConfig(**order["options"])
     with opened_producers() as producers:
         listed = _chosen(producers.listing, order)
         with opened_camera(producers, listed, order["name"], options, order["share"]) as camera:
             # harvesters takes the signal for itself.
             signal.signal(signal.SIGINT, signal.SIG_IGN)
-            place = vars(listed.place)
-            ready = {"kind": "ready", "place": place, "period_s": camera.period_s}
-            write_message(answers, {**ready, "shared_clock": camera.shared_clock})
+            ready = {"period_s": camera.period_s, "shared_clock": camera.shared_clock}
+            write_message(answers, {"kind": "ready", "place": vars(listed.place), **ready})
             try:
-                while not stop.is_set():
+                while not stopped.is_set():
                     end_unless_called_again(_HUNG_S)
                     _send_next(answers, camera)
-            except CameraGoneError as error:
+            except camera.gone as error:
                 # Told before it is closed, which may hang or fail as well.
-                write_message(answers, {"kind": "lost", "words": str(error)})
+                write_message(answers, {"kind": "lost", "words": in_one_line(str(error))})
 
 
 def _chosen(listing: Listing, order: dict[str, Any]) -> ListedCamera:
@@ -91,28 +84,11 @@ def _send_next(answers: IO[bytes], camera: GenicamCamera) -> None:
     with camera.next() as taken:
         if taken is None:
             return
-        header = _header(taken)
         started = SYSTEM_CLOCK.monotonic()
-        pixels = taken.pixels
-        write_message(answers, header, None if pixels is None else pixels.data.data)
+        write_frame(answers, *taken)
     # The runtime did not read: what was filled meanwhile is older than it looks.
     if SYSTEM_CLOCK.monotonic() - started > _SLOW_S:
         camera.forget_waiting()
-
-
-def _header(taken: FetchedFrame) -> dict[str, Any]:
-    header: dict[str, Any] = {
-        "kind": "frame",
-        "frame_id": taken.frame_id,
-        "taken_s": taken.taken_s,
-        "fetched_s": taken.fetched_s,
-        "reason": taken.fault.reason,
-        "words": str(taken.fault),
-    }
-    if taken.pixels is not None:
-        header["height"], header["width"] = taken.pixels.height, taken.pixels.width
-        header["pixel_format"] = taken.pixels.pixel_format
-    return header
 
 
 if __name__ == "__main__":

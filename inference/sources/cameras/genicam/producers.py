@@ -16,7 +16,7 @@ import warnings
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from operator import attrgetter
@@ -30,6 +30,8 @@ PATH_VARIABLE = "GENICAM_GENTL64_PATH"
 """Folders of producers, as the GenTL standard names the variable; separated like PATH."""
 
 _TIMEOUT_S = 30.0
+_FIRST_CALL = "GCInitLib"
+_MAX_COMPLAINTS = 8
 _KEYS = (attrgetter("place.device"), attrgetter("serial"), attrgetter("name"))
 
 
@@ -89,17 +91,11 @@ class Listing:
             found = "no producer can be used"
         return "; ".join((found, *self.complaints))
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain JSON form."""
-        return asdict(self)
-
     @classmethod
     def from_json(cls, value: dict[str, Any]) -> Listing:
-        """What `to_json` gave."""
-        cameras = tuple(
-            ListedCamera(**{**camera, "place": Place(**camera["place"])})
-            for camera in value["cameras"]
-        )
+        """What its `asdict` gave."""
+        told = ({**camera, "place": Place(**camera["place"])} for camera in value["cameras"])
+        cameras = tuple(ListedCamera(**camera) for camera in told)
         return cls(tuple(value["producers"]), cameras, tuple(value["complaints"]))
 
 
@@ -108,19 +104,14 @@ def is_index(text: str) -> bool:
     return text.isascii() and text.isdecimal()
 
 
-def check_installed() -> None:
-    """See that the packages are there; ToktError if not, saying what to install."""
-    for package in ("harvesters", "genicam"):
-        if find_spec(package) is None:
-            raise ToktError(f"a genicam camera needs {package}: install tokt[genicam]")
-
-
 def list_cameras(timeout_s: float = _TIMEOUT_S) -> Listing:
     """Ask all producers for their cameras, in a process of its own.
 
     ToktError if harvesters is not installed, there is no producer, or one crashes or hangs.
     """
-    check_installed()
+    for package in ("harvesters", "genicam"):
+        if find_spec(package) is None:
+            raise ToktError(f"a genicam camera needs {package}: install tokt[genicam]")
     try:
         ran = subprocess.run(
             program("cameras.genicam"),
@@ -140,32 +131,12 @@ def list_cameras(timeout_s: float = _TIMEOUT_S) -> Listing:
     return Listing.from_json(answer["listing"])
 
 
-_FIRST_CALL = "GCInitLib"
-_MAX_COMPLAINTS = 8
-
-
-class _Complaints(logging.Handler):
-    """Keeps the last things that harvesters complained about, which it raises for none of."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.words: deque[str] = deque(maxlen=_MAX_COMPLAINTS)
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Keep the words."""
-        self.words.append(in_one_line(record.getMessage()))
-
-
 @dataclass(frozen=True)
 class Producers:
     """Opened producers, by their ``harvesters.core.Harvester``."""
 
     harvester: Any
     listing: Listing
-
-    def info(self, camera: ListedCamera) -> Any:
-        """What harvesters opens a camera of the listing with."""
-        return self.harvester.device_info_list[self.listing.cameras.index(camera)]
 
 
 @contextmanager
@@ -180,17 +151,22 @@ def opened_producers() -> Iterator[Producers]:
             from harvesters.core import Harvester, ParameterKey, ParameterSet
         except ModuleNotFoundError as error:
             raise ToktError(f"a genicam camera needs {error.name}: install tokt[genicam]") from None
-    complaints = _Complaints()
+    complaints = deque[str](maxlen=_MAX_COMPLAINTS)  # harvesters raises for none of them
+
+    def keep(record: logging.LogRecord) -> bool:
+        complaints.append(in_one_line(record.getMessage()))
+        return False
+
     # No logger of the process: by default harvesters prints tracebacks.
     logger = logging.Logger("tokt.genicam", logging.WARNING)
-    logger.addHandler(complaints)
+    logger.addFilter(keep)
     with Harvester(config=ParameterSet({ParameterKey.LOGGER: logger})) as harvester:
         for file in files:
             harvester.add_file(str(file))
         harvester.update()
         cameras = tuple(_listed(info) for info in harvester.device_info_list)
-        said = tuple(complaints.words)
-        yield Producers(harvester, Listing(tuple(map(str, files)), cameras, (*refused, *said)))
+        listing = Listing(tuple(map(str, files)), cameras, (*refused, *complaints))
+        yield Producers(harvester, listing)
 
 
 def producer_files() -> list[Path]:
@@ -198,13 +174,9 @@ def producer_files() -> list[Path]:
     variable = os.environ.get(PATH_VARIABLE, "")
     places = [Path(text) for text in variable.split(os.pathsep) if text]
     if not places:
-        raise ToktError(
-            f"no GenTL producer: install the camera vendor's, and set {PATH_VARIABLE} to the"
-            " folder of its .cti file (docs/cameras.md)"
-        )
-    found = [
-        file for place in places for file in (sorted(place.glob("*.cti")) if place.is_dir() else ())
-    ]
+        what = f"set {PATH_VARIABLE} to the folder of its .cti file (docs/cameras.md)"
+        raise ToktError(f"no GenTL producer: install the camera vendor's, and {what}")
+    found = [file for place in places for file in sorted(place.glob("*.cti"))]
     if not found:
         raise ToktError(f"no GenTL producer (*.cti) in {PATH_VARIABLE}={variable}")
     return list({file.resolve(): file for file in found}.values())
@@ -265,9 +237,7 @@ def genicam_finding() -> Finding:
         listing = list_cameras()
     except ToktError as error:
         return Finding(NAME, FAULT, f"{harvesters}: {error}")
-    figures = {
-        "producers": list(listing.producers),
-        "cameras": [camera.place.device for camera in listing.cameras],
-    }
+    cameras = [camera.place.device for camera in listing.cameras]
+    figures = {"producers": list(listing.producers), "cameras": cameras}
     state = FAULT if listing.complaints else OK if listing.cameras else NOTE
     return Finding(NAME, state, f"{harvesters}: {listing.in_words()}", figures)

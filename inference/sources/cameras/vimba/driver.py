@@ -35,11 +35,10 @@ class VimbaStream:
     refuses, so that buffers stay announced whose memory is about to go; so does vmbpy's `Stream`.
 
     `received` is given the VmbFrame of each buffer that was filled, on a thread of the
-    library's. The buffer is written again as soon as it returns. What it raises is counted.
+    library's. The buffer is written again as soon as it returns. It must not raise.
     """
 
     def __init__(self, system: VimbaSystem, camera: Any, received: Callable[[Any], None]) -> None:
-        self.failures = 0
         self._system = system
         self._camera = camera
         self._received = received
@@ -112,14 +111,9 @@ class VimbaStream:
         return False
 
     def _filled(self, *called: Any) -> None:
-        """The library's callback: looks at a buffer and queues it again, whatever happens."""
+        """The library's callback: looks at a buffer and queues it again."""
         frame = called[-1].contents
-        try:
-            self._received(frame)
-        # Called from C, on a thread of the library's, there is nobody to raise to: Python would
-        # print it and go on. A lost capture is counted; a lost buffer would be one for good.
-        except Exception:  # noqa: BLE001
-            self.failures += 1
+        self._received(frame)
         if self._running:
             with suppress(*self._system.errors):  # of a camera that was pulled out
                 self._queue(frame)
@@ -165,12 +159,7 @@ class VimbaDriver:
         self.shared_clock = False
         self._stream: VimbaStream | None = None
         self._unreleased: list[VimbaStream] = []
-        self._failures = 0
-
-    @property
-    def failures(self) -> int:
-        """How often a capture was lost to an exception."""
-        return self._failures + (0 if self._stream is None else self._stream.failures)
+        self.failures = 0
 
     def start(self, deliver: Deliver) -> None:
         """Open the camera, set it and let it send.
@@ -184,9 +173,16 @@ class VimbaDriver:
         except ToktError:
             self.system.leave()
             raise
-        self._stream = VimbaStream(
-            self.system, opened, lambda frame: deliver(self._capture(frame, opened.image(frame)))
-        )
+
+        def received(frame: Any) -> None:
+            try:
+                deliver(self._capture(frame, opened.image(frame)))
+            # Called from C, on a thread of the library's, there is nobody to raise to: Python would
+            # print it, and the buffer would be lost for good. A lost capture is counted.
+            except Exception:  # noqa: BLE001
+                self.failures += 1
+
+        self._stream = VimbaStream(self.system, opened, received)
         errors = self.system.errors
         try:
             features = VimbaFeatures(opened, errors, self.name, self.clock)
@@ -209,7 +205,6 @@ class VimbaDriver:
             self._unreleased.append(stream)
             if len(self._unreleased) > _KEPT_STREAMS:
                 self._unreleased.pop(0).forget()
-        self._failures += stream.failures
         self.system.leave()
 
     def lost(self) -> str:
@@ -236,8 +231,7 @@ def _picture(frame: Any, address: int, size: int, room: int) -> tuple[U8 | None,
     if pixel_format is None:
         return None, Fault(Reason.DAMAGED, f"pixel format {frame.pixelFormat:#010x} is not known")
     if not 0 < size <= room:
-        words = f"the frame has {size} bytes in a buffer of {room}"
-        return None, Fault(Reason.DAMAGED, words)
+        return None, Fault(Reason.DAMAGED, f"the frame has {size} bytes in a buffer of {room}")
     buffer: Any = (ctypes.c_ubyte * size).from_address(address)
     data = np.frombuffer(buffer, np.uint8)
     try:
@@ -249,28 +243,12 @@ def _picture(frame: Any, address: int, size: int, room: int) -> tuple[U8 | None,
 def open_drivers(
     ids: Sequence[str], options: SourceConfig, clock: Clock, vimbax: bool = False
 ) -> Sequence[CameraDriver]:
-    """The drivers of one camera, or of a left and a right one; nothing is opened yet.
+    """The drivers of one camera, or of a left and a right one, by the Vimba SDK or by Vimba X.
 
-    Parameters
-    ----------
-    ids : sequence of str
-    options : SourceConfig
-    clock : Clock
-    vimbax : bool
-        Whether Vimba X drives them, and not the Vimba SDK.
-
-    Raises
-    ------
-    ToktError
-        If pymba or vmbpy is missing, or its library.
+    Nothing is opened yet. ToktError if pymba or vmbpy is missing, or its library.
     """
-    if vimbax:
-        system = load_vimbax()
-    else:
-        pymba = load_pymba()
-        # AttributeError is its way to say that the camera has no such feature.
-        system = VimbaSystem(pymba.vimba_c, (pymba.VimbaException, AttributeError))
-    share = 1 / len(ids)
+    system = load_vimbax() if vimbax else load_pymba()
     return [
-        VimbaDriver(camera, name, options, share, clock, system) for camera, name in enumerate(ids)
+        VimbaDriver(camera, name, options, 1 / len(ids), clock, system)
+        for camera, name in enumerate(ids)
     ]

@@ -4,6 +4,7 @@ Names differ from camera to camera: GigE cameras of Allied Vision say ``Exposure
 USB ones say ``ExposureTime`` (GigE and USB Features References of Allied Vision).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -76,17 +77,10 @@ class VimbaFeatures:
         if self.first(*names) is not None:
             self.demand("such thing", value, *names)
 
-    def run(self, command: str, limit_s: float) -> None:
-        """Run a command and wait until it is done, or until the limit: the camera goes on."""
-        self.camera.run_feature_command(command)
+    def wait_for(self, done: Callable[[], bool], limit_s: float) -> bool:
+        """Whether something comes true before the limit."""
         until = self.clock.monotonic() + limit_s
-        while not self.camera.feature_command_is_done(command) and self.clock.monotonic() < until:
-            self.clock.sleep(_LOOK_S)
-
-    def wait_for(self, values: tuple[str, ...], name: str, limit_s: float) -> bool:
-        """Whether a feature comes to one of these values before the limit."""
-        until = self.clock.monotonic() + limit_s
-        while self.get(name) not in values:
+        while not done():
             if self.clock.monotonic() > until:
                 return False
             self.clock.sleep(_LOOK_S)
@@ -112,7 +106,7 @@ def set_features(
     _set_trigger(features, options)
     if options.ptp:
         features.demand("PTP", "Auto", "PtpMode")
-        if not features.wait_for(("Master", "Slave"), "PtpStatus", _PTP_S):
+        if not features.wait_for(lambda: features.get("PtpStatus") in ("Master", "Slave"), _PTP_S):
             raise ToktError(f"camera {features.name}: no clock was found by PTP in {_PTP_S:g} s")
     features.demand("acquisition mode", "Continuous", "AcquisitionMode")
     # What a camera that keeps no rate says of its rate is not to be relied on.
@@ -124,10 +118,9 @@ def set_features(
 def _set_pixel_format(features: VimbaFeatures, asked: str | None) -> None:
     offered = features.entries("PixelFormat")
     if asked is None:
-        known = [pixel_format for pixel_format in PIXEL_FORMATS if pixel_format in offered]
-        if features.get("PixelFormat") in known:
+        alike = [pixel_format for pixel_format in PIXEL_FORMATS if pixel_format in offered]
+        if features.get("PixelFormat") in alike:
             return
-        alike = known[:1]
     else:
         # GigE cameras say BGR8Packed where others say BGR8.
         spelt = asked, asked.removesuffix("Packed"), f"{asked}Packed"
@@ -142,27 +135,28 @@ def _set_pixel_format(features: VimbaFeatures, asked: str | None) -> None:
 def _set_network(features: VimbaFeatures, options: SourceConfig, share: float) -> None:
     if options.packet_size is not None:
         features.demand("packet size", options.packet_size, *_PACKET_SIZE)
-    elif features.first("GVSPAdjustPacketSize"):
-        features.run("GVSPAdjustPacketSize", _ADJUST_S)
+    elif adjust := features.first("GVSPAdjustPacketSize"):
+        camera = features.camera
+        camera.run_feature_command(adjust)  # one that takes longer goes on meanwhile
+        features.wait_for(lambda: bool(camera.feature_command_is_done(adjust)), _ADJUST_S)
     # The default is a gigabit's: of other cameras than GigE ones only what was asked for is set.
     gige = features.first(*_PACKET_SIZE) is not None
     newer = [_LINK_LIMIT] if gige or options.bandwidth is not None else []
     name = features.first(_BYTES_S, *newer)
     if name is not None:
         features.offer("On", f"{_LINK_LIMIT}Mode")
-        features.demand(
-            "bandwidth", features.nearest(bandwidth_bytes_s(options) * share, name), name
-        )
+        bytes_s = features.nearest(bandwidth_bytes_s(options) * share, name)
+        features.demand("bandwidth", bytes_s, name)
 
 
 def _set_trigger(features: VimbaFeatures, options: SourceConfig) -> None:
-    if options.trigger is not None:
-        features.offer("FrameStart", "TriggerSelector")
-        features.demand("trigger", options.trigger, "TriggerSource")
-        features.demand("trigger", "On", "TriggerMode")
-    if options.camera_rate is None:
+    if options.trigger is None and options.camera_rate is None:
         return
     features.offer("FrameStart", "TriggerSelector")
+    if options.trigger is not None:
+        features.demand("trigger", options.trigger, "TriggerSource")
+        features.demand("trigger", "On", "TriggerMode")
+        return
     # GigE cameras keep a rate only where it is what triggers them; others where it is enabled.
     if "FixedRate" in features.entries("TriggerSource"):
         features.demand("frame rate", "FixedRate", "TriggerSource")

@@ -1,12 +1,13 @@
 """The Vimba API as a whole: pymba, which loads it, its start, the cameras that it finds."""
 
+from __future__ import annotations
+
 import ctypes
 import subprocess
 import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from types import ModuleType
 from typing import Any
 
 from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
@@ -21,13 +22,14 @@ WHAT_TO_SET = (
 _NO_VIMBA = ("_PATH environment set", "No libVimbaC.so found", "VimbaC.dll not found")
 
 
-def is_missing(reason: str) -> bool:
-    """Whether these words, raised by importing pymba, mean that there is no Vimba SDK."""
-    return any(words in reason for words in _NO_VIMBA)
+def _without_sdk(reason: str) -> str:
+    """What to install, if these words, raised by importing pymba, mean that there is no SDK."""
+    missing = any(words in reason for words in _NO_VIMBA)
+    return f"no Vimba library ({reason}): {WHAT_TO_SET}" if missing else ""
 
 
-def load_pymba() -> ModuleType:
-    """Import pymba.
+def load_pymba() -> VimbaSystem:
+    """The Vimba API by pymba.
 
     ToktError says what to install and set if it is not installed, or its library cannot be loaded.
     """
@@ -40,12 +42,11 @@ def load_pymba() -> ModuleType:
     # an ImportError); ValueError is for a machine that pymba does not know.
     except (AssertionError, AttributeError, OSError, ValueError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        message = f"cannot load the Vimba library: {reason}"
-        if is_missing(reason):
-            message = f"finds no Vimba library ({reason}): {WHAT_TO_SET}"
+        words = _without_sdk(reason)
+        message = f"finds {words}" if words else f"cannot load the Vimba library: {reason}"
         raise ToktError(f"pymba {installed} {message}") from error
-    module: ModuleType = pymba
-    return module
+    # AttributeError is its way to say that the camera has no such feature.
+    return VimbaSystem(pymba.vimba_c, (pymba.VimbaException, AttributeError))
 
 
 _IN_USE = (-6, -27)  # VmbErrorInvalidAccess, VmbErrorInUse; they have other names in pymba
@@ -203,20 +204,16 @@ class PymbaCamera:
         return frame.buffer, frame.imageSize, frame.bufferSize
 
 
-NAME = "camera driver"
-_TIMEOUT_S = 20.0
 _PROGRAM = "import pymba; print('VimbaC', pymba.Vimba.version())"
 
 
-def camera_driver_finding(timeout_s: float = _TIMEOUT_S) -> Finding:
+def camera_driver_finding(timeout_s: float = 20.0) -> Finding:
     """Whether pymba is there and loads its library in so many seconds."""
-    return library_finding(NAME, "pymba", NO_PYMBA, _PROGRAM, _without_sdk, timeout_s)
 
+    def missing(reason: str) -> str:  # without the exception's name
+        return _without_sdk(" ".join((reason.partition(": ")[2] or reason).split()))
 
-def _without_sdk(reason: str) -> str:
-    # Without the exception's name.
-    message = " ".join((reason.partition(": ")[2] or reason).split())
-    return f"no Vimba library ({message}): {WHAT_TO_SET}" if is_missing(reason) else ""
+    return library_finding("camera driver", "pymba", NO_PYMBA, _PROGRAM, missing, timeout_s)
 
 
 def library_finding(
@@ -229,9 +226,9 @@ def library_finding(
 ) -> Finding:
     """Whether a package is there and loads its vendor's library, by a program that prints its name.
 
-    It is tried in another process: the library is loaded on import, and one
-    that crashes, hangs or prints shall not take this process with it. `missing` says of the reason
-    for which the program failed what is to be installed; nothing where that is not it.
+    In another process: the library is loaded on import, and one that crashes, hangs or prints shall
+    not take this one with it. `missing` says of the reason for which the program failed what is to
+    be installed; nothing where that is not it.
     """
     if (installed := installed_version(package)) is None:
         return Finding(name, NOTE, no_package)

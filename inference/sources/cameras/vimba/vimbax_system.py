@@ -63,11 +63,11 @@ _PROGRAM = (
 
 def vimbax_finding(timeout_s: float = 20.0) -> Finding:
     """Whether vmbpy is there, loads its library and finds a transport layer in so many seconds."""
-    return library_finding("Vimba X", "vmbpy", NO_VMBPY, _PROGRAM, _without_layer, timeout_s)
 
+    def missing(reason: str) -> str:
+        return NO_TRANSPORT if "NoTL" in reason or "No TL" in reason else ""
 
-def _without_layer(reason: str) -> str:
-    return NO_TRANSPORT if "NoTL" in reason or "No TL" in reason else ""
+    return library_finding("Vimba X", "vmbpy", NO_VMBPY, _PROGRAM, missing, timeout_s)
 
 
 class VimbaXCamera:

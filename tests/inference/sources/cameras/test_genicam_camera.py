@@ -20,10 +20,8 @@ from tokt.inference.config import SourceConfig
 from tokt.inference.reason import NO_FAULT, Reason
 from tokt.inference.sources.cameras.genicam import producers as genicam_producers
 from tokt.inference.sources.cameras.genicam.camera import (
-    CameraGoneError,
     FetchedFrame,
     GenicamCamera,
-    NoPictureError,
     opened_camera,
     pixels_of,
 )
@@ -82,7 +80,7 @@ def test_what_is_listed_and_who_is_meant(producers):
     listing = producers.listing
     assert listing.camera("VikyTL_DEV_green") is listing.cameras[1]
     assert listing.camera("2") is listing.cameras[2]  # serial number and index
-    assert listing == Listing.from_json(listing.to_json())
+    assert listing == Listing.from_json(asdict(listing))
     refuses(r"no GenICam camera 'x': found 0: VikyTL_DEV_red .*serial", listing.camera, "x")
     # What a camera's process is told: a name, and where the camera was if that is known.
     assert _chosen(listing, {"name": "VikyTL_DEV_green", "place": None}) is listing.cameras[1]
@@ -142,8 +140,8 @@ def test_pixels_that_tokt_does_not_read(producers):
     acquirer.remote_device.node_map.PixelFormat.value = "RGBa8"
     acquirer.start()
     buffer = acquirer.try_fetch(timeout=MAX_S, is_raw=True)
-    with pytest.raises(NoPictureError, match="sends RGBa8 pixels"):
-        pixels_of(buffer, lambda number: "RGBa8" if number == 0x02200016 else "?")
+    found, fault = pixels_of(buffer, lambda number: "RGBa8" if number == 0x02200016 else "?")
+    assert found is None and "sends RGBa8 pixels" in fault
     buffer.parent.queue_buffer(buffer)
 
 
@@ -184,7 +182,7 @@ def test_what_came_while_nobody_read_is_given_back(producers):
 
 def test_a_camera_that_is_pulled_out_can_be_opened_again(producers):
     """Its handles are closed under harvesters, as a producer does when its device is gone."""
-    with red(producers) as camera, pytest.raises(CameraGoneError, match="handle"):
+    with red(producers) as camera, pytest.raises(camera.gone, match="handle"):
         taken(camera, 1)
         producers.harvester.image_acquirers[0].device.module.close()
         taken(camera, 1)

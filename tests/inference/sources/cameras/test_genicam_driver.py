@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from tokt.inference.sources.cameras import process_driver
 from tokt.inference.sources.cameras.capture import LEFT, Capture, Deliver
 from tokt.inference.sources.cameras.genicam import driver as genicam_driver
 from tokt.inference.sources.cameras.genicam import producers as genicam_producers
-from tokt.inference.sources.cameras.genicam.driver import GenicamDriver, open_drivers
+from tokt.inference.sources.cameras.genicam.driver import open_drivers
 from tokt.inference.sources.cameras.genicam.producers import (
     ListedCamera,
     Listing,
@@ -34,6 +34,7 @@ from tokt.inference.sources.cameras.genicam.producers import (
 )
 from tokt.inference.sources.cameras.live_source import CameraSource
 from tokt.inference.sources.cameras.messages import read_message, write_message
+from tokt.inference.sources.cameras.process_driver import ProcessDriver
 
 genicam = pytest.importorskip("genicam")
 pytest.importorskip("harvesters")
@@ -52,11 +53,12 @@ def viky(monkeypatch):
 @pytest.fixture
 def open_camera():
     """A driver that is stopped at the end, whatever happens."""
-    drivers: list[GenicamDriver] = []
+    drivers: list[ProcessDriver] = []
 
-    def make(name: str = "0", **more: Any) -> GenicamDriver:
-        options = SourceConfig(camera_rate=100)
-        drivers.append(GenicamDriver(LEFT, name, None, options, 1.0, SYSTEM_CLOCK, **more))
+    def make(name: str = "0") -> ProcessDriver:
+        order = {"name": name, "place": None, "share": 1.0}
+        order["options"] = asdict(SourceConfig(camera_rate=100))
+        drivers.append(ProcessDriver("cameras.genicam", LEFT, name, order, SYSTEM_CLOCK))
         return drivers[-1]
 
     yield make
@@ -87,7 +89,7 @@ def instead(monkeypatch):
 class Stamped:
     """A driver whose captures bear their arrival as their time: viky has no clock."""
 
-    def __init__(self, driver: GenicamDriver) -> None:
+    def __init__(self, driver: ProcessDriver) -> None:
         self.driver = driver
 
     def __getattr__(self, name: str) -> Any:
@@ -222,7 +224,8 @@ def test_producers_that_crash_or_hang(instead):
 def test_cameras_that_do_not_open(program, words, open_camera, instead, monkeypatch):
     monkeypatch.setattr(process_driver, "_CLOSE_S", 0.1)
     instead(program)
-    driver = open_camera(open_s=0.3 if "sleep" in program else MAX_S)
+    monkeypatch.setattr(process_driver, "_OPEN_S", 0.3 if "sleep" in program else MAX_S)
+    driver = open_camera()
     refuses(words, driver.start, lambda capture: None)
     assert driver._process is None
 
@@ -276,7 +279,7 @@ def test_a_process_without_a_runtime_ends_though_it_hangs():
     command = [sys.executable, "-P", "-c", program]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as hung:
         write_message(hung.stdin, order)
-        assert read_message(hung.stdout).header["kind"] == "ready"
+        assert read_message(hung.stdout)[0]["kind"] == "ready"
         assert hung.wait(MAX_S) == -signal.SIGALRM
 
 

@@ -168,9 +168,10 @@ def test_a_clock_that_is_set_by_ptp(enable, status, on, request):
     assert features.clock_is_shared()
 
 
-def test_a_clock_that_is_not_set():
+def test_a_clock_that_is_not_set(monkeypatch):
+    monkeypatch.setattr("tokt.inference.sources.cameras.genicam.features._PTP_S", 0.0)
     nodes, _ = camera(switch("PtpEnable"), choice("PtpStatus", "Listening", "Slave"))
-    features = GenicamFeatures(nodes, "cam", ptp_s=0.0)
+    features = GenicamFeatures(nodes, "cam")
     assert not features.clock_is_shared()
     words = "camera cam: no clock by PTP in 0 s"
     refuses(words, features.set_up, SourceConfig(ptp=True), 1.0, "GEV")

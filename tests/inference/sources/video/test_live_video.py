@@ -14,8 +14,8 @@ from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import SourceConfig
 from tokt.inference.outputs.udp import decode
 from tokt.inference.reason import Reason
+from tokt.inference.sources.cameras.process_driver import ProcessDriver
 from tokt.inference.sources.open import open_camera_source
-from tokt.inference.sources.video.driver import VideoDriver
 
 from . import senders
 from .pictures import number_of
@@ -151,7 +151,7 @@ def test_a_password(auth, tmp_path, monkeypatch):
     with senders.rtsp(tmp_path, FILM, "pilot", "secret", auth) as server:
         with watched(server.url.replace("pilot:secret@", "")) as seen:
             until(lambda: len(seen.shown()) > 5)
-        assert isinstance(seen.source.drivers[0], VideoDriver)
+        assert isinstance(seen.source.drivers[0], ProcessDriver)
         wrong = SourceConfig(source=server.url.replace("secret", "wrong"))
         refuses("401.*user and a password", open_camera_source, wrong, SYSTEM_CLOCK, print)
 
