@@ -10,7 +10,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import closing
-from importlib.util import find_spec
 
 from tokt.features.common.address import parse_address, resolve
 from tokt.features.common.errors import ToktError, os_words
@@ -215,6 +214,9 @@ def open_link(text: str) -> Link:
     device, baud = match[1], int(match[2] or 115_200)
     if not 300 <= baud <= 12_000_000:
         raise ToktError(f"a serial port has 300 to 12000000 baud, not {baud}")
-    if find_spec("serial") is None:  # the thread that opens it could not say so
-        raise ToktError("a serial port needs the extra 'mavlink': pip install 'tokt[mavlink]'")
+    try:
+        import serial  # noqa: F401 - opened by a thread that could not say so
+    except ImportError:
+        wanted = "a serial port needs the extra 'mavlink': pip install 'tokt[mavlink]'"
+        raise ToktError(wanted) from None
     return StreamLink(lambda: _SerialChannel(device, baud))

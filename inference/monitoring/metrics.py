@@ -158,14 +158,14 @@ class RunCollector:
         drift = self.drift
         if drift is None:
             return
-        state = drift.state
+        state, distances = drift.state, drift.distances
         yield _gauge("drift_known", "The model tells what it learnt from.", state.known)
         yield _gauge("drift_out", "Drift was told and is not over.", state.out)
         if state.distance is not None and state.limit is not None:
             words = "Of the feature that is furthest out, from training."
             yield _gauge("drift_distance", words, state.distance)
             yield _gauge("drift_limit", "Distance at which it is out of range.", state.limit)
-        yield _gauge("drift_feature_distance", "By feature.", drift.distances, "feature")
+        yield _gauge("drift_feature_distance", "By feature.", distances, "feature")
 
 
 def _counter(name: str, words: str, values: Values, *labels: str, gauge: bool = False) -> Metric:

@@ -242,6 +242,7 @@ class Recorder(Observer):
         with os_errors_as(f"cannot record into {self.folder}"):
             self.folder.mkdir(parents=True, exist_ok=True)
             self._opened.enter_context(locked(self.folder / _LOCK, _LOCK_WAIT_S))
+        budget.count()  # now that nobody else writes
         recording = RecordingFolder(self.folder / self.run, self.run)
         self.writer = RecordingWriter(recording, self.run, budget, self.clock)
 

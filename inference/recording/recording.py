@@ -49,7 +49,7 @@ class DiskBudget:
             raise ToktError(f"{most_mb:g} MB with {reserve_mb:g} MB to spare is no limit")
         self._folder = folder
         self.most_bytes, self._reserve_bytes = 1e6 * most_mb, 1e6 * reserve_mb
-        self.count()
+        self.used_bytes = 0  # once it was counted
 
     def count(self) -> None:
         """Look at the disk: somebody may have taken something away."""

@@ -311,6 +311,10 @@ def test_a_baud_rate_that_the_port_does_not_have(monkeypatch):
         until(lambda: link.last_error == "no such rate")
 
 
-def test_without_pyserial_the_extra_is_named(monkeypatch):
+def test_without_pyserial_the_extra_is_named(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "serial", None)
+    refuses("mavlink", open_link, "COM3")
+    (tmp_path / "serial.py").write_text("import a_part_that_is_missing\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "serial")
     refuses("mavlink", open_link, "COM3")

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from tokt.features.frames.mission import RIGHT, open_mission
 from tokt.inference.frame import Frame, pixel_mark
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.reason import Fault, Reason
+from tokt.inference.recording import recorder as recorder_module
 from tokt.inference.recording.clip_trigger import REST_S
 from tokt.inference.recording.recorder import BEHIND, NO_ROOM, REPEATED, RESERVE, Recorder
 from tokt.inference.recording.recording import (
@@ -351,6 +353,18 @@ def test_one_process_records_into_a_folder(sea, tmp_path, hand_clock):
     refuses("cannot record into", Recorder, tmp_path / "file", "run-1", hand_clock)
     for limits in ((0, 0), (1, -1), (float("nan"), 0)):
         refuses("is no limit", DiskBudget, tmp_path, *limits)
+
+
+def test_what_another_process_wrote_until_it_let_go_is_counted(sea, tmp_path, monkeypatch):
+    @contextmanager
+    def locked(file, wait_s):
+        (tmp_path / "rec" / "late.bin").write_bytes(bytes(8_000_000))
+        yield
+
+    monkeypatch.setattr(recorder_module, "locked", locked)
+    later = sea()
+    later.recorder.close()
+    assert later.recorder.writer._budget.used_bytes >= 8_000_000
 
 
 def test_what_is_no_recording_is_told(tmp_path):
