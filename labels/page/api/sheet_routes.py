@@ -1,6 +1,7 @@
 """Sheets of patches: those of one label, odd ones first; agreement and conflicts; label audits."""
 
 import math
+from dataclasses import asdict
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
@@ -74,7 +75,7 @@ def get_agreement(session: SessionOf, blind: Blind, a: Who, b: Who) -> Response:
         {
             "a": a,
             "b": b,
-            **found.to_json(),
+            **asdict(found),
             "blind": {"a": board.blind_count(a), "b": board.blind_count(b)},
             "conflicts": [different._asdict() for different in board.differences(a, b)],
         }
