@@ -121,7 +121,7 @@ def get_audit(
 
 def _doubts(session: Session, who: str, audit: Audit, doubts: list[Doubt]) -> list[dict[str, Any]]:
     board = session.board
-    frames = {(doubt.patch.camera, doubt.patch.frame) for doubt in doubts}
+    frames = {(patch.camera, patch.frame) for _, patch in doubts}
     mine = {frame: board.labels(who, *frame) for frame in frames}
     settled = {frame: board.settled(*frame) for frame in frames}
     return [
