@@ -2,8 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 from tokt.features.common.errors import ToktError
 
@@ -75,10 +74,6 @@ class Agreement:
     confusion: list[list[int]]
     per_class: dict[str, ClassAgreement]
     obstacle: ClassAgreement | None
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain JSON form."""
-        return asdict(self)
 
 
 def agreement(
@@ -155,7 +150,6 @@ def agreement_of_counts(
 
 def _by_cell(records: Iterable[LabelRecord]) -> dict[Cell, str]:
     found: dict[Cell, LabelRecord] = {}
-    labels: dict[Cell, str] = {}
     for record in records:
         if record.source != HUMAN or record.label is None:
             continue
@@ -165,8 +159,7 @@ def _by_cell(records: Iterable[LabelRecord]) -> dict[Cell, str]:
                 f"{record.cell} is labelled by {first.annotator} and by {record.annotator};"
                 " compare one annotator at a time"
             )
-        labels[record.cell] = record.label
-    return labels
+    return {cell: str(record.label) for cell, record in found.items()}
 
 
 def _kappa(pairs: Counter[tuple[str, str]]) -> float | None:

@@ -8,7 +8,7 @@ from tokt.features.frames.grid import Grid
 
 from .formats import CSV
 from .formats.formats import FORMATS
-from .formats.options import ExportResult, Notes, WriteOptions, count
+from .formats.options import ExportResult, WriteOptions, count
 from .record import HUMAN, LabelRecord, NoLabelsError
 from .store.store import LabelStore
 
@@ -35,7 +35,12 @@ def export_labels(
     """
     settled = options.full or chosen != CSV
     records, lost = _in_force(store, wanted, settled=settled)
-    notes = _notes(store, records, wanted)
+    notes = {
+        (place, who): text
+        for mission in {record.mission for record in records}
+        for (place, who), text in store.notes(mission).items()
+        if wanted.annotator in (None, who) and wanted.camera in (None, place[1])
+    }
     in_file = {(one.cell, one.annotator) for one in records if one.source == HUMAN}
     left = len(notes.keys() - in_file) if options.full and chosen == CSV else len(notes)
     if left:
@@ -73,14 +78,3 @@ def _in_force(
     if earlier:
         lost.append(f"{count(earlier, 'earlier label')} left out: files hold those in force")
     return records, lost
-
-
-def _notes(store: LabelStore, records: list[LabelRecord], wanted: Wanted) -> Notes:
-    """Notes of the missions of these records, as narrowly chosen as they are."""
-    missions = sorted({record.mission for record in records})
-    found = [one for mission in missions for one in store.notes(mission).items()]
-    return {
-        (place, who): text
-        for (place, who), text in found
-        if wanted.annotator in (None, who) and wanted.camera in (None, place[1])
-    }

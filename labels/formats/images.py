@@ -1,7 +1,8 @@
 """A mission's frames as label files name them: by image file, and in pixels."""
 
 import re
-from pathlib import Path, PurePosixPath
+from bisect import bisect_left
+from pathlib import PurePosixPath
 from typing import NamedTuple
 from urllib.parse import unquote
 
@@ -36,11 +37,6 @@ class MissionImages:
         self._names = _file_names(mission)
         self._sizes: dict[FrameKey, Size] = {}
         self._frames = {camera: mission.frames(camera) for camera in mission.cameras}
-        self._positions = {
-            FrameKey(camera, frame): n
-            for camera, frames in self._frames.items()
-            for n, frame in enumerate(frames)
-        }
         self._by_name = _lookup(self._names)
 
     @property
@@ -59,12 +55,10 @@ class MissionImages:
         """The frame that a file of another tool calls `text`: a path, a URL or a bare name."""
         path = unquote(text.rpartition("?d=")[2]).replace("\\", "/").lower()
         parts = PurePosixPath(path).parts[-2:]
-        name = parts[-1] if parts else ""
-        bare = _UPLOADED.sub("", name, count=1)
-        for form in ("/".join(parts), name, _stem(name), bare, _stem(bare)):
-            if form in self._by_name:
-                return self._by_name[form]
-        return None
+        name = PurePosixPath(parts[-1] if parts else "")
+        bare = PurePosixPath(_UPLOADED.sub("", name.name, count=1))
+        forms = ("/".join(parts), name.name, name.stem, bare.name, bare.stem)
+        return next((self._by_name[form] for form in forms if form in self._by_name), None)
 
     def at(self, camera: str, position: int) -> FrameKey | None:
         """The frame at a position of the camera's sequence, counted from 0."""
@@ -73,7 +67,7 @@ class MissionImages:
 
     def position(self, key: FrameKey) -> int:
         """The opposite of `at`."""
-        return self._positions[key]
+        return bisect_left(self._frames[key.camera], key.frame)
 
     def pixels(self, key: FrameKey) -> U8:
         """The frame as the camera gave it; raises FrameError."""
@@ -90,10 +84,8 @@ def _file_names(mission: Mission) -> dict[FrameKey, str]:
     keys = [FrameKey(camera, n) for camera in mission.cameras for n in mission.frames(camera)]
     if not isinstance(mission, FolderMission):
         return {key: f"{mission.name}_{key.frame:06d}.png" for key in keys}
-    return {
-        key: mission.file(key.frame, key.camera).relative_to(mission.path).as_posix()
-        for key in keys
-    }
+    files = {key: mission.file(key.frame, key.camera) for key in keys}
+    return {key: file.relative_to(mission.path).as_posix() for key, file in files.items()}
 
 
 def _lookup(names: dict[FrameKey, str]) -> dict[str, FrameKey]:
@@ -104,7 +96,3 @@ def _lookup(names: dict[FrameKey, str]) -> dict[str, FrameKey]:
         for form in {str(path), path.name, path.stem, f"{key.camera}/{path.name}"}:
             forms.setdefault(form, set()).add(key)
     return {form: next(iter(keys)) for form, keys in forms.items() if len(keys) == 1}
-
-
-def _stem(name: str) -> str:
-    return Path(name).stem

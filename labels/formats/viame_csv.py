@@ -31,16 +31,9 @@ from .text_file import Rows, finite, naming, save_table, whole
 TITLE = "VIAME CSV"
 
 _HEADER = (
-    "# 1: Detection or Track-id",
-    "2: Video or Image Identifier",
-    "3: Unique Frame Identifier",
-    "4-7: Img-bbox(TL_x",
-    "TL_y",
-    "BR_x",
-    "BR_y)",
-    "8: Detection or Length Confidence",
-    "9: Target Length (0 or -1 if invalid)",
-    "10-11+: Repeated Species",
+    *("# 1: Detection or Track-id", "2: Video or Image Identifier", "3: Unique Frame Identifier"),
+    *("4-7: Img-bbox(TL_x", "TL_y", "BR_x", "BR_y)", "8: Detection or Length Confidence"),
+    *("9: Target Length (0 or -1 if invalid)", "10-11+: Repeated Species"),
     "Confidence Pairs or Attributes",
 )
 _FIXED = 9  # columns before the classes

@@ -232,11 +232,8 @@ class _Tops(NamedTuple):
     redo: int | None
 
 
-class _Step(NamedTuple):
-    """One change on its way in: what shall hold, and what should hold before."""
-
-    record: LabelRecord
-    expected: str | None
+_Step = tuple[LabelRecord, str | None]
+"""One change on its way in: what shall hold, and what should hold before."""
 
 
 class ActionLog:
@@ -259,7 +256,7 @@ class ActionLog:
             return _applied(action.key, *known, repeated=True)
         number = self._next()
         bases = (change.base for change in action.changes)
-        steps = [_Step(*step) for step in zip(action.records(), bases, strict=True)]
+        steps = zip(action.records(), bases, strict=True)
         result = self._write(number, steps, action.kind)
         tops = self._tops(history)
         below = None
@@ -333,8 +330,7 @@ class ActionLog:
     ) -> None:
         row = (number, key, *_texts(history), kind, time, source, blind)
         links = (reverses.id, reverses.first) if reverses else (None, number)
-        links = (*links, below, *tops)
-        self._connection.execute(_ADD_ACTION, (*row, *links, json.dumps(result)))
+        self._connection.execute(_ADD_ACTION, (*row, *links, below, *tops, json.dumps(result)))
 
     def _write(self, action: int, steps: Iterable[_Step], kind: str) -> dict[str, Any]:
         changed = 0
@@ -368,14 +364,13 @@ class ActionLog:
     def _inverse(self, node: _Node, history: UndoHistory, time: str) -> list[_Step]:
         """Back to what held before each event of an action, where its label still holds."""
         steps = []
-        for event, camera, frame, row, col, label in self._connection.execute(
-            _EVENTS, (node.id,)
-        ).fetchall():
+        events = self._connection.execute(_EVENTS, (node.id,)).fetchall()
+        for event, camera, frame, row, col, label in events:
             place = (history.mission, camera, frame, history.grid, row, col)
             said = LabelRecord(*place, label, history.annotator, time, node.source)
             held, version, blind = self._in_force({**vars(said), "grid": str(said.grid)}, event)
             before = replace(said, label=held, model_version=version, blind=blind)
-            steps.append(_Step(before, label))
+            steps.append((before, label))
         return steps
 
     def _tops(self, history: UndoHistory) -> _Tops:

@@ -70,8 +70,6 @@ _AFTER = """SELECT id, camera, frame, row, col, label, annotator, source,
     model_version, blind FROM events NOT INDEXED
     WHERE id > ? AND mission = ? AND grid = ? AND source <> 'model' ORDER BY id LIMIT ?"""
 
-_IS_SEEN = """SELECT 1 FROM seen
-    WHERE mission = ? AND camera = ? AND frame = ? AND annotator = ?"""
 _MARK_SEEN = """INSERT OR IGNORE INTO seen (mission, camera, frame, annotator, time)
     VALUES (?, ?, ?, ?, ?)"""
 
@@ -315,9 +313,13 @@ class LabelStore:
         wanted["grid"] = None if grid is None else str(grid)
         given = {name: value for name, value in wanted.items() if value is not None}
         where = "".join(f" AND {name} = :{name}" for name in given)
-        return self._records(
-            f"SELECT {COLUMNS} FROM {table}{where} ORDER BY {CELL}, source, annotator", given
-        )
+        sql = f"SELECT {COLUMNS} FROM {table}{where} ORDER BY {CELL}, source, annotator"
+        rows = self._rows(sql, given)
+        grids = {text: Grid.parse(text) for text in {row[3] for row in rows}}
+        return [
+            LabelRecord(mission, camera, frame, grids[grid], row, col, *(*said, bool(blind)))
+            for mission, camera, frame, grid, row, col, *said, blind in rows
+        ]
 
     current = partialmethod(_in_force, "said_last WHERE label IS NOT NULL")
     """The human labels in force. What was taken back and what models suggested is not among them.
@@ -430,10 +432,8 @@ class LabelStore:
 
     def mark_seen(self, mission: str, camera: str, frame: int, annotator: str, time: str) -> None:
         """Keep that this annotator opened a frame; the first time counts."""
-        row = (mission, camera, frame, annotator)
-        if not self._rows(_IS_SEEN, row):
-            with self._transaction():
-                self._connection.execute(_MARK_SEEN, (*row, time))
+        with self._transaction():
+            self._connection.execute(_MARK_SEEN, (mission, camera, frame, annotator, time))
 
     def seen(self, mission: str, annotator: str) -> set[tuple[str, int]]:
         """Frames (camera and number) that this annotator opened."""
@@ -478,11 +478,6 @@ class LabelStore:
     def settings(self, mission: str) -> dict[str, str]:
         """The settings of a mission by name."""
         return dict(self._rows(_SETTINGS, (mission,)))
-
-    def history(self, cell: Cell) -> list[LabelRecord]:
-        """Everything ever said of one patch, by people and models, in the order it was said."""
-        sql = f"SELECT {COLUMNS} FROM events WHERE {AT} ORDER BY id"
-        return self._records(sql, {**cell._asdict(), "grid": str(cell.grid)})
 
     def statements(self, cell: Cell) -> list[StatementRow]:
         """What people said of one patch and how, in order."""
@@ -572,14 +567,6 @@ class LabelStore:
     def _column(self, sql: str, values: Sequence[Any] = ()) -> list[str]:
         return [row[0] for row in self._rows(sql, values)]
 
-    def _records(self, sql: str, values: dict[str, Any]) -> list[LabelRecord]:
-        rows = self._rows(sql, values)
-        grids = {text: Grid.parse(text) for text in {row[3] for row in rows}}
-        return [
-            LabelRecord(mission, camera, frame, grids[grid], row, col, *(*said, bool(blind)))
-            for mission, camera, frame, grid, row, col, *said, blind in rows
-        ]
-
     @contextmanager
     def _transaction(self) -> Iterator[None]:
         with self._user_errors():
@@ -602,23 +589,21 @@ class LabelStore:
         SQLite would wait for it with the lock held.
         """
         deadline = time.monotonic() + BUSY_S
-        while not self._has_begun(give_up=time.monotonic() > deadline):
+        while True:
+            with self._lock:
+                self._connection.execute("PRAGMA busy_timeout = 0")
+                try:
+                    self._connection.execute("BEGIN IMMEDIATE")
+                except sqlite3.OperationalError as error:
+                    busy = error.sqlite_errorcode & _PRIMARY == sqlite3.SQLITE_BUSY
+                    if not busy or time.monotonic() > deadline:
+                        raise
+                finally:
+                    self._connection.execute(f"PRAGMA busy_timeout = {BUSY_S * 1000:.0f}")
+                if self._connection.in_transaction:
+                    self._lock.acquire()  # once more: held until the transaction ends
+                    return
             time.sleep(_RETRY_S)
-
-    def _has_begun(self, *, give_up: bool) -> bool:
-        """Take the lock and begin to write, or take nothing while another process writes."""
-        with self._lock:
-            self._connection.execute("PRAGMA busy_timeout = 0")
-            try:
-                self._connection.execute("BEGIN IMMEDIATE")
-            except sqlite3.OperationalError as error:
-                if give_up or error.sqlite_errorcode & _PRIMARY != sqlite3.SQLITE_BUSY:
-                    raise
-                return False
-            finally:
-                self._connection.execute(f"PRAGMA busy_timeout = {BUSY_S * 1000:.0f}")
-            self._lock.acquire()  # once more: held until the transaction ends
-            return True
 
     @contextmanager
     def _user_errors(self) -> Iterator[None]:

@@ -1,4 +1,4 @@
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -76,7 +76,7 @@ def test_a_class_that_left_the_taxonomy():
     found = agreement(first, kelp, TAXONOMY)
     assert found.labels == ["ocean", "reef", "kelp", "unsure"] and found.unknown == ["kelp"]
     assert found.confusion == [[1, 0, 1, 0], [0, 0, 2, 0], [0, 0, 0, 0], [0, 0, 0, 1]]
-    assert found.obstacle is None and found.to_json()["obstacle"] is None
+    assert found.obstacle is None and asdict(found)["obstacle"] is None
     # po 1/4; pe (2*1)/16, ocean being all that both have
     assert found.kappa == pytest.approx((1 / 4 - 1 / 8) / (1 - 1 / 8))
     assert found.per_class["kelp"].n_b == 3

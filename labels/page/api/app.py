@@ -85,7 +85,7 @@ async def watch(session: Session) -> None:
         status = session.status()
         if status != told:
             told = status
-            session.live.publish_status()
+            session.live.publish()
 
 
 class _StoreWatch:

@@ -7,7 +7,7 @@ without them. ``POST /api/job/cancel``.
 """
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
 from fastapi import APIRouter
 from starlette.responses import Response
@@ -38,7 +38,7 @@ class JobBody(CancelBody):
 def get_job(session: SessionOf, blind: Blind) -> Response:
     """The job that is running, or the last one."""
     refuse_blind(blind)
-    return json_response({"job": _job(session)})
+    return _job(session)
 
 
 @router.post("/job")
@@ -67,7 +67,7 @@ def post_job(session: SessionOf, body: JobBody) -> Response:
     session.jobs.start(
         body.what, [(*step, "--workspace", str(workspace.resolve())) for step in steps], then
     )
-    return json_response({"job": _job(session)})
+    return _job(session)
 
 
 @router.post("/job/cancel")
@@ -75,9 +75,9 @@ def post_cancel(session: SessionOf, body: CancelBody) -> Response:
     """End the job that is running."""
     refuse_blind((body.who or session.annotator) in session.blind)
     session.jobs.cancel()
-    return json_response({"job": _job(session)})
+    return _job(session)
 
 
-def _job(session: Session) -> dict[str, Any] | None:
+def _job(session: Session) -> Response:
     last = session.jobs.last
-    return None if last is None else {**last.to_json(), "lines": list(last.lines)}
+    return json_response({"job": last and {**last.to_json(), "lines": list(last.lines)}})

@@ -247,13 +247,8 @@ def _conflict(
     if body.who in session.blind:
         # Where a settlement is undone, what holds may be somebody else's word.
         theirs = session.board.labels(body.who, camera, frame)[cell]
-    return {
-        "camera": camera,
-        "frame": frame,
-        "cell": cell,
-        "theirs": theirs,
-        "yours": conflict.yours,
-    }
+    place = {"camera": camera, "frame": frame, "cell": cell}
+    return {**place, "theirs": theirs, "yours": conflict.yours}
 
 
 async def _stream(session: Session, who: str, since: int | None) -> AsyncIterator[str]:

@@ -40,11 +40,6 @@ def refuse(status: int, message: str) -> HTTPException:
     return HTTPException(status, message)
 
 
-def _is_store_fault(error: ToktError) -> bool:
-    """Whether the label store could not be read or written, rather than asked something wrong."""
-    return isinstance(error.__cause__, sqlite3.Error | OSError)
-
-
 def add_error_handlers(app: FastAPI) -> None:
     """Make every exception of `app` an error response."""
     app.add_exception_handler(HTTPException, _http)
@@ -67,7 +62,8 @@ async def _invalid(_request: Request, error: Exception) -> Response:
 
 async def _user_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, ToktError)
-    if _is_store_fault(error):
+    # The label store could not be read or written, rather than asked something wrong.
+    if isinstance(error.__cause__, sqlite3.Error | OSError):
         request.app.state.session.fault = str(error)  # all pages hear of it
         return error_response(NOT_SAVED, str(error))
     return error_response(UNREADABLE if isinstance(error, FrameError) else 409, str(error))

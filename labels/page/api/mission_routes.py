@@ -1,5 +1,6 @@
 """The mission: its classes, the state of every frame, and which frame to label next."""
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from itertools import count
@@ -155,9 +156,9 @@ def get_queue(
 ) -> Response:
     """The next `n` frames for a person who sees `frame` now; what the model does not know waits."""
     if session.suggester is None:
-        return _none("no model was given: start tokt label with --model")
+        return _queue(why_not="no model was given: start tokt label with --model")
     if blind:
-        return _none("not while labelling blind: the order would show what the model says")
+        return _queue(why_not="not while labelling blind: the order would show what the model says")
     done, total = session.suggester.progress
     labelled = session.board.labelled_frames(who or session.annotator)
     now = None if camera is None or frame is None else (camera, frame)
@@ -165,7 +166,7 @@ def get_queue(
         {**vars(entry), "score": round(entry.score, _SCORE_DECIMALS)}
         for entry in next_frames(session.suggester.known(), labelled, n, now)
     ]
-    return _queue(frames, "", done, total)
+    return _queue(frames, done, total)
 
 
 def _depth_bands(session: Session) -> list[tuple[int, int]]:
@@ -180,20 +181,11 @@ def _depth_bands(session: Session) -> list[tuple[int, int]]:
     return []
 
 
-def _none(why_not: str) -> Response:
-    return _queue([], why_not, 0, 0)
-
-
-def _queue(frames: list[dict[str, Any]], why_not: str, done: int, total: int) -> Response:
-    return json_response(
-        {
-            "ready": bool(total) and done == total,
-            "done": done,
-            "total": total,
-            "why_not": why_not,
-            "frames": frames,
-        }
-    )
+def _queue(
+    frames: Sequence[dict[str, Any]] = (), done: int = 0, total: int = 0, why_not: str = ""
+) -> Response:
+    found = {"done": done, "total": total, "why_not": why_not, "frames": frames}
+    return json_response({"ready": bool(total) and done == total, **found})
 
 
 def _by_camera(session: Session, found: list[FrameName]) -> dict[str, list[int]]:
@@ -221,10 +213,5 @@ def _classes(session: Session, who: str) -> list[dict[str, Any]]:
 
 
 def _no_class(name: str, key: str, description: str) -> dict[str, Any]:
-    return {
-        "name": name,
-        "obstacle": None,
-        "color": _NO_CLASS_COLOR,
-        "key": key,
-        "description": description,
-    }
+    said = {"name": name, "obstacle": None, "color": _NO_CLASS_COLOR, "key": key}
+    return {**said, "description": description}

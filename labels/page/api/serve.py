@@ -54,12 +54,10 @@ def listen(host: str, port: int, token: str | None) -> Address:
         raise ToktError(f"--no-token is for this computer alone, and --host {host} is not")
     listener = _listening(host, port)
     port = listener.getsockname()[1]
-    names = set(LOOPBACK_NAMES)
-    shown = _in_url(host)
+    shown = f"[{host}]" if ":" in host else host
     if host in _WILDCARDS:
         shown = socket.gethostname().lower()
-    names.add(shown.lower())
-    rules = AccessRules(port, frozenset(names), not loopback, token)
+    rules = AccessRules(port, LOOPBACK_NAMES | {shown.lower()}, not loopback, token)
     page = f"http://{shown}:{port}/"
     if token is None:
         return Address(listener, rules, page, page)
@@ -102,10 +100,6 @@ def _is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return host.lower() == "localhost"
-
-
-def _in_url(host: str) -> str:
-    return f"[{host}]" if ":" in host else host
 
 
 class _PageServer(uvicorn.Server):

@@ -1,6 +1,7 @@
 """Sheets of patches: those of one label, odd ones first; agreement and conflicts; label audits."""
 
 import math
+from dataclasses import asdict
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
@@ -74,7 +75,7 @@ def get_agreement(session: SessionOf, blind: Blind, a: Who, b: Who) -> Response:
         {
             "a": a,
             "b": b,
-            **found.to_json(),
+            **asdict(found),
             "blind": {"a": board.blind_count(a), "b": board.blind_count(b)},
             "conflicts": [different._asdict() for different in board.differences(a, b)],
         }
@@ -120,7 +121,7 @@ def get_audit(
 
 def _doubts(session: Session, who: str, audit: Audit, doubts: list[Doubt]) -> list[dict[str, Any]]:
     board = session.board
-    frames = {(doubt.patch.camera, doubt.patch.frame) for doubt in doubts}
+    frames = {(patch.camera, patch.frame) for _, patch in doubts}
     mine = {frame: board.labels(who, *frame) for frame in frames}
     settled = {frame: board.settled(*frame) for frame in frames}
     return [

@@ -10,7 +10,6 @@ import threading
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple
 
 from tokt.labels.formats.audit_csv import Audit, AuditedPatch, audit_files, read_audit
 from tokt.labels.record import SETTLED, Cell, utc_text
@@ -23,11 +22,8 @@ KNOWINGLY = frozenset({"paint", "row", "column", "relabel", "resolve", "settle",
 """Kinds of actions by which a person says something of the patches that they chose."""
 
 
-class Doubt(NamedTuple):
-    """A doubted label of the mission that is shown."""
-
-    cell: int
-    patch: AuditedPatch
+Doubt = tuple[int, AuditedPatch]
+"""A doubted label of the mission that is shown: its cell, and what the audit says of it."""
 
 
 class Audits:
@@ -72,7 +68,7 @@ class Audits:
         if audit.grid != board.grid:
             return []
         return [
-            Doubt(patch.row * board.grid.cols + patch.col, patch)
+            (patch.row * board.grid.cols + patch.col, patch)
             for patch in audit.patches
             if patch.mission == board.mission_name
             and board.has(patch.camera, patch.frame)

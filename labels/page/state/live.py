@@ -38,7 +38,7 @@ class Listener:
 
 
 class Broadcaster:
-    """All open streams. `publish` and `publish_status` may be called from any thread."""
+    """All open streams. `publish` may be called from any thread."""
 
     def __init__(self) -> None:
         self._listeners: set[Listener] = set()
@@ -55,8 +55,8 @@ class Broadcaster:
         for listener in self._listeners:
             listener.wake.set()
 
-    def publish(self, changed: LabelChanges | None) -> None:
-        """Send a change to every page; None as `publish_status`."""
+    def publish(self, changed: LabelChanges | None = None) -> None:
+        """Send a change to every page, or without one the server's own state as it is then."""
 
         def deliver() -> None:
             for listener in self._listeners:
@@ -64,10 +64,6 @@ class Broadcaster:
 
         if self._loop is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(deliver)
-
-    def publish_status(self) -> None:
-        """Send the server's own state, as it is then, to every page: never an older one later."""
-        self.publish(None)
 
     async def listen(self) -> AsyncIterator[tuple[LabelChanges | None, bool]]:
         """Yield what is to be told, or (None, False) every `ALIVE_S`, until the server ends."""

@@ -15,8 +15,7 @@ from tokt.features.frames.image_file import decode_image, is_shown_alike
 from tokt.features.frames.mission import Mission
 from tokt.labels.page.frames import encoded_frame, read_frame
 
-from .enhance import enhanced as enhanced
-from .enhance import enhanced_small, working_width
+from .enhance import enhanced, enhanced_small, working_width
 
 SPRITE_COLUMNS = 10
 JPEG_QUALITY = 88

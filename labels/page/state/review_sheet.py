@@ -92,6 +92,7 @@ class ReviewSheet:
     def __init__(self, mission: Mission, board: Board) -> None:
         self._board = board
         self._features = FrameFeatures(mission, board.grid)
+        self.background = self._features.background
         self._lock = threading.Lock()
         self._started = False
         self._version: tuple[str, int] | None = None
@@ -104,7 +105,7 @@ class ReviewSheet:
         with self._lock:
             if not self._started:
                 # Not before: it keeps a processor busy for as long as there are labelled frames.
-                self._features.background.start()
+                self.background.start()
                 self._started = True
             version = who, self._board.last_event(who)
             if version != self._version:
@@ -115,14 +116,6 @@ class ReviewSheet:
             if self._last is None or self._last[0] != label or not self._last[1].ready:
                 self._last = label, rank(self._features, self._cells, label)
             return self._last[1]
-
-    def give_way(self) -> None:
-        """Say that a request is being served."""
-        self._features.background.give_way()
-
-    def close(self) -> None:
-        """Stop."""
-        self._features.background.close()
 
 
 @dataclass(frozen=True)
@@ -149,15 +142,7 @@ def _values(
     looks = _Samples.of(known, own, places)
     rest = [_sample(known, other, MAX_TRAINED // len(others)) for other in others]
     rest = [part for part in rest if len(part.blocks)]
-    found = None
-    if rest:
-        found = _cross_validated(
-            looks,
-            _Samples(
-                np.concatenate([part.features for part in rest]),
-                np.concatenate([part.blocks for part in rest]),
-            ),
-        )
+    found = _cross_validated(looks, rest) if rest else None
     if found is None:
         why = f"patches in two blocks of {BLOCK} frames" if rest else "a second class"
         values[places] = -_distances(looks.features)
@@ -173,12 +158,10 @@ def _values(
 def _sample(known: FeatureSnapshot, located: PatchLocations, most: int) -> _Samples:
     """Some of the patches, drawn at random, the same ones each time."""
     places = np.flatnonzero(known.good[located.rows])
-    if len(places) > most:
-        places = np.random.default_rng(_SEED).choice(places, most, replace=False)
-    return _Samples.of(known, located, places)
+    return _Samples.of(known, located, _some(np.random.default_rng(_SEED), places, most))
 
 
-def _cross_validated(own: _Samples, rest: _Samples) -> tuple[F64, int] | None:
+def _cross_validated(own: _Samples, others: list[_Samples]) -> tuple[F64, int] | None:
     """Decision values of one class's patches by classifiers that did not see their blocks.
 
     None where a classifier would see one class only. Also returns the number of folds.
@@ -191,16 +174,17 @@ def _cross_validated(own: _Samples, rest: _Samples) -> tuple[F64, int] | None:
     except ModuleNotFoundError:
         raise ToktError("the review sheet needs scikit-learn: pip install tokt[label]") from None
     n = len(own.blocks)
-    blocks = np.concatenate([own.blocks, rest.blocks])
+    rest = np.concatenate([other.features for other in others])
+    blocks = np.concatenate([own.blocks, *(other.blocks for other in others)])
     is_own = np.arange(len(blocks)) < n
-    folds = min(_FOLDS, len(np.unique(blocks)), n, len(rest.blocks))
+    folds = min(_FOLDS, len(np.unique(blocks)), n, len(rest))
     if folds < 2:
         return None
-    random = np.random.default_rng(_SEED)
+    random, most = np.random.default_rng(_SEED), MAX_TRAINED // 2
     values = np.full(n, np.nan)
     for train, test in StratifiedGroupKFold(folds).split(blocks, is_own, blocks):
-        test, trained = test[test < n], _some(random, train[train < n])
-        against = _some(random, train[train >= n]) - n
+        test, trained = test[test < n], _some(random, train[train < n], most)
+        against = _some(random, train[train >= n], most) - n
         if not len(test):
             continue
         if not len(trained) or not len(against):
@@ -208,14 +192,13 @@ def _cross_validated(own: _Samples, rest: _Samples) -> tuple[F64, int] | None:
         classifier = make_pipeline(
             StandardScaler(), LinearSVC(dual=False, class_weight="balanced", random_state=_SEED)
         )
-        features = np.concatenate([own.features[trained], rest.features[against]])
+        features = np.concatenate([own.features[trained], rest[against]])
         classifier.fit(features.astype(np.float64), np.repeat([1, 0], [len(trained), len(against)]))
         values[test] = classifier.decision_function(own.features[test])
     return values, folds
 
 
-def _some(random: np.random.Generator, places: I64) -> I64:
-    most = MAX_TRAINED // 2
+def _some(random: np.random.Generator, places: I64, most: int) -> I64:
     return random.choice(places, most, replace=False) if len(places) > most else places
 
 

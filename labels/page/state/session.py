@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common.arrays import U8
-from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.common.errors import FrameError, ToktError, os_words
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import Mission
 from tokt.labels.formats.frame_metadata import FrameMetadata, mission_metadata
@@ -23,7 +23,6 @@ from tokt.labels.formats.images import FrameKey
 from tokt.labels.page.suggestions.suggester import Suggester
 from tokt.labels.page.suggestions.suggestion_table import mission_stamp
 from tokt.labels.record import LabelRecord, utc_now
-from tokt.labels.store.actions import ActionHead
 from tokt.labels.store.known_missions import note_mission
 from tokt.labels.store.store import FILE_NAME, LabelStore
 from tokt.labels.taxonomy import Taxonomy, load_taxonomy
@@ -112,15 +111,16 @@ class Session:
 
     def find_fault(self) -> str:
         """Try whether something could be saved; sets and returns `fault`."""
+        file = self.store.path
         try:
             self.store.check_writable()
-            free = shutil.disk_usage(self.store.path.parent).free
+            free = shutil.disk_usage(file.parent).free
+            little = f"label store {file}: the disk is almost full, {free / 1e6:.0f} MB are left"
+            self.fault = "" if free >= LITTLE_BYTES else little
         except ToktError as error:
             self.fault = str(error)
         except OSError as error:
-            self.fault = f"{self.store.path.parent}: {error.strerror or error}"
-        else:
-            self.fault = _little_space(self.store.path, free)
+            self.fault = f"{file.parent}: {os_words(error)}"
         return self.fault
 
     def status(self) -> dict[str, Any]:
@@ -140,7 +140,7 @@ class Session:
         """Put other classes in force, and tell all pages."""
         self.board.use_classes(taxonomy.names)
         self.taxonomy = taxonomy
-        self.live.publish_status()
+        self.live.publish()
 
     def use_model(self, bundle: Bundle) -> None:
         """Suggest what another model says, and tell all pages.
@@ -153,8 +153,8 @@ class Session:
         workspace = self.store.path.parent
         fresh = Suggester(bundle, self.mission, self.grid, workspace / CACHE)
         before, self.suggester = self.suggester, fresh
-        fresh.start()
-        self.live.publish_status()
+        fresh.background.start()
+        self.live.publish()
         if before is not None:
             before.close()
 
@@ -170,10 +170,9 @@ class Session:
         if self.suggester is None:
             return None
         bundle = self.suggester.bundle
-        classes = bundle.model.classes
         return {
             "label": bundle.label,
-            "classes": list(classes),
+            "classes": list(bundle.model.classes),
             "obstacle": list(bundle.model.obstacle),
             "learnt": _learnt(bundle),
             "right": _right_by_margin(bundle),
@@ -204,18 +203,18 @@ class Session:
 
     def _tell(self) -> None:
         self.refresh()
-        self.live.publish_status()
+        self.live.publish()
 
     def start(self) -> None:
         """Begin what is computed beside the page."""
         if self.suggester is not None:
-            self.suggester.start()
+            self.suggester.background.start()
 
     def give_way(self) -> None:
         """Let what is computed beside the page wait a moment: somebody asks something."""
         if self.suggester is not None:
-            self.suggester.give_way()
-        self.sheet.give_way()
+            self.suggester.background.give_way()
+        self.sheet.background.give_way()
 
     def shown(self, camera: str, frame: int) -> None:
         """Compute what is near this frame first: somebody looks at it."""
@@ -227,13 +226,13 @@ class Session:
         self.jobs.close()
         if self.suggester is not None:
             self.suggester.close()
-        self.sheet.close()
+        self.sheet.background.close()
         self.store.close()
 
     def undo_heads(self, who: str) -> dict[str, Any]:
         """What undo and redo would act on, as pages get it."""
-        undo, redo = self.store.history_top(who, self.mission.name, self.grid)
-        return {"undo": _head(undo), "redo": _head(redo)}
+        heads = self.store.history_top(who, self.mission.name, self.grid)
+        return dict(zip(("undo", "redo"), (head and vars(head) for head in heads), strict=True))
 
     def names(self, who: str) -> list[str]:
         """Labels that `who` may give: classes, ``unsure``, and what the store has beside them.
@@ -252,12 +251,6 @@ class Session:
             "counts": self.board.counts(who),
             "undo": self.undo_heads(who),
         }
-
-
-def _little_space(file: Path, free: int) -> str:
-    if free >= LITTLE_BYTES:
-        return ""
-    return f"label store {file}: the disk is almost full, {free / 1e6:.0f} MB are left"
 
 
 def _learnt(bundle: Bundle) -> dict[str, int]:
@@ -281,10 +274,6 @@ def _right_by_margin(bundle: Bundle) -> list[list[float | None]]:
                 end = None if high == math.inf else high
                 found.append([int(one["obstacle"] is True), low, end, min(99, int(100 * share))])
     return found if len(bundle.model.classes) == 2 else []
-
-
-def _head(head: ActionHead | None) -> dict[str, Any] | None:
-    return None if head is None else vars(head)
 
 
 def own_model_file(workspace: Path, mission: Mission) -> Path:

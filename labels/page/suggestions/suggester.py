@@ -31,7 +31,9 @@ _SAVE_EVERY_S = 60.0
 
 
 class Suggester:
-    """A model's suggestions, frame by frame. For any number of threads.
+    """A model's suggestions, frame by frame, `background` computing those near the one shown first.
+
+    For any number of threads.
 
     Parameters
     ----------
@@ -65,25 +67,17 @@ class Suggester:
         self._file = cache / f"suggestions-{place[:16]}.npz"
         self._key: str | None = None
         self._saved, self._saved_at = -1, 0.0
-        self._background = Background("tokt-suggestions", self._step)
+        self.background = Background("tokt-suggestions", self._step)
 
     @property
     def progress(self) -> tuple[int, int]:
         """How many frames are known, and of how many."""
         return self._table.done, len(self._table.names)
 
-    def start(self) -> None:
-        """Begin to compute all frames, those near the one shown first; once."""
-        self._background.start()
-
     def close(self) -> None:
         """Stop, and keep what is known."""
-        self._background.close()
+        self.background.close()
         self._save()
-
-    def give_way(self) -> None:
-        """Say that a request is being served; call it as often as there are requests."""
-        self._background.give_way()
 
     def prefer(self, camera: str, frame: int) -> None:
         """Say which frame is shown."""

@@ -114,13 +114,8 @@ class SuggestionTable:
     def known(self, several: bool) -> MissionSuggestions:
         """A copy of everything known, without faulty frames."""
         known = self._states == _JUDGED
-        return MissionSuggestions(
-            self.cameras[known],
-            self.frames[known],
-            self._values[known],
-            self._features[known],
-            several,
-        )
+        arrays = (self.cameras, self.frames, self._values, self._features)
+        return MissionSuggestions(*(array[known] for array in arrays), several)
 
     def to_bytes(self, key: str) -> bytes:
         """Everything judged, as a file that `load` reads with the same key.

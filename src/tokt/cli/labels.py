@@ -432,7 +432,7 @@ def show_agreement(
     classes = load_taxonomy(workspace, taxonomy)
     found = agreement(_said_by(a, workspace, classes), _said_by(b, workspace, classes), classes)
     file = taxonomy or workspace / TAXONOMY_FILE
-    value = {"a": a, "b": b, **found.to_json()}
+    value = {"a": a, "b": b, **asdict(found)}
     answer(json, value, lambda: _print_agreement(a, b, found, file))
 
 

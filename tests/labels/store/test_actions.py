@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.calls import refuses, run_python
+from tests.labels.store.said import history
 from tests.waiting import MAX_S
 from tokt.features.frames.grid import Grid
 from tokt.labels.record import SETTLED, LabelRecord
@@ -91,7 +92,7 @@ def test_undo_and_redo_bring_back_labels_and_their_models(store):
     assert store.current() == [_said("reef", model_version="lbp/2"), _said("reef", col=1)]
     assert _undo(store, "u2").changed == 2
     assert store.current() == [_said("sand", model_version="lbp/1")]
-    labels = [said.label for said in store.history(_said(None).cell)]
+    labels = [said.label for said in history(store, _said(None).cell)]
     assert labels == ["sand", "reef", "sand", "reef", "sand"]
 
 

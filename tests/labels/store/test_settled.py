@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from tests.calls import refuses
+from tests.labels.store.said import history
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import open_mission
 from tokt.labels.formats.label_csv import read_label_csv, write_label_csv
@@ -39,7 +40,7 @@ def test_a_settlement_stands_beside_the_opinions(store):
     assert store.current() == [_said("reef", "ann"), _said("ocean", "ben")]
     assert store.current_and_settled() == [*store.current(), _settled("reef", "carl")]
     assert store.annotators() == ["ann", "ben"]
-    sources = [record.source for record in store.history(_said(None, "ann").cell)]
+    sources = [record.source for record in history(store, _said(None, "ann").cell)]
     assert sources == ["human", "human", "settled"]
 
 

@@ -15,6 +15,7 @@ import pytest
 
 from tests.calls import refuses
 from tests.conftest import write_labels
+from tests.labels.store.said import history
 from tests.waiting import MAX_S
 from tokt.features.frames.grid import Grid
 from tokt.labels.record import LabelRecord, utc_now, utc_text
@@ -35,7 +36,7 @@ def test_last_word_of_each_annotator_is_in_force(store):
     assert store.add([_record("sand"), _record("ocean", col=1)]) == 2
     bobs = _record("reef", annotator="bob")
     assert store.current() == [_record("sand"), bobs, _record("ocean", col=1)]
-    assert [said.label for said in store.history(_record(None).cell)] == ["ocean", "reef", "sand"]
+    assert [said.label for said in history(store, _record(None).cell)] == ["ocean", "reef", "sand"]
 
 
 def test_a_clock_set_back_does_not_hide_the_last_word(store):
@@ -76,7 +77,7 @@ def test_label_taken_back_is_gone_from_the_view_but_not_from_history(store):
     store.add([_record("ocean")])
     assert store.add([_record(None), _record(None)]) == 1
     assert store.current() == []
-    assert [said.label for said in store.history(_record(None).cell)] == ["ocean", None]
+    assert [said.label for said in history(store, _record(None).cell)] == ["ocean", None]
     (stats,) = store.stats()
     assert (stats.frames, stats.patches, stats.events, stats.counts) == (0, 0, 2, {})
     assert store.add([_record("reef")]) == 1
@@ -96,7 +97,7 @@ def test_suggestions_never_count_nor_overwrite(store):
     confirmed = _record("sand", model_version="lbp/1")
     store.add([confirmed])
     assert store.current() == [confirmed]
-    assert len(store.history(confirmed.cell)) == 5
+    assert len(history(store, confirmed.cell)) == 5
 
 
 def test_filters(store):
@@ -291,7 +292,7 @@ def yesterdays(tmp_path):
 def test_a_format_1_file_is_brought_up_to_date_with_all_that_is_in_it(yesterdays):
     with LabelStore(yesterdays) as store:
         assert store.current() == [_record("ocean", model_version="lbp/3")]
-        labels = [said.label for said in store.history(_record(None).cell)]
+        labels = [said.label for said in history(store, _record(None).cell)]
         assert labels == ["reef", "ocean", "reef"]
         assert [row[0] for row in store.rows_after(0, "dive", GRID)] == [1, 2, 7, 8]
         assert store.last_event() == 8
@@ -345,7 +346,7 @@ def test_a_label_that_an_undo_of_format_2_brought_back_is_as_blind_as_it_was_giv
     path = _file_of(tmp_path, script)
     with LabelStore(path) as store:
         blind = [
-            [(said.label, said.blind) for said in store.history(_record(None, col=col).cell)]
+            [(said.label, said.blind) for said in history(store, _record(None, col=col).cell)]
             for col in (2, 3, 4)
         ]
     reef, sand = [("reef", True), ("reef", False)], [("sand", False), ("sand", True)]

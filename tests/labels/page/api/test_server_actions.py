@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.labels.store.said import history
 from tests.tiers import scaled
 from tests.waiting import until
 from tokt.features.frames.grid import Grid
@@ -100,7 +101,7 @@ def test_confirmed_suggestions_keep_the_model(server):
     server.paint("yes-1", 4, [], None, changes=[{**change, "model": "reefs/3"}], kind="accept")
     assert _frame(server, 4)["models"] == {"7": "reefs/3"}
     with LabelStore(server.workspace / FILE_NAME) as store:
-        said = store.history(Cell(server.mission.name, "left", 4, Grid(10, 10, 360), 0, 7))
+        said = history(store, Cell(server.mission.name, "left", 4, Grid(10, 10, 360), 0, 7))
     found = [(one.label, one.source, one.model_version) for one in said]
     assert found == [("reef", "human", "reefs/3")]
 

@@ -15,8 +15,8 @@ from tests.tiers import scaled
 from tokt.features.common.errors import FrameError
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import open_mission
-from tokt.labels.page.state.enhance import enhanced_small, gain
-from tokt.labels.page.state.pictures import PatchPictures, enhanced, frame_picture
+from tokt.labels.page.state.enhance import enhanced, enhanced_small, gain
+from tokt.labels.page.state.pictures import PatchPictures, frame_picture
 
 TOWER = np.s_[300:700, 560:620]
 BESIDE = np.s_[300:700, 650:710]

@@ -31,7 +31,7 @@ def ready(suggester):
 
 
 def finished(suggester):
-    suggester.start()
+    suggester.background.start()
     until(lambda: ready(suggester))
     suggester.close()
     return suggester
@@ -190,10 +190,10 @@ def test_frames_near_the_one_shown_come_first(tiny, bundle, tmp_path, monkeypatc
 def test_many_threads_ask_while_all_is_computed(tiny, bundle, tmp_path):
     mission = open_mission(tiny.path)
     suggester = Suggester(bundle, mission, Grid(), tmp_path)
-    suggester.start()
+    suggester.background.start()
 
     def ask(frame):
-        suggester.give_way()
+        suggester.background.give_way()
         suggester.prefer("left", frame)
         found = suggester.of("left", frame)
         expected = bundle.model.predicted(bundle.decision_values(mission.read(frame)))
@@ -207,8 +207,8 @@ def test_many_threads_ask_while_all_is_computed(tiny, bundle, tmp_path):
 
 def test_requests_do_not_stop_the_computing(tiny, bundle, tmp_path):
     suggester = Suggester(bundle, open_mission(tiny.path), Grid(), tmp_path)
-    suggester.start()
-    until(lambda: suggester.give_way() or suggester.progress[0] >= 5)
+    suggester.background.start()
+    until(lambda: suggester.background.give_way() or suggester.progress[0] >= 5)
     suggester.close()
 
 
