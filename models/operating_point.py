@@ -114,10 +114,7 @@ class MofNRule:
     def from_json(cls, value: Any) -> MofNRule:
         """Read back what `to_json` gave.
 
-        Raises
-        ------
-        ToktError
-            If it is not a rule.
+        Raises ToktError if it is not a rule.
         """
         if not isinstance(value, Mapping) or set(value) != set(_JSON_NAMES):
             raise ToktError(f"a frame rule has exactly {', '.join(sorted(_JSON_NAMES))}")
@@ -162,10 +159,7 @@ class OperatingPoint:
     def from_json(cls, value: Any) -> OperatingPoint:
         """Read back what `to_json` gave.
 
-        Raises
-        ------
-        ToktError
-            If it is not an operating point.
+        Raises ToktError if it is not an operating point.
         """
         if not isinstance(value, Mapping) or not isinstance(value.get("chosen"), Mapping):
             raise ToktError("an operating point is a frame rule with how it was chosen")

@@ -364,10 +364,7 @@ def bundle_bytes(content: BundleContent) -> bytes:
 def unzip(data: bytes, where: str) -> dict[str, bytes]:
     """The members of a zip, none of them compressed, encrypted, repeated or huge.
 
-    Raises
-    ------
-    ToktError
-        If one is, or it is no zip.
+    Raises ToktError if one is, or it is no zip.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -392,10 +389,7 @@ def unzip(data: bytes, where: str) -> dict[str, bytes]:
 def signed_parts(data: bytes, where: str) -> tuple[bytes, Signature | None]:
     """The raw manifest of a bundle file and its signature, if any; nothing else is looked at.
 
-    Raises
-    ------
-    ToktError
-        If the file is not a zip with a manifest, or the signature cannot be read.
+    Raises ToktError if the file is not a zip with a manifest, or the signature cannot be read.
     """
     members = unzip(data, where)
     return _manifest_of(members, where), _signature_of(members, where)
@@ -472,10 +466,7 @@ def arrays_of(
 ) -> dict[str, Any]:
     """The arrays in npy files, by name, of just the names and dtypes expected.
 
-    Raises
-    ------
-    ToktError
-        If they are others, or one is no plain array.
+    Raises ToktError if they are others, or one is no plain array.
     """
     try:
         # numpy warns of headers as Python 2 wrote them, and of shapes beyond any number.
@@ -723,9 +714,6 @@ def bundle_file_bytes(path: Path | str) -> bytes:
 def read_bundle(path: Path | str) -> Bundle:
     """Read a bundle file and check it whole; see `bundle_from_bytes`.
 
-    Raises
-    ------
-    ToktError
-        If it is not there or fails any check.
+    Raises ToktError if it is not there or fails any check.
     """
     return bundle_from_bytes(bundle_file_bytes(path), str(path))

@@ -54,10 +54,7 @@ class PublicKey:
     def signed(self, manifest: bytes, signature: Signature) -> bool:
         """Whether the signature is this key's, of this manifest.
 
-        Raises
-        ------
-        ToktError
-            If the package cryptography is not there.
+        Raises ToktError if the package cryptography is not there.
         """
         return self.made(signature, signed_message(manifest))
 
@@ -89,10 +86,8 @@ def _key_file_bytes(path: Path) -> bytes:
 def read_public_key(path: Path) -> PublicKey:
     """Read the public key that ``tokt keygen`` wrote (PEM, SubjectPublicKeyInfo).
 
-    Raises
-    ------
-    ToktError
-        If it is not there or is something else, or the package cryptography is missing.
+    Raises ToktError if it is not there or is something else, or the package cryptography is
+    missing.
     """
     with _cryptography():
         from cryptography.exceptions import UnsupportedAlgorithm

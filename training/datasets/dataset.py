@@ -140,10 +140,7 @@ class DatasetVersion:
     def read_frame(self, index: int) -> U8:
         """The frame in row `index` of `frames`, checked against its pixel hash.
 
-        Raises
-        ------
-        ToktError
-            If the stored frame is not the one the dataset was built from.
+        Raises ToktError if the stored frame is not the one the dataset was built from.
         """
         row = self.frames.iloc[index]
         return read_stored_frame(self.path / "frames" / row.file, row.digest)
@@ -362,10 +359,7 @@ def list_datasets(root: Path) -> list[DatasetVersion]:
 def open_dataset(reference: str, root: Path) -> DatasetVersion:
     """The dataset behind ``NAME`` (its latest version) or ``NAME@HASH`` (a prefix will do).
 
-    Raises
-    ------
-    ToktError
-        If there is none, or the prefix fits several.
+    Raises ToktError if there is none, or the prefix fits several.
     """
     name, _, prefix = reference.partition("@")
     home = root / name

@@ -40,10 +40,7 @@ class NamedMission:
 def named_missions(text: Path | str) -> list[NamedMission]:
     """Read what stands after ``--mission``: one mission, or a list (or a folder with one in it).
 
-    Raises
-    ------
-    ToktError
-        If a list cannot be read, or says what it must not.
+    Raises ToktError if a list cannot be read, or says what it must not.
     """
     name, path = named_path(text)
     listed = path / LIST_FILE if (path / LIST_FILE).is_file() else path
