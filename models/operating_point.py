@@ -46,27 +46,14 @@ class MofNRule:
     this frame exceeds `instant_margin`. The default is the rule of L. S. Brusletto (NTNU
     2016): any one patch over its threshold.
 
-    Parameters
-    ----------
-    margin : float
-        0 to `MAX_MARGIN`, in units of the decision value, on top of the patch thresholds.
-    min_patches : int
-    m, n : int
-        1 <= m <= n <= 60.
-    instant_margin : float or None
-        `margin` to `MAX_MARGIN`; None where no patch is enough by itself.
-
-    Raises
-    ------
-    ToktError
-        If a number is out of its bounds.
+    Raises ToktError if a number is out of its bounds.
     """
 
-    margin: float = 0.0
+    margin: float = 0.0  # 0 to `MAX_MARGIN`, in decision values on top of the patch thresholds
     min_patches: int = 1
-    m: int = 1
+    m: int = 1  # 1 <= m <= n <= 60
     n: int = 1
-    instant_margin: float | None = None
+    instant_margin: float | None = None  # `margin` to `MAX_MARGIN`; None: no patch alone is enough
 
     def __post_init__(self) -> None:
         if not (_is_number(self.margin) and 0 <= self.margin <= MAX_MARGIN):
@@ -123,24 +110,14 @@ class MofNRule:
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """A rule, and how it was chosen.
-
-    Parameters
-    ----------
-    rule : MofNRule
-    chosen : mapping
-        JSON: the stated rate, what the data showed of it and the bound it gives. Empty where
-        nothing was chosen.
-    water : WaterPrior or None
-        Where the boundary moves with the water, what that starts from; None where it stays at 0.
-    unlike : float or None
-        The distance to the nearest landmark above which no clear patch is believed
-        (`NystroemMap.distance`); None without a map.
-    """
+    """A rule, and how it was chosen."""
 
     rule: MofNRule = field(default_factory=MofNRule)
+    # JSON: the stated rate, what the data showed of it and the bound it gives; or empty.
     chosen: Mapping[str, Any] = field(default_factory=dict)
-    water: WaterPrior | None = None
+    water: WaterPrior | None = None  # None where the boundary does not move with the water
+    # The distance to the nearest landmark above which no clear patch is believed
+    # (`NystroemMap.distance`); None without a map.
     unlike: float | None = None
 
     def __post_init__(self) -> None:
@@ -193,10 +170,6 @@ class MofNState:
     """Which patches exceeded the margin in the last frames of one run, and what that comes to.
 
     What was before the first frame is unknown, as a gap is.
-
-    Parameters
-    ----------
-    rule : MofNRule
     """
 
     def __init__(self, rule: MofNRule) -> None:

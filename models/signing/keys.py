@@ -36,15 +36,9 @@ def _cryptography() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class PublicKey:
-    """A public key.
+    """A public key."""
 
-    Parameters
-    ----------
-    raw : bytes
-        As RFC 8032 encodes it, 32 bytes.
-    """
-
-    raw: bytes
+    raw: bytes  # 32, as RFC 8032 encodes it
 
     @property
     def id(self) -> str:
