@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.image_file import SUFFIXES
 from tokt.features.frames.mission import Mission
@@ -248,7 +248,5 @@ def patch_images(folder: Path, taxonomy: Taxonomy) -> list[Path]:
 
 
 def _load(path: Path) -> tuple[bytes, str]:
-    try:
+    with os_errors_as(str(path)):
         return path.read_bytes(), path.suffix.lower()
-    except OSError as error:
-        raise ToktError(f"{path}: {error.strerror or error}") from None
