@@ -45,35 +45,17 @@ _SAME = 1e-9
 class Distribution:
     """The training distribution of each feature, and the limits that were measured on it.
 
-    Parameters
-    ----------
-    edges : array of float64, shape (dim, BINS - 1)
-        Rising values of each feature: its quantiles, as `quantile_edges` gives them.
-    counts : array of int64, shape (dim, BINS)
-        Training patches in each bin; bin k ends with, and holds, edge k.
-    typical : array of float64, shape (dim,)
-        Mean distance of the held-back windows, at least `MIN_TYPICAL`.
-    factor : float
-        The largest distance of any feature in any held-back window, as a multiple of that
-        feature's typical one.
-    window_frames : int
-        Frames a window spans.
-    windows, stretches : int
-        Windows held back, one from each frame on, and how many of them have no frame in common.
-
-    Raises
-    ------
-    ValueError
-        If shapes, types or bounds are not these.
+    Raises ValueError if shapes, types or bounds are not these.
     """
 
-    edges: F64
-    counts: I64
-    typical: F64
+    edges: F64  # (dim, BINS - 1): rising values of each feature, as `quantile_edges` gives them
+    counts: I64  # (dim, BINS): training patches in each bin; bin k ends with, and holds, edge k
+    typical: F64  # (dim,): mean distance of the held-back windows, at least `MIN_TYPICAL`
+    # The largest distance of any feature in any held-back window over that feature's typical one.
     factor: float
-    window_frames: int
-    windows: int
-    stretches: int
+    window_frames: int  # frames a window spans
+    windows: int  # held back, one from each frame on
+    stretches: int  # how many of these have no frame in common
 
     def __post_init__(self) -> None:
         dim = len(self.edges) if self.edges.ndim == 2 else 0

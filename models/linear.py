@@ -20,28 +20,16 @@ class LinearModel:
     With two classes there is one output: the decision value of the second class against the
     first; if just one of them is an obstacle it is the second. With more classes there is one
     output a class (one against the rest).
-
-    Parameters
-    ----------
-    weights : array of float64, shape (n_outputs, dim)
-    bias : array of float64, shape (n_outputs,)
-    thresholds : array of float64, shape (n_outputs,)
-        A decision value must exceed its threshold for a patch to be of that class; with
-        several classes the largest excess wins.
-    classes : tuple of str
-        Two names for one output, otherwise one name an output.
-    obstacle : tuple of bool
-        For each class whether a patch of it is an obstacle.
-    map : NystroemMap or None
-        What the features go through first; the weights are then of shape (n_outputs, n_landmarks).
     """
 
-    weights: F64
-    bias: F64
+    weights: F64  # (n_outputs, dim); with a map (n_outputs, n_landmarks)
+    bias: F64  # (n_outputs,)
+    # (n_outputs,): a decision value must exceed its threshold for a patch to be of that class; with
+    # several classes the largest excess wins.
     thresholds: F64
-    classes: tuple[str, ...]
-    obstacle: tuple[bool, ...]
-    map: NystroemMap | None = None
+    classes: tuple[str, ...]  # two names for one output, otherwise one name an output
+    obstacle: tuple[bool, ...]  # for each class whether a patch of it is an obstacle
+    map: NystroemMap | None = None  # what the features go through first
 
     def __post_init__(self) -> None:
         outputs, dim = self.weights.shape if self.weights.ndim == 2 else (0, 0)

@@ -18,25 +18,16 @@ class NystroemMap:
     ``exp(-gamma |z - landmark|^2)`` to each landmark. The square root of the landmarks' own kernel
     is folded into the linear model's weights.
 
-    Parameters
-    ----------
-    scale, offset : array of float64, shape (dim,)
-    limit : float
-        In standard deviations: what lies farther out is as good as this far.
-    landmarks : array of float64, shape (n_landmarks, dim)
-        Within the limit.
-    gamma : float
-
     References
     ----------
     Williams, Seeger (2001), "Using the Nystroem method to speed up kernel machines", NIPS;
     `sklearn.kernel_approximation.Nystroem`.
     """
 
-    scale: F64
-    offset: F64
-    limit: float
-    landmarks: F64
+    scale: F64  # (dim,)
+    offset: F64  # (dim,)
+    limit: float  # in standard deviations: what lies farther out is as good as this far
+    landmarks: F64  # (n_landmarks, dim), within the limit
     gamma: float
 
     def __post_init__(self) -> None:

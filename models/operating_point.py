@@ -46,27 +46,14 @@ class MofNRule:
     this frame exceeds `instant_margin`. The default is the rule of L. S. Brusletto (NTNU
     2016): any one patch over its threshold.
 
-    Parameters
-    ----------
-    margin : float
-        0 to `MAX_MARGIN`, in units of the decision value, on top of the patch thresholds.
-    min_patches : int
-    m, n : int
-        1 <= m <= n <= 60.
-    instant_margin : float or None
-        `margin` to `MAX_MARGIN`; None where no patch is enough by itself.
-
-    Raises
-    ------
-    ToktError
-        If a number is out of its bounds.
+    Raises ToktError if a number is out of its bounds.
     """
 
-    margin: float = 0.0
+    margin: float = 0.0  # 0 to `MAX_MARGIN`, in decision values on top of the patch thresholds
     min_patches: int = 1
-    m: int = 1
+    m: int = 1  # 1 <= m <= n <= 60
     n: int = 1
-    instant_margin: float | None = None
+    instant_margin: float | None = None  # `margin` to `MAX_MARGIN`; None: no patch alone is enough
 
     def __post_init__(self) -> None:
         if not (_is_number(self.margin) and 0 <= self.margin <= MAX_MARGIN):
@@ -114,10 +101,7 @@ class MofNRule:
     def from_json(cls, value: Any) -> MofNRule:
         """Read back what `to_json` gave.
 
-        Raises
-        ------
-        ToktError
-            If it is not a rule.
+        Raises ToktError if it is not a rule.
         """
         if not isinstance(value, Mapping) or set(value) != set(_JSON_NAMES):
             raise ToktError(f"a frame rule has exactly {', '.join(sorted(_JSON_NAMES))}")
@@ -126,24 +110,14 @@ class MofNRule:
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """A rule, and how it was chosen.
-
-    Parameters
-    ----------
-    rule : MofNRule
-    chosen : mapping
-        JSON: the stated rate, what the data showed of it and the bound it gives. Empty where
-        nothing was chosen.
-    water : WaterPrior or None
-        Where the boundary moves with the water, what that starts from; None where it stays at 0.
-    unlike : float or None
-        The distance to the nearest landmark above which no clear patch is believed
-        (`NystroemMap.distance`); None without a map.
-    """
+    """A rule, and how it was chosen."""
 
     rule: MofNRule = field(default_factory=MofNRule)
+    # JSON: the stated rate, what the data showed of it and the bound it gives; or empty.
     chosen: Mapping[str, Any] = field(default_factory=dict)
-    water: WaterPrior | None = None
+    water: WaterPrior | None = None  # None where the boundary does not move with the water
+    # The distance to the nearest landmark above which no clear patch is believed
+    # (`NystroemMap.distance`); None without a map.
     unlike: float | None = None
 
     def __post_init__(self) -> None:
@@ -162,10 +136,7 @@ class OperatingPoint:
     def from_json(cls, value: Any) -> OperatingPoint:
         """Read back what `to_json` gave.
 
-        Raises
-        ------
-        ToktError
-            If it is not an operating point.
+        Raises ToktError if it is not an operating point.
         """
         if not isinstance(value, Mapping) or not isinstance(value.get("chosen"), Mapping):
             raise ToktError("an operating point is a frame rule with how it was chosen")
@@ -199,10 +170,6 @@ class MofNState:
     """Which patches exceeded the margin in the last frames of one run, and what that comes to.
 
     What was before the first frame is unknown, as a gap is.
-
-    Parameters
-    ----------
-    rule : MofNRule
     """
 
     def __init__(self, rule: MofNRule) -> None:

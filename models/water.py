@@ -35,36 +35,18 @@ _MAX = 1e6
 class WaterPrior:
     """What is expected of decision values before a run's first frame, and how strongly.
 
-    Parameters
-    ----------
-    water, obstacle : float
-        Mean decision value of patches of water and of obstacles, the first less than the second.
-    water_sd, obstacle_sd : float
-        Their standard deviations.
-    share : float
-        Of patches that are obstacles, between 0 and 1.
-    limit : float
-        How far the boundary moves from 0 at most, 0.01 to 10.
-    frames : int
-        How many of the last frames it is found from, the newest among them.
-    weight, sd_weight : float
-        The patches that the means and the share, and the standard deviations, count as.
-
-    Raises
-    ------
-    ToktError
-        If a value is not as said here.
+    Raises ToktError if a value is not as said here.
     """
 
-    water: float
+    water: float  # mean decision value of patches of water, less than that of obstacles
     obstacle: float
-    water_sd: float
+    water_sd: float  # their standard deviations
     obstacle_sd: float
-    share: float
-    limit: float = 0.3
-    frames: int = 5
-    weight: float = 30.0
-    sd_weight: float = 300.0
+    share: float  # of patches that are obstacles, between 0 and 1
+    limit: float = 0.3  # how far the boundary moves from 0 at most, 0.01 to 10
+    frames: int = 5  # how many of the last frames it is found from, the newest among them
+    weight: float = 30.0  # patches that the means and the share count as
+    sd_weight: float = 300.0  # and the standard deviations
 
     def __post_init__(self) -> None:
         numbers = {each.name: getattr(self, each.name) for each in fields(self)}

@@ -46,7 +46,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, U8, Bools
+from tokt.features.common.arrays import F64, U8, U64, Bools
 from tokt.features.common.canonical import json_sha256, printable_json
 from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.extractors.extractor import Extractor, build_extractor
@@ -104,60 +104,29 @@ _DISTRIBUTED = {
 
 @dataclass(frozen=True)
 class Golden:
-    """Frames and what the training machine computed for them.
+    """Frames and what the training machine computed for them."""
 
-    Parameters
-    ----------
-    frames : tuple of bytes
-        PNG files as the camera gave the frames.
-    decision_values : array of float64, shape (n_frames, n_patches, n_outputs)
-    obstacle : array of bool, shape (n_frames, n_patches)
-    """
-
-    frames: tuple[bytes, ...]
-    decision_values: F64
-    obstacle: Bools
+    frames: tuple[bytes, ...]  # PNG files, as the camera gave the frames
+    decision_values: F64  # (n_frames, n_patches, n_outputs)
+    obstacle: Bools  # (n_frames, n_patches)
 
 
 @dataclass(frozen=True)
 class BundleContent:
-    """Everything a bundle holds, before it is written.
+    """Everything a bundle holds, before it is written."""
 
-    Parameters
-    ----------
-    name, version : str
-        As in the registry.
-    extractor_spec : mapping
-        The extractor's JSON spec.
-    grid : Grid
-    model : LinearModel
-    provenance : mapping
-        MLflow run and model ids, dataset hash and name, code and library versions.
-    metrics : mapping
-        Cross-validated figures, with how they were split.
-    golden : Golden
-    trained_on : array of uint64
-        First 8 bytes of the pixel hash of each training frame.
-    card : str
-        The model card, Markdown.
-    operating_point : OperatingPoint
-        When its patches are an alarm, and its alarms a status.
-    distribution : Distribution or None
-        Of the training patches' features; None where there is none to compare with.
-    """
-
-    name: str
+    name: str  # as in the registry, and so the version
     version: str
-    extractor_spec: Mapping[str, Any]
+    extractor_spec: Mapping[str, Any]  # JSON
     grid: Grid
     model: LinearModel
-    provenance: Mapping[str, Any]
-    metrics: Mapping[str, Any]
+    provenance: Mapping[str, Any]  # MLflow's ids, dataset hash and name, code and library versions
+    metrics: Mapping[str, Any]  # cross-validated figures, with how they were split
     golden: Golden
-    trained_on: NDArray[np.uint64]
-    card: str
+    trained_on: U64  # first 8 bytes of the pixel hash of each training frame
+    card: str  # Markdown
     operating_point: OperatingPoint = field(default_factory=OperatingPoint)
-    distribution: Distribution | None = None
+    distribution: Distribution | None = None  # None where there is nothing to compare frames with
 
 
 _CONTENT = fields(BundleContent)
@@ -237,13 +206,7 @@ class Bundle(BundleContent):
         return self.extractor.needs_colour
 
     def decision_values(self, frame: U8) -> F64:
-        """Decision values of a frame's patches, shape (n_patches, n_outputs).
-
-        Parameters
-        ----------
-        frame : array of uint8, shape (height, width) or (height, width, 3)
-            As the camera gave it, gray or BGR, any size.
-        """
+        """Decision values, shape (n_patches, n_outputs), of a frame as `features` takes it."""
         return self.values_of(self.features(frame))
 
     def features(self, frame: U8, pictures: FramePictures | None = None, threads: int = 1) -> F64:
@@ -252,6 +215,7 @@ class Bundle(BundleContent):
         Parameters
         ----------
         frame : array of uint8, shape (height, width) or (height, width, 3)
+            As the camera gave it, gray or BGR, any size.
         pictures : FramePictures, optional
             The frame's pictures on this grid, where the caller has some already.
         threads : int
@@ -316,7 +280,7 @@ def weights_bytes(model: LinearModel) -> bytes:
     return _npz(**arrays, **{name: np.asarray(value) for name, value in mapped.items()})
 
 
-def lineage_bytes(trained_on: NDArray[np.uint64]) -> bytes:
+def lineage_bytes(trained_on: U64) -> bytes:
     """The ``lineage.npz`` member."""
     return _npz(trained_on=np.sort(trained_on))
 
@@ -364,10 +328,7 @@ def bundle_bytes(content: BundleContent) -> bytes:
 def unzip(data: bytes, where: str) -> dict[str, bytes]:
     """The members of a zip, none of them compressed, encrypted, repeated or huge.
 
-    Raises
-    ------
-    ToktError
-        If one is, or it is no zip.
+    Raises ToktError if one is, or it is no zip.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -383,19 +344,15 @@ def unzip(data: bytes, where: str) -> dict[str, bytes]:
             # Members inside one another would be read into far more memory than the file takes.
             if sum(info.file_size for info in infos) > len(data):
                 raise ToktError(f"{where}: the members are larger than the file")
-            members = {info.filename: archive.read(info) for info in infos}
+            return {info.filename: archive.read(info) for info in infos}
     except _UNREADABLE_ZIP as error:
         raise ToktError(f"{where}: truncated or damaged ({error})") from None
-    return members
 
 
 def signed_parts(data: bytes, where: str) -> tuple[bytes, Signature | None]:
     """The raw manifest of a bundle file and its signature, if any; nothing else is looked at.
 
-    Raises
-    ------
-    ToktError
-        If the file is not a zip with a manifest, or the signature cannot be read.
+    Raises ToktError if the file is not a zip with a manifest, or the signature cannot be read.
     """
     members = unzip(data, where)
     return _manifest_of(members, where), _signature_of(members, where)
@@ -472,10 +429,7 @@ def arrays_of(
 ) -> dict[str, Any]:
     """The arrays in npy files, by name, of just the names and dtypes expected.
 
-    Raises
-    ------
-    ToktError
-        If they are others, or one is no plain array.
+    Raises ToktError if they are others, or one is no plain array.
     """
     try:
         # numpy warns of headers as Python 2 wrote them, and of shapes beyond any number.
@@ -510,7 +464,7 @@ def weights_from_bytes(data: bytes, where: str) -> dict[str, Any]:
         raise ToktError(f"{where} does not fit together ({_brief(error)})") from None
 
 
-def lineage_from_bytes(data: bytes, where: str) -> NDArray[np.uint64]:
+def lineage_from_bytes(data: bytes, where: str) -> U64:
     """Read a ``lineage.npz`` member. Raises ToktError if it is none."""
     trained_on = _arrays(data, {"trained_on": np.uint64}, where, "lineage.npz")["trained_on"]
     if trained_on.ndim != 1:
@@ -547,9 +501,8 @@ def golden_from_bytes(data: bytes, where: str) -> Golden:
         raise ToktError(f"{where}: the bundle's golden frames and values do not fit together")
     if obstacle.shape != values.shape[:2]:
         raise ToktError(f"{where}: the bundle's golden verdicts and values do not fit together")
-    ends = np.cumsum(sizes)
-    raw = arrays["frames"].tobytes()
-    frames = tuple(raw[end - size : end] for size, end in zip(sizes, ends, strict=True))
+    raw = io.BytesIO(arrays["frames"].tobytes())
+    frames = tuple(map(raw.read, sizes.tolist()))
     if not all(frame.startswith(_PNG_START) for frame in frames):
         raise ToktError(f"{where}: the bundle's golden frames are not PNG files")
     pixels = sum(height * width for height, width in map(_png_size, frames))
@@ -723,9 +676,6 @@ def bundle_file_bytes(path: Path | str) -> bytes:
 def read_bundle(path: Path | str) -> Bundle:
     """Read a bundle file and check it whole; see `bundle_from_bytes`.
 
-    Raises
-    ------
-    ToktError
-        If it is not there or fails any check.
+    Raises ToktError if it is not there or fails any check.
     """
     return bundle_from_bytes(bundle_file_bytes(path), str(path))

@@ -33,18 +33,10 @@ _VALUE = re.compile(r"[0-9a-f]{128}")
 
 @dataclass(frozen=True)
 class Signature:
-    """What ``signature.json`` says; not checked, and not to be believed before it is.
+    """What ``signature.json`` says; not checked, and not to be believed before it is."""
 
-    Parameters
-    ----------
-    key_id : str
-        Fingerprint of the public key that is said to have made it, 32 hexadecimal digits.
-    value : bytes
-        The Ed25519 signature, 64 bytes.
-    """
-
-    key_id: str
-    value: bytes
+    key_id: str  # fingerprint of the public key that is said to have made it, 32 hexadecimal digits
+    value: bytes  # the Ed25519 signature, 64 bytes
 
     def to_bytes(self) -> bytes:
         """The member ``signature.json``."""
@@ -60,10 +52,7 @@ class Signature:
 def signature_from_bytes(data: bytes, where: str) -> Signature:
     """Read a ``signature.json``.
 
-    Raises
-    ------
-    ToktError
-        If it is none, is of a newer format, or was made with another algorithm.
+    Raises ToktError if it is none, is of a newer format, or was made with another algorithm.
     """
     damaged = ToktError(f"{where}: the signature is damaged")
     if len(data) > _MAX_BYTES:

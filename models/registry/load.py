@@ -11,10 +11,7 @@ def load_model(reference: str, workspace: Path, **checks: Any) -> Bundle:
 
     `checks` are those of `Registry.bundle`; a file was checked by whoever exported it.
 
-    Raises
-    ------
-    ToktError
-        If there is none, or it fails a check.
+    Raises ToktError if there is none, or it fails a check.
     """
     if reference.endswith(SUFFIX):
         return read_bundle(reference)

@@ -98,10 +98,7 @@ class RegisteredVersion:
     def check_signature(self, key: PublicKey) -> bool:
         """Whether `key` signed this registration; False where nobody signed it.
 
-        Raises
-        ------
-        ToktError
-            If it is signed, but not by this key or not as it now is.
+        Raises ToktError if it is signed, but not by this key or not as it now is.
         """
         if SIGNATURE_TAG not in self.tags:
             return False

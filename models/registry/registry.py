@@ -221,10 +221,7 @@ class Registry:
     def experiment_id(self) -> str:
         """The id of the experiment that tokt's runs go to; created when missing.
 
-        Raises
-        ------
-        ToktError
-            If the registry cannot be reached or written.
+        Raises ToktError if the registry cannot be reached or written.
         """
         location = self._artifacts.as_uri() if self.uri.startswith("sqlite:") else None
         with self.reported():
@@ -284,10 +281,7 @@ class Registry:
     def versions(self, name: str | None = None) -> list[RegisteredVersion]:
         """Every registered version, or those of one model, by name, newest first.
 
-        Raises
-        ------
-        ToktError
-            If the registry cannot be read.
+        Raises ToktError if the registry cannot be read.
         """
         wanted = None if name is None else f"name = '{name}'"
         found: list[RegisteredVersion] = []
@@ -304,10 +298,7 @@ class Registry:
     def find(self, reference: str) -> RegisteredVersion:
         """The version behind ``name`` (its newest), ``name@alias`` or ``name/version``.
 
-        Raises
-        ------
-        ToktError
-            If there is no such model, alias or version.
+        Raises ToktError if there is no such model, alias or version.
         """
         match = re.fullmatch(r"([^@/]+)(?:@([^@/]+)|/(\d+))?", reference)
         if match is None:
@@ -339,10 +330,7 @@ class Registry:
     def recipe(self, version: RegisteredVersion) -> dict[str, Any]:
         """The run's ``recipe.json``: all of a model but its weights.
 
-        Raises
-        ------
-        ToktError
-            If it is missing, or a newer tokt wrote it.
+        Raises ToktError if it is missing, or a newer tokt wrote it.
         """
         try:
             recipe = printable_json(self._artifact(version, "recipe.json"))
@@ -396,10 +384,7 @@ class Registry:
     def card(self, reference: str) -> str:
         """The model card of a registered version, as its bundle has it.
 
-        Raises
-        ------
-        ToktError
-            If there is no such version, or it was not trained by tokt.
+        Raises ToktError if there is no such version, or it was not trained by tokt.
         """
         version = self.find(reference)
         recipe = self.recipe(version)

@@ -36,15 +36,9 @@ def _cryptography() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class PublicKey:
-    """A public key.
+    """A public key."""
 
-    Parameters
-    ----------
-    raw : bytes
-        As RFC 8032 encodes it, 32 bytes.
-    """
-
-    raw: bytes
+    raw: bytes  # 32, as RFC 8032 encodes it
 
     @property
     def id(self) -> str:
@@ -54,10 +48,7 @@ class PublicKey:
     def signed(self, manifest: bytes, signature: Signature) -> bool:
         """Whether the signature is this key's, of this manifest.
 
-        Raises
-        ------
-        ToktError
-            If the package cryptography is not there.
+        Raises ToktError if the package cryptography is not there.
         """
         return self.made(signature, signed_message(manifest))
 
@@ -89,10 +80,8 @@ def _key_file_bytes(path: Path) -> bytes:
 def read_public_key(path: Path) -> PublicKey:
     """Read the public key that ``tokt keygen`` wrote (PEM, SubjectPublicKeyInfo).
 
-    Raises
-    ------
-    ToktError
-        If it is not there or is something else, or the package cryptography is missing.
+    Raises ToktError if it is not there or is something else, or the package cryptography is
+    missing.
     """
     with _cryptography():
         from cryptography.exceptions import UnsupportedAlgorithm

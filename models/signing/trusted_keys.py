@@ -44,15 +44,9 @@ class DamagedKeysError(ToktError):
 
 @dataclass(frozen=True)
 class TrustedKeys:
-    """The contents of a store's keys file.
+    """The contents of a store's keys file."""
 
-    Parameters
-    ----------
-    events : tuple of KeyEvent
-        Oldest first.
-    """
-
-    events: tuple[KeyEvent, ...] = ()
+    events: tuple[KeyEvent, ...] = ()  # oldest first
 
     @property
     def trusted(self) -> dict[str, KeyEvent]:

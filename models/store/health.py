@@ -22,10 +22,7 @@ def store_summary(store: Store) -> dict[str, Any]:
     What cannot be read is left out, with a line in ``warnings``. ``starts_with`` is what a runtime
     that starts now takes, with ``instead`` in words if that is not the active model; or None.
 
-    Raises
-    ------
-    ToktError
-        If the store is not there or a newer tokt has written to it.
+    Raises ToktError if the store is not there or a newer tokt has written to it.
     """
     store.check_folder()
     reading = store.read()

@@ -118,11 +118,8 @@ def _kept(store: Store, entry: Activation, what: str) -> Candidate:
 def last_good(store: Store) -> Bundle:
     """The copy of what ran last, checked whole.
 
-    Raises
-    ------
-    ToktError
-        If there is none, it fails a check, or the history does not say that it was active and that
-        nobody rolled back from it.
+    Raises ToktError if there is none, it fails a check, or the history does not say that it was
+    active and that nobody rolled back from it.
     """
     where = f"bundle {store.last_good_file}"
     data = bundle_file_bytes(store.last_good_file)

@@ -119,10 +119,8 @@ class Store:
     def active_entry(self) -> Activation | None:
         """The newest activation, or None before the first.
 
-        Raises
-        ------
-        ToktError
-            If the pointer is damaged, or contradicts the history: an old copy was put in its place.
+        Raises ToktError if the pointer is damaged, or contradicts the history: an old copy was put
+        in its place.
         """
         newest = self._newest_line()  # read first: a command writes the pointer before its line
         entry = self._entry_in(self._active_file, "the active pointer")
@@ -159,11 +157,8 @@ class Store:
     def active(self) -> Bundle:
         """The active bundle, checked whole.
 
-        Raises
-        ------
-        ToktError
-            If the store is not there, holds no active model, or its bundle fails a check, lacks
-            a signature that the store asks for, or cannot judge frames.
+        Raises ToktError if the store is not there, holds no active model, or its bundle fails a
+        check, lacks a signature that the store asks for, or cannot judge frames.
         """
         self.check_folder()
         entry = self.active_entry()
@@ -220,11 +215,8 @@ class Store:
     def trusted_keys(self) -> TrustedKeys:
         """The keys whose signatures this store asks for.
 
-        Raises
-        ------
-        ToktError
-            If they cannot be known: the file is damaged, cannot be read or was written by a newer
-            tokt, or is gone although the active model was activated by its signature.
+        Raises ToktError if they cannot be known: the file is damaged, cannot be read or was written
+        by a newer tokt, or is gone although the active model was activated by its signature.
         """
         where = f"store {self.path}: its keys file {self._keys_file.name}"
         try:
@@ -280,10 +272,8 @@ class Store:
     def rollback_stack(self) -> RollbackStack:
         """The models a runtime may go back to; a lost pointer is read from its copy.
 
-        Raises
-        ------
-        ToktError
-            If a newer tokt wrote to the store, or its newest entry is damaged wherever it stands.
+        Raises ToktError if a newer tokt wrote to the store, or its newest entry is damaged wherever
+        it stands.
         """
         reading = self.read()
         entries = list(reading.entries)
@@ -353,10 +343,7 @@ class Store:
     def check_file(self, path: Path) -> None:
         """Refuse a bundle file that lacks a signature the store asks for, and look no further.
 
-        Raises
-        ------
-        ToktError
-            If it lacks one, or is not there.
+        Raises ToktError if it lacks one, or is not there.
         """
         if self.path.is_dir():
             self.trusted_keys().check(bundle_file_bytes(path), f"bundle {path}")
@@ -527,10 +514,7 @@ class Store:
     def accept_unsigned(self, reason: str = "", notice: Notice = warnings.warn) -> KeyEvent:
         """Stop asking for signatures, and trust no key.
 
-        Raises
-        ------
-        ToktError
-            If the store is not there, asks for none, or cannot be written.
+        Raises ToktError if the store is not there, asks for none, or cannot be written.
         """
         self.check_folder()
         with self._writing():

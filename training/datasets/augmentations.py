@@ -56,10 +56,7 @@ def augment(frame: U8, name: str) -> U8:
 def parse_augmentation(name: str) -> tuple[str, float]:
     """The kind and the strength that an augmentation's name says.
 
-    Raises
-    ------
-    ToktError
-        If there is no such augmentation.
+    Raises ToktError if there is no such augmentation.
     """
     kind, _, text = name.partition("_")
     # Not all that `float` reads: one augmentation has one name.

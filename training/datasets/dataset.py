@@ -18,6 +18,7 @@ To change the format: raise FORMAT_VERSION, keep reading the old one, prove it w
 
 import hashlib
 import json
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -30,7 +31,7 @@ import pandas as pd
 from tokt.features.common import atomic
 from tokt.features.common.arrays import I64, U8, Bools
 from tokt.features.common.canonical import canonical_json
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import decode_image, pixel_sha256
@@ -41,6 +42,7 @@ from .splits import joined_names
 FORMAT_VERSION = 1
 TASKS = ("binary", "classes")
 CLEAR, OBSTACLE = "clear", "obstacle"
+_NAME = re.compile(r"[\w-][\w.-]*")
 _HASH_CHARS = 16
 _HASHED_AT_ONCE = 1 << 18  # rows
 _VERSION_INFO = "[0-9a-f]" * _HASH_CHARS + "/dataset.json"  # never of a half-written folder
@@ -96,6 +98,8 @@ class DatasetVersion:
             self.task = str(self.info["task"])
             self.block_frames: int | None = self.info["block_frames"]
             self.grid = Grid.from_json(self.info["grid"])
+            # The site of each mission whose site was given; empty in older datasets.
+            self.sites: dict[str, str] = self.info.get("sites", {})
             if not isinstance(self.sites, dict):
                 raise TypeError
         except (OSError, ValueError, KeyError, TypeError):
@@ -106,12 +110,6 @@ class DatasetVersion:
     def label(self) -> str:
         """``name@hash``."""
         return f"{self.name}@{self.hash[:_HASH_CHARS]}"
-
-    @property
-    def sites(self) -> dict[str, str]:
-        """The site of each mission whose site was given; empty in older datasets."""
-        sites: dict[str, str] = self.info.get("sites", {})
-        return sites
 
     @cached_property
     def frames(self) -> pd.DataFrame:
@@ -140,10 +138,7 @@ class DatasetVersion:
     def read_frame(self, index: int) -> U8:
         """The frame in row `index` of `frames`, checked against its pixel hash.
 
-        Raises
-        ------
-        ToktError
-            If the stored frame is not the one the dataset was built from.
+        Raises ToktError if the stored frame is not the one the dataset was built from.
         """
         row = self.frames.iloc[index]
         return read_stored_frame(self.path / "frames" / row.file, row.digest)
@@ -205,10 +200,8 @@ def thin_classes(dataset: DatasetVersion, wanted: int) -> list[str]:
 
 def read_stored_frame(path: Path, digest: str) -> U8:
     """A dataset's frame file; ToktError where it is not the frame the dataset was built from."""
-    try:
+    with os_errors_as(f"dataset frame {path}"):
         image = decode_image(path.read_bytes(), str(path))
-    except OSError as error:
-        raise ToktError(f"dataset frame {path}: {error.strerror}") from None
     if pixel_sha256(image) != digest:
         raise ToktError(f"dataset frame {path} has changed since the dataset was built")
     return image
@@ -227,8 +220,7 @@ def _check_classes(plan: DatasetPlan) -> None:
             "model of it could never warn"
         )
     if plan.task == "binary" and len(sides) < 2:
-        side = OBSTACLE if sides.pop() else CLEAR
-        other = CLEAR if side == OBSTACLE else OBSTACLE
+        side, other = (OBSTACLE, CLEAR) if sides.pop() else (CLEAR, OBSTACLE)
         raise ToktError(
             f"dataset {plan.name} has one class only: every patch is {side} ({', '.join(labels)}); "
             f"a model learns from both, so add a mission that has {other} patches too"
@@ -304,11 +296,7 @@ def build_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -
     """
     if plan.task not in TASKS:
         raise ToktError(f"task is one of {', '.join(TASKS)}, not {plan.task!r}")
-    if (
-        not plan.name
-        or not all(c.isalnum() or c in "-_." for c in plan.name)
-        or plan.name[0] in "."
-    ):
+    if not _NAME.fullmatch(plan.name):
         raise ToktError(f"dataset name {plan.name!r}: use letters, digits, '-', '_' and '.'")
     _check_classes(plan)
     atomic.remove_partials(root, atomic.ABANDONED_S)
@@ -331,27 +319,21 @@ def build_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -
             text = json.dumps({**info, "hash": content}, indent=2) + "\n"
             (folder / "dataset.json").write_text(text, "utf-8")
             home.mkdir(exist_ok=True)
-            _publish(folder, target)
+            try:
+                atomic.publish_folder(folder, target)
+            except OSError:
+                # Another process may have built the same content meanwhile; theirs is as good.
+                if not target.is_dir():
+                    raise
     atomic.write_text(home / "latest", target.name + "\n")
-    return _with_sites(DatasetVersion(target), plan.sites)
-
-
-def _with_sites(dataset: DatasetVersion, sites: dict[str, str]) -> DatasetVersion:
-    """The same content may have been built before its missions' sites were known."""
-    if {**dataset.sites, **sites} == dataset.sites:
-        return dataset
-    info = {**dataset.info, "sites": {**dataset.sites, **sites}}
-    atomic.write_text(dataset.path / "dataset.json", json.dumps(info, indent=2) + "\n")
-    return DatasetVersion(dataset.path)
-
-
-def _publish(folder: Path, target: Path) -> None:
-    try:
-        atomic.publish_folder(folder, target)
-    except OSError:
-        # Another process may have built the same content meanwhile; theirs is as good.
-        if not target.is_dir():
-            raise
+    found = DatasetVersion(target)
+    # The same content may have been built before its missions' sites were known.
+    sites = {**found.sites, **plan.sites}
+    if sites == found.sites:
+        return found
+    info = {**found.info, "sites": sites}
+    atomic.write_text(target / "dataset.json", json.dumps(info, indent=2) + "\n")
+    return DatasetVersion(target)
 
 
 def list_datasets(root: Path) -> list[DatasetVersion]:
@@ -362,10 +344,7 @@ def list_datasets(root: Path) -> list[DatasetVersion]:
 def open_dataset(reference: str, root: Path) -> DatasetVersion:
     """The dataset behind ``NAME`` (its latest version) or ``NAME@HASH`` (a prefix will do).
 
-    Raises
-    ------
-    ToktError
-        If there is none, or the prefix fits several.
+    Raises ToktError if there is none, or the prefix fits several.
     """
     name, _, prefix = reference.partition("@")
     home = root / name

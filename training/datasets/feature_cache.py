@@ -57,7 +57,6 @@ def feature_key(
 
 
 _DescribeTask = tuple[Path, str, I64, dict[str, Any], Grid, str]
-"""One frame to describe: file, digest, cells, spec, grid, augmentation."""
 
 
 def _describe(task: _DescribeTask) -> F64:
@@ -117,9 +116,8 @@ def cached_features(
         float64, shape (n_patches, dim), memory-mapped read-only.
     """
     key = feature_key(dataset, spec, augmentation, whole_frames)
-    path, tasks = cache / f"{dataset.name}-{key}.npy", _tasks(dataset, spec, augmentation)
-    if whole_frames:
-        tasks = _whole(tasks, dataset.grid, len(dataset.patches))
+    path = cache / f"{dataset.name}-{key}.npy"
+    tasks = _tasks(dataset, spec, augmentation, whole_frames)
     shape = (sum(len(rows) for rows, _ in tasks), build_extractor(spec).dim)
     table = _cached(path, shape)
     if table is None:
@@ -132,9 +130,9 @@ def cached_features(
 
 
 def _tasks(
-    dataset: DatasetVersion, spec: dict[str, Any], augmentation: str
+    dataset: DatasetVersion, spec: dict[str, Any], augmentation: str, whole_frames: bool
 ) -> list[tuple[I64, _DescribeTask]]:
-    """The dataset's frames, each with the rows of its patches."""
+    """The dataset's frames, each with the rows of its patches; of what is not labelled the last."""
     patches, frames, grid = dataset.patches, dataset.frames, dataset.grid
     folder, columns = dataset.path.resolve() / "frames", frames[[*FRAME_KEY, "file", "digest"]]
     stored = {
@@ -142,25 +140,16 @@ def _tasks(
         for *key, file, digest in columns.itertuples(index=False, name=None)
     }
     groups = patches.groupby(FRAME_KEY).indices
-    cells = (patches.row * grid.cols + patches.col).to_numpy()
-    return [
-        (rows, (*stored[key], cells[rows], spec, grid, augmentation))
-        for key, rows in sorted(groups.items())
-    ]
-
-
-def _whole(
-    tasks: list[tuple[I64, _DescribeTask]], grid: Grid, labelled: int
-) -> list[tuple[I64, _DescribeTask]]:
-    """The same frames with all their patches: the rows of what is not labelled come last."""
-    after, whole = labelled, list[tuple[I64, _DescribeTask]]()
-    for rows, (path, digest, cells, spec, _, augmentation) in tasks:
-        others = np.setdiff1d(np.arange(grid.n_patches), cells)
-        more = after + np.arange(len(others))
-        every = np.append(cells, others)
-        whole.append((np.append(rows, more), (path, digest, every, spec, grid, augmentation)))
-        after += len(others)
-    return whole
+    labelled = (patches.row * grid.cols + patches.col).to_numpy()
+    tasks, after = list[tuple[I64, _DescribeTask]](), len(patches)
+    for key, rows in sorted(groups.items()):
+        cells = labelled[rows]
+        if whole_frames:
+            others = np.setdiff1d(np.arange(grid.n_patches), cells)
+            rows = np.append(rows, after + np.arange(len(others)))
+            cells, after = np.append(cells, others), after + len(others)
+        tasks.append((rows, (*stored[key], cells, spec, grid, augmentation)))
+    return tasks
 
 
 def _compute(

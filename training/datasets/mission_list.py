@@ -17,7 +17,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.frames.mission import LEFT, RIGHT, named_path
 
 LIST_FILE = "missions.toml"
@@ -40,10 +40,7 @@ class NamedMission:
 def named_missions(text: Path | str) -> list[NamedMission]:
     """Read what stands after ``--mission``: one mission, or a list (or a folder with one in it).
 
-    Raises
-    ------
-    ToktError
-        If a list cannot be read, or says what it must not.
+    Raises ToktError if a list cannot be read, or says what it must not.
     """
     name, path = named_path(text)
     listed = path / LIST_FILE if (path / LIST_FILE).is_file() else path
@@ -52,9 +49,8 @@ def named_missions(text: Path | str) -> list[NamedMission]:
     if name is not None:
         raise ToktError(f"{listed} has the missions' names in it: give it without {name}=")
     try:
-        value = tomllib.loads(listed.read_text("utf-8"))
-    except OSError as error:
-        raise ToktError(f"{listed}: {error.strerror or error}") from None
+        with os_errors_as(str(listed)):
+            value = tomllib.loads(listed.read_text("utf-8"))
     except UnicodeDecodeError:
         raise ToktError(f"{listed}: not UTF-8 text") from None
     except (ValueError, RecursionError) as error:  # not TOML, 5,000 digits, 1,000 brackets

@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.image_file import SUFFIXES
 from tokt.features.frames.mission import Mission
@@ -170,11 +170,8 @@ def plan_with(base: DatasetVersion, added: DatasetPlan) -> DatasetPlan:
     The version's missions need not be on disk. The content, and so the hash, is what one build of
     all missions gives.
 
-    Raises
-    ------
-    ToktError
-        If both have a mission of one name, an added label is none of the version's classes, or
-        the version was changed on disk.
+    Raises ToktError if both have a mission of one name, an added label is none of the version's
+    classes, or the version was changed on disk.
     """
     base.check()
     both = set(base.frames.mission) & {source.mission for source in added.frames}
@@ -212,10 +209,7 @@ def plan_from_patch_folder(name: str, task: str, folder: Path, taxonomy: Taxonom
     Each image is a frame of a 1x1 grid at its own size. File names do not say which photo a
     patch was cut from, so the dataset is marked ungrouped.
 
-    Raises
-    ------
-    ToktError
-        If the folder is missing, has no images, or a sub-folder is not a class.
+    Raises ToktError if the folder is missing, has no images, or a sub-folder is not a class.
     """
     mission, images = folder.resolve().name, patch_images(folder, taxonomy)
     rows = [(mission, "left", n, 0, 0, image.parent.name) for n, image in enumerate(images, 1)]
@@ -241,10 +235,7 @@ def plan_from_patch_folder(name: str, task: str, folder: Path, taxonomy: Taxonom
 def patch_images(folder: Path, taxonomy: Taxonomy) -> list[Path]:
     """The images of a folder with one sub-folder a class; an image's label is its folder's name.
 
-    Raises
-    ------
-    ToktError
-        If the folder is missing, has no images, or a sub-folder is not a class.
+    Raises ToktError if the folder is missing, has no images, or a sub-folder is not a class.
     """
     if not folder.is_dir():
         raise ToktError(f"folder of patches {folder} does not exist")
@@ -257,7 +248,5 @@ def patch_images(folder: Path, taxonomy: Taxonomy) -> list[Path]:
 
 
 def _load(path: Path) -> tuple[bytes, str]:
-    try:
+    with os_errors_as(str(path)):
         return path.read_bytes(), path.suffix.lower()
-    except OSError as error:
-        raise ToktError(f"{path}: {error.strerror or error}") from None

@@ -239,10 +239,7 @@ def dive_weights(dives: I64) -> F64:
 def sites_named(texts: Sequence[str], missions: Sequence[str]) -> dict[str, str]:
     """Site by mission, from texts such as ``basin=a,b``.
 
-    Raises
-    ------
-    ToktError
-        If a text is none, or a mission is not there or in two sites.
+    Raises ToktError if a text is none, or a mission is not there or in two sites.
     """
     sites: dict[str, str] = {}
     for text in texts:

@@ -27,10 +27,7 @@ MAX_FRAMES = 100
 def stereo_frames(mission: Mission, wanted: Sequence[int] | None = None) -> list[int]:
     """Frames that both cameras have, or the wanted ones of these.
 
-    Raises
-    ------
-    ToktError
-        If there is none.
+    Raises ToktError if there is none.
     """
     both = sorted(set(mission.frames(LEFT)) & set(mission.frames(RIGHT)))
     if not both:
@@ -46,10 +43,7 @@ def stereo_frames(mission: Mission, wanted: Sequence[int] | None = None) -> list
 def frame_size(mission: Mission) -> tuple[int, int]:
     """Width and height of the first left frame that can be read.
 
-    Raises
-    ------
-    ToktError
-        If none can.
+    Raises ToktError if none can.
     """
     why = ""
     for frame in mission.frames(LEFT):

@@ -42,10 +42,7 @@ class StartingRig:
 def parse_free(text: str) -> tuple[str, ...]:
     """Read ``k1,k2,focal,principal``, or ``none``.
 
-    Raises
-    ------
-    ToktError
-        If a name is none of these.
+    Raises ToktError if a name is none of these.
     """
     if text.strip() == "none":
         return ()
@@ -82,10 +79,7 @@ def start_from(
     Of a calibration that cannot be used as it is, as that printed in the thesis, only f, k1 and
     k2 are taken.
 
-    Raises
-    ------
-    ToktError
-        If it is of frames of another size, or its lenses need more than five numbers.
+    Raises ToktError if it is of frames of another size, or its lenses need more than five numbers.
     """
     size = frame_size(mission)
     if given.frame_size != size:
