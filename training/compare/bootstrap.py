@@ -62,17 +62,8 @@ def f1(counts: F64) -> F64:
     return np.where(total > 0, 2 * hit / np.maximum(total, 1), np.nan)
 
 
-def class_counts(targets: I64, predicted: I64, n_classes: int, block: I64, blocks: int) -> F64:
-    """True positives, false positives, false negatives: shape (blocks, n_classes, 3)."""
-    parts = [
-        obstacle_counts(targets == index, predicted == index, block, blocks)
-        for index in range(n_classes)
-    ]
-    return np.stack(parts, axis=1)
-
-
 def macro_f1(counts: F64) -> F64:
-    """Mean F1 of the classes that are there, from `class_counts`."""
+    """Mean F1 of the classes that are there, each with its `obstacle_counts` in the last axis."""
     present = counts[..., 0] + counts[..., 2] > 0
     per_class = np.where(present, np.nan_to_num(f1(counts)), 0.0)
     return np.asarray(per_class.sum(axis=-1) / np.maximum(present.sum(axis=-1), 1))
@@ -129,12 +120,8 @@ def interval(spread: F64, blocks: int) -> dict[str, float] | None:
     """Low and high bound at `CONFIDENCE` from a figure's resampled values.
 
     None of too few blocks, or where most resamples have no value. Percentiles, further out the
-    fewer blocks there are, as few blocks vary too little.
-
-    References
-    ----------
-    Hesterberg (2015), What Teachers Should Know About the Bootstrap, The American Statistician
-    69, section 4.5: expanded percentile interval.
+    fewer blocks there are, as few blocks vary too little: Hesterberg (2015), What Teachers Should
+    Know About the Bootstrap, The American Statistician 69, section 4.5.
     """
     found = spread[np.isfinite(spread)]
     if blocks < 2 or len(found) < len(spread) / 2:
@@ -148,23 +135,10 @@ def interval(spread: F64, blocks: int) -> dict[str, float] | None:
 def compare_f1(
     truth: Bools, said_first: Bools, said_second: Bools, groups: NDArray[np.object_]
 ) -> Difference:
-    """Compare two models' obstacle F1 on the same patches.
+    """Compare two models' obstacle F1 on the same patches, (n_patches,) each, with their blocks.
 
-    Parameters
-    ----------
-    truth, said_first, said_second : arrays of bool, shape (n_patches,)
-        Labels, and what each model said of patches it did not learn from.
-    groups : array, shape (n_patches,)
-        The block of each patch.
-
-    Returns
-    -------
-    Difference
-        The verdict is "cannot tell" while the interval holds 0.
-
-    References
-    ----------
-    Efron, Tibshirani (1993), An Introduction to the Bootstrap, chapter 13.
+    The verdict is "cannot tell" while the interval holds 0 (Efron and Tibshirani 1993, An
+    Introduction to the Bootstrap, chapter 13).
     """
     names, block = block_numbers(groups)
     first = obstacle_counts(truth, said_first, block, len(names))
@@ -204,14 +178,18 @@ class ComparisonMetric:
     def counts(
         self, targets: I64, predicted: I64, truth: Bools, said: Bools, block: I64, blocks: int
     ) -> F64:
-        """Counts of each block.
+        """Counts of each block, (blocks, 3) or (blocks, classes, 3).
 
         Of each patch the class that is labelled, the one that the model says, and whether these
         are obstacles.
         """
-        if self.classes:
-            return class_counts(targets, predicted, self.classes, block, blocks)
-        return obstacle_counts(truth, said, block, blocks)
+        if not self.classes:
+            return obstacle_counts(truth, said, block, blocks)
+        parts = [
+            obstacle_counts(targets == index, predicted == index, block, blocks)
+            for index in range(self.classes)
+        ]
+        return np.stack(parts, axis=1)
 
     def figure(self, counts: F64) -> F64:
         """The figure, from summed counts."""

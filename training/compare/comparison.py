@@ -24,7 +24,7 @@ from .ceilings import ceilings
 from .errors import errors_by_stretch, words_on_stretches, worst_errors
 from .frames import OBSTACLE_FRAME, OCEAN
 from .learning import learning_curve
-from .pairs import compare_pairs, main_measure
+from .pairs import compare_pairs
 from .predictions import HELD_OUT, MISSION, ComparedModels, ModelPredictions
 
 FORMAT_VERSION = 1
@@ -62,11 +62,6 @@ def _model(
         "intervals": pairs["intervals"][predictions.label],
         "time": times["models"][predictions.label],
     }
-
-
-def _ranked(models: list[dict[str, Any]], measure: str) -> list[str]:
-    """The best first; equal ones as they were given."""
-    return [row["model"] for row in sorted(models, key=lambda row: -(row["patch"][measure] or 0.0))]
 
 
 def _learns(predictions: ModelPredictions) -> bool:
@@ -133,7 +128,9 @@ def compare_models(
     pairs = compare_pairs(compared)
     times = measure_times(compared)
     models = [_model(compared, item, pairs, times) for item in compared.models]
-    ranked = _ranked(models, main_measure(compared).name)
+    # The best first; equal ones as they were given.
+    best_first = sorted(models, key=lambda row: -(row["patch"][pairs["measure"]] or 0.0))
+    ranked = [row["model"] for row in best_first]
     stretches = errors_by_stretch(compared)
     learning = [item for item in compared.models if _learns(item)]
     return {
@@ -207,17 +204,15 @@ def measure_times(compared: ComparedModels) -> dict[str, Any]:
         "how": f"{what}, decoded frame to verdict, one thread, models taking turns",
         "kernels": KERNELS.name,
         "cpu": machine()["cpu"],
-        "models": {label: _summary(values) for label, values in spent.items()},
-    }
-
-
-def _summary(values: list[float]) -> dict[str, float]:
-    low, median, high = np.percentile(values, [10, 50, 90])
-    return {
-        "median_ms": float(median),
-        "low_ms": float(low),
-        "high_ms": float(high),
-        "runs": len(values),
+        "models": {
+            label: {
+                "median_ms": float(np.median(values)),
+                "low_ms": float(np.percentile(values, 10)),
+                "high_ms": float(np.percentile(values, 90)),
+                "runs": len(values),
+            }
+            for label, values in spent.items()
+        },
     }
 
 

@@ -45,15 +45,16 @@ class FrameSeries:
     gaps: I64  # (n_frames,): frames missing just before each one, in its own sequence
 
     @classmethod
-    def of(cls, table: pd.DataFrame, step: int | None = None) -> FrameSeries:
-        """Order the rows of a table; `step` is the dives' `frame_step`, or the frames show it."""
+    def of(cls, table: pd.DataFrame, steps: Mapping[str, int] | None = None) -> FrameSeries:
+        """Order the rows of a table; `steps`: each dive's `frame_step`, or the frames show it."""
         table = table.sort_values(FRAME_KEY, ignore_index=True)
         new = (table[["mission", "camera"]] != table[["mission", "camera"]].shift()).any(axis=1)
         starts = np.flatnonzero(new)
         missing: list[int] = []
-        for part in np.split(table.frame.to_numpy(), starts[1:]):
+        for first, part in zip(starts, np.split(table.frame.to_numpy(), starts[1:]), strict=True):
             numbers = part.tolist()
-            missing += missed_before(numbers, step or frame_step(numbers))
+            step = steps[table.mission[first]] if steps else frame_step(numbers)
+            missing += missed_before(numbers, step)
         return cls(table, starts, np.asarray(missing, np.int64))
 
     def kind(self, name: str) -> Bools:

@@ -93,13 +93,8 @@ class _Setting:
         fold = self.folds[index]
         train = fold.train[np.isin(self.block[fold.train], blocks)]
         pipeline = fit_rows(
-            self.features,
-            self.targets,
-            train,
-            self.choices[index],
-            self.settings,
-            self.augmented,
-            self.split.dives(self.dataset.patches),
+            *(self.features, self.targets, train, self.choices[index], self.settings),
+            *(self.augmented, self.split.dives(self.dataset.patches)),
         )
         model = linear_model(pipeline, self.dataset.classes(), self.dataset.obstacle_flags())
         return model.predicted(decision_values(pipeline, self.features[fold.test]))
@@ -175,14 +170,6 @@ def _curve_fits(setting: _Setting) -> Iterator[_Fit]:
                 yield (fraction, repeat), index, order[:kept]
 
 
-def _stretches(setting: _Setting) -> list[I64]:
-    """Blocks one by one, or neighbours together where there are many."""
-    if setting.dataset.block_frames is None:
-        return []
-    blocks = len(setting.unit)
-    return list(np.array_split(np.arange(blocks), min(blocks, _MAX_STRETCHES)))
-
-
 def _fits_without(setting: _Setting, stretches: list[I64]) -> Iterator[_Fit]:
     """By number of the stretch that is left out."""
     for number, left_out in enumerate(stretches):
@@ -224,7 +211,10 @@ def learning_curve(
     (list of str) and how.
     """
     setting = set_up(predictions, dataset, workspace, progress)
-    stretches = _stretches(setting)
+    # Blocks one by one, or neighbours together where there are many.
+    blocks, stretches = np.arange(len(setting.unit)), list[I64]()
+    if dataset.block_frames is not None:
+        stretches = np.array_split(blocks, min(len(blocks), _MAX_STRETCHES))
     fits = [*_curve_fits(setting), *_fits_without(setting, stretches)]
     curve: dict[Any, I64] = defaultdict(lambda: np.zeros_like(setting.targets))
     without: dict[int, dict[int, I64]] = defaultdict(dict)
@@ -248,8 +238,7 @@ def learning_curve(
         "stretches": _helped(setting, stretches, curve[1.0, 0], without, draws),
         "how": _how(setting),
     }
-    result["words"] = learning_words(result)
-    return result
+    return {**result, "words": learning_words(result)}
 
 
 def _value(setting: _Setting, counts: F64) -> float:

@@ -135,16 +135,6 @@ def _predictions(
     )
 
 
-def _joined(parts: Sequence[FrameSeries]) -> FrameSeries:
-    """The frames of several missions one after the other."""
-    before = np.cumsum([0, *(len(part.table) for part in parts)])
-    return FrameSeries(
-        pd.concat([part.table for part in parts], ignore_index=True),
-        np.concatenate([part.starts + at for part, at in zip(parts, before, strict=False)]),
-        np.concatenate([part.gaps for part in parts]),
-    )
-
-
 def predict_missions(
     bundles: Sequence[Bundle],
     missions: Sequence[LabelledMission],
@@ -175,7 +165,7 @@ def predict_missions(
     sure: list[LabelRecord] = []
     keys: list[tuple[str, int]] = []
     missed: list[int] = []
-    series, what, unsure, ranges = [], [], 0, {}
+    tables, steps, what, unsure, ranges = [], {}, [], 0, {}
     by_name = {one.name: one.mission for one in sorted(missions, key=lambda one: one.name)}
     records = {one.name: one.records for one in missions}
     for name, mission in by_name.items():
@@ -189,9 +179,9 @@ def predict_missions(
         check_unseen(bundles, mission, numbers, progress)
         table = _frames(name, numbers, merged, taxonomy, bundles[0].grid.n_patches)
         ranges[name] = known_distances(mission, labelled_approaches(table), stated, progress)
-        step = frame_step(mission.frames(LEFT))
-        series.append(FrameSeries.of(table, step))
-        missed += [MAX_WINDOW, *missed_before(numbers, step)[1:]]  # each mission is a run
+        tables.append(table)
+        steps[name] = frame_step(mission.frames(LEFT))
+        missed += [MAX_WINDOW, *missed_before(numbers, steps[name])[1:]]  # each mission is a run
         keys += [(name, number) for number in numbers]
         what.append(f"mission {mission.name}, frames {format_frames(numbers)}")
         sure, unsure = sure + mine, unsure + len(merged) - len(mine)
@@ -211,7 +201,7 @@ def predict_missions(
             _predictions(bundle, patches, truth, places, its_values, its_judged, white)
             for bundle, its_values, its_judged in zip(bundles, values, judged, strict=True)
         ],
-        series=_joined(series),
+        series=FrameSeries.of(pd.concat(tables), steps),
         read_frame=lambda name, camera, frame: by_name[name].read(frame, camera),
         dataset=None,
         notes=_notes(bundles, sure, unsure),

@@ -49,13 +49,10 @@ class _Resampled:
     def value(self, label: str) -> float:
         return float(self.figure(self.counts[label].sum(axis=0)[None])[0])
 
-    def change(self, first: str, second: str) -> F64:
-        return self.spread[first] - self.spread[second]
-
     def compared(self, first: str, second: str, blocks: int) -> dict[str, Any]:
         return {
             "difference": self.value(first) - self.value(second),
-            "interval": interval(self.change(first, second), blocks),
+            "interval": interval(self.spread[first] - self.spread[second], blocks),
         }
 
 
@@ -67,28 +64,23 @@ def main_measure(compared: ComparedModels) -> ComparisonMetric:
     return ComparisonMetric(len(names)) if several else ComparisonMetric()
 
 
-def _resampled(compared: ComparedModels, measure: ComparisonMetric, draws: F64) -> _Resampled:
-    names, block = compared.units
-    counts = {
-        item.label: measure.counts(
-            item.targets, item.predicted, compared.truth, item.score > 0, block, len(names)
-        )
-        for item in compared.models
-    }
-    spread = {label: measure.figure(summed(draws, part)) for label, part in counts.items()}
+def _resampled(
+    compared: ComparedModels, measure: ComparisonMetric | None, draws: F64
+) -> _Resampled:
+    """By a measure, or for None by average precision."""
+    (names, block), truth, counts, spread = compared.units, compared.truth, {}, {}
+    for item in compared.models:
+        if measure is None:
+            part = ranked_counts(truth, item.score, block, len(names))
+            spread[item.label] = spread_of_ap(draws, part)
+        else:
+            said = item.targets, item.predicted, truth, item.score > 0
+            part = measure.counts(*said, block, len(names))
+            spread[item.label] = measure.figure(summed(draws, part))
+        counts[item.label] = part
+    if measure is None:
+        return _Resampled("average_precision", "AP", average_precision, counts, spread)
     return _Resampled(measure.name, measure.title, measure.figure, counts, spread)
-
-
-def _ap_measure(compared: ComparedModels, draws: F64) -> _Resampled | None:
-    if not compared.truth.any() or not compared.two_sided:
-        return None
-    names, block = compared.units
-    counts = {
-        item.label: ranked_counts(compared.truth, item.score, block, len(names))
-        for item in compared.models
-    }
-    spread = {label: spread_of_ap(draws, part) for label, part in counts.items()}
-    return _Resampled("average_precision", "AP", average_precision, counts, spread)
 
 
 def _detectable(spread: F64, questions: int) -> float | None:
@@ -118,33 +110,25 @@ def _said(
             f"{first} and {second} are right and wrong equally often in every {units[:-1]}: "
             "nothing tells them apart."
         )
-    spread = (
-        "" if bounds is None else f" (95 % interval {bounds['low']:+.3f} to {bounds['high']:+.3f}"
-    )
-    spread += f", p = {p:.2g}{', adjusted' if questions > 1 else ''})" if spread else ""
-    by = f"{title} {pair['values'][0]:.3f} against {pair['values'][1]:.3f}"
+    by = f"{title} {pair['values'][0]:.3f} against {pair['values'][1]:.3f}, a difference of "
+    by += f"{pair['difference']:+.3f}"
+    if bounds is not None:
+        by += f" (95 % interval {bounds['low']:+.3f} to {bounds['high']:+.3f}, p = {p:.2g}"
+        by += ", adjusted)" if questions > 1 else ")"
     if pair["verdict"] != CANNOT_TELL:
-        return (
-            f"{first} is {pair['verdict']} than {second}: {by}, a difference of "
-            f"{pair['difference']:+.3f}{spread}."
-        )
-    seen = (
-        ""
-        if pair["detectable"] is None
-        else (
-            f" With these {units} a difference of about {pair['detectable']:.3f} would be found "
-            "in 4 of 5 repeats."
-        )
-    )
+        return f"{first} is {pair['verdict']} than {second}: {by}."
+    seen = ""
     if test.least_p * questions > 1 - CONFIDENCE:
         seen = (
             f" They differ in {test.differing} {units} only: too few for any difference to be told "
             "from luck."
         )
-    return (
-        f"Cannot tell whether {first} or {second} is better: {by}, a difference of "
-        f"{pair['difference']:+.3f}{spread}.{seen}"
-    )
+    elif pair["detectable"] is not None:
+        seen = (
+            f" With these {units} a difference of about {pair['detectable']:.3f} would be found "
+            "in 4 of 5 repeats."
+        )
+    return f"Cannot tell whether {first} or {second} is better: {by}.{seen}"
 
 
 def _in_short(unit: str) -> str:
@@ -166,12 +150,14 @@ def compare_pairs(compared: ComparedModels) -> dict[str, Any]:
     """
     names, _ = compared.units
     draws = drawn_blocks(len(names))
-    measure, ap = _resampled(compared, main_measure(compared), draws), _ap_measure(compared, draws)
+    sides = bool(compared.truth.any() and compared.two_sided)
+    measure = _resampled(compared, main_measure(compared), draws)
+    ap = _resampled(compared, None, draws) if sides else None
     shown = [measure] if ap is None else [measure, ap]
     if measure.name != "f1" and compared.two_sided:
         shown.append(_resampled(compared, ComparisonMetric(), draws))
     labels = [predictions.label for predictions in compared.models]
-    defined = measure.name != "f1" or bool(compared.truth.any() and compared.two_sided)
+    defined = measure.name != "f1" or sides
     couples = list(combinations(labels, 2))
     return {
         "measure": measure.name,
@@ -209,7 +195,7 @@ def _pairs(
             "swaps": test.swaps,
             "exact": test.exact,
             "differing_blocks": test.differing,
-            "detectable": _detectable(measure.change(a, b), len(couples)),
+            "detectable": _detectable(measure.spread[a] - measure.spread[b], len(couples)),
             "average_precision": ap and ap.compared(a, b, blocks),
             "verdict": _verdict(p, **told),
         }
@@ -261,11 +247,8 @@ def permutation_test(
     seen is then one of many that swapping their verdicts gives. Whole blocks are swapped, as
     patches of a block are not independent; where there are too many swaps to look at all of them,
     some are drawn. `first` and `second` are each model's counts, (blocks, ...); `figure` makes n
-    figures of counts (n, ...).
-
-    References
-    ----------
-    Good (2005), Permutation, Parametric and Bootstrap Tests of Hypotheses, chapter 3.
+    figures of counts (n, ...). Good (2005), Permutation, Parametric and Bootstrap Tests of
+    Hypotheses, chapter 3.
     """
     change = (second - first).reshape(len(first), -1)
     differing = np.flatnonzero(change.any(axis=1))
@@ -291,8 +274,6 @@ def permutation_test(
 def holm(p_values: Sequence[float]) -> list[float]:
     """Adjust p-values for how many questions were asked at once.
 
-    References
-    ----------
     Holm (1979), A Simple Sequentially Rejective Multiple Test Procedure, Scandinavian Journal of
     Statistics 6.
     """

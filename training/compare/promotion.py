@@ -8,7 +8,7 @@ import pandas as pd
 from tokt.features.common.arrays import F64, Bools
 from tokt.models.operating_point import OBSTACLE
 from tokt.training.datasets.dataset import FRAME_KEY
-from tokt.training.evaluation.metrics import BOUND_CONFIDENCE, upper_bound
+from tokt.training.evaluation.metrics import upper_bound
 
 from .bootstrap import CONFIDENCE, block_numbers, drawn_blocks, interval, summed
 from .comparison import measure_times
@@ -138,7 +138,7 @@ def _false_statuses(part: ComparedModels, dive: str) -> list[dict[str, Any]]:
     row["remark"] += ", none by the champion" if new and not old else ""
     rate = part.models[0].bundle.operating_point.chosen.get("target_rate")
     if not dive and rate is not None:
-        low, most = 1 - upper_bound(blocks - hit, blocks, BOUND_CONFIDENCE), rate * frames / blocks
+        low, most = 1 - upper_bound(blocks - hit, blocks), rate * frames / blocks
         row["worse"] = low > most
         row["remark"] += f": at least {low:.2g} of blocks; chosen for {most:.2g} at most"
     return [row]

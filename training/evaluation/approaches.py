@@ -203,22 +203,14 @@ def approach_figures(
     ranges: KnownDistances,
     stopping_m: float | None,
 ) -> list[dict[str, Any]]:
-    """What is left at the first status of each approach.
+    """What is left at the first status of each approach, of those that `approaches` found.
 
-    Parameters
-    ----------
-    frames, missed, status : sequence of int
-        As in `tokt.training.evaluation.evaluate.ScoredMission`.
-    spans : iterable of (int, int)
-        Of `approaches`. A status before an approach's first obstacle frame does not count for it.
-
-    Returns
-    -------
-    list of dict
-        first_obstacle_frame, last_obstacle_frame, first_status (frame), frames_late; distance_m,
-        at the status or else the first one measured in the `SOON_FRAMES` after it, in
-        distance_frame; closing_m_s and contact_s there; stopping_distance_m and enough. None is
-        what is not known; enough is false where there is no status.
+    Frames, missed and status are as in `tokt.training.evaluation.evaluate.ScoredMission`. A status
+    before an approach's first obstacle frame does not count for it. Found are
+    first_obstacle_frame, last_obstacle_frame, first_status (frame), frames_late; distance_m, at the
+    status or else the first one measured in the `SOON_FRAMES` after it, in distance_frame;
+    closing_m_s and contact_s there; stopping_distance_m and enough. None is what is not known;
+    enough is false where there is no status.
     """
     place = np.cumsum(np.asarray(missed) + 1)
     found = []
@@ -260,21 +252,11 @@ def false_status_per_hour(
 ) -> dict[str, Any] | None:
     """False statuses in an hour of open ocean, and what the frames seen can show; None of none.
 
-    Parameters
-    ----------
-    false, frames : int
-        Of the ocean frames those with a false status, and all.
-    false_blocks, blocks : int
-        The same of blocks of frames, which are near copies.
-    rate : float or None
-        Frames a second.
-
-    Returns
-    -------
-    dict
-        rate_fps, in_frames (that all is said of: an hour's, 1000 without a rate), false_status,
-        and upper_bound, by exact bounds of each rate: confidence, of_frames (false statuses, were
-        frames independent), of_blocks (blocks with one), blocks (in_frames are so many).
+    Given are, of the ocean frames, those with a false status and all, the same of blocks of frames,
+    which are near copies, and the frames a second. Found are rate_fps, in_frames (that all is said
+    of: an hour's, 1000 without a rate), false_status, and upper_bound, by exact bounds of each
+    rate: confidence, of_frames (false statuses, were frames independent), of_blocks (blocks with
+    one), blocks (in_frames are so many).
     """
     if not frames:
         return None
@@ -285,8 +267,8 @@ def false_status_per_hour(
         "false_status": many * false / frames,
         "upper_bound": {
             "confidence": BOUND_CONFIDENCE,
-            "of_frames": many * upper_bound(false, frames, BOUND_CONFIDENCE),
-            "of_blocks": many / BLOCK_FRAMES * upper_bound(false_blocks, blocks, BOUND_CONFIDENCE),
+            "of_frames": many * upper_bound(false, frames),
+            "of_blocks": many / BLOCK_FRAMES * upper_bound(false_blocks, blocks),
             "blocks": many / BLOCK_FRAMES,
         },
     }

@@ -109,10 +109,8 @@ def unjudged_values(bundle: Bundle, image: U8, number: int) -> F64:
 def first_detection(frames: list[int], missed: list[int], status: list[int]) -> int | None:
     """The first of three frames with status 1 that follow each other (thesis chapter 5), or None.
 
-    Parameters
-    ----------
-    frames, missed, status : list of int
-        As in `ScoredMission`. Frames on both sides of missing ones do not follow each other.
+    Of frames, missed and status as in `ScoredMission`; those on both sides of missing ones do not
+    follow each other.
     """
     for i in range(len(frames) - 2):
         if not any(missed[i + 1 : i + 3]) and status[i : i + 3] == [OBSTACLE] * 3:
@@ -207,18 +205,20 @@ def _patch_figures(
     model: LinearModel, values: F64, labels: list[str], taxonomy: Taxonomy
 ) -> dict[str, Any]:
     truth = np.array([taxonomy.is_obstacle(label) for label in labels])
-    predicted = model.predicted(values)
-    figures = {"n": len(labels), **obstacle_metrics(truth, model.obstacle_score(values))}
+    predicted, score = model.predicted(values), model.obstacle_score(values)
     classes, targets = classes_and_targets(model, labels, truth)
-    figures.update(class_metrics(targets, predicted, classes))
-    figures["reliability"] = reliability(truth, model.obstacle_score(values))
     right = np.asarray(model.obstacle, bool)[predicted] == truth
-    figures["by_label"] = {
-        label: {"n": int(mine.sum()), "right_side": float(right[mine].mean())}
-        for label in sorted(set(labels))
-        for mine in [np.array(labels) == label]
+    return {
+        "n": len(labels),
+        **obstacle_metrics(truth, score),
+        **class_metrics(targets, predicted, classes),
+        "reliability": reliability(truth, score),
+        "by_label": {
+            label: {"n": int(mine.sum()), "right_side": float(right[mine].mean())}
+            for label in sorted(set(labels))
+            for mine in [np.array(labels) == label]
+        },
     }
-    return figures
 
 
 @dataclass(frozen=True)
@@ -277,13 +277,8 @@ def _together(
     rate: float | None,
 ) -> dict[str, Any]:
     """The figures of some missions' patches as if they were of one."""
-    hourly = false_status_per_hour(
-        frames["false_status"],
-        frames["ocean_frames"],
-        frames["false_status_blocks"],
-        frames["ocean_blocks"],
-        rate,
-    )
+    counted = ("false_status", "ocean_frames", "false_status_blocks", "ocean_blocks")
+    hourly = false_status_per_hour(*(frames[name] for name in counted), rate=rate)
     values = np.concatenate([part.values for part in parts])
     labels = [label for part in parts for label in part.labels]
     return {
@@ -338,6 +333,7 @@ def evaluate(
     progress: Callable[..., Any],
     frames: Sequence[int] | None = None,
     stated: AtSea = NOTHING_STATED,
+    scored: ScoredMission | None = None,
 ) -> dict[str, Any]:
     """Score a model on labelled missions.
 
@@ -345,12 +341,12 @@ def evaluate(
     ----------
     missions : sequence of LabelledMission
         With labels in the model's grid; several annotators are merged.
-    taxonomy : Taxonomy
-        Says which labels are obstacles.
     frames : sequence of int, optional
         Judge these frames only.
     stated : AtSea
         Rate, stopping distance, and where distances come from; a log is of one mission.
+    scored : ScoredMission, optional
+        A single mission that has been scored already.
 
     Returns
     -------
@@ -369,30 +365,32 @@ def evaluate(
     ToktError
         If no labelled patch of a mission is left to judge.
     """
-    parts = [
-        _part(
-            bundle,
-            score_mission(bundle, one.mission, progress, frames),
-            one,
-            taxonomy,
-            stated,
-            progress,
-        )
-        for one in missions
+    point, rate, parts = bundle.operating_point, stated.frames_per_second, []
+    for one in missions:
+        found = scored or score_mission(bundle, one.mission, progress, frames)
+        parts.append(_part(bundle, found, one, taxonomy, stated, progress))
+    rule = {"operating_point": point.to_json(), "latency_frames": point.rule.latency_frames}
+    each = [
+        {"mission": part.name, **_together(bundle, [part], taxonomy, part.frames, rate)}
+        for part in parts
     ]
-    return _evaluated(bundle, parts, taxonomy, stated.frames_per_second)
-
-
-def evaluate_scored(
-    bundle: Bundle,
-    scored: ScoredMission,
-    one: LabelledMission,
-    taxonomy: Taxonomy,
-    progress: Callable[..., Any],
-) -> dict[str, Any]:
-    """`evaluate` for a mission that has been scored already."""
-    part = _part(bundle, scored, one, taxonomy, NOTHING_STATED, progress)
-    return _evaluated(bundle, [part], taxonomy, None)
+    if len(parts) == 1:
+        return {"model": _model(bundle), **each[0], **rule}
+    sites: dict[str, list[_Part]] = {}
+    for part, figures in zip(parts, each, strict=True):
+        figures["site"] = part.site or None
+        if part.site:
+            sites.setdefault(part.site, []).append(part)
+    return {
+        "model": _model(bundle),
+        **_together(bundle, parts, taxonomy, _all_frames(parts), rate),
+        **rule,
+        "missions": each,
+        "sites": {
+            site: _together(bundle, dives, taxonomy, _all_frames(dives), rate)
+            for site, dives in sorted(sites.items())
+        },
+    }
 
 
 def evaluate_patches(
@@ -400,10 +398,8 @@ def evaluate_patches(
 ) -> dict[str, Any]:
     """Score a model of ready-cut patches on a folder with one sub-folder of images a class.
 
-    Returns
-    -------
-    dict
-        As of `evaluate`: model, patch, unsure_ignored, seen_in_training; and the folder, `patches`.
+    Found are, as of `evaluate`, model, patch, unsure_ignored, seen_in_training; and the folder,
+    `patches`.
 
     Raises
     ------
@@ -436,32 +432,4 @@ def evaluate_patches(
         "patch": _patch_figures(bundle.model, np.concatenate(values), labels, taxonomy),
         "unsure_ignored": len(images) - len(sure),
         "seen_in_training": seen,
-    }
-
-
-def _evaluated(
-    bundle: Bundle, parts: Sequence[_Part], taxonomy: Taxonomy, rate: float | None
-) -> dict[str, Any]:
-    point = bundle.operating_point
-    rule = {"operating_point": point.to_json(), "latency_frames": point.rule.latency_frames}
-    each = [
-        {"mission": part.name, **_together(bundle, [part], taxonomy, part.frames, rate)}
-        for part in parts
-    ]
-    if len(parts) == 1:
-        return {"model": _model(bundle), **each[0], **rule}
-    sites: dict[str, list[_Part]] = {}
-    for part, found in zip(parts, each, strict=True):
-        found["site"] = part.site or None
-        if part.site:
-            sites.setdefault(part.site, []).append(part)
-    return {
-        "model": _model(bundle),
-        **_together(bundle, parts, taxonomy, _all_frames(parts), rate),
-        **rule,
-        "missions": each,
-        "sites": {
-            site: _together(bundle, dives, taxonomy, _all_frames(dives), rate)
-            for site, dives in sorted(sites.items())
-        },
     }

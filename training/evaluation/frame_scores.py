@@ -49,23 +49,19 @@ def frame_table(dataset: DatasetVersion) -> FrameTable:
     found = grouped.agg(
         obstacles=("obstacle", "sum"), n=("obstacle", "size"), group=("group", "first")
     ).reset_index()
-    whole = (found.n == dataset.grid.n_patches) & (dataset.block_frames is not None)
+    grid = dataset.grid
+    whole = (found.n == grid.n_patches) & (dataset.block_frames is not None)
+    sizes = dataset.frames.drop_duplicates(FRAME_KEY).set_index(FRAME_KEY)
+    sizes = sizes.loc[pd.MultiIndex.from_frame(found[FRAME_KEY]), ["height", "width"]]
+    least = cache(lambda *size: min_mask_patches(grid, *grid.resized(*size)))
     return FrameTable(
         found[[*FRAME_KEY, "group"]],
         of_patch,
         found.obstacles.to_numpy(np.int64),
         (whole & (found.obstacles == 0)).to_numpy(bool),
-        _min_mask_patches(dataset, found),
+        np.array([least(*size) for size in sizes.itertuples(index=False, name=None)], np.int64),
         _places(found),
     )
-
-
-def _min_mask_patches(dataset: DatasetVersion, found: pd.DataFrame) -> I64:
-    sizes = dataset.frames.drop_duplicates(FRAME_KEY).set_index(FRAME_KEY)
-    sizes = sizes.loc[pd.MultiIndex.from_frame(found[FRAME_KEY]), ["height", "width"]]
-    grid = dataset.grid
-    of_size = cache(lambda *size: min_mask_patches(grid, *grid.resized(*size)))
-    return np.array([of_size(*size) for size in sizes.itertuples(index=False, name=None)], np.int64)
 
 
 def _places(found: pd.DataFrame) -> I64:
@@ -145,28 +141,23 @@ def frame_figures(
     labelled as an obstacle. Frames with neither are not judged, but count among the last frames
     of a k-of-n rule.
 
-    Parameters
-    ----------
-    score : array of float64, shape (n_patches,)
-        `LinearModel.obstacle_score`; not looked at where the fold is -1.
-    fold : array of int, shape (n_patches,)
-        The fold a patch was tested in; -1 for none.
-    rules : sequence of MofNRule
-        One a fold.
-
-    Returns
-    -------
-    dict
-        ocean_frames, false_status, obstacle_frames, detected (counts); false_status_frames,
-        missed_frames (obstacle frames without the status; ``mission:frame``); by mission,
-        first_obstacle_frame and first_detection (the first of three frames in a row with the
-        status, or None); latency_frames (the most that a fold's rule adds).
+    Given are of each patch, (n_patches,), `LinearModel.obstacle_score` and the fold it was tested
+    in, -1 for none, and of each fold a rule. Found are ocean_frames, false_status, obstacle_frames,
+    detected (counts); false_status_frames, missed_frames (obstacle frames without the status;
+    ``mission:frame``); by mission, first_obstacle_frame and first_detection (the first of three
+    frames in a row with the status, or None); latency_frames (the most that a fold's rule adds).
     """
     frames = frame_table(dataset)
     tested = fold >= 0
     of_frame = np.full(len(frames), -1)
     of_frame[frames.of_patch[tested]] = fold[tested]
-    said = _statuses(FrameScores.of(frames, dataset, score, tested), of_frame, rules)
+    scores, said = FrameScores.of(frames, dataset, score, tested), np.zeros(len(frames), bool)
+    for index, rule in enumerate(rules):
+        # At a fold's first frames the last ones are of another fold's model.
+        found = scores.statistic(rule.min_patches, rule.m, rule.n) > rule.margin
+        if rule.instant_margin is not None:
+            found |= scores.statistic(1, 1, 1) > rule.instant_margin
+        said[of_frame == index] = found[of_frame == index]
     judged = of_frame >= 0
     ocean, obstacle = frames.ocean & judged, (frames.obstacles > 0) & judged
     three = windowed(said[:, None].astype(np.float64), frames.place, 3, 3)[:, 0] == 1
@@ -181,18 +172,6 @@ def frame_figures(
         "first_detection": _first(frames, np.append(three[2:], [False, False])[: len(frames)]),
         "latency_frames": max(rule.latency_frames for rule in rules),
     }
-
-
-def _statuses(scores: FrameScores, of_frame: I64, rules: Sequence[MofNRule]) -> Bools:
-    """Whether each frame's status is obstacle by its fold's rule."""
-    said = np.zeros(len(scores.frames), bool)
-    for index, rule in enumerate(rules):
-        # At a fold's first frames the last ones are of another fold's model.
-        found = scores.statistic(rule.min_patches, rule.m, rule.n) > rule.margin
-        if rule.instant_margin is not None:
-            found |= scores.statistic(1, 1, 1) > rule.instant_margin
-        said[of_frame == index] = found[of_frame == index]
-    return said
 
 
 def _first(frames: FrameTable, chosen: Bools) -> dict[str, int | None]:

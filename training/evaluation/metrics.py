@@ -26,20 +26,12 @@ def _ratio(value: float) -> float | None:
 
 
 def obstacle_metrics(truth: Bools, score: F64) -> dict[str, Any]:
-    """Precision, recall, F1 and average precision of "this patch is an obstacle".
+    """Precision, recall, f1 and average_precision of "this patch is an obstacle"; the counts, too.
 
-    Parameters
-    ----------
-    truth : array of bool, shape (n,)
-    score : array of float64, shape (n,)
-        Above 0 where the model says obstacle; infinite from a model whose classes are all
-        obstacles, or all clear: of such a model these figures say nothing, and are None.
-
-    Returns
-    -------
-    dict
-        precision, recall, f1, average_precision (None where undefined), and the counts
-        true_positive, false_positive, false_negative, true_negative.
+    Of n patches whether they are one, and a score above 0 where the model says so. It is infinite
+    from a model whose classes are all obstacles, or all clear: of such a model these figures say
+    nothing, and are None, as they are where they are undefined. The counts are true_positive,
+    false_positive, false_negative, true_negative.
     """
     said = score > 0
     hit, false = int((said & truth).sum()), int((said & ~truth).sum())
@@ -87,11 +79,8 @@ def metrics_by(
 def over_dives(dives: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Means over the dives that have a figure, each dive counting the same, and the worst F1.
 
-    Returns
-    -------
-    dict
-        f1, average_precision, macro_f1 (None of no dive), worst_f1 and worst (its dive), n (dives)
-        and without_f1 (dives without an obstacle or without water, which are left out).
+    That is f1, average_precision, macro_f1 (None of no dive), worst_f1 and worst (its dive), n
+    (dives) and without_f1 (dives without an obstacle or without water, which are left out).
     """
     means: dict[str, Any] = {}
     for name in ("f1", "average_precision", "macro_f1"):
@@ -111,11 +100,8 @@ def over_dives(dives: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
 def class_metrics(truth: I64, predicted: I64, classes: tuple[str, ...]) -> dict[str, Any]:
     """Per-class precision, recall and F1, macro-F1 over the classes present, and confusion.
 
-    Returns
-    -------
-    dict
-        per_class {name: {precision, recall, f1, n}}, macro_f1, and confusion {classes, counts}
-        with a row for each true class and a column for each predicted one.
+    That is per_class {name: {precision, recall, f1, n}}, macro_f1, and confusion {classes, counts}
+    with a row for each true class and a column for each predicted one.
     """
     indices = np.arange(len(classes))
     precision, recall, f1, support = precision_recall_fscore_support(
@@ -123,13 +109,8 @@ def class_metrics(truth: I64, predicted: I64, classes: tuple[str, ...]) -> dict[
     )
     present = support > 0
     per_class = {
-        name: {
-            "precision": _ratio(precision[i]),
-            "recall": _ratio(recall[i]),
-            "f1": _ratio(f1[i]),
-            "n": int(support[i]),
-        }
-        for i, name in enumerate(classes)
+        name: {"precision": _ratio(p), "recall": _ratio(r), "f1": _ratio(f), "n": int(n)}
+        for name, p, r, f, n in zip(classes, precision, recall, f1, support, strict=True)
     }
     return {
         "per_class": per_class,
@@ -144,21 +125,13 @@ def class_metrics(truth: I64, predicted: I64, classes: tuple[str, ...]) -> dict[
 def reliability(truth: Bools, score: F64) -> list[dict[str, Any]]:
     """How often patches are obstacles, by decision value, which is no probability.
 
-    Parameters
-    ----------
-    truth, score
-        As for `obstacle_metrics`.
-
-    Returns
-    -------
-    list of dict
-        low, high (the least and the largest value), n and obstacle (the labelled share) of up to
-        `BINS` bins of as many patches each on either side of 0, by rising value; none where a
-        model's values are not finite.
+    Of patches as for `obstacle_metrics` low, high (the least and the largest value), n and obstacle
+    (the labelled share) of up to `BINS` bins of as many patches each on either side of 0, by rising
+    value; none where a model's values are not finite.
     """
-    order = np.argsort(score, kind="stable")
     if not np.isfinite(score).all():
         return []
+    order = np.argsort(score, kind="stable")
     below = int((score <= 0).sum())
     sides = [side for side in (order[:below], order[below:]) if len(side)]
     bins = [part for side in sides for part in np.array_split(side, min(BINS, len(side)))]
@@ -176,17 +149,9 @@ def reliability(truth: Bools, score: F64) -> list[dict[str, Any]]:
 def right_by_margin(truth: Bools, score: F64) -> list[dict[str, Any]]:
     """How often patches are what a model calls them, by how far from its threshold they are.
 
-    Parameters
-    ----------
-    truth, score
-        As for `obstacle_metrics`, of patches that were not learnt from.
-
-    Returns
-    -------
-    list of dict
-        obstacle (what they are called), low and high (of the margin; None: no end), n, right (the
-        share) and at_least (its lower bound, were patches independent); none of fewer than
-        `MIN_PATCHES` patches.
+    Of patches that were not learnt from, as for `obstacle_metrics`: obstacle (what they are
+    called), low and high (of the margin; None: no end), n, right (the share) and at_least (its
+    lower bound, were patches independent); none of fewer than `MIN_PATCHES` patches.
     """
     found = []
     for obstacle, (low, high) in product((False, True), pairwise(_MARGINS)):
@@ -195,19 +160,16 @@ def right_by_margin(truth: Bools, score: F64) -> list[dict[str, Any]]:
         called &= np.abs(score) < (np.inf if high is None else high)
         n, wrong = int(called.sum()), int((truth[called] != obstacle).sum())
         if n >= MIN_PATCHES:
-            shares = {
-                "right": 1 - wrong / n,
-                "at_least": 1 - upper_bound(wrong, n, BOUND_CONFIDENCE),
-            }
+            shares = {"right": 1 - wrong / n, "at_least": 1 - upper_bound(wrong, n)}
             found.append({"obstacle": obstacle, "low": low, "high": high, "n": n, **shares})
     return found
 
 
-def upper_bound(exceeding: int, n: int, confidence: float) -> float:
+def upper_bound(exceeding: int, n: int) -> float:
     """The largest rate that `exceeding` of `n` independent trials do not contradict.
 
-    Exact (Clopper and Pearson 1934), one-sided.
+    Exact (Clopper and Pearson 1934), one-sided, at `BOUND_CONFIDENCE`.
     """
-    return (
-        1.0 if exceeding >= n else float(stats.beta.ppf(confidence, exceeding + 1, n - exceeding))
-    )
+    if exceeding >= n:
+        return 1.0
+    return float(stats.beta.ppf(BOUND_CONFIDENCE, exceeding + 1, n - exceeding))

@@ -44,16 +44,8 @@ def beside_labels(
 
     Left: thin green outlines are patches labelled as an obstacle, thin gray ones `unsure`, filled
     orange ones predicted. Right: the mask with its box and its centre; empty but where the status
-    is 1.
-
-    Parameters
-    ----------
-    values : array of float64, shape (n_patches, n_outputs)
-        The frame's decision values.
-    verdict : Verdict
-        The runtime's, in a run over the frames before.
-    records : iterable of LabelRecord
-        Of this frame, one a patch.
+    is 1. Values are the frame's decision values, (n_patches, n_outputs), the verdict is the
+    runtime's in a run over the frames before, records are of this frame, one a patch.
     """
     grid, gray = bundle.grid, gray_picture(image, bundle.grid)
     height, width = gray.shape
@@ -115,24 +107,11 @@ CONTRAST_METHOD = "lightness (CIELAB) by local contrast, CLAHE with clip limit 6
 def raise_contrast(frame: U8, width: int, height: int) -> U8:
     """A frame resized, with its contrast raised as `CONTRAST_METHOD` says.
 
-    Parameters
-    ----------
-    frame : array of uint8, shape (h, w) or (h, w, 3)
-        Gray or BGR, as decoded.
-    width, height : int
-        Of the result, in pixels.
-
-    Returns
-    -------
-    array of uint8, shape (height, width, 3)
-        RGB.
+    Of a gray or BGR frame, as decoded, (h, w) or (h, w, 3); RGB, (height, width, 3) pixels.
     """
-    small = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA)
+    small = np.asarray(cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
     if small.ndim == 2:
-        return np.asarray(
-            cv2.cvtColor(raise_contrast_gray(np.asarray(small, np.uint8)), cv2.COLOR_GRAY2RGB),
-            np.uint8,
-        )
+        return np.asarray(cv2.cvtColor(raise_contrast_gray(small), cv2.COLOR_GRAY2RGB), np.uint8)
     lab = np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2LAB), np.uint8)
     lab[..., 0] = raise_contrast_gray(np.ascontiguousarray(lab[..., 0]))
     return np.asarray(cv2.cvtColor(lab, cv2.COLOR_LAB2RGB), np.uint8)

@@ -17,10 +17,7 @@ Curve = tuple[Bools, F64]
 def precision_recall(curves: Mapping[str, Curve]) -> Figure:
     """Precision against recall, a line for each name; the dot is the model's own threshold.
 
-    Parameters
-    ----------
-    curves : mapping of name to (truth, score)
-        truth bool, score float64 and above 0 where the model says obstacle, each (n_patches,).
+    By name truth, and the score above 0 where the model says obstacle, each (n_patches,).
     """
     figure = Figure(figsize=(5.2, 4.2), layout="constrained")
     axes = figure.subplots()
@@ -39,15 +36,8 @@ def precision_recall(curves: Mapping[str, Curve]) -> Figure:
 
 
 def confusion(table: Mapping[str, Any]) -> Figure:
-    """A confusion matrix; a row for each true class.
-
-    Parameters
-    ----------
-    table : mapping
-        ``classes`` and ``counts`` as `class_metrics` gives them.
-    """
-    counts = np.asarray(table["counts"])
-    names = table["classes"]
+    """A confusion matrix, as `class_metrics` gives it; a row for each true class."""
+    counts, names = np.asarray(table["counts"]), table["classes"]
     figure = Figure(figsize=(1.6 + 1.1 * len(names), 1.2 + 0.9 * len(names)), layout="constrained")
     axes = figure.subplots()
     share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
@@ -71,16 +61,8 @@ def mean_by_frame(
 ) -> Figure:
     """Mean of the 0/255 mask by frame (thesis figures 5.3 to 5.5), in the order of replay.
 
-    Parameters
-    ----------
-    frames : list of int
-        Frame numbers; a gap in the numbers breaks the lines.
-    means : mapping of name to list of float
-        One value a frame.
-    labelled : list of int
-        Labelled obstacle patches of each frame; shaded where there are any.
-    threshold : float
-        The mean above which the status is 1.
+    A gap in the frames' numbers breaks the lines; frames are shaded that have labelled obstacle
+    patches. Above the threshold the status is 1.
     """
     figure = Figure(figsize=(10.5, 3.6), layout="constrained")
     axes = figure.subplots()
@@ -90,14 +72,9 @@ def mean_by_frame(
         line = np.insert(np.asarray(values, float), breaks, np.nan)
         axes.plot(np.insert(place.astype(float), breaks, np.nan), line, label=name, lw=1.4)
     top = max(1.0, *(float(np.nanmax([0.0, *values])) for values in means.values()))
+    shown = np.asarray(labelled) > 0
     axes.fill_between(
-        place,
-        0,
-        top * 1.05,
-        where=np.asarray(labelled) > 0,
-        color="0.88",
-        step="mid",
-        label="obstacle labelled",
+        place, 0, top * 1.05, where=shown, color="0.88", step="mid", label="obstacle labelled"
     )
     for at in breaks:
         axes.axvline(at - 0.5, color="0.5", lw=0.8, ls=":")

@@ -1,17 +1,14 @@
 """Reports: one HTML file each that needs no other, and no network, all of one look."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import jinja2
 
 
-def _figure(value: float | None) -> str:
-    return "–" if value is None else f"{value:.3f}"
-
-
-def _signed(value: float | None) -> str:
-    return "–" if value is None else f"{value:+.3f}"
+def _figure(value: float | None, form: str = ".3f") -> str:
+    return "–" if value is None else format(value, form)
 
 
 def report_page(
@@ -19,14 +16,9 @@ def report_page(
 ) -> str:
     """A room's ``report.html``, which extends the ``base.html`` beside this module, filled in.
 
-    Parameters
-    ----------
-    room : str
-        The package that the template lies in, as ``__package__`` has it.
-    filters : mapping of str to callable, optional
-        The template's own, by name; ``figure`` and ``signed`` are there.
-    **values
-        What the template names. Text is escaped; JSON holds no NaN.
+    The room is a package, as ``__package__`` has it. Filters are the template's own, by name;
+    ``figure`` and ``signed`` are there. Values are what it names. Text is escaped; JSON holds no
+    NaN.
     """
     environment = jinja2.Environment(
         loader=jinja2.ChoiceLoader(
@@ -37,6 +29,7 @@ def report_page(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(figure=_figure, signed=_signed, **(filters or {}))
+    signed = partial(_figure, form="+.3f")
+    environment.filters.update(figure=_figure, signed=signed, **(filters or {}))
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     return environment.get_template("report.html").render(values)

@@ -264,10 +264,7 @@ def _described(best: _Candidate, target: FalseStatusTarget, unit: str) -> dict[s
     frames, false = len(best.false_status), int(best.false_status.sum())
     blocks = len(np.unique(best.blocks))
     false_blocks = len(np.unique(best.blocks[best.false_status]))
-    bounds = (
-        upper_bound(false, frames, BOUND_CONFIDENCE),
-        upper_bound(false_blocks, blocks, BOUND_CONFIDENCE),
-    )
+    bounds = upper_bound(false, frames), upper_bound(false_blocks, blocks)
     return {
         "method": _NO_METHOD if best.rate() is None else _METHODS[unit],
         "words": _words(best, target, bounds, unit),

@@ -94,11 +94,8 @@ class BlockConfusion:
 
     def replicates(self) -> F64:
         """Scores of bootstrap samples: the same blocks in the same samples for every tally."""
-        rng = np.random.default_rng(SEED)
-        drawn = rng.multinomial(
-            self.n_blocks, np.full(self.n_blocks, 1 / self.n_blocks), REPLICATES
-        )
-        return self._scores(drawn)
+        rng, blocks = np.random.default_rng(SEED), self.n_blocks
+        return self._scores(rng.multinomial(blocks, np.full(blocks, 1 / blocks), REPLICATES))
 
     @property
     def standard_error(self) -> float:
@@ -198,13 +195,8 @@ def honest_score(
     then scored on that fold's held-out blocks, and the folds are put together. The scores on the
     held-out blocks are known already: the trial of the whole dataset trained on just that part.
 
-    There is each trial on the `whole` dataset, and the same `inside` the training part of each
-    fold.
-
-    Returns
-    -------
-    dict
-        score; chosen: the winner's name inside each fold; how, in words.
+    Of each trial on the `whole` dataset, and `inside` the training part of each fold: score; chosen
+    (the winner's name inside each fold); how, in words.
     """
     chosen = [winner(ranked(tallies)).trial for tallies in inside]
     parts = [(whole[trial], whole[trial].folds == fold) for fold, trial in enumerate(chosen)]

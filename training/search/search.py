@@ -39,13 +39,7 @@ class Budget:
 
 
 def budget_from(text: str | None) -> Budget:
-    """Read ``30m``, ``2h``, ``90s`` (time) or ``12`` (trials).
-
-    Raises
-    ------
-    ToktError
-        If it is neither.
-    """
+    """Read ``30m``, ``2h``, ``90s`` (time) or ``12`` (trials); ToktError if it is neither."""
     if text is None:
         return Budget()
     match = re.fullmatch(r"(\d{1,9})([smh]?)", text.strip(), re.ASCII)
@@ -84,7 +78,7 @@ def _question(request: SearchRequest) -> dict[str, Any]:
     dataset = request.dataset
     return {
         "dataset": dataset.hash,
-        "space": request.space.to_json(),
+        "space": asdict(request.space),
         "features": [feature_key(dataset, trial.spec) for trial in request.space.trials],
         "split": asdict(request.split),
         "rule": RULE,
@@ -129,7 +123,9 @@ def search(
         }
         runs = SearchRuns(registry, state.id, f"search {request.name}", parameters)
         with runs.running():
-            return _Search(request, registry, state, runs, progress).run()
+            seconds = request.budget.seconds
+            not_after = None if seconds is None else time.time() + seconds
+            return _Search(request, registry, state, runs, progress, not_after).run()
 
 
 def _check(request: SearchRequest) -> None:
@@ -147,22 +143,17 @@ def _check(request: SearchRequest) -> None:
             raise ToktError(f"--nested splits each training part again: {error}") from None
 
 
+@dataclass(frozen=True)
 class _Search:
     """A search that is under way."""
 
-    def __init__(
-        self,
-        request: SearchRequest,
-        registry: Registry,
-        state: SearchState,
-        runs: SearchRuns,
-        progress: Callable[..., Any],
-    ) -> None:
-        self._request, self._registry = request, registry
-        self._state, self._runs, self._progress = state, runs, progress
-        self._faults: dict[str, str] = {}
-        seconds = request.budget.seconds
-        self._not_after = None if seconds is None else time.time() + seconds
+    _request: SearchRequest
+    _registry: Registry
+    _state: SearchState
+    _runs: SearchRuns
+    _progress: Callable[..., Any]
+    _not_after: float | None  # time (s since 1970) after which but one trial is begun
+    _faults: dict[str, str] = field(default_factory=dict)  # by trial that cannot be run
 
     def run(self) -> dict[str, Any]:
         """Trials, then the winner by the rule, then its model."""
@@ -174,7 +165,12 @@ class _Search:
         best = winner(ranks)
         write_json(self._state.folder / "winner.json", best.trial.spec)
         honest = self._honest(whole)
-        selection = self._selection(len(whole), honest)
+        selection = (
+            f"CHOSEN ON THESE FOLDS: the extractor is the winner among {len(whole)} tried on the "
+            "same folds, so its figures are somewhat too good."
+        )
+        if honest is not None:
+            selection += f" The procedure's honest score is {honest['score']:.3f}: {HOW}."
         version, metrics = self._model(best.trial, selection)
         self._runs.adopt(version.run_id)
         model = {"name": version.name, "version": version.version, "aliases": version.aliases}
@@ -261,15 +257,6 @@ class _Search:
         inside = [{trial: done[fold, trial] for trial in whole} for fold in folds]
         return honest_score(whole, inside)
 
-    def _selection(self, tried: int, honest: dict[str, Any] | None) -> str:
-        text = (
-            f"CHOSEN ON THESE FOLDS: the extractor is the winner among {tried} tried on the same "
-            "folds, so its figures are somewhat too good."
-        )
-        if honest is None:
-            return text
-        return f"{text} The procedure's honest score is {honest['score']:.3f}: {HOW}."
-
     def _model(self, trial: Trial, selection: str) -> tuple[RegisteredVersion, dict[str, Any]]:
         """The winner's version and figures: what an earlier run registered, or a new one."""
         request = self._request
@@ -279,22 +266,14 @@ class _Search:
                 metrics = self._registry.recipe(version)["metrics"]
                 if selection in metrics["split"]:
                     return version, metrics
-        trained = train(
-            TrainRequest(
-                request.dataset,
-                request.name,
-                build_extractor(trial.spec),
-                trial.name,
-                request.space.settings,
-                request.split,
-                search=self._state.id,
-                selection=selection,
-            ),
-            request.workspace / "cache",
-            self._progress,
-            request.jobs,
-            request.dask,
+        wished = TrainRequest(
+            *(request.dataset, request.name, build_extractor(trial.spec), trial.name),
+            *(request.space.settings, request.split),
+            search=self._state.id,
+            selection=selection,
         )
+        cache = request.workspace / "cache"
+        trained = train(wished, cache, self._progress, request.jobs, request.dask)
         return log_and_register(trained, self._registry), trained.metrics
 
     def _result(

@@ -20,7 +20,7 @@ Each extractor is one trial; its C and class weight are chosen inside each train
 
 import sys
 import tomllib
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -70,13 +70,6 @@ class Space:
     trials: tuple[Trial, ...]  # simple ones first
     settings: TrainingSettings  # the candidates for C and class weight, the augmentations, the seed
 
-    def to_json(self) -> dict[str, Any]:
-        """All of it, for the search's key and its files."""
-        return {
-            "trials": [asdict(trial) for trial in self.trials],
-            "settings": asdict(self.settings),
-        }
-
 
 def read_space(path: Path = BUILT_IN) -> Space:
     """Read a space file.
@@ -118,15 +111,16 @@ def _space_from(content: dict[str, Any], folder: Path) -> Space:
         if trial.id in named:
             raise ToktError(f"extractors {named[trial.id]} and {trial.name} are the same")
         named[trial.id] = trial.name
+    landmarks = content.get("landmarks", 0)
+    if type(landmarks) is not int or not 0 <= landmarks <= _MAX_LANDMARKS:
+        raise ToktError(f"landmarks: a whole number, 0 to {_MAX_LANDMARKS}, not {landmarks!r}")
     settings = TrainingSettings(
         PRESET,
-        scale=True,
-        penalties=_penalties(content["penalties"]),
-        two_images=False,
+        _penalties(content["penalties"]),
         class_weights=_class_weights(content["class_weights"]),
         changes=_changes(content.get("changes", [])),
         change_weight=_positive("change_weight", content.get("change_weight", 1.0)),
-        landmarks=_landmarks(content.get("landmarks", 0)),
+        landmarks=landmarks,
         gamma=_positive("gamma", content.get("gamma", 0.3)),
     )
     return Space(tuple(trials), settings)
@@ -136,12 +130,6 @@ def _positive(name: str, value: Any) -> float:
     if type(value) not in (int, float) or not 0 < value <= sys.float_info.max:
         raise ToktError(f"{name}: a number above 0, not {value!r}")
     return float(value)
-
-
-def _landmarks(value: Any) -> int:
-    if type(value) is not int or not 0 <= value <= _MAX_LANDMARKS:
-        raise ToktError(f"landmarks: a whole number, 0 to {_MAX_LANDMARKS}, not {value!r}")
-    return value
 
 
 def _penalties(value: Any) -> tuple[float, ...]:

@@ -49,11 +49,10 @@ def run_task(task: TrialTask) -> TrialOutcome:
         return TrialOutcome(task)
     began = time.monotonic()
     dataset, split = _dataset(task.dataset), task.split
-    names = ("", *task.settings.changes)
     try:
         features, *augmented = (
             cached_features(dataset, task.trial.spec, task.cache, _silent, 1, augmentation=name)
-            for name in names
+            for name in ("", *task.settings.changes)
         )
         if task.outer_fold is not None:
             rows = split.cut(dataset.patches, dataset.targets())[task.outer_fold].train

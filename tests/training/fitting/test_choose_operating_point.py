@@ -102,10 +102,10 @@ def test_too_little_is_not_extrapolated():
 
 
 def test_upper_bounds_are_clopper_and_pearsons():
-    assert np.isclose(upper_bound(0, 99, 0.95), 1 - 0.05 ** (1 / 99))
+    assert np.isclose(upper_bound(0, 99), 1 - 0.05 ** (1 / 99))
     found = stats.binomtest(3, 50).proportion_ci(0.9, method="exact").high  # two-sided 90 %
-    assert np.isclose(upper_bound(3, 50, 0.95), found)
-    assert upper_bound(5, 5, 0.95) == 1.0
+    assert np.isclose(upper_bound(3, 50), found)
+    assert upper_bound(5, 5) == 1.0
 
 
 # --- a status as a number above a margin -------------------------------------------------------

@@ -41,7 +41,7 @@ from tokt.training.datasets.splits import (
     block_of,
     every_nth_block,
 )
-from tokt.training.evaluation.evaluate import evaluate_scored, score_mission
+from tokt.training.evaluation.evaluate import evaluate, score_mission
 from tokt.training.fitting.classifier import decision_values
 from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import extractor_for, settings_named
@@ -245,10 +245,11 @@ def run_demo(
         _replay(run, store.path, out / "replay.jsonl")
     with run.stage("score all models on the held-back frames", say):
         for name, bundle in run.bundles.items():
-            run.scored[name] = score_mission(bundle, run.mission, progress, run.held_frames)
+            scored = score_mission(bundle, run.mission, progress, run.held_frames)
             labelled = LabelledMission(run.mission, run.records)
-            run.evaluations[name] = evaluate_scored(
-                bundle, run.scored[name], labelled, run.taxonomy, progress
+            run.scored[name] = scored
+            run.evaluations[name] = evaluate(
+                bundle, [labelled], run.taxonomy, progress, scored=scored
             )
     say("-- write the report")
     write_report(out / "report.html", run, bundle_file)
