@@ -277,8 +277,13 @@ def _together(
     rate: float | None,
 ) -> dict[str, Any]:
     """The figures of some missions' patches as if they were of one."""
-    counted = ("false_status", "ocean_frames", "false_status_blocks", "ocean_blocks")
-    hourly = false_status_per_hour(*(frames[name] for name in counted), rate=rate)
+    hourly = false_status_per_hour(
+        frames["false_status"],
+        frames["ocean_frames"],
+        frames["false_status_blocks"],
+        frames["ocean_blocks"],
+        rate,
+    )
     values = np.concatenate([part.values for part in parts])
     labels = [label for part in parts for label in part.labels]
     return {

@@ -116,7 +116,9 @@ def _space_from(content: dict[str, Any], folder: Path) -> Space:
         raise ToktError(f"landmarks: a whole number, 0 to {_MAX_LANDMARKS}, not {landmarks!r}")
     settings = TrainingSettings(
         PRESET,
-        _penalties(content["penalties"]),
+        scale=True,
+        penalties=_penalties(content["penalties"]),
+        two_images=False,
         class_weights=_class_weights(content["class_weights"]),
         changes=_changes(content.get("changes", [])),
         change_weight=_positive("change_weight", content.get("change_weight", 1.0)),

@@ -247,8 +247,8 @@ def _conflict(
     if body.who in session.blind:
         # Where a settlement is undone, what holds may be somebody else's word.
         theirs = session.board.labels(body.who, camera, frame)[cell]
-    place = {"camera": camera, "frame": frame, "cell": cell}
-    return {**place, "theirs": theirs, "yours": conflict.yours}
+    said = {"theirs": theirs, "yours": conflict.yours}
+    return {"camera": camera, "frame": frame, "cell": cell, **said}
 
 
 async def _stream(session: Session, who: str, since: int | None) -> AsyncIterator[str]:

@@ -114,8 +114,8 @@ class SuggestionTable:
     def known(self, several: bool) -> MissionSuggestions:
         """A copy of everything known, without faulty frames."""
         known = self._states == _JUDGED
-        arrays = (self.cameras, self.frames, self._values, self._features)
-        return MissionSuggestions(*(array[known] for array in arrays), several)
+        of_known = self.cameras[known], self.frames[known]
+        return MissionSuggestions(*of_known, self._values[known], self._features[known], several)
 
     def to_bytes(self, key: str) -> bytes:
         """Everything judged, as a file that `load` reads with the same key.
