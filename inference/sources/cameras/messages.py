@@ -23,11 +23,11 @@ def program(kind: str) -> list[str]:
     return [sys.executable, "-P", "-m", f"tokt.inference.sources.{kind}.process"]
 
 
-def write_message(out: IO[bytes], header: dict[str, Any], data: bytes | memoryview = b"") -> None:
+def write_message(out: IO[bytes], header: dict[str, Any], data: memoryview | None = None) -> None:
     """Send a message; waits while the other side does not read."""
-    header = {**header, "bytes": len(data)} if data else header
+    header = header if data is None else {**header, "bytes": len(data)}
     out.write(json.dumps(header).encode() + b"\n")
-    out.write(data)
+    out.write(b"" if data is None else data)
     out.flush()
 
 

@@ -77,7 +77,8 @@ class ClockFit:
     """
 
     def __init__(self, period_s: float | None = None, shared: bool = False) -> None:
-        self._nominal_s = () if period_s is None else (period_s,)
+        # A camera may well say NaN.
+        self._nominal_s = [each for each in (period_s,) if each and math.isfinite(each)]
         self.shared = shared
         self._offset_s = math.inf  # from the camera's clock to the host's, with the least delay
         self._samples = 0

@@ -59,7 +59,8 @@ class FrameNumbers:
                     self._read_sets(_Bits(unit))
                 elif kind == _PICTURE_SETS:
                     bits = _Bits(unit)
-                    self._set_of[bits.golomb()] = bits.golomb()
+                    number = bits.golomb()
+                    self._set_of[number] = bits.golomb()
                 elif kind in _SLICES:
                     return self._follows(unit, kind)
             except (IndexError, KeyError, ValueError):

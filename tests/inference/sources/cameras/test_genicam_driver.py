@@ -1,6 +1,7 @@
 """Cameras in processes of their own: real ones with the simulated camera of the genicam package,
 and small programs in their place for what no real one does on request."""
 
+import io
 import json
 import math
 import os
@@ -13,6 +14,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.calls import refuses
@@ -33,7 +35,7 @@ from tokt.inference.sources.cameras.genicam.producers import (
     list_cameras,
 )
 from tokt.inference.sources.cameras.live_source import CameraSource
-from tokt.inference.sources.cameras.messages import read_message, write_message
+from tokt.inference.sources.cameras.messages import read_message, write_frame, write_message
 from tokt.inference.sources.cameras.process_driver import ProcessDriver
 
 genicam = pytest.importorskip("genicam")
@@ -281,6 +283,15 @@ def test_a_process_without_a_runtime_ends_though_it_hangs():
         write_message(hung.stdin, order)
         assert read_message(hung.stdout)[0]["kind"] == "ready"
         assert hung.wait(MAX_S) == -signal.SIGALRM
+
+
+def test_a_picture_without_pixels_is_a_picture():
+    """Which what decodes it finds fault with: without one there would be none."""
+    pipe = io.BytesIO()
+    write_frame(pipe, 1, 2.0, NO_FAULT, (0, 640, "Mono8", np.empty(0, np.uint8)))
+    pipe.seek(0)
+    header, data = read_message(io.BufferedReader(pipe))
+    assert (header["height"], header["width"], data) == (0, 640, b"")
 
 
 def test_a_process_that_cannot_be_started_is_a_camera_that_cannot(open_camera, monkeypatch):

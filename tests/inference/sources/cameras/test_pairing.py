@@ -5,6 +5,7 @@ import random
 from collections import Counter
 from dataclasses import replace
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -201,10 +202,11 @@ def test_what_waits_is_bounded():
     assert [moment.left.frame_id for moment in settled if moment.left] == list(range(96))
 
 
+@pytest.mark.parametrize("nominal", [None, math.nan])
 @given(st.lists(st.integers(1, 5), min_size=1, max_size=30))
 @settings(max_examples=scaled(30))
-def test_the_period_is_found_where_captures_are_left_out(steps):
-    fit, moment, left_out = ClockFit(), 0, 0
+def test_the_period_is_found_where_captures_are_left_out(nominal, steps):
+    fit, moment, left_out = ClockFit(nominal), 0, 0
     fit.add(capture(LEFT, 0))
     for step in steps:
         moment += step

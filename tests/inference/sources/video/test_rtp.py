@@ -1,5 +1,6 @@
 """RTP: packets, order and clocks; streams over bad networks: no picture that was not sent."""
 
+import re
 import struct
 from dataclasses import replace
 
@@ -166,6 +167,35 @@ def test_what_is_lost_of_a_picture_is_missing_up_to_the_next_key_picture(share, 
 def test_a_picture_that_was_never_sent_is_missed(film, codec, truth):
     readings = read(rtp_packets([unit for unit in film if unit.number != 20], codec), codec)
     assert numbers(readings, truth) == [*range(20), *range(30, 60)]
+
+
+def own_number(unit):
+    """A NAL unit of H.264 whose picture parameter set is number 1, of sequence set 0."""
+    before = {8: 0, 1: 2, 5: 2}.get(unit[0] & 31)  # Exp-Golomb numbers before the set's
+    if before is None:
+        return unit
+    raw = unit[1:].replace(b"\0\0\3", b"\0\0")
+    bits, at = f"{int.from_bytes(raw, 'big'):0{8 * len(raw)}b}".rstrip("0"), 0
+    for _ in range(before):
+        at += 2 * (bits.index("1", at) - at) + 1
+    assert bits[at] == "1"
+    bits = bits[:at] + "010" + bits[at + 1 :]
+    bits += "0" * (-len(bits) % 8)
+    made = int(bits, 2).to_bytes(len(bits) // 8, "big")
+    return unit[:1] + re.sub(rb"\0\0(?=[\0-\3])", b"\0\0\3", made)
+
+
+def test_a_picture_parameter_set_has_a_number_of_its_own():
+    film = [
+        replace(unit, data=annex_b([own_number(each) for each in nal_units(unit.data)]))
+        for unit in encode("h264", 60, key_every=15)
+    ]
+    truth = dict(decoded(film, "h264"))
+    assert numbers(read(rtp_packets(film)), truth) == list(range(60))
+    assert numbers(read(rtp_packets([unit for unit in film if unit.number != 20])), truth) == [
+        *range(20),
+        *range(30, 60),
+    ]
 
 
 def test_a_key_picture_without_its_beginning_is_none(film, codec, truth):

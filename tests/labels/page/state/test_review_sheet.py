@@ -167,7 +167,7 @@ def test_pages_of_one_ranking_are_computed_once(tiny, cells, monkeypatch):
         assert sheet.ranked("anna", "ocean").patches(20, 23) == first[20:23]
     assert len(sheet.ranked("ben", "ocean").cells) == 10
     assert all_of(sheet.ranked("anna", "ocean")) == first  # seeded
-    sheet.close()
+    sheet.background.close()
 
 
 def test_a_label_nobody_used_has_no_patches(features, cells):

@@ -161,7 +161,7 @@ def test_a_frame_that_could_not_be_read_is_read_again_the_next_time(
 
 def test_a_stop_in_the_middle_keeps_what_was_computed(tiny, bundle, tmp_path, monkeypatch):
     first = Suggester(bundle, open_mission(tiny.path), Grid(), tmp_path)
-    first.start()
+    first.background.start()
     until(lambda: first.progress[0] >= 3)
     first.close()
     done = first.progress[0]
