@@ -70,6 +70,8 @@ _AFTER = """SELECT id, camera, frame, row, col, label, annotator, source,
     model_version, blind FROM events NOT INDEXED
     WHERE id > ? AND mission = ? AND grid = ? AND source <> 'model' ORDER BY id LIMIT ?"""
 
+_IS_SEEN = """SELECT 1 FROM seen
+    WHERE mission = ? AND camera = ? AND frame = ? AND annotator = ?"""
 _MARK_SEEN = """INSERT OR IGNORE INTO seen (mission, camera, frame, annotator, time)
     VALUES (?, ?, ?, ?, ?)"""
 
@@ -432,8 +434,10 @@ class LabelStore:
 
     def mark_seen(self, mission: str, camera: str, frame: int, annotator: str, time: str) -> None:
         """Keep that this annotator opened a frame; the first time counts."""
-        with self._transaction():
-            self._connection.execute(_MARK_SEEN, (mission, camera, frame, annotator, time))
+        row = (mission, camera, frame, annotator)
+        if not self._rows(_IS_SEEN, row):  # which waits for nobody who writes
+            with self._transaction():
+                self._connection.execute(_MARK_SEEN, (*row, time))
 
     def seen(self, mission: str, annotator: str) -> set[tuple[str, int]]:
         """Frames (camera and number) that this annotator opened."""
@@ -590,13 +594,14 @@ class LabelStore:
         """
         deadline = time.monotonic() + BUSY_S
         while True:
+            late = time.monotonic() > deadline
             with self._lock:
                 self._connection.execute("PRAGMA busy_timeout = 0")
                 try:
                     self._connection.execute("BEGIN IMMEDIATE")
                 except sqlite3.OperationalError as error:
                     busy = error.sqlite_errorcode & _PRIMARY == sqlite3.SQLITE_BUSY
-                    if not busy or time.monotonic() > deadline:
+                    if not busy or late:
                         raise
                 finally:
                     self._connection.execute(f"PRAGMA busy_timeout = {BUSY_S * 1000:.0f}")

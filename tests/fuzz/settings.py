@@ -3,6 +3,7 @@
 import io
 import json
 import re
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 
@@ -116,7 +117,7 @@ def _spaces() -> list[Files]:
 
 
 def _read_search_space(folder: Path) -> object:
-    return read_space(folder / "space.toml").to_json()
+    return asdict(read_space(folder / "space.toml"))
 
 
 def _read_spec(folder: Path) -> object:

@@ -6,9 +6,11 @@ import sqlite3
 import subprocess
 import sys
 import tempfile
+from contextlib import closing
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -17,6 +19,7 @@ from tests.labels.store.said import history
 from tests.waiting import MAX_S
 from tokt.features.frames.grid import Grid
 from tokt.labels.record import SETTLED, LabelRecord
+from tokt.labels.store import store as store_module
 from tokt.labels.store.actions import Action, ActionHead, ActionResult, Change, Conflict
 from tokt.labels.store.store import LabelStore
 
@@ -262,6 +265,32 @@ def test_seen_frames(store):
     assert store.data_version() == version
     assert store.seen("dive", "ann") == {("left", 3), ("right", 3)}
     assert store.seen("transit", "ann") == set()
+
+
+def test_a_frame_that_was_seen_waits_for_nobody(store, monkeypatch):
+    monkeypatch.setattr(store_module, "BUSY_S", 0.1)
+    store.mark_seen("dive", "left", 3, "ann", TIME)
+    with closing(sqlite3.connect(store.path, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        store.mark_seen("dive", "left", 3, "ann", TIME)
+        refuses("locked", store.mark_seen, "dive", "left", 4, "ann", TIME)
+
+
+def test_who_waited_long_for_a_thread_still_waits_for_a_process(store, monkeypatch):
+    with closing(sqlite3.connect(store.path, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        now = [0.0]
+
+        class LateLock(type(store._lock)):
+            def __enter__(self):
+                now[0] = 1000.0
+                return super().__enter__()
+
+        clock = SimpleNamespace(monotonic=lambda: now[0], sleep=lambda s: other.commit())
+        monkeypatch.setattr(store_module, "time", clock)
+        monkeypatch.setattr(store, "_lock", LateLock())
+        store.apply(_action("k", _change("reef")))
+    assert _labels(store)
 
 
 def test_data_version_tells_of_every_write(store):
