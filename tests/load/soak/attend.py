@@ -100,10 +100,10 @@ class Attendant:
         while not self._ended.wait(_LOOK_S):
             now = time.monotonic()
             if now >= look_at:
-                look_at += self._extent.look_every_s
                 self._look()
-            if not self.samples:
-                continue
+                if not self.samples:
+                    continue  # it has only just begun: again at once
+                look_at += self._extent.look_every_s
             newest = self.samples[-1]
             settled = newest["models"] == self.asked[SWITCHED] + self.asked[REFUSED]
             if now >= exchange_at and settled and newest["frames"] < self._extent.last_exchange:
