@@ -30,7 +30,8 @@ from tokt.inference.publisher import Observer
 from tokt.inference.report import Event, Report
 
 from .view_picture import ViewMoment, fitted
-from .view_process import new_video, serve
+from .view_process import serve
+from .view_video import new_video
 
 LOOPBACK = "127.0.0.1"
 VIEW_LOST, VIDEO_FAILED = "view_lost", "video_failed"
