@@ -11,10 +11,11 @@ from functools import cache
 import cv2
 import numpy as np
 
+from tests.models.parts import golden_of
 from tokt.features.common.arrays import F64, U8, Bools
 from tokt.features.extractors.extractor import Lbp
 from tokt.features.frames.grid import Grid
-from tokt.models.bundle.bundle import Bundle, BundleContent, Golden, bundle_bytes, bundle_from_bytes
+from tokt.models.bundle.bundle import Bundle, BundleContent, bundle_bytes, bundle_from_bytes
 from tokt.models.distribution import MIN_TYPICAL, Distribution, bin_counts, quantile_edges
 from tokt.models.operating_point import MofNRule, OperatingPoint
 
@@ -128,11 +129,7 @@ def bundles(versions: int) -> list[Bundle]:
         model=model,
         provenance={"made_by": "make soak"},
         metrics={},
-        golden=Golden(
-            tuple(cv2.imencode(".png", one)[1].tobytes() for one in golden),
-            values,
-            np.stack([model.obstacle_patches(one) for one in values]),
-        ),
+        golden=golden_of(golden, values, [model.obstacle_patches(one) for one in values]),
         trained_on=np.zeros(0, np.uint64),
         card="Made by tokt bench to run for long; not to be deployed.\n",
         operating_point=OperatingPoint(MofNRule(min_patches=_RULE_PATCHES)),

@@ -2,15 +2,15 @@
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from tests.inference.sources.video.encoding import decoded, encode
 from tests.inference.sources.video.pictures import CELLS, PLACES, bgr, number_at, place_of
+from tests.models.parts import golden_of
 from tokt.features.common.arrays import U8
 from tokt.features.extractors.extractor import Lbp
 from tokt.features.frames.grid import Grid
-from tokt.models.bundle.bundle import BundleContent, Golden, bundle_bytes
+from tokt.models.bundle.bundle import BundleContent, bundle_bytes
 
 _EXTRACTOR, _GRID = Lbp(10, 5, "frame"), Grid(CELLS, CELLS)
 _PICTURES = 60
@@ -43,11 +43,7 @@ def telling_bundle(size: tuple[int, int], bitrate: int) -> bytes:
         model=model,
         provenance={"made_by": "tests.load video"},
         metrics={},
-        golden=Golden(
-            tuple(cv2.imencode(".png", one)[1].tobytes() for one in golden),
-            values,
-            np.stack([model.obstacle_patches(one) for one in values]),
-        ),
+        golden=golden_of(golden, values, [model.obstacle_patches(one) for one in values]),
         trained_on=np.zeros(0, np.uint64),
         card="Made to measure network video; not to be deployed.\n",
     )

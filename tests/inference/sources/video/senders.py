@@ -188,36 +188,24 @@ def _sender(folder: Path, film: Film, name: str, **more: Any) -> Sender:
     return Sender(film, Stamps(stamps), said=folder / f"{name}.txt", **more)
 
 
+def _ffmpeg_sender(folder: Path, film: Film, form: str, to: str, url: str) -> Sender:
+    name = f"ffmpeg-{form}"
+    feed, send = folder / f"{name}.stamps", _ffmpeg(film, "-f", form, to)
+    return _sender(
+        folder, film, name, commands=lambda first: [_feed(film, first, feed), send], url=url
+    )
+
+
 def ffmpeg_rtp(folder: Path, film: Film = FILM, port: int | None = None) -> Sender:
     """FFmpeg that sends RTP to a port."""
-    port = port or free_port()
-    out = ["-f", "rtp", f"rtp://127.0.0.1:{port}?pkt_size=1200"]
-    return _sender(
-        folder,
-        film,
-        "ffmpeg-rtp",
-        commands=lambda first: [
-            _feed(film, first, folder / "ffmpeg-rtp.stamps"),
-            _ffmpeg(film, *out),
-        ],
-        url=f"rtp://127.0.0.1:{port}?codec={film.codec}",
-    )
+    to = f"rtp://127.0.0.1:{port or free_port()}?"
+    return _ffmpeg_sender(folder, film, "rtp", f"{to}pkt_size=1200", f"{to}codec={film.codec}")
 
 
 def ffmpeg_ts(folder: Path, film: Film = FILM, port: int | None = None) -> Sender:
     """FFmpeg that sends MPEG-TS to a UDP port."""
-    port = port or free_port()
-    out = ["-f", "mpegts", f"udp://127.0.0.1:{port}?pkt_size=1316"]
-    return _sender(
-        folder,
-        film,
-        "ffmpeg-ts",
-        commands=lambda first: [
-            _feed(film, first, folder / "ffmpeg-ts.stamps"),
-            _ffmpeg(film, *out),
-        ],
-        url=f"udp://127.0.0.1:{port}",
-    )
+    to = f"udp://127.0.0.1:{port or free_port()}"
+    return _ffmpeg_sender(folder, film, "mpegts", f"{to}?pkt_size=1316", to)
 
 
 def gst_rtp(folder: Path, film: Film = FILM, port: int | None = None) -> Sender:
