@@ -15,13 +15,17 @@ LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "[::1]"})
 """Host names of this computer in a Host header, for itself."""
 _HOST = re.compile(r"(\[[0-9a-f:.]+\]|[^:\[\]]+)(?::(\d{1,5}))?")
 _FOR_OWNER, _OTHERS = 0o600, 0o077
-USER_INFO = re.compile(r"(://)[^/?#\s]*@")
+USER_INFO = re.compile(r"(://)[^/?#]*@")
 """Credentials in a URL, after its first group."""
 # A password may have a / that ought to be quoted: up to the last @, be it a port and a path.
-_SHOWN_INFO = re.compile(r"(://)(?:[^/?#@\s]*:[^,]*|[^/?#\s]*)@")
+# A comma is of it unless another address follows.
+_SHOWN_INFO = re.compile(r"(://)(?:[^/?#@\n]*:(?:(?!,\s*\w+:/)[^\n])*|[^/?#\s]*)@")
+_MISTYPED_INFO = re.compile(r"^((?:rtsps?|rtspu|rtp|udp|https?):)/?[^/\n].*@", re.IGNORECASE)
+"""Of a network address whose // is not there."""
 # Some cameras want them in the query, or in the path: /user=admin&password=...
 _SECRET = re.compile(
-    r"((?:user|usr|login|pass|pwd|token|auth|key|secret)\w*=)[^&/?#,\s]*", re.IGNORECASE
+    r"((?:user|usr|login|pass|pwd|psw|token|auth|key|secret)\w*=)(?:(?!,\s*\w+:/)[^&/?#\s])*",
+    re.IGNORECASE,
 )
 _ADDRESS = re.compile(r"(?:\[([^\]]+)\]|([^:\s]+)):(\d{1,5})")
 
@@ -85,4 +89,5 @@ def without_credentials(text: str) -> str:
 
     A user and a password before ``@`` are left out; so is what query and path say of either.
     """
+    text = _MISTYPED_INFO.sub(r"\1", text)
     return _SECRET.sub(r"\1...", _SHOWN_INFO.sub(r"\1", text)) if "://" in text else text

@@ -26,7 +26,10 @@ _READ_BYTES = 4096
 _PACE_S = 0.01
 """Between two pieces: a flood of them cannot take the loop's processor."""
 _FORMS = "udpout:HOST:PORT, udpin:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[:BAUD]"
-_SERIAL = re.compile(r"(?:serial:)?((?<=:)[^:]+|/dev/[^:]+|COM\d+)(?::(\d{1,8}))?", re.IGNORECASE)
+_SERIAL = re.compile(
+    r"(?:serial:)?((?<=:)[^:]+|/dev/serial/by-path/.+?|/dev/[^:]+|COM\d+)(?::(\d{1,8}))?",
+    re.IGNORECASE,
+)
 # Little waits in the system, and not for long: what the other end reads later is old. Without an
 # answer the system ends it, as when a cable is out; one that is only read is asked.
 _TCP_OPTIONS = {
@@ -135,7 +138,8 @@ class StreamLink:
         with self._changed:
             self._closing = True
             self._changed.notify()
-        self._thread.join(2 * STALL_S)
+        if self._thread.is_alive():
+            self._thread.join(2 * STALL_S)
 
     def _keep(self) -> None:
         wait_s = FIRST_WAIT_S
@@ -159,7 +163,12 @@ class StreamLink:
         reader.start()
         try:
             while (data := self._next()) is not None:
-                channel.write(data)
+                try:
+                    channel.write(data)
+                except OSError:
+                    with self._changed:
+                        self.failed += 1
+                    raise
                 self.sent += 1
         finally:
             self._drop()

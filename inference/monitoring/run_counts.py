@@ -58,7 +58,7 @@ class RunCounts(Observer):
         self.started_t = clock.time()
         self.last_report_s = self.started_s = clock.monotonic()
         self.model: ModelName | None = None
-        self.warnings: dict[str, str] = {}  # what is wrong at present: camera, receiver, drift
+        self.warnings: dict[str, str] = {}  # wrong at present: camera, receiver, place, drift
 
     def judged(self, frame: Frame, judgement: Judgement, report: Report) -> None:
         """Count a frame."""
@@ -88,9 +88,9 @@ class RunCounts(Observer):
             self.model = ModelName(model["label"], model["sha256"]) if model else None
         kind = event.name.partition("_")[0]
         what = f"{kind} {event.fields.get(kind, '')}"
-        if event.name in ("camera_lost", "receiver_refused", "drift"):
+        if event.name in ("camera_lost", "receiver_refused", "place_lost", "drift"):
             self.warnings[what] = event.words
-        elif event.name in ("camera_back", "receiver_back", "drift_over"):
+        elif event.name in ("camera_back", "receiver_back", "place_back", "drift_over"):
             self.warnings.pop(what, None)
 
     def _note(self, report: Report) -> None:

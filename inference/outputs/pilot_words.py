@@ -37,7 +37,7 @@ def _side(verdict: Verdict) -> str:
 
 
 class PilotWords:
-    """Tell changes, at most one in `BETWEEN_S`, and in the end always the newest."""
+    """Tell changes, at most one in `BETWEEN_S` besides an obstacle, at last always the newest."""
 
     def __init__(self) -> None:
         self._told: tuple[int | None, Reason | None] = (None, None)

@@ -107,7 +107,7 @@ def video(
     quick: Quick = False,
     json: Json = False,
 ) -> None:
-    """Network video: latency, loss, faults; exit code 1 if a damaged picture passed as whole."""
+    """Network video: latency, loss, faults; exit code 1 if a picture or a time is not as asked."""
     from .video.run import ALL, FULL, QUICK, run_video_bench
 
     extent = QUICK if quick else FULL

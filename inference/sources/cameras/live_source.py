@@ -364,7 +364,7 @@ class CameraSource:
         left, left_fault = self._view(LEFT, moment.left, moment.alone)
         right, right_fault = self._view(RIGHT, moment.right, moment.alone)
         if self.split:
-            right_fault = left_fault
+            right_fault = self._view(LEFT, moment.left, moment.alone, RIGHT)[1]
             if left is not None:
                 width = left.shape[1]
                 left, right = left[:, : width // 2].copy(), left[:, width - width // 2 :].copy()
@@ -373,14 +373,17 @@ class CameraSource:
         views = left, right, left_fault, right_fault
         return Frame(self._number, t, *views, missed, True, arrived, captured_t)
 
-    def _view(self, camera: int, capture: Capture | None, alone: Fault) -> tuple[U8 | None, Fault]:
-        """A camera's picture, or why there is none."""
+    def _view(
+        self, camera: int, capture: Capture | None, alone: Fault, shown: int | None = None
+    ) -> tuple[U8 | None, Fault]:
+        """A camera's picture, or why there is none; `shown` is the side, where that is another."""
+        side = SIDES[camera if shown is None else shown]
         if capture is not None:
-            fault = capture.fault.about(SIDES[camera]) if capture.fault else NO_FAULT
+            fault = capture.fault.about(side) if capture.fault else NO_FAULT
             return capture.picture, fault
         if camera == len(self._lost):
             return None, _ONE_CAMERA
-        return None, (self._lost[camera] or alone).about(SIDES[camera])
+        return None, (self._lost[camera] or alone).about(side)
 
     def _missed(self, at: float) -> int:
         """How many frames between the last one delivered and this one were not."""

@@ -21,7 +21,7 @@ _VALUES = {
     "size": (r"[1-9]\d{0,4}x[1-9]\d{0,4}", "WIDTHxHEIGHT, such as 1280x720"),
     "rate": (r"[1-9]\d{0,3}(\.\d{1,3})?", "frames per second, such as 30"),
 }
-_NEXT = re.compile(rf",(?=(?:{'|'.join(SCHEMES)}):)")
+_NEXT = re.compile(rf",(?=\s*(?:{'|'.join(SCHEMES)}):)", re.IGNORECASE)
 
 
 def is_video_source(text: str) -> bool:

@@ -23,6 +23,7 @@ from .newest import NewestReading, Reading, StreamLostError
 from .rtp_stream import RtpStream
 
 _ANSWER_S = 5.0
+_OPEN_S = 8.0  # for some answers, before the process that hangs is ended
 _SILENT_S = 5.0  # without a packet: the session is dead, whatever the server says
 _CLOSE_S = 1.0
 _LOOK_S = 0.02
@@ -125,7 +126,7 @@ async def _played(address: VideoAddress, newest: NewestReading) -> None:
         async with transport:
             session = RTSPMediaSession(connection, url, transport=transport)
             newest.alive()
-            await session.setup()
+            await asyncio.wait_for(session.setup(), _OPEN_S)
             try:
                 transport.stream = _stream(session)
                 await session.play()

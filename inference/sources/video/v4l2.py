@@ -75,7 +75,10 @@ def _readings(
         if newest.stopped.is_set():
             return
         now = SYSTEM_CLOCK.monotonic()
-        told_s = float(packet.pts * packet.time_base) if packet.pts is not None else now
+        # The driver's clock stands still in a suspend.
+        told_s = now
+        if packet.pts is not None:
+            told_s = float(packet.pts * packet.time_base) + SYSTEM_CLOCK.suspended()
         taken_s = told_s if 0 <= now - told_s < _MAX_AGE_S else now  # by another clock
         damaged = _DAMAGED if packet.is_corrupt or not packet.size else ""
         if name == "h264":

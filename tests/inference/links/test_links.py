@@ -8,6 +8,7 @@ import struct
 import subprocess
 import sys
 import threading
+import time
 from contextlib import contextmanager
 
 import pytest
@@ -17,7 +18,7 @@ from tests.inference.live import bound_socket
 from tests.waiting import MAX_S, until
 from tokt.inference.links import datagrams
 from tokt.inference.links import link as streams
-from tokt.inference.links.link import open_link
+from tokt.inference.links.link import StreamLink, open_link
 
 
 class Heard:
@@ -93,6 +94,7 @@ def test_what_is_a_link(closed_port):
     for text in (
         *(f" udpin:127.0.0.1:{closed_port} ", "udpout:[::1]:9", f"tcp:127.0.0.1:{closed_port}"),
         *("/dev/ttyUSB0", "serial:/dev/ttyACM0:115200", "COM3:57600", "serial:COM3"),
+        "/dev/serial/by-path/pci-0000:00:14.0-usb-0:3:1.0-port0:57600",
     ):
         with opened(text):
             pass
@@ -309,6 +311,32 @@ def test_a_baud_rate_that_the_port_does_not_have(monkeypatch):
     monkeypatch.setattr(serial, "Serial", refuse)
     with opened("COM3:12345") as (link, _):
         until(lambda: link.last_error == "no such rate")
+
+
+def test_a_message_that_breaks_the_link_is_counted():
+    class Broken:
+        def write(self, data):
+            raise OSError("unplugged")
+
+        def read(self):
+            time.sleep(0.01)
+            return b""
+
+        def close(self): ...
+
+    link = StreamLink(Broken)
+    link.listen(Heard())
+    try:
+        until(lambda: link._channel)
+        link.write(b"verdict")
+        until(lambda: link.last_error == "unplugged")
+        assert (link.sent, link.failed) == (0, 1)
+    finally:
+        link.close()
+
+
+def test_a_link_that_never_listened_is_closed():
+    open_link("tcp:127.0.0.1:9").close()
 
 
 def test_without_pyserial_the_extra_is_named(monkeypatch, tmp_path):

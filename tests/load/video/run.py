@@ -2,6 +2,7 @@
 
 import sys
 import tempfile
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,7 @@ class VideoSize:
     losses: tuple[float, ...] = (0.001, 0.01)
 
 
+MAX_BACK_S = 2.0
 FULL = VideoSize()
 QUICK = VideoSize(
     captures=60,
@@ -59,7 +61,6 @@ def run_video_bench(extent: VideoSize, parts: tuple[str, ...] = ALL) -> Found:
         raise ToktError(f"no part {min(unknown)!r}: {', '.join(ALL)}")
     figures: dict[str, Any] = {"extent": asdict(extent), "machine": machine()}
     report: list[Any] = []
-    damaged = 0
     with tempfile.TemporaryDirectory(prefix="tokt-video-") as name:
         folder = Path(name)
         for part in parts:
@@ -67,10 +68,24 @@ def run_video_bench(extent: VideoSize, parts: tuple[str, ...] = ALL) -> Found:
             found, rows = _PARTS[part](extent, folder)
             figures[part] = found
             report += rows
-            damaged += found.get("damaged", 0) if isinstance(found, dict) else 0
     report.append(machine_words(figures))
-    fault = f"{damaged} damaged pictures were given as whole" if damaged else ""
+    fault = "; ".join(_faults(figures, whole=extent == FULL))
     return Found("video", figures, report, fault=fault)
+
+
+def _faults(figures: dict[str, Any], whole: bool) -> Iterator[str]:
+    """What may not be; of times only where all is measured."""
+    counted = [figures[part] for part in ("captures", "live") if part in figures]
+    ours = [found for name, found in figures.get("readers", ()) if name.startswith("tokt")]
+    if damaged := sum(found["damaged"] for found in (*counted, *ours)):
+        yield f"{damaged} damaged pictures were given as whole"
+    if whole and any(found["first_s"].get("max", 0) > MAX_BACK_S for found in counted):
+        yield f"the first picture came more than {MAX_BACK_S:g} s after a key picture"
+    bare, *ways = figures.get("latency", [{}])
+    for way in ways if whole else ():
+        over = [way[name] - bare[name] for name in ("median_ms", "p99_ms")]
+        if way["way"].endswith("datagram") and (over[0] > 60 or over[1] > 120):
+            yield f"{way['way']} takes {over[0]:.0f} (99 %: {over[1]:.0f}) ms more than the codec"
 
 
 def _captures(extent: VideoSize, folder: Path) -> tuple[Any, list[Any]]:

@@ -53,7 +53,7 @@ def test_what_cannot_be_meant(text, words):
 @given(
     st.sampled_from(["rtsp", "rtspu", "rtp", "udp", "http", "https"]),
     st.text(
-        st.characters(min_codepoint=33, max_codepoint=126, exclude_characters="/?#@,&"), min_size=9
+        st.characters(min_codepoint=33, max_codepoint=126, exclude_characters="/?#@&"), min_size=9
     ).map("~{}".format),  # what no help has in it
     st.sampled_from(["", "/x", ":77/a?b=c", "/user={}&password={}&channel=1", ":5?token={}"]),
 )
@@ -67,18 +67,39 @@ def test_no_password_is_ever_shown(scheme, secret, rest):
     assert secret not in shown
 
 
-@given(
-    st.text(
-        st.characters(min_codepoint=32, max_codepoint=126, exclude_characters=","), min_size=9
-    ).map("~{}".format)
-)
+@given(st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=9).map("~{}".format))
 def test_a_password_that_is_not_quoted_is_not_shown(secret):
     for text in (f"rtsp://pilot:{secret}@host/x", f"rtsp:/pilot:{secret}@host", f"rtp:{secret}@h"):
         try:
             shown = repr(open_drivers(parse_video_sources(text), SYSTEM_CLOCK))
         except ToktError as error:
             shown = str(error)
+        shown += RunConfig.of({"source": text}).to_toml()
         assert secret not in shown
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("rtsp://u:p,a/ss@h/x", "rtsp://h/x"),
+        ("rtsp://u:p,a/s@h/a,rtsp://v:q,/r@h/b", "rtsp://h/a,rtsp://h/b"),
+        ("http://admin:pa ss@h/x", "http://h/x"),
+        ("rtsp://h:554/a,v4l2:/dev/video0", "rtsp://h:554/a,v4l2:/dev/video0"),
+        ("http://h/c?psw=a,b", "http://h/c?psw=..."),
+        ("rtsp:/u:p@h", "rtsp:h"),
+    ],
+)
+def test_what_is_shown_of_an_address(text, shown):
+    assert without_credentials(text) == shown
+
+
+def test_an_address_is_without_what_a_password_has():
+    assert VideoAddress.parse("http://admin:pa ss@h/x").url == "http://h/x"
+
+
+def test_a_blank_may_follow_the_comma():
+    for text in ("rtsp://h/a, rtsp://h/b", "rtsp://h/a,RTSP://h/b"):
+        assert [each.url for each in parse_video_sources(text)] == ["rtsp://h/a", "rtsp://h/b"]
 
 
 def test_credentials_of_the_environment(monkeypatch):
