@@ -1,4 +1,4 @@
-"""Make the pictures of docs/labelling.md and docs/view.md from a finished rendered demo.
+"""Make the pictures of docs/how-to/label.md and docs/how-to/view.md from a finished rendered demo.
 
 ``python docs/make_page_pictures.py demo-out`` starts the labelling page on the demo's rendered
 mission with its model and some of its labels, then a run with a live view, and takes pictures of
@@ -17,7 +17,7 @@ from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
 
-HERE = Path(__file__).parent
+PICTURES = Path(__file__).parent / "pictures"
 TOKT = Path(sys.executable).parent / "tokt"
 READY = re.compile(r"http://\S+")
 SETTLED_MS = 4000  # pictures and suggestions of all frames shown have come by then
@@ -47,7 +47,7 @@ def main(out: Path) -> None:
         page.wait_for_selector("dd:has-text('OBSTACLE')")
         page.wait_for_timeout(SETTLED_MS)
         page.wait_for_selector("dd:has-text('OBSTACLE')")
-        page.screenshot(path=HERE / "view.jpg", type="jpeg", quality=82)
+        page.screenshot(path=PICTURES / "view.jpg", type="jpeg", quality=82)
 
 
 @contextmanager
@@ -110,7 +110,7 @@ def show(page: Page, address: str, name: str) -> None:
     """Open a view and keep its picture."""
     page.goto(address)
     page.wait_for_timeout(SETTLED_MS)
-    page.screenshot(path=HERE / name, type="jpeg", quality=82)
+    page.screenshot(path=PICTURES / name, type="jpeg", quality=82)
 
 
 main(Path(sys.argv[1]))

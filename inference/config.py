@@ -262,7 +262,7 @@ class MonitoringConfig:
     )
     view: int | None = option(
         None,
-        "Show what the run sees on this port: a page and an MJPEG stream (docs/view.md).",
+        "Show what the run sees on this port: a page and an MJPEG stream (docs/how-to/view.md).",
         "PORT",
     )
     view_host: str | None = option(

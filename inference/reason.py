@@ -8,7 +8,7 @@ from enum import StrEnum
 class Reason(StrEnum):
     """Codes of what was not as it should be, as datagrams, logs and counters carry them.
 
-    docs/udp.md has them all.
+    docs/reference/udp.md has them all.
     """
 
     OK = "ok"

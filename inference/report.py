@@ -27,7 +27,7 @@ and stands at the end of its datagram or log line, where every older reader leav
 
 @dataclass(frozen=True)
 class ReportField:
-    """One field of what is said about a frame; docs/udp.md and docs/observability.md explain it."""
+    """One field of what is said about a frame; udp.md and logs_and_metrics.md explain it."""
 
     name: str
     kind: type  # in JSON: int, float, str, bool, or list for a box of four ints
@@ -163,7 +163,7 @@ class Report:
     v: ClassVar[int] = V2
 
     def fields(self) -> dict[str, Any]:
-        """The fields of UDP v2 (docs/udp.md)."""
+        """The fields of UDP v2 (docs/reference/udp.md)."""
         return _v2(self)
 
 

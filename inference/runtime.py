@@ -1,6 +1,6 @@
 """The loop: a frame in, a verdict out to every receiver, then to the observers.
 
-docs/failsafe.md has the states it can be in, and what each fault comes to.
+docs/explanation/failsafe.md has the states it can be in, and what each fault comes to.
 """
 
 import threading

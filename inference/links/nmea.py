@@ -1,4 +1,4 @@
-"""NMEA 0183: the vehicle's place by sentences; docs/mavlink.md says which is taken for what."""
+"""NMEA 0183: the vehicle's place by sentences; mavlink.md says which is taken for what."""
 
 import re
 from collections.abc import Iterator

@@ -158,7 +158,7 @@ def _nearness(verdict: Verdict) -> str:
     words = "" if verdict.distance_m is None else f" {verdict.distance_m:.1f} m"
     if verdict.trend is not None and (verdict.trend_confidence or 0.0) >= SURE:
         words += f" {verdict.trend}"
-    # Where the distance is measured the expansion is the worse clock: docs/stereo.md.
+    # Where the distance is measured the expansion is the worse clock: docs/explanation/stereo.md.
     if verdict.expansion_contact_s is not None and verdict.distance_m is None:
         words += f", contact in {verdict.expansion_contact_s:.0f} s"
     return words

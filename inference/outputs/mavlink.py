@@ -1,6 +1,6 @@
 """MAVLink: verdicts as the distances that autopilots read, and what the pilot's screen shows.
 
-What each message means, and what autopilots make of it, is in docs/mavlink.md. ArduPilot takes a
+What each message means, and what autopilots make of it, is in mavlink.md. ArduPilot takes a
 message full of "unknown" for a healthy sensor that sees nothing, and only silence for one without
 data: nothing but heartbeats, words and figures is sent for an unknown verdict, unless asked for.
 """

@@ -1,6 +1,6 @@
 """Datagrams: UDP v1 for the thesis's LabVIEW program, UDP v2 (JSON), and sending either.
 
-Both formats are fixed in docs/udp.md. Unknown is never sent as clear: v1 has no word for it and
+Both formats are fixed in udp.md. Unknown is never sent as clear: v1 has no word for it and
 sends nothing, so that LabVIEW's receive time-out acts; v2 sends status -1.
 """
 

@@ -25,7 +25,7 @@ _log_only = filler(LOG_ONLY)
 def frame_line(run: str, frame: Frame, judgement: Judgement, report: Report) -> dict[str, Any]:
     """The line of a frame that was judged: every one of `tokt.inference.report.FIELDS`.
 
-    The fields of UDP v2 (docs/udp.md), and what a replay needs to judge the frame again: what the
+    The fields of UDP v2 (udp.md), and what a replay needs to judge the frame again: what the
     policy saw of it, and how long the texture detector took. ``left`` and ``right`` are the
     `pixel_mark` of a picture, or ``{"reason", "words"}`` where there is none.
     """

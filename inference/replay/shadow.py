@@ -73,7 +73,7 @@ def serve(challenger: Challenger, connection: Connection) -> None:
 
     A process and not a thread, by measurement: beside a challenger that is always busy the running
     model's median latency was 1.4 to 2 times as long where they shared one interpreter, and 0.9 to
-    1.2 times with processes (docs/replay.md). And a process may crash, hang or be killed. Pictures
+    1.2 times with processes (replay.md). And a process may crash, hang or be killed. Pictures
     come through a pipe: a process that writes to shared memory where the disk of it is full is
     ended.
     """

@@ -111,7 +111,7 @@ def _keys(store: Store) -> Found:
     trusted = keys.trusted
     figures = {"required": keys.required, "trusted": list(trusted)}
     if not keys.required:
-        text = "none; it takes any sound bundle, from whomever (docs/deploy.md)"
+        text = "none; it takes any sound bundle, from whomever (docs/how-to/deploy.md)"
         return NOTE if keys.events else OK, text, figures
     if not trusted:
         return FAULT, "it trusts no key any more, and so takes no bundle", figures

@@ -1,7 +1,7 @@
 """Faults of frames, detectors, networks, disks and clocks: what is said, and never a wrong clear.
 
 Every test puts one fault into a dive between a healthy stretch before it and one after it. What it
-came to is a row of docs/faults.md, and the test fails where the two differ.
+came to is a row of docs/reference/faults.md, and the test fails where the two differ.
 """
 
 import json
@@ -53,14 +53,14 @@ from .live import BROADCAST, Sent, bound_socket, refuse
 from .sources.video.encoding import encode
 from .sources.video.packets import transport_stream
 
-TABLE = Path(__file__).parents[2] / "docs" / "faults.md"
+TABLE = Path(__file__).parents[2] / "docs" / "reference" / "faults.md"
 RNG = np.random.default_rng(7)
 
 
 def hold_row(fault: str, comes_to: str, counted: str) -> None:
     """Hold a row of three cells against the documented ones."""
     line = f"| {fault} | {comes_to} | {counted} |"
-    assert line in TABLE.read_text().splitlines(), f"docs/faults.md has no row\n{line}"
+    assert line in TABLE.read_text().splitlines(), f"docs/reference/faults.md has no row\n{line}"
 
 
 def row(fault: str, outcome: Outcome, counted: str) -> None:

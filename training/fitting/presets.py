@@ -46,7 +46,7 @@ class TrainingSettings:
     limit: float = 2.5  # standard deviations at which features are cut off before that map
     moving_boundary: bool = False  # with the water (`tokt.models.water`), if frames are whole
     # Patches that a fit learns from at most: drawn where there are more, so that memory and time
-    # have a bound. More of the same water teach nothing (docs/scale.md).
+    # have a bound. More of the same water teach nothing (docs/how-to/scale.md).
     max_samples: int = 50_000
 
     @classmethod

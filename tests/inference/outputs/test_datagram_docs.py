@@ -1,7 +1,7 @@
-"""The examples and tables of docs/udp.md and docs/labview.md, held against what is sent.
+"""The examples and tables of udp.md and labview.md, held against what is sent.
 
 LabVIEW's *Scan From String* is stood in for by C's `sscanf`, whose format strings are alike where
-ours has something: white space, literal characters, `%d` and `%f`. docs/labview.md says where the
+ours has something: white space, literal characters, `%d` and `%f`. labview.md says where the
 two differ.
 """
 
@@ -26,10 +26,11 @@ from tokt.inference.verdict import Verdict, unknown_verdict
 
 DOCS = Path(__file__).parents[3] / "docs"
 UDP, LABVIEW, OBSERVABILITY = (
-    (DOCS / name).read_text() for name in ("udp.md", "labview.md", "observability.md")
+    (DOCS / name).read_text()
+    for name in ("reference/udp.md", "tutorials/labview.md", "how-to/logs_and_metrics.md")
 )
 MAX_SIZE = 8192
-"""What docs/labview.md has LabVIEW read at most of a v2 datagram."""
+"""What docs/tutorials/labview.md has LabVIEW read at most of a v2 datagram."""
 ETHERNET = 1472
 """Bytes of a datagram that one Ethernet frame takes: more are sent in pieces."""
 
@@ -171,7 +172,7 @@ def test_a_cut_datagram_is_noticed_or_has_lost_digits_of_the_mean_only(cut):
 
 
 def unflattened(data: bytes) -> dict[str, Any]:
-    """*Unflatten From JSON* as its help describes it, with the cluster of docs/labview.md.
+    """*Unflatten From JSON* as its help describes it, with the cluster of labview.md.
 
     *default null elements* TRUE, *strict validation* FALSE; an element of another type, or one
     that the JSON does not have, is an error.

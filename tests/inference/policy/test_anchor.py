@@ -18,7 +18,7 @@ from tokt.inference.reason import Fault, Reason
 from tokt.inference.verdict import Verdict, unknown_verdict, verdict_from_mask
 
 HEIGHT, WIDTH = 271, 360
-LABVIEW = (Path(__file__).parents[3] / "docs" / "labview.md").read_text()
+LABVIEW = (Path(__file__).parents[3] / "docs" / "tutorials" / "labview.md").read_text()
 
 
 def seen(rows: slice, cols: slice) -> Verdict:
@@ -82,7 +82,7 @@ def test_any_mask_has_errors_within_their_bounds(height, width, data):
         assert -1 <= found.x <= 1 and -1 <= found.y <= 1 and -4 < found.size <= 1.152
 
 
-# The controller of docs/labview.md, before a disc in front of a camera
+# The controller of docs/tutorials/labview.md, before a disc in front of a camera
 
 
 def commands_of_the_page() -> Callable[[dict[str, Any]], tuple[float, float, float]]:

@@ -1,6 +1,6 @@
 """Faults of the process itself, with the real command under its watchdog.
 
-The rows of docs/faults.md that this comes to are held against it as in test_faults.py.
+The rows of docs/reference/faults.md that this comes to are held against it as in test_faults.py.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""What each fault of a store comes to: rows of docs/faults.md, with real files and disks."""
+"""What each fault of a store comes to: rows of faults.md, with real files and disks."""
 
 import json
 import os

@@ -202,8 +202,8 @@ def test_an_edited_page_is_found(tmp_path):
 
 def test_what_the_page_points_to_is_there():
     text = template_text()
-    pages = set(re.findall(r"\]\((\w+\.md)\)", text))
-    assert pages >= {"udp.md", "stereo.md"}
+    pages = set(re.findall(r"\]\(([\w/-]+\.md)\)", text))
+    assert pages >= {"reference/udp.md", "explanation/stereo.md"}
     paths = set(re.findall(r"`((?:features|labels|models|training|inference)/[\w./]*)`", text))
     assert len(paths) > 15
     gone = [name for name in sorted(paths) if not (ROOT / name).exists()]

@@ -174,7 +174,7 @@ def producer_files() -> list[Path]:
     variable = os.environ.get(PATH_VARIABLE, "")
     places = [Path(text) for text in variable.split(os.pathsep) if text]
     if not places:
-        what = f"set {PATH_VARIABLE} to the folder of its .cti file (docs/cameras.md)"
+        what = f"set {PATH_VARIABLE} to the folder of its .cti file (docs/how-to/cameras.md)"
         raise ToktError(f"no GenTL producer: install the camera vendor's, and {what}")
     found = [file for place in places for file in sorted(place.glob("*.cti"))]
     if not found:

@@ -27,7 +27,7 @@ from .default_model import Progress, Say, train_default_model
 FIRST_TUNING_SEED = 1000
 """Planner and scenes were worked out on seeds from here on; those below are for what is reported.
 
-Seeds 1 to 100 of the tower scene led to the model's sequences of open water (docs/closed_loop.md).
+Seeds 1 to 100 of the tower scene led to the model's sequences of open water (closed_loop.md).
 """
 RESULTS_FORMAT = 1
 """Version of results.json; a change of meaning or a key taken away raises it."""

@@ -39,7 +39,7 @@ STOPPING_S = 0.6
 REACHED_M, ARRIVED_M = 0.25, 0.4
 """Nearer to a place than this is there; nearer to the goal."""
 SILENCE_S = 1.5
-"""Nothing heard for longer is taken for unknown (docs/udp.md)."""
+"""Nothing heard for longer is taken for unknown (docs/reference/udp.md)."""
 BESIDE_M, PAST_M = 1.5, 1.3
 """From the edge of what is remembered to the hull's centre, beside it and along the way: the hull's
 radius and what is to be left free."""
