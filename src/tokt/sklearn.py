@@ -1,6 +1,6 @@
 """Estimators for scikit-learn: features of patches, the splitter of dives, datasets.
 
-A sample is a patch. The samples X of every transformer are one of:
+It needs the extra ``train``. A sample is a patch; the samples X of every transformer are one of:
 
 - `Patches` within their frames, of `patches_of` or `load_dataset`. Their features are those of
   tokt itself, bit for bit: a feature may look at the neighbours or at the whole frame.
