@@ -60,8 +60,10 @@ def main(demo: Path) -> None:
         append_images=pictures[1:],
         duration=list(times),
         loop=0,
-        quality=72,
+        quality=80,
         method=6,
+        kmin=1,  # whole pictures often: else a shadow of the scene before stays
+        kmax=3,
     )
     print(f"{OUT}: {sum(times) / 1000:.1f} s, {OUT.stat().st_size / 1e6:.2f} MB")
 
@@ -246,7 +248,7 @@ def verdict_scene() -> Scene:
                 while len(heard) < count:
                     page.wait_for_timeout(20)
                 page.wait_for_timeout(SHOWN_MS)
-                moment = verdict(shot(page), [*commands, *heard[-4:]])
+                moment = verdict(shot(page), [*commands, *heard[count - 4 : count]])
                 yield moment, LAST_MS if count == HEARD[-1] else MOMENT_MS
     finally:
         listen.terminate()

@@ -9,6 +9,8 @@ It needs the extra ``train``. A sample is a patch; the samples X of every transf
   features are the same only where a spec looks at each patch alone: ``border="patch"``, and
   no ``flatten``, no ``context``, no ``relative``.
 
+``Pipeline(..., memory=DIR)`` keeps features between the fits of a search.
+
 Examples
 --------
 >>> import numpy as np
@@ -109,7 +111,10 @@ def patches_of(frames: Sequence[U8] | U8, grid: Grid | str = DEFAULT_GRID) -> Pa
     Raises ToktError if that is no grid, or those are no frames.
     """
     grid = Grid.parse(grid) if isinstance(grid, str) else grid
-    sound = [_checked(frame) for frame in frames]
+    try:
+        sound = [check_frame(frame) for frame in frames]
+    except (TypeError, ValueError) as error:
+        raise SampleError(f"frames and patches are images of uint8, gray or BGR: {error}") from None
     frame, cell = np.divmod(np.arange(len(sound) * grid.n_patches), grid.n_patches)
     return Patches(sound.__getitem__, grid, frame, cell)
 
@@ -122,8 +127,7 @@ def load_dataset(
     Parameters
     ----------
     dataset : str or DatasetVersion
-        ``NAME`` (its latest version) or ``NAME@HASH``.
-    workspace : str or Path
+        ``NAME``, of which the latest, or ``NAME@HASH``, in the folder `workspace`.
     return_X_y : bool
         Whether to give ``(data, target)`` alone.
 
@@ -149,13 +153,6 @@ def load_dataset(
     data = Patches(dataset.read_frame, dataset.grid, frame, cell, groups)
     whole = Bunch(data=data, target=target, target_names=names, groups=groups, label=dataset.label)
     return (data, target) if return_X_y else whole
-
-
-def _checked(picture: Any) -> U8:
-    try:
-        return check_frame(picture)
-    except (TypeError, ValueError) as error:
-        raise SampleError(f"frames and patches are images of uint8, gray or BGR: {error}") from None
 
 
 def _patches(X: Any) -> Patches:
@@ -323,8 +320,8 @@ class DiveSplit(BaseCrossValidator):  # type: ignore[misc]
     def split(self, X: Any, y: Any = None, groups: Any = None) -> Iterator[tuple[I64, I64]]:
         """Rows to train on and rows to test on, fold by fold, each with its share of every class.
 
-        X is of `load_dataset`, or anything with its `groups`. Raises ToktError if groups or labels
-        are missing, or too few to be split so.
+        X is of `load_dataset`; `groups` are needed where it is anything else. Raises ToktError if
+        groups or labels are missing, or too few to be split so.
         """
         for fold in self._folds(X, y, groups):
             yield fold.train, fold.test
