@@ -4,6 +4,7 @@
 """
 
 import importlib
+import importlib.util
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -285,11 +286,12 @@ def python() -> str:
         "`import tokt` is quick: each name is loaded when it is first used.",
         "",
     ]
-    for module in map(importlib.import_module, PYTHON_MODULES):
+    there = [name for name in PYTHON_MODULES if importlib.util.find_spec(name)]
+    for module in map(importlib.import_module, there):
         lines += [f"## {module.__name__} {{ #module-{module.__name__} }}", ""]
         if module is not tokt:
             lines += [f"::: {module.__name__}\n    options:\n      members: false", ""]
-        for name in module.__all__:
+        for name in getattr(module, "__all__", ()):
             lines += [f"::: {module.__name__}.{name}\n    options:\n      heading_level: 3", ""]
     return "\n".join(lines)
 
