@@ -141,7 +141,13 @@ def config() -> str:
     lines = ["## Keys", ""]
     for section, options in groupby(OPTIONS.values(), attrgetter("section")):
         rows = [
-            [f"`{each.key}`", _kind(each), _default(each), each.only, as_cell(each.text)]
+            [
+                f"`{each.key}`",
+                _kind(each),
+                _default(each),
+                each.only.partition(" (")[0],
+                as_cell(each.text),
+            ]
             for each in options
         ]
         heads = ["key", "value", "default", "only for", "meaning"]

@@ -1,4 +1,4 @@
-"""The site's own steps of MkDocs: pages made from the code, notebooks as pages, links that leave it.
+"""The steps of MkDocs that are the site's own: generated pages, notebooks as pages, links outside.
 
 Notebooks are committed without outputs. With ``TOKT_NOTEBOOKS=run`` the build runs them and shows
 what they print and draw.
