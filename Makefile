@@ -18,9 +18,7 @@ demo: $(READY)
 
 # The docs' site in build/site, with the notebooks run: any warning, such as a dead link, is an error.
 docs: $(DOCS_READY)
-	$(TREE)
-	PYTHONPATH=$(CURDIR)/$(VENV)/tree TOKT_NOTEBOOKS=run NO_MKDOCS_2_WARNING=1 \
-		$(BIN)/python -m mkdocs build --strict
+	TOKT_NOTEBOOKS=run NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 # What a change needs: by tests/tiers.py all but these tiers, and the proof whatever its tier.
 QUICK := proof or not (browser or process or study or load or fuzz)

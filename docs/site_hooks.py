@@ -7,6 +7,7 @@ what they print and draw.
 import logging
 import os
 import re
+import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -25,6 +26,23 @@ MAX_CELL_S = 600
 _LOG = logging.getLogger("mkdocs.hooks.tokt")
 _EXTERNAL = re.compile(r'href="(https?://[^"]+)"')
 _external: dict[str, set[str]] = {}
+
+
+def on_config(config: MkDocsConfig) -> None:
+    """Show mkdocstrings the sources under the names they are imported by (`paths` in mkdocs.yml)."""
+    root = Path(config.config_file_path).parent
+    tree = root / "build/tree/tokt"
+    shutil.rmtree(tree, ignore_errors=True)
+    tree.mkdir(parents=True)
+    parts = ("features", "labels", "models", "inference", "training")
+    for source in [*(root / "src/tokt").iterdir(), *(root / part for part in parts)]:
+        (tree / source.name).symlink_to(source)
+
+
+def on_page_markdown(markdown: str, page: Page, **_: Any) -> None:
+    """Put the long appendix last in the search."""
+    if page.file.src_uri == "thesis.md":
+        page.meta["search"] = {"boost": 0.2}
 
 
 class NotebookFile(File):
