@@ -169,37 +169,31 @@ def _default(each: Option) -> str:
 def report() -> str:
     """The fields of datagrams and logs."""
     since = [[str(version), as_cell(words)] for version, words in SINCE.items()]
-    v1 = [
-        [f"`{label}`", f"`{each.name}`"]
-        for label, each in zip(("status", "Xpos", "Ypos", "meanValue"), V1_FIELDS, strict=True)
-    ]
-    return "\n".join(
-        [
-            "# Report fields",
-            "",
-            "One report is made for each frame. [udp.md](udp.md) has the datagrams that carry it, "
-            "[logs](../how-to/logs_and_metrics.md) the lines that keep it.",
-            "",
-            "## UDP v2",
-            "",
-            table(["field", "type", "unit", "since", "also", "meaning"], map(_field, V2_FIELDS)),
-            "*since* is the version of this table that brought the field; older datagrams and logs "
-            "do not have it. *also* names what else has it: v1, or a "
-            "[metric](metrics.md) without its `tokt_`.",
-            "",
-            "## UDP v1",
-            "",
-            table(["v1", "field"], v1),
-            "## Log lines",
-            "",
-            "A log's line has the fields of UDP v2, and these:",
-            "",
-            table(["field", "type", "unit", "since", "also", "meaning"], map(_field, LOG_ONLY)),
-            "## Versions",
-            "",
-            table(["since", "what came with it"], since),
-        ]
-    )
+    labels = ("status", "Xpos", "Ypos", "meanValue")
+    v1 = [[f"`{label}`", f"`{each.name}`"] for label, each in zip(labels, V1_FIELDS, strict=True)]
+    heads = ["field", "type", "unit", "since", "also", "meaning"]
+    return f"""# Report fields
+
+One report is made for each frame. [Datagrams](udp.md) carry it,
+[logs](../how-to/logs_and_metrics.md#log) keep it.
+
+## UDP v2
+
+{table(heads, map(_field, V2_FIELDS))}
+*since* is the version of this table that brought the field. Older datagrams and logs do not have
+it. *also* names what else has it: v1, or a [metric](metrics.md) without its `tokt_`.
+
+## UDP v1
+
+{table(["v1", "field"], v1)}
+## Log lines
+
+A log's line has the fields of UDP v2, and these:
+
+{table(heads, map(_field, LOG_ONLY))}
+## Versions
+
+{table(["since", "what came with it"], since)}"""
 
 
 def _field(each: ReportField) -> list[str]:
@@ -212,15 +206,11 @@ def _field(each: ReportField) -> list[str]:
 def reasons() -> str:
     """The codes of what was not as it should be."""
     rows = [[f"`{each}`", as_cell(each.meaning), as_cell(each.remedy)] for each in Reason]
-    return "\n".join(
-        [
-            "# Reasons",
-            "",
-            "Why a verdict is unknown. With status 1 or 0, what the verdict had to do without.",
-            "",
-            table(["reason", "what it says", "what to do"], rows),
-        ]
-    )
+    return f"""# Reasons
+
+Why a verdict is unknown. With status 1 or 0, what the verdict had to do without.
+
+{table(["reason", "what it says", "what to do"], rows)}"""
 
 
 def exit_codes() -> str:
@@ -231,7 +221,7 @@ def exit_codes() -> str:
         [f"`{code}`", as_cell(words)]
         for code, words in re.findall(r"(\d+) (.*?)(?:\.$|, (?=\d))", listed)
     ]
-    return "\n".join(["# Exit codes", "", table(["code", "meaning"], rows)])
+    return f"# Exit codes\n\n{table(['code', 'meaning'], rows)}"
 
 
 def metrics() -> str:
@@ -249,16 +239,12 @@ def metrics() -> str:
         name = f"{metric.name}_total" if metric.type == "counter" else metric.name
         shown = ", ".join(f"`{label}`" for label in labels)
         rows.append([f"`{name}`", metric.type, shown, as_cell(metric.documentation)])
-    return "\n".join(
-        [
-            "# Metrics",
-            "",
-            "`tokt run --metrics PORT` serves them to Prometheus. Those of cameras, the recorder, "
-            "the log and drift are there where the run has these.",
-            "",
-            table(["metric", "type", "labels", "meaning"], rows),
-        ]
-    )
+    return f"""# Metrics
+
+`tokt run --metrics PORT` serves them to Prometheus. Those of cameras, the recorder, the log and
+drift are there where the run has these.
+
+{table(["metric", "type", "labels", "meaning"], rows)}"""
 
 
 class _Counters:
@@ -276,7 +262,7 @@ def formats() -> str:
     """The versions of the file formats."""
     rows = [[words, str(_version(place))] for place, words in FORMATS.items()]
     head = "tokt writes these versions. It reads older ones, and refuses newer ones in one line."
-    return "\n".join(["## Versions of files", "", head, "", table(["file", "version"], rows)])
+    return f"## Versions of files\n\n{head}\n\n{table(['file', 'version'], rows)}"
 
 
 def _version(place: str) -> int:
@@ -286,19 +272,15 @@ def _version(place: str) -> int:
 
 def python() -> str:
     """The public names, which mkdocstrings fills in."""
-    lines = [
-        "# Python",
-        "",
-        "`import tokt` is quick: each name is loaded when it is first used.",
-        "",
-    ]
+    lines = ["# Python\n\n`import tokt` is quick: each name is loaded when it is first used.\n"]
     there = [name for name in PYTHON_MODULES if importlib.util.find_spec(name)]
     for module in map(importlib.import_module, there):
         lines += [f"## {module.__name__} {{ #module-{module.__name__} }}", ""]
         if module is not tokt:
-            lines += [f"::: {module.__name__}\n    options:\n      members: false", ""]
+            lines += [f"::: {module.__name__}", "    options:", "      members: false"]
+            lines += ["      show_root_heading: false", "      show_root_toc_entry: false", ""]
         for name in getattr(module, "__all__", ()):
-            lines += [f"::: {module.__name__}.{name}\n    options:\n      heading_level: 3", ""]
+            lines += [f"::: {module.__name__}.{name}", ""]
     return "\n".join(lines)
 
 

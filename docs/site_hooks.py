@@ -29,7 +29,7 @@ _external: dict[str, set[str]] = {}
 
 
 def on_config(config: MkDocsConfig) -> None:
-    """Show mkdocstrings the sources under the names they are imported by (`paths` in mkdocs.yml)."""
+    """Show mkdocstrings the sources by the names they are imported by (mkdocs.yml, `paths`)."""
     root = Path(config.config_file_path).parent
     tree = root / "build/tree/tokt"
     shutil.rmtree(tree, ignore_errors=True)
