@@ -116,7 +116,8 @@ def _output(output: Any) -> str:
         return f"![](data:image/png;base64,{''.join(data['image/png'].split())})"
     if "text/html" in data:
         table = re.sub(r"<style.*?</style>", "", data["text/html"], flags=re.DOTALL)
-        return re.sub(r"\n\s*\n", "\n", table.replace(' border="1"', ""))
+        table = re.sub(r"<table[^>]*>|<tr style[^>]*>", lambda tag: tag[0].split()[0] + ">", table)
+        return re.sub(r"\n\s*\n", "\n", table)
     return _block(data.get("text/plain", ""))
 
 
