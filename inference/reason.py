@@ -11,7 +11,7 @@ class Reason(StrEnum):
     meaning: str
     remedy: str
 
-    def __new__(cls, code: str, meaning: str, remedy: str) -> Reason:
+    def __new__(cls, code: str, meaning: str = "", remedy: str = "") -> Reason:
         """A code with what it says, and what to do then."""
         made = str.__new__(cls, code)
         made._value_, made.meaning, made.remedy = code, meaning, remedy
