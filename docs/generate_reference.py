@@ -57,6 +57,7 @@ FORMATS = {
     "studies.thesis.report.FORMAT": "results of `tokt reproduce`",
 }
 """The version of each file format: where it stands in the code, and what has it."""
+_CODE = re.compile(r"(\d+) (.+?)(?=[;,] \d|\.?$)")
 _KINDS = {bool: "true or false", int: "whole number", float: "number", list: "array"}
 
 
@@ -114,7 +115,7 @@ def _overview(root: Any) -> list[str]:
             for name, one in inner or [(f"tokt {first}", group)]:
                 summary = (one.help or "").partition("\n\n")[0]
                 rows.append([f"[`{name}`](#{name.replace(' ', '-')})", as_cell(summary)])
-        lines += ["", f"**{panel}**", "", table(["command", ""], rows)]
+        lines += ["", f"**{panel}**", "", table(["Command", ""], rows)]
     return lines
 
 
@@ -132,7 +133,7 @@ def _command(name: str, command: Any) -> list[str]:
         title = _panel(param, "Arguments" if argument else "Options")
         panels.setdefault(title, []).append([f"`{record[0].strip()}`", as_cell(record[1])])
     for title, rows in panels.items():
-        lines += [table([title.lower(), ""], rows)]
+        lines += [table([title, ""], rows)]
     return lines
 
 
@@ -217,11 +218,9 @@ def exit_codes() -> str:
     """What a command's end says."""
     root = typer.main.get_command(app)
     (listed,) = re.findall(r"Exit codes: (.*)", " ".join((root.epilog or "").split()))
-    rows = [
-        [f"`{code}`", as_cell(words)]
-        for code, words in re.findall(r"(\d+) (.*?)(?:\.$|, (?=\d))", listed)
-    ]
-    return f"# Exit codes\n\n{table(['code', 'meaning'], rows)}"
+    codes, _, more = listed.partition(". ")
+    rows = [[f"`{code}`", as_cell(words)] for code, words in re.findall(_CODE, codes)]
+    return f"# Exit codes\n\n{table(['code', 'meaning'], rows)}\n{more}\n"
 
 
 def metrics() -> str:
