@@ -3,13 +3,13 @@
 ``python docs/generate_reference.py NAME`` prints one; the site's build makes all (`site_hooks.py`).
 """
 
+import dataclasses
 import importlib
-import importlib.util
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from itertools import groupby
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,6 +27,24 @@ from tokt.inference.report import LOG_ONLY, MEANINGS, SINCE, V1_FIELDS, V2_FIELD
 
 PYTHON_MODULES = ("tokt", "tokt.sklearn", "tokt.mlflow")
 """Those whose public names (`__all__`) the Python page shows."""
+STEPS = {
+    "features": "Missions and frames",
+    "labels": "Labels",
+    "training": "Datasets, training and comparison",
+    "models": "Models and stores",
+    "inference": "The runtime",
+    "cli": "A whole run",
+    "studies": "Rendered missions",
+    "errors": "Errors",
+}
+"""Headings of tokt's own names, by the folder they come from."""
+OPTIONS_OF = {
+    "DatasetOptions": "dataset build",
+    "TrainOptions": "train",
+    "CompareOptions": "compare",
+    "EvaluateOptions": "evaluate",
+}
+"""Classes that hold the options of a command."""
 FORMATS = {
     "models.bundle.bundle.FORMAT_VERSION": "bundle, `.tokt`",
     "models.bundle.signature.FORMAT_VERSION": "signature of a bundle, its member `signature.json`",
@@ -271,16 +289,47 @@ def _version(place: str) -> int:
 
 def python() -> str:
     """The public names, which mkdocstrings fills in."""
-    lines = ["# Python\n\n`import tokt` is quick: each name is loaded when it is first used.\n"]
-    there = [name for name in PYTHON_MODULES if importlib.util.find_spec(name)]
-    for module in map(importlib.import_module, there):
+    lines = [
+        "# Python\n\n`import tokt` is quick: each name is loaded when it is first used.\n",
+        "Names that read or train need the [extra](../install.md) that their error names.\n",
+    ]
+    for module in map(importlib.import_module, PYTHON_MODULES):
         lines += [f"## {module.__name__} {{ #module-{module.__name__} }}", ""]
         if module is not tokt:
             lines += [f"::: {module.__name__}", "    options:", "      members: false"]
             lines += ["      show_root_heading: false", "      show_root_toc_entry: false", ""]
-        for name in getattr(module, "__all__", ()):
-            lines += [f"::: {module.__name__}.{name}", ""]
+        placed = sorted(_place(module, name) for name in getattr(module, "__all__", ()))
+        for step, group in groupby(placed, itemgetter(0)):
+            lines += [f"### {[*STEPS.values()][step]}", ""] if module is tokt else []
+            for *_, name in group:
+                lines += [f"::: {module.__name__}.{name}", "    options:", "      heading_level: 4"]
+                lines += ["", *_option_fields(name), ""]
     return "\n".join(lines)
+
+
+def _place(module: Any, name: str) -> tuple[int, bool, str]:
+    """Where a name stands: by the step it belongs to, functions first."""
+    found = getattr(module, name)
+    kind = isinstance(found, type)
+    step = "errors" if kind and issubclass(found, Exception) else found.__module__.split(".")[1]
+    return [*STEPS].index(step) if module is tokt else 0, kind, name
+
+
+def _option_fields(name: str) -> list[str]:
+    """What the fields of a command's options mean, as its help says it."""
+    words = OPTIONS_OF.get(name, "").split()
+    if not words:
+        return []
+    command = typer.main.get_command(app)
+    for word in words:
+        command = command.commands[word]
+    fields = {each.name for each in dataclasses.fields(getattr(tokt, name))}
+    rows = [
+        [f"`{param.name}`", as_cell(param.help or "")]
+        for param in command.params
+        if param.name in fields
+    ]
+    return [table(["Field", "As of the command line"], rows)]
 
 
 PAGES: dict[str, Callable[[], str]] = {
