@@ -81,8 +81,9 @@ def on_page_content(html: str, page: Page, **_: Any) -> None:
         _external.setdefault(address, set()).add(page.file.src_uri)
 
 
-def on_post_build(**_: Any) -> None:
-    """List them: nothing is fetched."""
+def on_post_build(config: MkDocsConfig) -> None:
+    """List them: nothing is fetched. Away with the page that only a web server shows."""
+    (Path(config.site_dir) / "404.html").unlink()
     for address, places in sorted(_external.items()):
         _LOG.info("not fetched: %s in %s", address, ", ".join(sorted(places)))
     _external.clear()
