@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -34,3 +35,10 @@ def test_the_lines_of_the_readme_come_to_a_model_that_warns(tmp_path):
 
 def test_the_first_tutorial_has_the_lines_of_the_readme():
     assert lines_of("docs/tutorials/first_model.md") == lines_of("README.md")
+
+
+def test_the_install_page_has_every_extra():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    page = (ROOT / "docs/install.md").read_text("utf-8")
+    told = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
+    assert set(told) == project["optional-dependencies"].keys() - {"dev", "docs"}
