@@ -5,6 +5,7 @@
 
 import dataclasses
 import importlib
+import inspect
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -303,7 +304,7 @@ def python() -> str:
             lines += [f"### {[*STEPS.values()][step]}", ""] if module is tokt else []
             for *_, name in group:
                 lines += [f"::: {module.__name__}.{name}", "    options:", "      heading_level: 4"]
-                lines += ["", *_option_fields(name), ""]
+                lines += ["", *_fields(getattr(module, name)), ""]
     return "\n".join(lines)
 
 
@@ -315,21 +316,30 @@ def _place(module: Any, name: str) -> tuple[int, bool, str]:
     return [*STEPS].index(step) if module is tokt else 0, kind, name
 
 
-def _option_fields(name: str) -> list[str]:
-    """What the fields of a command's options mean, as its help says it."""
-    words = OPTIONS_OF.get(name, "").split()
-    if not words:
+def _fields(found: Any) -> list[str]:
+    """What the fields of a dataclass mean: as a command's help, or the comments beside them say."""
+    if not (isinstance(found, type) and dataclasses.is_dataclass(found)):
         return []
-    command = typer.main.get_command(app)
-    for word in words:
-        command = command.commands[word]
-    fields = {each.name for each in dataclasses.fields(getattr(tokt, name))}
-    rows = [
-        [f"`{param.name}`", as_cell(param.help or "")]
-        for param in command.params
-        if param.name in fields
-    ]
-    return [table(["Field", "As of the command line"], rows)]
+    names = [each.name for each in dataclasses.fields(found)]
+    if found.__name__ in OPTIONS_OF:
+        command = typer.main.get_command(app)
+        for word in OPTIONS_OF[found.__name__].split():
+            command = command.commands[word]
+        words = {param.name: param.help or "" for param in command.params}
+    else:
+        kinds = [one for one in found.__mro__[::-1] if dataclasses.is_dataclass(one)]
+        words = {name: text for kind in kinds for name, text in _comments(kind)}
+    rows = [[f"`{name}`", as_cell(words[name])] for name in names if words.get(name)]
+    return [table(["Field", "Meaning"], rows)] if rows else []
+
+
+def _comments(kind: type) -> Iterator[tuple[str, str]]:
+    """The comments of a class's fields, which stand behind or above them."""
+    above = ""
+    for line in inspect.getsource(kind).splitlines():
+        if field := re.match(r"    (\w+): [^#]*(?:# (.*))?$", line):
+            yield field[1], field[2] or above
+        above = f"{above} {line.strip()[2:]}" if line.startswith("    # ") else ""
 
 
 PAGES: dict[str, Callable[[], str]] = {
