@@ -89,7 +89,7 @@ def table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 def as_cell(text: str) -> str:
     """Plain words as Markdown for a cell: what looks like an option is code."""
-    parts = re.split(r"(`[^`]+`)", " ".join(text.split()))
+    parts = re.split(r"(`[^`]+`)", " ".join(text.replace("``", "`").split()))
     for at in range(0, len(parts), 2):
         safe = re.sub(r"([*_<>|\[\]])", lambda sign: f"&#{ord(sign[0])};", parts[at])
         parts[at] = re.sub(r"(?<![\w-])(--?[a-z][\w-]*)", r"`\1`", safe)
@@ -334,12 +334,14 @@ def _fields(found: Any) -> list[str]:
 
 
 def _comments(kind: type) -> Iterator[tuple[str, str]]:
-    """The comments of a class's fields, which stand behind or above them."""
-    above = ""
+    """The comments of a class's fields: behind each, or above it and those that follow it."""
+    above, ended = "", True
     for line in inspect.getsource(kind).splitlines():
         if field := re.match(r"    (\w+): [^#]*(?:# (.*))?$", line):
+            above, ended = "" if field[2] else above, True
             yield field[1], field[2] or above
-        above = f"{above} {line.strip()[2:]}" if line.startswith("    # ") else ""
+        elif line.startswith("    # "):
+            above, ended = line[6:] if ended else f"{above} {line[6:]}", False
 
 
 PAGES: dict[str, Callable[[], str]] = {
