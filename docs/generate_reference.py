@@ -176,8 +176,9 @@ def config() -> str:
 
 
 def _kind(each: Option) -> str:
-    kind = _KINDS.get(each.kind, "path" if each.kind not in (str, bool) else "text")
-    return f"list of {kind}" if each.many else kind
+    kind = _KINDS.get(each.kind, "path" if each.kind is not str else "text")
+    kind = f"list of {kind}" if each.many else kind
+    return f"{kind} `{each.metavar}`" if each.metavar else kind
 
 
 def _default(each: Option) -> str:
