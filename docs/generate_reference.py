@@ -165,7 +165,7 @@ def config() -> str:
                 f"`{each.key}`",
                 _kind(each),
                 _default(each),
-                each.only.partition(" (")[0],
+                as_cell(each.only.partition(" (")[0]),
                 as_cell(each.text),
             ]
             for each in options
