@@ -103,9 +103,9 @@ class SourceConfig:
     source: str = option(
         "",
         "Required. A folder of frames, a video file, network video (rtsp://HOST/PATH, "
-        "rtp://:5600, udp://:PORT, http://HOST/PATH), a USB camera (v4l2:/dev/video0), live "
-        "cameras (pymba:ID, vimbax:ID or genicam:ID; two: LEFT,RIGHT), or another program's "
-        "frames (stream:HOST:PORT).",
+        "rtp://:PORT, udp://:PORT, http://HOST/PATH) or a USB camera (v4l2:/dev/video0). "
+        "Live cameras are pymba:ID, vimbax:ID or genicam:ID; two are LEFT,RIGHT. Another "
+        "program's frames are stream:HOST:PORT.",
         logged="source",
     )
     frames: str | None = option(None, "Only these frames, such as 61-80,141-160.", only=FILES)
@@ -180,7 +180,7 @@ class PolicyConfig:
     policy: str = option("fallback", "texture, disparity, either or fallback.", logged="policy")
     anchor: float | None = option(
         None,
-        "Share of the frame that an object is to cover, such as 0.1: v2 and the log then say how "
+        "Share of the frame that an object is to cover, such as 0.1. v2 and the log then say how "
         "far it is from that, and from the centre.",
         "SIZE",
         logged="anchor",

@@ -615,8 +615,8 @@ def _check_golden(bundle: Bundle, where: str) -> None:
         if not difference <= tolerance:
             raise ToktError(
                 f"{where}: golden frame {index} gives decision values that differ by "
-                f"{difference:.3g} from the training machine's (at most {tolerance:g}); "
-                "the model would not judge here as it was trained to"
+                f"{difference:.3g} from the training machine's (limit {tolerance:g}). "
+                "The model would not judge here as it was trained to"
             )
         if (bundle.model.obstacle_patches(values) != golden.obstacle[index]).any():
             raise ToktError(f"{where}: golden frame {index} gives other obstacle patches")

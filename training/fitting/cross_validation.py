@@ -473,7 +473,7 @@ def check_features(dataset: DatasetVersion, features: F64) -> None:
         mission, camera, frame, row, col = dataset.patches.iloc[int(np.argmin(sound))][PATCH_KEY]
         raise ToktError(
             f"dataset {dataset.label}: the extractor gives {int((~sound).sum())} patches a feature "
-            f"that is not a finite number; the first is mission {mission}, {camera} frame {frame}, "
+            f"that is not a finite number. The first is mission {mission}, {camera} frame {frame}, "
             f"row {row}, col {col}"
         )
     if not np.ptp(features, axis=0).any():

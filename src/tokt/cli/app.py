@@ -39,8 +39,8 @@ def _new_app() -> typer.Typer:
         name="tokt",
         help="Label, train, compare and deploy small texture models that keep an ROV off "
         "obstacles.",
-        epilog="Exit codes: 0 done, 1 the answer is no (a check failed), 2 a user's mistake, 70 an "
-        "error in tokt (its traceback is in a file), 130 Ctrl-C.",
+        epilog="Exit codes: 0 done; 1 the answer is no, a check failed; 2 a user's mistake; "
+        "70 a fault in tokt; 130 Ctrl-C. A fault's traceback is in a file.",
         add_completion=False,
         rich_markup_mode=None,
         pretty_exceptions_enable=False,

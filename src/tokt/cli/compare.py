@@ -183,9 +183,9 @@ def _print_at_sea(frames: dict[str, Any], indent: str) -> None:
             for one in (hourly["false_status"], *(bound[key] for key in _BOUNDS))
         )
         print(
-            f"{indent}false statuses {per} of open ocean: {seen}; at most {most} with "
-            f"{bound['confidence']:.0%} confidence, were frames independent; some in at most "
-            f"{some} of {blocks} blocks of near copies"
+            f"{indent}false statuses {per} of open ocean: {seen}; with {bound['confidence']:.0%} "
+            f"confidence at most {most}, were frames independent. At most {some} of {blocks} "
+            "blocks of near copies have one"
         )
     for one in frames["approaches"]:
         print(f"{indent}{_approach(one)}")
@@ -263,8 +263,9 @@ def evaluate(
 ) -> None:
     """Score a model on labelled missions, or on ready-cut patches.
 
-    Patches, frame statuses, first detection; distance and time left at the first status of each
-    approach, false statuses an hour; several missions also by dive and site.
+    It tells patches, frame statuses, first detection and false statuses an hour. Of each approach
+    it tells distance and time left at the first status. Several missions are told by dive and site,
+    too.
     """
     from tokt.features.frames.mission import parse_frames
     from tokt.labels.taxonomy import load_taxonomy

@@ -268,8 +268,8 @@ def _print_boards(found: BoardCalibration, output: Path) -> None:
     error = found.held_out
     print(
         f"  vertical error on {len(found.test_frames)} boards held out of a first fit: median "
-        f"{error.median_px:.3f} px, p90 {error.p90_px:.3f} px; the calibration itself is then "
-        "fitted to all boards"
+        f"{error.median_px:.3f} px, p90 {error.p90_px:.3f} px. The calibration is fitted to all "
+        "boards"
     )
     baseline = found.baseline_mm
     print(f"  the cameras stand {baseline:.2f} mm apart, focal length {found.focal_px:.1f} px")

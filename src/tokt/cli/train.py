@@ -260,8 +260,8 @@ def adapt(
             raise NoLabelsError(f"no patch of mission {missions[0].name!r} has a sure label")
     except NoLabelsError as error:
         raise ToktError(
-            f"{error}; label 5 to 10 of its frames: tokt label {mission} --model {model} "
-            "(key q leads to the next one that the model is unsure of)"
+            f"{error}; label 5 to 10 of its frames: tokt label {mission} --model {model}. "
+            "Key q leads to the next frame of which the model is unsure"
         ) from None
     for remark in remarks:
         say(f"note: {remark}")
