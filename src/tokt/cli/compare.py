@@ -39,7 +39,7 @@ RateOption = Annotated[
     float | None,
     Option(
         metavar="FPS",
-        help="Frames a second of the missions: false statuses are told by the hour, and times to "
+        help="Frames a second of the missions, to tell false statuses by the hour and times to "
         "contact.",
     ),
 ]
@@ -47,29 +47,31 @@ StoppingOption = Annotated[
     float | None,
     Option(
         "--stopping-distance",
-        metavar="M",
-        help="Distance in which the vehicle stops: each approach's first status is judged by it.",
+        metavar="METRES",
+        help="Distance in which the vehicle stops, to judge each approach's first status by.",
     ),
 ]
 CalibrationOption = Annotated[
-    Path | None,
-    Option(metavar="FILE", help="Calibration of the missions' cameras: distances are measured."),
+    Path | None, Option(help="Calibration of the missions' cameras, to measure distances.")
 ]
 LogOption = Annotated[
     Path | None,
-    Option(
-        metavar="FILE.jsonl", help="Log of a run over the mission: distances and times are its."
-    ),
+    Option(metavar="FILE.jsonl", help="Log of a run over the mission, for distances and times."),
 ]
 
 
 def compare(
-    models: Annotated[list[str], Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")],
+    models: Annotated[
+        list[str],
+        Argument(
+            metavar="MODEL...", help="Models: NAME, NAME@ALIAS, NAME/VERSION or a .tokt file."
+        ),
+    ],
     output: ReportOption = None,
     mission: MissionsOption = None,
     labels: LabelFilesOption = None,
     frames: Annotated[
-        str | None, Option(help="Use these frames of it only, such as 1-99,132-246.")
+        str | None, Option(help="Use these frames only, such as 1-99,132-246.")
     ] = None,
     rate: RateOption = None,
     stopping_distance: StoppingOption = None,
@@ -83,17 +85,17 @@ def compare(
         bool,
         Option(
             "--ceilings",
-            help="For development: what gradient boosting on the same features and a small net on "
-            "the pixels (if torch is installed) make of the same folds.",
+            help="For development: judge the same folds by gradient boosting, too, and by a small "
+            "net on the pixels if torch is installed.",
         ),
     ] = False,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Compare models: which is better, by how much, and is the difference real?
+    """Compare models: which is better, and is the difference real?
 
-    On the patches that cross-validation held out, or on missions.
+    Models are compared on the patches that cross-validation held out, or on missions.
     """
     from tokt.features.common import atomic
     from tokt.models.registry.registry import Registry
@@ -263,9 +265,8 @@ def evaluate(
 ) -> None:
     """Score a model on labelled missions, or on ready-cut patches.
 
-    It tells patches, frame statuses, first detection and false statuses an hour. Of each approach
-    it tells distance and time left at the first status. Several missions are told by dive and site,
-    too.
+    The figures are of patches, of frame statuses, and of each approach: the distance and time left
+    at its first status. Several missions have them by dive and site, too.
     """
     from tokt.features.frames.mission import parse_frames
     from tokt.labels.taxonomy import load_taxonomy

@@ -9,15 +9,16 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
 from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError, printable
 from tokt.labels.formats import NAMES
 
+from .help import Commands
 from .interrupts import interrupt_ends
 from .options import (
     DEFAULT_WORKSPACE,
+    GRID_FORM,
     JsonOption,
     TaxonomyOption,
     WorkspaceOption,
@@ -37,10 +38,8 @@ if TYPE_CHECKING:
     from tokt.labels.taxonomy import Taxonomy
     from tokt.models.bundle.bundle import Bundle
 
-labels_app = typer.Typer(
-    help="Import, export and back up labels, count them, compare annotators.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
+labels_app = Commands(
+    "labels", "Import, export, back up, count, audit and compare labels.", no_args_is_help=True
 )
 
 LabelFile = Annotated[
@@ -51,7 +50,7 @@ FormatOption = Annotated[
     Option(
         "--format",
         metavar="|".join(NAMES),
-        help="Default: by ending and content; required to export a .json.",
+        help="Format of the file. Default: by ending and content; required to export a .json.",
     ),
 ]
 MissionDirOption = Annotated[
@@ -66,7 +65,6 @@ MissionOption = Annotated[
     str | None,
     Option(metavar="NAME", help="Mission name in the labels. Default: the name of --mission-dir."),
 ]
-GRID_FORM = "ROWSxCOLS@WIDTH"
 _LONG = 100_000  # labels whose import takes more than a second
 _SHOWN = 10  # labels of an audit
 
@@ -79,10 +77,10 @@ def label(
         int, Option(help="Port of the page; 0 takes any free port.", min=0, max=65535)
     ] = 8118,
     host: Annotated[
-        str, Option(metavar="ADDR", help="Address to serve on. Default: this computer alone.")
+        str, Option(help="Address to serve on. Default: this computer alone.")
     ] = "127.0.0.1",
     token: Annotated[
-        str | None, Option(metavar="T", help="Token to require. Default: the workspace's own.")
+        str | None, Option(help="Token to require. Default: the workspace's own.")
     ] = None,
     no_token: Annotated[
         bool, Option("--no-token", help="Admit every account of this computer; not with --host.")
@@ -90,8 +88,7 @@ def label(
     model: Annotated[
         str | None,
         Option(
-            metavar="BUNDLE",
-            help="Model that suggests: a .tokt file or name. Default: the one trained in the page.",
+            help="Model that suggests: a .tokt file or name. Default: the one trained in the page."
         ),
     ] = None,
     annotator: Annotated[
@@ -102,16 +99,14 @@ def label(
     ] = None,
     calibration: Annotated[
         Path | None,
-        Option(metavar="FILE", help="Carry labels from the left camera to the right one by this."),
+        Option(help="Carry labels from the left camera to the right one by this calibration."),
     ] = None,
     no_browser: Annotated[
         bool, Option("--no-browser", help="Print the address and open no browser.")
     ] = False,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     taxonomy: TaxonomyOption = None,
-    grid: Annotated[
-        str, Option(metavar="ROWSxCOLS@WIDTH", help="Grid of patches to label.")
-    ] = "10x10@360",
+    grid: Annotated[str, Option(metavar=GRID_FORM, help="Grid of patches to label.")] = "10x10@360",
 ) -> None:
     """Label a mission's patches in the browser, until Ctrl-C."""
     with interrupt_ends():
@@ -191,7 +186,11 @@ def _open_browser(url: str) -> None:
 @labels_app.command("audit")
 def audit_labels(
     reference: Annotated[
-        str, Argument(metavar="DATASET|MODEL", help="NAME, NAME@HASH, NAME@ALIAS, NAME/VERSION.")
+        str,
+        Argument(
+            metavar="DATASET|MODEL",
+            help="Dataset (NAME, NAME@HASH) or model (NAME@ALIAS, NAME/VERSION).",
+        ),
     ],
     output: Annotated[
         Path | None,
@@ -205,9 +204,9 @@ def audit_labels(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Rank labels that held-out models contradict; no label is changed.
+    """Rank labels that held-out models contradict; change none.
 
-    They are kept in the workspace for the labelling page: its review sheet shows them under Audit.
+    The ranking is kept in the workspace: the labelling page's review sheet shows it under Audit.
     """
     from tokt.labels.formats.audit_csv import write_audit, write_audit_csv
     from tokt.training.fitting.label_audit import audit, audit_input_named
@@ -270,7 +269,10 @@ def import_labels(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Add a label file to the workspace; nothing is added if a line is wrong."""
+    """Add a label file to the workspace.
+
+    Nothing is added if a line is wrong.
+    """
     from tokt.features.frames.grid import Grid
     from tokt.labels.formats.formats import FORMATS, format_named, format_to_read
     from tokt.labels.formats.options import ReadOptions
@@ -382,7 +384,9 @@ def back_up_labels(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Copy the label store into one checked file, also while `tokt label` runs.
+    """Copy the label store into one checked file.
+
+    It may be in use by `tokt label`.
 
     To restore, end `tokt label`, remove labels.db-wal and labels.db-shm from the workspace, and
     put the file there as labels.db. labels.db copied by hand lacks what labels.db-wal holds.
@@ -424,7 +428,7 @@ def show_agreement(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Compare two annotators: Cohen's kappa, agreement by class, confusion."""
+    """Compare two annotators: kappa, agreement by class, confusion."""
     from tokt.labels.agreement import agreement
     from tokt.labels.taxonomy import FILE_NAME as TAXONOMY_FILE
     from tokt.labels.taxonomy import load_taxonomy

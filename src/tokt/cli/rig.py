@@ -49,16 +49,17 @@ def calibrate(
     free: Annotated[
         str | None,
         Option(
-            help="Parameters to estimate besides rotation, direction and focal ratio: k1,k2,focal,"
-            "principal or none. Default: k1,k2; with --start none."
+            help="Parameters to estimate besides rotation, direction and focal ratio: of "
+            "k1,k2,focal,principal, or none. Default: k1,k2; with --start none."
         ),
     ] = None,
     frames: Annotated[str | None, Option(help="Use these frames only, such as 160-205.")] = None,
     fit: Annotated[
         str,
         Option(
-            help="alternate: tested on every second frame, then fitted to all. even, odd: fitted "
-            "to these frame numbers, tested on the others. all: not tested."
+            metavar="alternate|even|odd|all",
+            help="Fit to even or odd frame numbers and test on the others; or fit to all, tested "
+            "on every second frame first (alternate) or not (all).",
         ),
     ] = "alternate",
     report: Annotated[Path | None, Option(help="HTML report to write.")] = None,
@@ -66,8 +67,8 @@ def calibrate(
         bool,
         Option(
             "--check",
-            help="Check --calibration on the mission's frames instead. Exit code 0 if it is "
-            "good, 1 if it is shifted or unusable.",
+            help="Check --calibration on the mission's frames instead. Exit code 0: good; 1: "
+            "shifted or unusable.",
         ),
     ] = False,
     calibration: Annotated[
@@ -79,7 +80,7 @@ def calibrate(
     square: Annotated[float | None, Option(help="Side of the board's squares in mm.")] = None,
     json: JsonOption = False,
 ) -> None:
-    """Calibrate two cameras from a mission's own frames, or from checkerboard pictures."""
+    """Calibrate two cameras from a mission's frames or checkerboards."""
     if check:
         if calibration is None:
             raise ToktError("--check needs --calibration FILE")
@@ -301,17 +302,19 @@ def depth(
             "dozen with an obstacle."
         ),
     ] = None,
-    stereo: Annotated[str, Option(help="bm (block matching) or sgbm (semi-global).")] = "bm",
+    stereo: Annotated[
+        str, Option(metavar="bm|sgbm", help="Block matching, or semi-global matching.")
+    ] = "bm",
     scale: Annotated[float, Option(help="Scale at which frames are matched, at most 1.")] = 0.5,
     rate: Annotated[
         float | None, Option(metavar="FPS", help="Frames per second, for the closing speed.")
     ] = None,
     json: JsonOption = False,
 ) -> None:
-    """Measure depth in a mission's stereo pairs: pictures, depth by frame, a point cloud.
+    """Measure depth in a mission's stereo pairs.
 
-    A pair that cannot be judged is a row that says why. Matched pixels only: open water has no
-    depth, and what is not matched is not clear.
+    It writes pictures, depth by frame and a point cloud. A pair that cannot be judged is a row that
+    says why. Matched pixels have a depth, open water has none: what is not matched is not clear.
     """
     from tokt.features.frames.mission import open_mission, parse_frames
     from tokt.training.rig.depth.run import DepthRequest, run_depth

@@ -41,8 +41,9 @@ SplitOption = Annotated[
     str | None,
     Option(
         "--split",
-        help="Hold out whole dives (dive; in --folds folds if there are more than 10) or blocks of "
-        "frames (block). Default: dive; block where there is one dive.",
+        metavar="dive|block",
+        help="Hold out whole dives (in --folds folds if there are more than 10) or blocks of "
+        "frames. Default: dive; block where there is one dive.",
         show_default=False,
     ),
 ]
@@ -58,6 +59,7 @@ SitesOption = Annotated[
 WeightOption = Annotated[
     str | None,
     Option(
+        metavar="dive|patch",
         help="What counts the same in learning: each dive or each patch. Default: dive.",
         show_default=False,
     ),
@@ -91,7 +93,11 @@ def train(
         ),
     ] = None,
     preset: Annotated[
-        str, Option(help="Preset: thesis, plain, water, or best: that is water for several dives.")
+        str,
+        Option(
+            metavar="thesis|plain|water|best",
+            help="Preset of settings; best means water where there are several dives.",
+        ),
     ] = "best",
     name: Annotated[
         str | None, Option(help="Name of the model. Default: DATASET-EXTRACTOR.")
@@ -105,14 +111,15 @@ def train(
         int | None,
         Option(
             min=1000,
-            help="Patches, unchanged ones, that a fit learns from at most, drawn by lot. "
+            help="Patches that a fit learns from at most, drawn by lot; augmented ones are extra. "
             "Default: 50000.",
         ),
     ] = None,
     class_weight: Annotated[
         str | None,
         Option(
-            help="Class weights: none, balanced, or auto (the better one). Default: the preset's."
+            metavar="none|balanced|auto",
+            help="Weights of the classes; auto is the better one. Default: the preset's.",
         ),
     ] = None,
     changes: Annotated[
@@ -130,13 +137,16 @@ def train(
         float, Option(help="Highest allowed rate of false statuses per ocean frame.")
     ] = 1e-4,
     confidence: Annotated[
-        float, Option(help="Confidence that the rate is kept; 0.5 for the best estimate.")
+        float,
+        Option(
+            metavar="SHARE", help="Confidence that the rate is kept; 0.5 for the best estimate."
+        ),
     ] = 0.5,
     least_patches: Annotated[
-        str, Option(help="Patches that make an alarm of a frame: a number, or auto.")
+        str, Option(metavar="N|auto", help="Patches that make an alarm of a frame.")
     ] = AUTO,
     frame_rule: Annotated[
-        str, Option(help="Alarms that make a status: K/N of the last N frames, or auto.")
+        str, Option(metavar="K/N|auto", help="Alarms that make a status: K of the last N frames.")
     ] = AUTO,
     ocean: Annotated[
         Path | None, Option(help="Ocean image of preset thesis. Default: a clear frame.")
@@ -150,7 +160,10 @@ def train(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Cross-validate, choose the operating point, train, log and register one model version."""
+    """Train, cross-validate and register one model version.
+
+    The operating point is chosen on frames that cross-validation held out.
+    """
     from tokt.models.registry.registry import Registry, check_model_name
     from tokt.training.datasets.augmentations import STRESS
     from tokt.training.datasets.dataset import open_dataset
@@ -223,7 +236,9 @@ def adapt(
     output: ReportOption = None,
     split: Annotated[
         str | None,
-        Option(help="Hold out dives (dive) or blocks of frames (block). Default: as the model."),
+        Option(
+            metavar="dive|block", help="Hold out dives or blocks of frames. Default: as the model."
+        ),
     ] = None,
     site: SitesOption = None,
     jobs: JobsOption = -1,
@@ -231,9 +246,10 @@ def adapt(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Train a model's next version on a new dive too; say what that gained, and cost elsewhere.
+    """Train a model's next version on a new dive as well.
 
-    First label 5 to 10 frames of the dive that the page leads to (tokt label DIR --model MODEL).
+    It tells what that gained there, and cost elsewhere. First label 5 to 10 frames of the dive that
+    the page leads to (tokt label DIR --model MODEL).
     """
     from tokt.features.common import atomic
     from tokt.labels.record import NoLabelsError
@@ -406,7 +422,10 @@ def search(
     ] = None,
     budget: Annotated[
         str | None,
-        Option(help="Budget: begin no trial after this time (30m, 2h) or number of trials (12)."),
+        Option(
+            metavar="TIME|N",
+            help="Begin no trial after this time (30m, 2h) or number of trials (12).",
+        ),
     ] = None,
     nested: Annotated[
         bool,
@@ -428,9 +447,10 @@ def search(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Search extractors; train and register the simplest of the best.
+    """Search extractors; train and register the simplest good one.
 
-    Each is scored by cross-validation, as `train` does it. A search that was stopped goes on.
+    Each extractor is scored by cross-validation, as `train` does it. A search that was stopped goes
+    on.
     """
     from tokt.models.registry.registry import Registry, check_model_name
     from tokt.training.datasets.dataset import open_dataset
