@@ -138,17 +138,15 @@ class SourceConfig:
     ptp: bool = option(False, "Live cameras: synchronise their clocks by PTP.", only=CAMERAS)
     wait: bool = option(False, "Wait until the cameras or streams are there.", only=LIVE)
     split: str | None = option(
-        None, "Each picture holds both cameras' views.", "left-right", only=VIDEO
+        None, "Each picture holds both cameras' views: left-right.", "LAYOUT", only=VIDEO
     )
     nmea: str | None = option(
         None,
-        "Read the vehicle's place from NMEA: udpin:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[:BAUD].",
+        "Read the vehicle's place by NMEA: udpin:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[:BAUD].",
         "LINK",
     )
     nmea_dpt: bool = option(
-        False,
-        "DPT sentences of NMEA tell the vehicle's depth, not the water's.",
-        needs=("nmea",),
+        False, "DPT sentences tell the vehicle's own depth, not the water's.", needs=("nmea",)
     )
 
 
@@ -291,9 +289,7 @@ class MonitoringConfig:
         None, "Serve Prometheus metrics on this port, or HOST:PORT.", "PORT"
     )
     view: int | None = option(
-        None,
-        "Show what the run sees on this port: a page and an MJPEG stream.",
-        "PORT",
+        None, "Show what the run sees on this port: a page and an MJPEG stream.", "PORT"
     )
     view_host: str | None = option(
         None,

@@ -33,8 +33,9 @@ def join_bash_words(environment: MutableMapping[str, str]) -> None:
 def complete(context: Any, param: Any, incomplete: str) -> list[str]:
     """What a value can become, by its name in the help; nothing where that is a file's."""
     known = dict.fromkeys(_values(param.metavar.rstrip("."), context, incomplete))
-    # Bash puts what it is told in the place of the last part alone.
-    cut = max((incomplete.rfind(sign) for sign in _BREAKS), default=-1) + 1 if _parted else 0
+    # Bash puts what it is told in the place of the last part alone, which an @ belongs to.
+    last = max(0, incomplete.rfind("@"), incomplete.rfind(":") + 1, incomplete.rfind("=") + 1)
+    cut = last if _parted else 0
     return [value[cut:] for value in known if value.startswith(incomplete)]
 
 
@@ -48,6 +49,8 @@ def _values(name: str, context: Any, incomplete: str) -> Iterator[str]:
             from tokt.models.registry.names import ALIASES, REFERENCES, registered_names
 
             yield from registered_names(workspace, REFERENCES if kind == "MODEL" else ALIASES)
+            if kind == "MODEL":
+                yield from sorted(map(str, Path().glob("*.tokt")))
         elif kind == "EXTRACTOR":
             from tokt.features.extractors.named_extractors import NAMED
 

@@ -1,12 +1,15 @@
 """Help as plain text: commands and options under headings, a name in capitals for each value."""
 
+from collections.abc import Callable
 from typing import Any
 
 import typer
 from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
+from typer.models import CommandFunctionType
 
 from .completion import complete
 
+_Row = tuple[str, tuple[str, str]]  # a heading, and what stands under it
 _OTHERS = "Options"
 _HEADINGS = {
     "label": {
@@ -14,10 +17,10 @@ _HEADINGS = {
         "Labels": "model annotator calibration taxonomy grid",
     },
     "import": {
-        "File": "format mission_dir map",
+        "File": "file_format mission_dir classes",
         "Labels": "annotator grid mission camera taxonomy",
     },
-    "export": {"File": "format mission_dir full", "Labels": "mission annotator camera grid"},
+    "export": {"File": "file_format mission_dir full", "Labels": "mission annotator camera grid"},
     "build": {"Labels": "mission labels patches frames", "Version": "task grid block taxonomy"},
     "train": {
         "Model": "extractor preset name fixed_boundary ocean other",
@@ -41,7 +44,7 @@ _HEADINGS = {
         "Missions": "mission labels patches frames taxonomy",
         "Approaches": "rate stopping_distance calibration log",
     },
-    "replay": {"Log": "run source export", "Judge": "bundle store calibration"},
+    "replay": {"Log": "run source export", "Judged by": "bundle store calibration"},
     "calibrate": {
         "Two cameras": "baseline focal start free frames fit",
         "Checkerboard": "board square",
@@ -85,7 +88,9 @@ class Commands(typer.Typer):
     def __init__(self, name: str, help: str, **more: Any) -> None:
         super().__init__(name=name, cls=HelpGroup, help=help, rich_markup_mode=None, **more)
 
-    def command(self, name: str | None = None, **more: Any) -> Any:
+    def command(
+        self, name: str | None = None, **more: Any
+    ) -> Callable[[CommandFunctionType], CommandFunctionType]:
         """Make a function a command."""
         return super().command(name, cls=HelpCommand, **more)
 
@@ -97,7 +102,7 @@ class HelpGroup(TyperGroup):
         """Write a line for each command."""
         width = formatter.width - 6 - max(map(len, self.commands))
         rows = [
-            (each.rich_help_panel or "Commands", (name, each.get_short_help_str(width)))
+            (_heading(each) or "Commands", (name, each.get_short_help_str(width)))
             for name, each in self.commands.items()
         ]
         _write(rows, formatter)
@@ -126,16 +131,18 @@ class HelpCommand(TyperCommand):
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write a line for each argument and option."""
-        last = []
-        rows = []
+        rows: list[_Row] = []
         for param in self.get_params(ctx):
-            record = param.get_help_record(ctx)
-            heading = getattr(param, "rich_help_panel", None)
-            if param.param_type_name == "argument":
-                heading = "Arguments"
-            if record:
-                (rows if heading else last).append((heading or _OTHERS, record))
-        _write([*rows, *last], formatter)
+            argument = param.param_type_name == "argument"
+            heading = "Arguments" if argument else _heading(param) or _OTHERS
+            if record := param.get_help_record(ctx):
+                rows.append((heading, record))
+        _write(sorted(rows, key=lambda row: row[0] == _OTHERS), formatter)
+
+
+def _heading(of: object) -> str | None:
+    """The heading that a command or an option has."""
+    return getattr(of, "rich_help_panel", None)
 
 
 def _value_name(param: TyperArgument | TyperOption) -> str:
@@ -146,7 +153,7 @@ def _value_name(param: TyperArgument | TyperOption) -> str:
     return _NAMED.get(param.name or "", name.upper().replace("_", "-"))
 
 
-def _write(rows: list[tuple[str, tuple[str, str]]], formatter: Any) -> None:
+def _write(rows: list[_Row], formatter: Any) -> None:
     """Write lines under their headings, in the order of the first of each."""
     sections: dict[str, list[tuple[str, str]]] = {}
     for heading, row in rows:

@@ -58,8 +58,8 @@ def calibrate(
         str,
         Option(
             metavar="alternate|even|odd|all",
-            help="Fit to even or odd frame numbers and test on the others; or fit to all, tested "
-            "on every second frame first (alternate) or not (all).",
+            help="Frame numbers to fit to. even, odd: tested on the others. alternate: tested on "
+            "every second one, then fitted to all. all: not tested.",
         ),
     ] = "alternate",
     report: Annotated[Path | None, Option(help="HTML report to write.")] = None,
