@@ -103,7 +103,7 @@ def compare(
     from tokt.training.compare.report import has_registry, log_comparison, report_html
 
     if mission and ceilings:
-        raise ToktError("--ceilings is of what cross-validation held out; leave --mission out")
+        raise ToktError("--ceilings judges what cross-validation held out: leave out --mission")
     if output is not None and output.is_dir():
         raise ToktError(f"{output} is a folder; -o names the report's file")
     at_sea = (rate, stopping_distance, calibration, log)
