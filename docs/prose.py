@@ -48,8 +48,6 @@ ROOMS = (
     "training",
     "inference",
 )
-CAPTIONS = "src/tokt/studies/thesis/"
-"""What this folder says stands in its report: neither help nor errors."""
 
 _ABBREVIATIONS = {
     "e.g.",
@@ -249,8 +247,7 @@ def product_texts() -> Iterator[Text]:
     yield from help_texts(get_command(app))
     for room in ROOMS:
         for module in sorted((ROOT / room).rglob("*.py")):
-            if not _name(module).startswith(CAPTIONS):
-                yield from said_texts(_name(module), module.read_text(encoding="utf-8"))
+            yield from said_texts(_name(module), module.read_text(encoding="utf-8"))
 
 
 def _name(page: Path) -> str:
