@@ -160,7 +160,7 @@ class Bundle(BundleContent):
 
     @property
     def frame_sizes(self) -> tuple[tuple[int, int], ...]:
-        """Height and width in pixels of the golden frames, which the model learnt beside."""
+        """Height and width in pixels of the golden frames, which were frames of its training."""
         return tuple(dict.fromkeys(_png_size(png) for png in self.golden.frames))
 
     @property

@@ -339,7 +339,7 @@ def cross_validate(
     jobs: int = 1,
     whole: Mapping[str, WholeFrames] | None = None,
 ) -> HeldOutPredictions:
-    """Nested cross-validation: what is chosen is chosen inside the training part of each fold.
+    """Nested cross-validation: each choice is made inside the training part of its fold.
 
     Of very many patches some are tested, and learnt from by the folds (`Split.judged`).
 
