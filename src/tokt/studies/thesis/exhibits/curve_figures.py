@@ -127,9 +127,9 @@ def _words(context: StudyContext) -> tuple[str, ...]:
     if curves.unreadable:
         scored += f"; frames {format_frames(curves.unreadable)} cannot be read"
     limit = (
-        "The mean value is that of the 0/255 mask. The status is 1 above "
-        f"{STATUS_MEAN_THRESHOLD:g}; growing keypoints and thirds of disparity have "
-        "rules of their own. A first detection is the first of "
+        "The mean value is that of the 0/255 mask; the status is 1 above "
+        f"{STATUS_MEAN_THRESHOLD:g}, except for growing keypoints and thirds of disparity, which "
+        "have rules of their own. A first detection is the first of "
         "3 frames in a row with status 1."
     )
     methods = [f"{method.title}: {method.words.rstrip('.')}." for method in curves.methods.values()]
@@ -380,9 +380,9 @@ def _distance_claim(curves: Curves, nearness: Nearness) -> Claim:
     agreement = agreement_of_worst(thesis.values())
     measured = int(curves.distance_m.notna().sum())
     why = (
-        f"judged by the thesis's methods over the {measured} frames of which tokt's stereo "
-        f"measures a distance. It agrees where each rank correlation is {NEARLY_ALWAYS:g} or more, "
-        f"in part from {GOES_WITH:g} on: an order, not metres. What stereo itself gives "
+        f"judged by the thesis's methods: agrees where each rank correlation is "
+        f"{NEARLY_ALWAYS:g} or more, in part from {GOES_WITH:g} on, over the {measured} frames of "
+        "which tokt's stereo measures a distance; an order, not metres. What stereo itself gives "
         "is no second witness: its mean and that of the thirds are of the same matches"
     )
     found = f"rank correlation with 1 / distance: {told}"
@@ -399,8 +399,8 @@ def _printed_curves_claim(curves: Curves, scores: Scores) -> Claim:
         "Where the curves begin to rise",
         NOT_KNOWN,
         f"first detections: {told}",
-        "the figures' numbers are not at hand. The thesis's other training image, a film still, is "
-        "not included, and another image moves the texture methods' first detections",
+        "the figures' numbers are not at hand, and the thesis's other training image, a film "
+        "still, is not included: another image moves the texture methods' first detections",
     )
 
 

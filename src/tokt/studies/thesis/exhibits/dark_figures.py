@@ -222,8 +222,8 @@ def bad_lighting(context: StudyContext) -> Exhibit:
         tables.append(
             Table(
                 "by-light",
-                "F1 by patch of the same rendered scene as the lamp goes down, and who says that "
-                "it is clear. Empty: a method says that it cannot judge the picture.",
+                "F1 by patch of the same rendered scene as the lamp goes down; empty where a "
+                "method says that it cannot judge the picture; and who says that it is clear.",
                 sweep,
             )
         )

@@ -289,8 +289,8 @@ def _search_claim(disparity: F64, covered: Bools) -> Claim:
         f"{np.max(disparity):.0f} px"
     )
     why = (
-        "judged by points matched without any calibration (SIFT, one geometry a frame). They are "
-        "moved to where the thesis's own undistortion puts them; the pair is not rectified"
+        "judged by points matched without any calibration (SIFT, one geometry a frame) and moved "
+        "to where the thesis's own undistortion puts them; the pair is not rectified"
     )
     return Claim(what, printed, found, why, agreement=agreement)
 
@@ -299,12 +299,12 @@ def _exchange_claim(numbers: dict[str, Any]) -> Claim:
     same = numbers["thesis_pixels_changed_most"] <= _SAME
     found = (
         f"with a wrong right frame at most {100 * numbers['thesis_pixels_changed_most']:.2f} % of "
-        f"the thesis's pixels change between matched and not. Its mean value changes by "
+        f"the thesis's pixels change between matched and not, its mean value changes by "
         f"{100 * numbers['thesis_mean_change_median']:.0f} % (median), and its status is the same "
-        f"in {numbers['thesis_status_kept']} of {numbers['wrong_pairs']}. Ours matches "
+        f"in {numbers['thesis_status_kept']} of {numbers['wrong_pairs']}; ours matches "
         f"{100 * numbers['ours_matched_own_median']:.1f} % of the view with the right frame "
-        f"(median), at most {100 * numbers['ours_matched_wrong_most']:.2f} % with a wrong one. "
-        f"It then says obstacle in {numbers['ours_obstacle_wrong']} and clear in "
+        f"(median), at most {100 * numbers['ours_matched_wrong_most']:.2f} % with a wrong one, and "
+        f"then says obstacle in {numbers['ours_obstacle_wrong']} and clear in "
         f"{numbers['ours_clear_wrong']} pairs, unknown in the others"
     )
     why = (
@@ -334,14 +334,14 @@ def _margin_claim(numbers: dict[str, Any], frames: int) -> Claim:
     margin, inside = numbers["open_water_matched_margin"], numbers["open_water_matched_inside"]
     found = (
         f"in open water ({frames} pairs) {100 * margin:.2f} % of the margin and "
-        f"{100 * inside:.2f} % of the rest are white. The mean value is "
+        f"{100 * inside:.2f} % of the rest are white; mean value "
         f"{numbers['open_water_mean_whole']:.2f} with the margin, "
         f"{numbers['open_water_mean_inside']:.2f} without (threshold {STATUS_MEAN_THRESHOLD})"
     )
     if margin > inside:
         why = (
             "what is white there is the picture's edge, bent inwards by an undistortion about a "
-            "corner instead of the middle. Cutting it off is right, and hides the cause"
+            "corner instead of the middle; cutting it off is right, and hides the cause"
         )
         return Claim(what, printed, found, why, agreement=ClaimAgreement.YES)
     why = "on these frames the margin is no whiter than the rest"
@@ -351,7 +351,7 @@ def _margin_claim(numbers: dict[str, Any], frames: int) -> Claim:
 def _cloud_claim(numbers: dict[str, Any]) -> Claim:
     found = (
         f"frame {numbers['shown_frame']}: the thesis's cloud has no unit and "
-        f"{numbers['thesis_cloud_depths']} depths. The rank correlation of its values with our "
+        f"{numbers['thesis_cloud_depths']} depths; the rank correlation of its values with our "
         f"depths is {numbers['rank_correlation']:.2f} (-1: disparities, 0: nothing to do with it). "
         f"Ours: {numbers['cloud_points']} points"
     )
@@ -374,11 +374,11 @@ def _words(context: StudyContext, frames: Sequence[int], best: int) -> tuple[str
         "The frames' calibration may have been fitted to frames of this mission."
     )
     second = (
-        f"The control is {len(frames)} frames with something in them ({min(frames)} to "
-        f"{max(frames)}, spread over the mission). They are judged with their own right frame, "
-        "with that of the frame half this list away, and with their own upside down (rows "
-        f"reversed). A stereo method must then find next to nothing (at most {100 * COLLAPSED:.1f} "
-        f"% of the view). Pictures are of frame {best}, where ours matches most."
+        f"The control: {len(frames)} frames with something in them ({min(frames)} to "
+        f"{max(frames)}, spread over the mission) are judged with their own right frame, with that "
+        "of the frame half this list away, and with their own upside down (rows reversed). A "
+        f"stereo method must then find next to nothing (at most {100 * COLLAPSED:.1f} % of the "
+        f"view). Pictures are of frame {best}, where ours matches most."
     )
     size = context.left(best).shape[1::-1]
     if size == THESIS_FRAME_SIZE:

@@ -381,8 +381,8 @@ def _words(context: StudyContext, frames: Sequence[EncodedPair]) -> tuple[str, .
     about = machine()
     return (
         f"Every method judges the same {len(frames)} frames ({seen}), once each, in turns, in "
-        "one run on one thread. Timed is the way from the bytes of the image file to the verdict: "
-        "processor time, on an idle machine the time that passes. Medians, with the 10th and 90th "
+        "one run on one thread, from the bytes of the image file to the verdict: processor time, "
+        "which on an idle machine is the time that passes. Medians, with the 10th and 90th "
         "percentile of the single runs. For SLIC, the thesis's disparity and tokt's stereo the "
         "parts of one call are split by doing them once more, outside the total.",
         "The thesis's methods are its settings with today's scikit-image, mahotas, OpenCV and "
@@ -425,8 +425,8 @@ def _tables(found: Found, summary: pd.DataFrame, n_frames: int) -> list[Table]:
     words = ["method", "whose", "median ms", "p10 ms", "p90 ms", "times LBP", "p10", "p90"]
     compared = Table(
         "run_times",
-        f"From an image file's bytes to a verdict: {n_frames} frames, once each, one thread. "
-        "Times are ms a frame (a pair for the disparities), and multiples of the thesis's LBP on "
+        f"From an image file's bytes to a verdict: {n_frames} frames, once each, one thread; "
+        "ms a frame (a pair for the disparities), and times the run time of the thesis's LBP on "
         "the same frame in the same round. Median, 10th and 90th percentile.",
         summary.set_axis(words, axis=1).assign(printed=pd.Series(PRINTED)),
     )
@@ -503,8 +503,8 @@ def _reason(found: Found, key: str, agreement: ClaimAgreement) -> str:
     own, base = one.stage_ms, lbp.stage_ms
     largest = own.idxmax()
     return (
-        f"the libraries of 2016 are not these. Here the largest stage is {largest} with "
-        f"{own[largest]:.1f} of {np.median(one.total_ms):.1f} ms. LBP on patches takes "
+        f"the libraries of 2016 are not these: here the largest stage is {largest} with "
+        f"{own[largest]:.1f} of {np.median(one.total_ms):.1f} ms, and LBP on patches takes "
         f"{np.median(lbp.total_ms):.1f} ms, {base['features']:.1f} of them features and "
         f"{base['predict']:.1f} its 100 predict calls"
     )

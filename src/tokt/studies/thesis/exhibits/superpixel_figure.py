@@ -134,7 +134,7 @@ def _time_claim(summaries: dict[str, dict[str, Any]]) -> Claim:
     elif ratio > 1:
         why = (
             "slower it is, but by another factor, which hangs on how fast the libraries of the day "
-            "are at either. The thesis's machine and its releases are not known here"
+            "are at either; the thesis's machine and its releases are not known here"
         )
     else:
         why = "on this machine it is not slower at all"
@@ -167,7 +167,7 @@ def _mask_claim(summaries: dict[str, dict[str, Any]]) -> Claim:
 def _words(context: StudyContext, numbers: Sequence[int]) -> tuple[str, ...]:
     return (
         f"Both learn from the same two images ({context.ocean.words}; {context.other.words}), "
-        "describe with the same features and use the same classifier. One takes a rectangle "
+        "describe with the same features and use the same classifier; one takes a rectangle "
         "around each superpixel, the other a patch of a 10x10 grid.",
         f"On a sample of {len(numbers)} frames, spread over the mission, with frame "
         f"{context.structure_frame} among them, because SLIC is slow. No frame of the sample was "
@@ -180,8 +180,8 @@ def _summary_table(summaries: dict[str, dict[str, Any]]) -> Table:
     rows = [{"features": TITLES[name], **summary} for name, summary in summaries.items()]
     table = pd.DataFrame(rows).rename(columns=_COLUMNS).round(3)
     caption = (
-        "Medians over the sample, ms from a decoded frame to its verdict. Pixels alike: mean part "
-        "of them. Overlap: white in both over white in either, over all frames. F1: "
+        "Medians over the sample, ms from a decoded frame to its verdict; pixels alike: mean part "
+        "of them; overlap: white in both over white in either, over all frames; F1: "
         "over all sure patches of the sample (empty without labels)."
     )
     return Table("slic_against_grid", caption, table, TITLE)

@@ -175,15 +175,15 @@ def training_images(context: StudyContext) -> Exhibit:
         plots.append(_promise_plot(table, n_tested))
     caption = (
         "Distance of each image's mean histogram from ocean's and from the structure's (0 equal, 1 "
-        "disjoint), and the share of patches confused with ocean's. F1 is by patch, of a model "
-        f"that learnt from ocean and this image, pooled over {n_tested} labelled frames (empty "
-        "without labels). No frame is both learnt from and scored."
+        "disjoint), the share of patches confused with ocean's, and F1 by patch of a model that "
+        f"learnt from ocean and this image, pooled over {n_tested} labelled frames (empty without "
+        "labels). No frame is both learnt from and scored."
     )
     return Exhibit(
         (
-            "Bins are coloured by the share of the circle that is brighter than its centre, within "
-            "a twelfth. None or all of it is flat, half of it an edge, a quarter or three quarters "
-            "a corner. Patterns of several runs, which noise makes, are the last bin.",
+            "Bins are coloured by the share of the circle that is brighter than its centre: none "
+            "or all of it is flat, half of it an edge, a quarter or three quarters a corner, each "
+            "within a twelfth. Patterns of several runs, which noise makes, are the last bin.",
             f"Distances are Hellinger's; the structure is {structure.words}. A patch is confused "
             "when it is nearer to the other image's mean histogram than to its own image's. "
             f"Ocean is {ocean.words}.",

@@ -258,9 +258,9 @@ def _words(context: StudyContext, frames: Sequence[int], texture: Sequence[str])
     return (
         f"Frames {frames[0]} to {frames[-1]}, from the first to the last that stereo sees "
         f"something in. The trend is the runtime's ({HORIZON_S:g} s of means), with "
-        f"{SECONDS_A_FRAME} s from frame to frame. The frames carry no times, so that other "
+        f"{SECONDS_A_FRAME} s from frame to frame; the frames carry no times, so that other "
         "steps are in the table. What is right is the slope of the median stereo depth over the "
-        f"same seconds. A mean goes with 1 / depth squared, so that a depth that changes by less "
+        f"same seconds: a mean goes with 1 / depth squared, so that a depth that changes by less "
         f"than {STEADY_PER_S / 2:g} of itself a second counts as steady. Cameras: "
         f"{context.calibration_words}. The depth has no part in the texture's trend; the "
         "disparity's trend is of the area that is matched, not of how far it is.",
@@ -268,9 +268,9 @@ def _words(context: StudyContext, frames: Sequence[int], texture: Sequence[str])
         "so before. That delay is in neither figure.",
         f"How the methods learnt: {learnt or 'no texture method judged these frames'}.",
         "Where it fails: the mean is an area. What leaves the picture at its edge, or comes so "
-        "near that stereo no longer matches it, shrinks while it comes nearer. What a model first "
+        "near that stereo no longer matches it, shrinks while it comes nearer; what a model first "
         "learns to see grows while it stands still. A time to contact is therefore only said "
-        "while the whole thing is in the picture. The second figure of ratios is what would have "
+        "while the whole thing is in the picture; the second figure of ratios is what would have "
         "been said otherwise.",
     )
 
@@ -356,9 +356,9 @@ def _contact_why(said: pd.Series) -> str:
     middle = float(np.median(said))
     if middle < 1 / _FAR_OFF:
         return (
-            f"tokt's own, and {1 / middle:.1f} times too short (median of all that are said). A "
+            f"tokt's own, and {1 / middle:.1f} times too short (median of all that are said): a "
             "thing that comes out of dark water grows in the mask because more of it is seen, not "
-            "only because it is nearer. It errs to the early side, and is no measure of time here"
+            "only because it is nearer; it errs to the early side, and is no measure of time here"
         )
     if middle > _FAR_OFF:
         return f"tokt's own, and {middle:.1f} times too long (median of all that are said)"
