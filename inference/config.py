@@ -106,12 +106,9 @@ class SourceConfig:
         "rtp://:PORT, udp://:PORT, http://HOST/PATH) or a USB camera (v4l2:/dev/video0). "
         "Live cameras are pymba:ID, vimbax:ID or genicam:ID; two are LEFT,RIGHT. Another "
         "program's frames are stream:HOST:PORT.",
-        "SOURCE",
         logged="source",
     )
-    frames: str | None = option(
-        None, "Use these frames only, such as 61-80,141-160.", "FRAMES", only=FILES
-    )
+    frames: str | None = option(None, "Use these frames, such as 61-80,141-160.", only=FILES)
     rate: float | None = option(
         None, "Replay at this rate; late frames are dropped.", "FPS", only=FILES
     )
@@ -119,7 +116,6 @@ class SourceConfig:
         None,
         "Live cameras: their pixel format. Gray image files: the raw camera pixels they hold, "
         "Mono8, BayerRG8, BayerGR8, BayerGB8 or BayerBG8.",
-        "FORMAT",
         only=PICTURES,
         logged="pixel_format",
     )
@@ -132,9 +128,7 @@ class SourceConfig:
         None, "Live cameras: bandwidth that they share.", "BYTES/S", only=CAMERAS
     )
     camera_rate: float | None = option(None, "Live cameras: frame rate.", "FPS", only=CAMERAS)
-    trigger: str | None = option(
-        None, "Live cameras: trigger, such as Line1.", "LINE", only=CAMERAS
-    )
+    trigger: str | None = option(None, "Live cameras: trigger, such as Line1.", only=CAMERAS)
     ptp: bool = option(False, "Live cameras: synchronise their clocks by PTP.", only=CAMERAS)
     wait: bool = option(False, "Wait until the cameras or streams are there.", only=LIVE)
     split: str | None = option(
@@ -155,15 +149,10 @@ class ModelConfig:
     """Which models judge."""
 
     store: Path | None = option(
-        None,
-        "Run this store's active model, and the next one when it changes.",
-        "STORE",
-        not_with="bundle",
+        None, "Run this store's active model, and the next one when it changes.", not_with="bundle"
     )
-    bundle: Path | None = option(None, "Run the model in this file.", "FILE", not_with="store")
-    threads: int = option(
-        1, "Threads that share a frame's patches.", "N", only=MODELS, logged="threads"
-    )
+    bundle: Path | None = option(None, "Run the model in this file.", not_with="store")
+    threads: int = option(1, "Threads that share a frame's patches.", only=MODELS, logged="threads")
     fixed_boundary: bool = option(
         False,
         "Keep the boundary between water and obstacles fixed from frame to frame. Rates of false "
@@ -177,9 +166,7 @@ class ModelConfig:
         "FILE|STORE",
         needs=("shadow_log",),
     )
-    shadow_log: Path | None = option(
-        None, "Log of that model, for tokt shadow.", "FILE", needs=("shadow",)
-    )
+    shadow_log: Path | None = option(None, "Log of that model, for tokt shadow.", needs=("shadow",))
 
 
 @dataclass(frozen=True)
@@ -188,7 +175,7 @@ class PolicyConfig:
 
     policy: str = option(
         "fallback",
-        "Which detectors decide; fallback asks disparity where texture cannot be relied on.",
+        "Which detector decides; fallback is disparity where texture cannot be relied on.",
         "texture|disparity|either|fallback",
         logged="policy",
     )
@@ -205,7 +192,7 @@ class PolicyConfig:
 class StereoConfig:
     """How pairs of frames are matched."""
 
-    calibration: Path | None = option(None, "Stereo calibration.", "FILE", logged="calibration")
+    calibration: Path | None = option(None, "Stereo calibration file.", logged="calibration")
     stereo: str = option(
         BM,
         "Block matching, semi-global matching (slower) or a few distances only (fastest).",
@@ -213,16 +200,10 @@ class StereoConfig:
         logged="stereo_way",
     )
     stereo_scale: float = option(
-        DEFAULT_SCALE,
-        "Scale at which frames are matched, at most 1.",
-        "SCALE",
-        logged="stereo_scale",
+        DEFAULT_SCALE, "Scale at which frames are matched, at most 1.", logged="stereo_scale"
     )
     odometry: Path | None = option(
-        None,
-        "Poses by frame (CSV), by which pushbroom moves what it saw.",
-        "FILE",
-        logged="odometry",
+        None, "Poses by frame (CSV), by which pushbroom moves what it saw.", logged="odometry"
     )
 
 
@@ -236,7 +217,6 @@ class OutputConfig:
     udp: list[str] | None = option(
         None,
         "Send to HOST:PORT, or v1@HOST:PORT, v2@HOST:PORT. Repeatable. Default: 127.0.0.1:1130.",
-        "RECEIVER",
     )
     format: str = option("v1", "Datagram format: v1 for LabVIEW, v2 is JSON.", "v1|v2")
     stale: float = option(
@@ -262,12 +242,11 @@ class OutputConfig:
     mavlink_assumed_m: float = option(
         1.0, "MAVLink: distance of an obstacle where none was measured.", "METRES", needs=_MAVLINK
     )
-    mavlink_system: int = option(1, "MAVLink: system ID.", "ID", needs=_MAVLINK)
-    mavlink_component: int = option(196, "MAVLink: component ID.", "ID", needs=_MAVLINK)
+    mavlink_system: int = option(1, "MAVLink: system ID.", needs=_MAVLINK)
+    mavlink_component: int = option(196, "MAVLink: component ID.", needs=_MAVLINK)
     mavlink_words_component: int | None = option(
         None,
         "MAVLink: component ID of the words for the pilot; 1 for Cockpit. Default: the same.",
-        "ID",
         needs=_MAVLINK,
     )
     mavlink_messages: str = option(
@@ -308,13 +287,11 @@ class MonitoringConfig:
 class RecordingConfig:
     """What is kept of the run."""
 
-    log: Path | None = option(
-        None, "Append a JSON line per frame to this file, events beside it.", "FILE"
-    )
+    log: Path | None = option(None, "Append a JSON line per frame to this file, events beside it.")
     log_values: bool = option(False, "Log each patch's decision values as well.", needs=("log",))
     # Some 7 hours at 10 frames a second a file, with the older ones 2.1 GB and some 6 days.
     log_max_mb: float = option(100.0, "Size at which a new log file begins.", "MB", needs=_LOGS)
-    log_keep: int = option(20, "Number of older log files to keep.", "N", needs=_LOGS)
+    log_keep: int = option(20, "Number of older log files to keep.", needs=_LOGS)
     record: Path | None = option(
         None, "Record the frames around detections, for tokt label.", "DIR", logged="record"
     )

@@ -11,16 +11,11 @@ REFERENCES = """
     UNION ALL SELECT name || '@' || alias FROM registered_model_aliases
     UNION ALL SELECT name || '/' || version FROM model_versions
 """
-"""Everything that names a model: NAME, NAME@ALIAS and NAME/VERSION."""
 ALIASES = "SELECT DISTINCT alias FROM registered_model_aliases"
 
 
 def registered_names(workspace: Path, query: str) -> list[str]:
-    """What a query finds, sorted: `REFERENCES` or `ALIASES`.
-
-    Nothing is written. Nothing is found where a server keeps the models, or the file is missing,
-    damaged or held by a writer.
-    """
+    """What a query (`REFERENCES`, `ALIASES`) finds in a file that can be read at once, sorted."""
     uri = os.environ.get("MLFLOW_TRACKING_URI") or f"{_SQLITE}{workspace / 'mlflow.db'}"
     if not uri.startswith(_SQLITE):
         return []

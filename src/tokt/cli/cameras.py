@@ -35,10 +35,7 @@ def cameras(
     seconds: Annotated[float, Option(help="Time for which it is tried.", min=0.5, max=3600)] = 5.0,
     json: JsonOption = False,
 ) -> None:
-    """List cameras, or try one.
-
-    A camera that is tried ends with its [source] section for `tokt run --config`.
-    """
+    """List cameras, or try one and print its [source] section."""
     if source is None:
         found = _found()
         answer(json, found, lambda: _print_found(found))

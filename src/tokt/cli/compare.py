@@ -38,16 +38,14 @@ if TYPE_CHECKING:
 RateOption = Annotated[
     float | None,
     Option(
-        metavar="FPS",
         help="Frames a second of the missions, to tell false statuses by the hour and times to "
-        "contact.",
+        "contact."
     ),
 ]
 StoppingOption = Annotated[
     float | None,
     Option(
         "--stopping-distance",
-        metavar="METRES",
         help="Distance in which the vehicle stops, to judge each approach's first status by.",
     ),
 ]
@@ -62,10 +60,7 @@ LogOption = Annotated[
 
 def compare(
     models: Annotated[
-        list[str],
-        Argument(
-            metavar="MODEL...", help="Models: NAME, NAME@ALIAS, NAME/VERSION or a .tokt file."
-        ),
+        list[str], Argument(help="Models: NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")
     ],
     output: ReportOption = None,
     mission: MissionsOption = None,
@@ -78,8 +73,7 @@ def compare(
     calibration: CalibrationOption = None,
     log: LogOption = None,
     learning_curve: Annotated[
-        str | None,
-        Option(metavar="MODEL", help="Model whose learning curve is drawn. Default: the best one."),
+        str | None, Option(help="Model whose learning curve is drawn. Default: the best one.")
     ] = None,
     ceilings: Annotated[
         bool,

@@ -13,7 +13,6 @@ from tokt.features.common.errors import ToktError
 from .help import Commands
 from .options import (
     DEFAULT_WORKSPACE,
-    GRID_FORM,
     DatasetArgument,
     FramesOption,
     JsonOption,
@@ -91,13 +90,9 @@ def build(
     mission: MissionsOption = None,
     labels: LabelFilesOption = None,
     patches: PatchesOption = None,
-    task: Annotated[
-        str, Option(metavar="binary|classes", help="Learn obstacle or clear, or every class.")
-    ] = "binary",
+    task: Annotated[str, Option(help="Learn obstacle or clear, or every class.")] = "binary",
     frames: FramesOption = None,
-    grid: Annotated[
-        str | None, Option(metavar=GRID_FORM, help="Grid of the labels. Default: 10x10@360.")
-    ] = None,
+    grid: Annotated[str | None, Option(help="Grid of the labels. Default: 10x10@360.")] = None,
     block: Annotated[
         int | None, Option(help="Frames in a block, which no fold splits. Default: 20.", min=1)
     ] = None,

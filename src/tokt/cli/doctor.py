@@ -26,7 +26,7 @@ _OF_EXTRA = r"""extra\s*==\s*["']([^"']+)["']"""
 
 
 def doctor(
-    store: Annotated[Path | None, Option(metavar="STORE", help="Store to check as well.")] = None,
+    store: Annotated[Path | None, Option(help="Store to check as well.")] = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:

@@ -9,77 +9,48 @@ from typer.models import CommandFunctionType
 
 from .completion import complete
 
-_Row = tuple[str, tuple[str, str]]  # a heading, and what stands under it
 _OTHERS = "Options"
+_FEW = 6
+"""Options that need no headings."""
 _HEADINGS = {
-    "label": {
-        "Page": "port host token no_token no_browser",
-        "Labels": "model annotator calibration taxonomy grid",
-    },
-    "import": {
-        "File": "file_format mission_dir classes",
-        "Labels": "annotator grid mission camera taxonomy",
-    },
-    "export": {"File": "file_format mission_dir full", "Labels": "mission annotator camera grid"},
-    "build": {"Labels": "mission labels patches frames", "Version": "task grid block taxonomy"},
-    "train": {
-        "Model": "extractor preset name fixed_boundary ocean other",
-        "Learning": "weight max_samples class_weight changes",
-        "Cross-validation": "folds embargo split site stress",
-        "Operating point": "false_status_rate confidence least_patches frame_rule",
-        "Computing": "jobs dask",
-    },
-    "adapt": {"New dive": "mission labels", "Cross-validation": "split site draws"},
-    "search": {
-        "Search": "space budget nested fresh",
-        "Cross-validation": "folds embargo split site weight",
-        "Computing": "jobs dask",
-    },
-    "compare": {
-        "Missions": "mission labels frames taxonomy",
-        "Approaches": "rate stopping_distance calibration log",
-        "Report": "output learning_curve ceilings",
-    },
-    "evaluate": {
-        "Missions": "mission labels patches frames taxonomy",
-        "Approaches": "rate stopping_distance calibration log",
-    },
-    "replay": {"Log": "run source export", "Judged by": "bundle store calibration"},
-    "calibrate": {
-        "Two cameras": "baseline focal start free frames fit",
-        "Checkerboard": "board square",
-        "Check": "check calibration",
-    },
-    "depth": {
-        "Stereo": "calibration stereo scale rate",
-        "Point cloud": "ply ply_frame ply_farthest",
-        "Pictures": "out frames pictures",
-    },
-    "simulate": {"Closed loop": "closed_loop scenes methods runs model"},
-    "reproduce": {
-        "Pictures of the thesis": "ocean other dark dark_mask",
-        "Mission": "calibration labels model sample",
-    },
+    "Page": "port host token no_token no_browser",
+    "Missions and labels": "mission labels patches frames grid taxonomy annotator camera "
+    "label.model label.calibration",
+    "File": "file_format mission_dir classes full",
+    "Dataset": "task block",
+    "Model": "extractor preset name fixed_boundary",
+    "Images": "ocean other dark dark_mask",
+    "Learning": "weight max_samples class_weight changes",
+    "Cross-validation": "folds embargo split site stress draws",
+    "Operating point": "false_status_rate confidence least_patches frame_rule",
+    "Search": "space budget nested fresh",
+    "Computing": "jobs dask",
+    "Two cameras": "baseline focal start free fit",
+    "Checkerboard": "board square",
+    "Check": "check calibrate.calibration",
+    "Distances": "calibration stereo scale rate stopping_distance log",
+    "Point cloud": "ply ply_frame ply_farthest",
+    "Closed loop": "closed_loop scenes methods runs simulate.model",
+    "Log": "run source export",
+    "Judged by": "bundle store replay.calibration",
 }
-"""Which options of the long commands stand together; the others are `_OTHERS`, at the end."""
-_VALUES = {
-    "DIR": "out patches",
-    "IMAGE": "ocean other dark dark_mask",
-    "SECONDS": "seconds timeout",
-    "MM": "baseline square",
-    "PX": "focal width",
-    "MS": "max_ms",
-    "METRES": "ply_farthest",
-    "PARTS": "free",
-    "FRAMES": "pictures",
-    "COLSxROWS": "board",
-    "RATE": "false_status_rate",
-    "WHY": "reason",
-}
-"""What stands for the values of some options; `_value_name` knows the others."""
-_NAMED = {name: value for value, names in _VALUES.items() for name in names.split()}
-_OWN_NAMES = ("log", "mission", "name", "source", "store", "port")
-"""Paths and numbers that are called what they are."""
+"""Options that stand together where a command has many; the others are `_OTHERS`, at the end."""
+_VALUES = """
+    annotator=NAME board=COLSxROWS budget=TIME|N camera=left|right class_weight=none|balanced|auto
+    classes=THEIRS=OURS confidence=SHARE dark=IMAGE dark_mask=IMAGE dask=ADDRESS distrust=ID
+    false_status_rate=RATE fit=alternate|even|odd|all focal=PX folder=DIR force=WHY
+    frame_rule=K/N|auto free=PARTS grid=ROWSxCOLS@WIDTH baseline=MM learning_curve=MODEL
+    least_patches=N|auto max_ms=MS mission_dir=DIR models=MODEL... ocean=IMAGE other=IMAGE out=DIR
+    patches=DIR pictures=FRAMES ply_farthest=METRES port=PORT preset=thesis|plain|water|best
+    rate=FPS reason=WHY registered_by=KEY.pub seconds=SECONDS sign=KEY site=NAME=A,B
+    space=FILE.toml split=dive|block square=MM stereo=bm|sgbm stereo_scale=SCALE
+    stopping_distance=METRES task=binary|classes timeout=SECONDS trust=KEY.pub udp=HOST:PORT
+    weight=dive|patch width=PX workspace=DIR mission=MISSION name=NAME source=SOURCE
+    store=STORE
+"""
+"""What stands for the value of an option or argument that its declaration gives no ``metavar``."""
+_HEADING_OF = {name: of for of, names in _HEADINGS.items() for name in names.split()}
+_NAMED = dict(pair.split("=", 1) for pair in _VALUES.split())
 
 
 class Commands(typer.Typer):
@@ -102,7 +73,7 @@ class HelpGroup(TyperGroup):
         """Write a line for each command."""
         width = formatter.width - 6 - max(map(len, self.commands))
         rows = [
-            (_heading(each) or "Commands", (name, each.get_short_help_str(width)))
+            (_heading(each, "Commands"), (name, each.get_short_help_str(width)))
             for name, each in self.commands.items()
         ]
         _write(rows, formatter)
@@ -113,17 +84,23 @@ class HelpCommand(TyperCommand):
 
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
-        headings = {
-            name: heading
-            for heading, names in _HEADINGS.get(self.name or "", {}).items()
-            for name in names.split()
-        }
+        options = []
         for param in self.params:
-            if isinstance(param, TyperArgument | TyperOption):
-                param.rich_help_panel = headings.get(param.name or "", param.rich_help_panel)
-                if not getattr(param, "is_flag", False):
-                    param.metavar = param.metavar or _value_name(param)
-                    param._custom_shell_complete = complete
+            if isinstance(param, TyperOption):
+                options.append(param)
+            if isinstance(param, TyperArgument):
+                param.rich_help_panel = "Arguments"
+            if isinstance(param, TyperArgument | TyperOption) and param.type.name != "boolean":
+                param.metavar = param.metavar or _value_name(param.name or "", param.type.name)
+                param._custom_shell_complete = complete
+        if len(options) > _FEW:
+            headings = [
+                _HEADING_OF.get(f"{self.name}.{option.name}", _HEADING_OF.get(option.name or ""))
+                for option in options
+            ]
+            for option, heading in zip(options, headings, strict=True):
+                if headings.count(heading) > 1:
+                    option.rich_help_panel = option.rich_help_panel or heading
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """The pieces of the usage line; an argument that is required is its name alone."""
@@ -131,29 +108,23 @@ class HelpCommand(TyperCommand):
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write a line for each argument and option."""
-        rows: list[_Row] = []
-        for param in self.get_params(ctx):
-            argument = param.param_type_name == "argument"
-            heading = "Arguments" if argument else _heading(param) or _OTHERS
-            if record := param.get_help_record(ctx):
-                rows.append((heading, record))
+        lines = [(param, param.get_help_record(ctx)) for param in self.get_params(ctx)]
+        rows = [(_heading(param, _OTHERS), line) for param, line in lines if line]
         _write(sorted(rows, key=lambda row: row[0] == _OTHERS), formatter)
 
 
-def _heading(of: object) -> str | None:
-    """The heading that a command or an option has."""
-    return getattr(of, "rich_help_panel", None)
+def _heading(of: object, otherwise: str) -> str:
+    """The heading of a command, an option or an argument."""
+    return getattr(of, "rich_help_panel", None) or otherwise
 
 
-def _value_name(param: TyperArgument | TyperOption) -> str:
-    """What stands for a value that its declaration does not name."""
-    name, kind = param.name or "", param.type.name
-    if name not in _OWN_NAMES:
-        name = "FILE" if kind == "path" else "N" if kind.startswith("int") else name
-    return _NAMED.get(param.name or "", name.upper().replace("_", "-"))
+def _value_name(name: str, kind: str) -> str:
+    """What stands for a value: as `_VALUES` has it, else FILE, N or the name of the option."""
+    by_kind = "FILE" if kind == "path" else "N" if kind.startswith("int") else name
+    return _NAMED.get(name, by_kind.upper().replace("_", "-"))
 
 
-def _write(rows: list[_Row], formatter: Any) -> None:
+def _write(rows: list[tuple[str, tuple[str, str]]], formatter: Any) -> None:
     """Write lines under their headings, in the order of the first of each."""
     sections: dict[str, list[tuple[str, str]]] = {}
     for heading, row in rows:

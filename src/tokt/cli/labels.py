@@ -18,7 +18,6 @@ from .help import Commands
 from .interrupts import interrupt_ends
 from .options import (
     DEFAULT_WORKSPACE,
-    GRID_FORM,
     JsonOption,
     TaxonomyOption,
     WorkspaceOption,
@@ -42,9 +41,7 @@ labels_app = Commands(
     "labels", "Import, export, back up, count, audit and compare labels.", no_args_is_help=True
 )
 
-LabelFile = Annotated[
-    Path, Argument(metavar="FILE", help="Label file (.csv, .json, .xml) or folder of patches.")
-]
+LabelFile = Annotated[Path, Argument(help="Label file (.csv, .json, .xml) or folder of patches.")]
 FormatOption = Annotated[
     str | None,
     Option(
@@ -55,11 +52,7 @@ FormatOption = Annotated[
 ]
 MissionDirOption = Annotated[
     Path | None,
-    Option(
-        "--mission-dir",
-        metavar="DIR",
-        help="Folder of the mission's frames; needed by all formats but csv.",
-    ),
+    Option("--mission-dir", help="Folder of the mission's frames; needed by all formats but csv."),
 ]
 MissionOption = Annotated[
     str | None,
@@ -70,9 +63,7 @@ _SHOWN = 10  # labels of an audit
 
 
 def label(
-    mission: Annotated[
-        Path, Argument(metavar="MISSION", help="[NAME=]DIR: a folder of frames or a video file.")
-    ],
+    mission: Annotated[Path, Argument(help="[NAME=]DIR: a folder of frames or a video file.")],
     port: Annotated[
         int, Option(help="Port of the page; 0 takes any free port.", min=0, max=65535)
     ] = 8118,
@@ -92,10 +83,7 @@ def label(
         ),
     ] = None,
     annotator: Annotated[
-        str | None,
-        Option(
-            metavar="NAME", help="Name proposed to who opens the page. Default: the user's name."
-        ),
+        str | None, Option(help="Name proposed to who opens the page. Default: the user's name.")
     ] = None,
     calibration: Annotated[
         Path | None,
@@ -106,7 +94,7 @@ def label(
     ] = False,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     taxonomy: TaxonomyOption = None,
-    grid: Annotated[str, Option(metavar=GRID_FORM, help="Grid of patches to label.")] = "10x10@360",
+    grid: Annotated[str, Option(help="Grid of patches to label.")] = "10x10@360",
 ) -> None:
     """Label a mission's patches in the browser, until Ctrl-C."""
     with interrupt_ends():
@@ -186,11 +174,7 @@ def _open_browser(url: str) -> None:
 @labels_app.command("audit")
 def audit_labels(
     reference: Annotated[
-        str,
-        Argument(
-            metavar="DATASET|MODEL",
-            help="Dataset (NAME, NAME@HASH) or model (NAME@ALIAS, NAME/VERSION).",
-        ),
+        str, Argument(metavar="DATASET|MODEL", help="NAME, NAME@HASH, NAME@ALIAS or NAME/VERSION.")
     ],
     output: Annotated[
         Path | None,
@@ -245,18 +229,13 @@ def _print_audit(found: Audit, files: list[Path]) -> None:
 def import_labels(
     file: LabelFile,
     annotator: Annotated[
-        str | None,
-        Option(metavar="NAME", help="Name of the annotator. Default: the name in the file."),
+        str | None, Option(help="Name of the annotator. Default: the name in the file.")
     ] = None,
-    grid: Annotated[
-        str, Option(metavar=GRID_FORM, help="Grid of the file's rows and columns.")
-    ] = "10x10@360",
+    grid: Annotated[str, Option(help="Grid of the file's rows and columns.")] = "10x10@360",
     file_format: FormatOption = None,
     mission_dir: MissionDirOption = None,
     mission: MissionOption = None,
-    camera: Annotated[
-        str, Option(metavar="left|right", help="Camera of a viame file without file names.")
-    ] = "left",
+    camera: Annotated[str, Option(help="Camera of a viame file without file names.")] = "left",
     classes: Annotated[
         list[str] | None,
         Option(
@@ -269,10 +248,7 @@ def import_labels(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Add a label file to the workspace.
-
-    Nothing is added if a line is wrong.
-    """
+    """Add a label file to the workspace, whole or not at all."""
     from tokt.features.frames.grid import Grid
     from tokt.labels.formats.formats import FORMATS, format_named, format_to_read
     from tokt.labels.formats.options import ReadOptions
@@ -311,13 +287,9 @@ def export_labels(
             metavar="NAME", help="Export this mission only. Default: the name of --mission-dir."
         ),
     ] = None,
-    annotator: Annotated[
-        str | None, Option(metavar="NAME", help="Export this annotator only.")
-    ] = None,
-    camera: Annotated[
-        str | None, Option(metavar="left|right", help="Export this camera only.")
-    ] = None,
-    grid: Annotated[str | None, Option(metavar=GRID_FORM, help="Export this grid only.")] = None,
+    annotator: Annotated[str | None, Option(help="Export this annotator only.")] = None,
+    camera: Annotated[str | None, Option(help="Export this camera only.")] = None,
+    grid: Annotated[str | None, Option(help="Export this grid only.")] = None,
     full: Annotated[
         bool,
         Option(
@@ -378,15 +350,11 @@ def _say_lost(title: str, lost: Iterable[str]) -> None:
 
 @labels_app.command("backup")
 def back_up_labels(
-    file: Annotated[
-        Path, Argument(metavar="FILE", help="File to write; one that is there is refused.")
-    ],
+    file: Annotated[Path, Argument(help="File to write; one that is there is refused.")],
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Copy the label store into one checked file.
-
-    It may be in use by `tokt label`.
+    """Copy the label store into one checked file, even in use.
 
     To restore, end `tokt label`, remove labels.db-wal and labels.db-shm from the workspace, and
     put the file there as labels.db. labels.db copied by hand lacks what labels.db-wal holds.
@@ -422,8 +390,8 @@ def show_stats(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption 
 
 @labels_app.command("agreement")
 def show_agreement(
-    a: Annotated[str, Argument(metavar="A", help="Label file, or annotator in the store.")],
-    b: Annotated[str, Argument(metavar="B", help="Label file or annotator to compare with A.")],
+    a: Annotated[str, Argument(help="Label file, or annotator in the store.")],
+    b: Annotated[str, Argument(help="Label file or annotator to compare with A.")],
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,

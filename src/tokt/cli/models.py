@@ -45,22 +45,15 @@ FlagsOption = Annotated[
     Path | None,
     Option(
         "--taxonomy",
-        metavar="FILE",
         help="Taxonomy file that sets which classes are obstacles. Default: as trained.",
     ),
 ]
 SignOption = Annotated[
-    Path | None,
-    Option(
-        "--sign", metavar="KEY", help="Sign the bundle with this private key (see tokt keygen)."
-    ),
+    Path | None, Option("--sign", help="Sign the bundle with this private key (see tokt keygen).")
 ]
 RegisteredByOption = Annotated[
     Path | None,
-    Option(
-        metavar="KEY.pub",
-        help="Refuse a model whose registration this key did not sign (tokt train --sign).",
-    ),
+    Option(help="Refuse a model whose registration this key did not sign (tokt train --sign)."),
 ]
 StoreArgument = Annotated[Path, Argument(help="Folder of the store, local or mounted.")]
 ReasonOption = Annotated[str, Option(help="Reason to keep in the store's history.")]
@@ -149,8 +142,7 @@ def promote(
         ),
     ] = None,
     force: Annotated[
-        str | None,
-        Option(metavar="WHY", help="Promote the version whatever was found; the reason is kept."),
+        str | None, Option(help="Promote the version whatever was found; the reason is kept.")
     ] = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
@@ -323,10 +315,7 @@ def keygen(
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Generate a key pair to sign bundles with.
-
-    The private key signs; stores trust the public one.
-    """
+    """Generate a key pair: one signs bundles, stores trust the other."""
     from tokt.models.signing.keys import write_key_pair
 
     pair = write_key_pair(name, _passphrase("for the new key", new=True) if passphrase else "")
@@ -431,11 +420,10 @@ def rollback(
 def store(
     store: StoreArgument,
     trust: Annotated[
-        Path | None,
-        Option(metavar="KEY.pub", help="Trust this key; accept only signed bundles from now on."),
+        Path | None, Option(help="Trust this key; accept only signed bundles from now on.")
     ] = None,
     distrust: Annotated[
-        str | None, Option(metavar="ID", help="Refuse bundles signed by this key from now on.")
+        str | None, Option(help="Refuse bundles signed by this key from now on.")
     ] = None,
     accept_unsigned: Annotated[
         bool,

@@ -14,19 +14,13 @@ if TYPE_CHECKING:
     from tokt.inference.stereo.calibration import CheckedCalibration, StereoCalibration
 
 DEFAULT_WORKSPACE = Path(".tokt")
-GRID_FORM = "ROWSxCOLS@WIDTH"
 WorkspaceOption = Annotated[
-    Path,
-    Option("--workspace", metavar="DIR", help="Folder that holds tokt's state.", show_default=True),
+    Path, Option("--workspace", help="Folder that holds tokt's state.", show_default=True)
 ]
 JsonOption = Annotated[bool, Option("--json", help="Print one JSON object.")]
 TaxonomyOption = Annotated[
     Path | None,
-    Option(
-        "--taxonomy",
-        metavar="FILE",
-        help="Taxonomy file. Default: the workspace's, else the built-in one.",
-    ),
+    Option("--taxonomy", help="Taxonomy file. Default: the workspace's, else the built-in one."),
 ]
 DatasetArgument = Annotated[str, Argument(help="Dataset: NAME or NAME@HASH.")]
 ModelArgument = Annotated[
@@ -53,10 +47,7 @@ MissionsOption = Annotated[
     ),
 ]
 PatchesOption = Annotated[
-    Path | None,
-    Option(
-        "--patches", metavar="DIR", help="Folder with one sub-folder of patch images per class."
-    ),
+    Path | None, Option("--patches", help="Folder with one sub-folder of patch images per class.")
 ]
 LabelFilesOption = Annotated[
     list[Path] | None, Option("--labels", help="Label file; repeatable. Default: the label store.")

@@ -30,7 +30,7 @@ _MAX_SHOWN = 40
 
 
 def replay(
-    log: Annotated[Path, Argument(help="Log of `tokt run --log`, or a recording's folder.")],
+    log: Annotated[Path, Argument(metavar="LOG", help="Log of `tokt run`, or a recording.")],
     bundle: Annotated[
         Path | None,
         Option(
@@ -213,7 +213,7 @@ def _replayed_words(stretch: ReplayStretch) -> str:
 
 
 def shadow(
-    log: Annotated[Path, Argument(help="Log of `tokt run --shadow-log`.")],
+    log: Annotated[Path, Argument(metavar="LOG", help="Log of `tokt run --shadow-log`.")],
     run: LoggedRunOption = None,
     json: JsonOption = False,
 ) -> None:

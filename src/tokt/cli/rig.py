@@ -57,9 +57,8 @@ def calibrate(
     fit: Annotated[
         str,
         Option(
-            metavar="alternate|even|odd|all",
             help="Frame numbers to fit to. even, odd: tested on the others. alternate: tested on "
-            "every second one, then fitted to all. all: not tested.",
+            "every second one, then fitted to all. all: not tested."
         ),
     ] = "alternate",
     report: Annotated[Path | None, Option(help="HTML report to write.")] = None,
@@ -282,9 +281,7 @@ def depth(
     calibration: Annotated[
         Path, Option("--calibration", metavar="FILE", help="Stereo calibration file.")
     ],
-    ply: Annotated[
-        Path | None, Option(metavar="FILE", help="PLY file for a point cloud of one frame.")
-    ] = None,
+    ply: Annotated[Path | None, Option(help="PLY file for a point cloud of one frame.")] = None,
     ply_frame: Annotated[
         int | None, Option(help="Frame of the point cloud. Default: the nearest one.")
     ] = None,
@@ -302,13 +299,9 @@ def depth(
             "dozen with an obstacle."
         ),
     ] = None,
-    stereo: Annotated[
-        str, Option(metavar="bm|sgbm", help="Block matching, or semi-global matching.")
-    ] = "bm",
+    stereo: Annotated[str, Option(help="Block matching, or semi-global matching.")] = "bm",
     scale: Annotated[float, Option(help="Scale at which frames are matched, at most 1.")] = 0.5,
-    rate: Annotated[
-        float | None, Option(metavar="FPS", help="Frames per second, for the closing speed.")
-    ] = None,
+    rate: Annotated[float | None, Option(help="Frames per second, for the closing speed.")] = None,
     json: JsonOption = False,
 ) -> None:
     """Measure depth in a mission's stereo pairs.

@@ -19,7 +19,7 @@ from .output import real_stderr, say, stop_on_signal
 def run(
     context: typer.Context,
     config: Annotated[
-        Path | None, Option(metavar="FILE", help="Options from a TOML file; the command line wins.")
+        Path | None, Option(help="Options from a TOML file; the command line wins.")
     ] = None,
     print_config: Annotated[
         bool, Option("--print-config", help="Print the options as such a file, and do not run.")

@@ -49,7 +49,7 @@ def demo(
 
 def simulate(
     context: typer.Context,
-    folder: Annotated[Path, Argument(metavar="DIR", help="New folder to write.")],
+    folder: Annotated[Path, Argument(help="New folder to write.")],
     seed: Annotated[
         int,
         Option(
@@ -74,8 +74,7 @@ def simulate(
     ] = None,
     runs: Annotated[int, Option(help="Number of runs of each scene and method.")] = 5,
     model: Annotated[
-        Path | None,
-        Option(metavar="BUNDLE", help="Model to fly. Default: one trained on rendered missions."),
+        Path | None, Option(help="Model to fly. Default: one trained on rendered missions.")
     ] = None,
     jobs: ProcessesOption = None,
     json: JsonOption = False,

@@ -41,7 +41,6 @@ SplitOption = Annotated[
     str | None,
     Option(
         "--split",
-        metavar="dive|block",
         help="Hold out whole dives (in --folds folds if there are more than 10) or blocks of "
         "frames. Default: dive; block where there is one dive.",
         show_default=False,
@@ -51,7 +50,6 @@ SitesOption = Annotated[
     list[str] | None,
     Option(
         "--site",
-        metavar="NAME=A,B",
         help="Dives of one camera and day, held out together; repeatable. Default: the dataset's.",
         show_default=False,
     ),
@@ -59,22 +57,16 @@ SitesOption = Annotated[
 WeightOption = Annotated[
     str | None,
     Option(
-        metavar="dive|patch",
         help="What counts the same in learning: each dive or each patch. Default: dive.",
         show_default=False,
     ),
 ]
 JobsOption = Annotated[int, Option(help="Processes; -1 for one per core.", min=-1)]
 DaskOption = Annotated[
-    str | None,
-    Option(
-        metavar="ADDRESS",
-        help="Dask cluster to work on that sees the same files (tcp://HOST:8786).",
-    ),
+    str | None, Option(help="Dask cluster to work on that sees the same files (tcp://HOST:8786).")
 ]
 SignRegistrationOption = Annotated[
-    Path | None,
-    Option("--sign", metavar="KEY", help="Sign the registration with this private key."),
+    Path | None, Option("--sign", help="Sign the registration with this private key.")
 ]
 _RULE = (
     "the simplest within one standard error, and 0.01, of the best (result.json has the rule in "
@@ -93,11 +85,7 @@ def train(
         ),
     ] = None,
     preset: Annotated[
-        str,
-        Option(
-            metavar="thesis|plain|water|best",
-            help="Preset of settings; best means water where there are several dives.",
-        ),
+        str, Option(help="Preset of settings; best means water where there are several dives.")
     ] = "best",
     name: Annotated[
         str | None, Option(help="Name of the model. Default: DATASET-EXTRACTOR.")
@@ -117,10 +105,7 @@ def train(
     ] = None,
     class_weight: Annotated[
         str | None,
-        Option(
-            metavar="none|balanced|auto",
-            help="Weights of the classes; auto is the better one. Default: the preset's.",
-        ),
+        Option(help="Weights of the classes; auto is the better one. Default: the preset's."),
     ] = None,
     changes: Annotated[
         str | None,
@@ -137,16 +122,11 @@ def train(
         float, Option(help="Highest allowed rate of false statuses per ocean frame.")
     ] = 1e-4,
     confidence: Annotated[
-        float,
-        Option(
-            metavar="SHARE", help="Confidence that the rate is kept; 0.5 for the best estimate."
-        ),
+        float, Option(help="Confidence that the rate is kept; 0.5 for the best estimate.")
     ] = 0.5,
-    least_patches: Annotated[
-        str, Option(metavar="N|auto", help="Patches that make an alarm of a frame.")
-    ] = AUTO,
+    least_patches: Annotated[str, Option(help="Patches that make an alarm of a frame.")] = AUTO,
     frame_rule: Annotated[
-        str, Option(metavar="K/N|auto", help="Alarms that make a status: K of the last N frames.")
+        str, Option(help="Alarms that make a status: K of the last N frames.")
     ] = AUTO,
     ocean: Annotated[
         Path | None, Option(help="Ocean image of preset thesis. Default: a clear frame.")
@@ -160,10 +140,7 @@ def train(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Train, cross-validate and register one model version.
-
-    The operating point is chosen on frames that cross-validation held out.
-    """
+    """Train, cross-validate and register one model version."""
     from tokt.models.registry.registry import Registry, check_model_name
     from tokt.training.datasets.augmentations import STRESS
     from tokt.training.datasets.dataset import open_dataset
@@ -235,10 +212,7 @@ def adapt(
     ] = 5,
     output: ReportOption = None,
     split: Annotated[
-        str | None,
-        Option(
-            metavar="dive|block", help="Hold out dives or blocks of frames. Default: as the model."
-        ),
+        str | None, Option(help="Hold out dives or blocks of frames. Default: as the model.")
     ] = None,
     site: SitesOption = None,
     jobs: JobsOption = -1,
@@ -416,16 +390,12 @@ def search(
     space: Annotated[
         Path | None,
         Option(
-            metavar="FILE.toml",
-            help="Space file: extractors, C and class weights to try. Default: the built-in one.",
+            help="Space file: extractors, C and class weights to try. Default: the built-in one."
         ),
     ] = None,
     budget: Annotated[
         str | None,
-        Option(
-            metavar="TIME|N",
-            help="Begin no trial after this time (30m, 2h) or number of trials (12).",
-        ),
+        Option(help="Begin no trial after this time (30m, 2h) or number of trials (12)."),
     ] = None,
     nested: Annotated[
         bool,
