@@ -36,17 +36,16 @@ _HEADINGS = {
 }
 """Options that stand together where a command has many; the others are `_OTHERS`, at the end."""
 _VALUES = """
-    annotator=NAME board=COLSxROWS budget=TIME|N camera=left|right class_weight=none|balanced|auto
-    classes=THEIRS=OURS confidence=SHARE dark=IMAGE dark_mask=IMAGE dask=ADDRESS distrust=ID
-    false_status_rate=RATE fit=alternate|even|odd|all focal=PX folder=DIR force=WHY
-    frame_rule=K/N|auto free=PARTS grid=ROWSxCOLS@WIDTH baseline=MM learning_curve=MODEL
-    least_patches=N|auto max_ms=MS mission_dir=DIR models=MODEL... ocean=IMAGE other=IMAGE out=DIR
-    patches=DIR pictures=FRAMES ply_farthest=METRES port=PORT preset=thesis|plain|water|best
-    rate=FPS reason=WHY registered_by=KEY.pub seconds=SECONDS sign=KEY site=NAME=A,B
-    space=FILE.toml split=dive|block square=MM stereo=bm|sgbm stereo_scale=SCALE
-    stopping_distance=METRES task=binary|classes timeout=SECONDS trust=KEY.pub udp=HOST:PORT
-    weight=dive|patch width=PX workspace=DIR mission=MISSION name=NAME source=SOURCE
-    store=STORE
+    annotator=NAME baseline=MM board=COLSxROWS budget=TIME|N camera=left|right
+    class_weight=none|balanced|auto classes=THEIRS=OURS confidence=SHARE dark=IMAGE dark_mask=IMAGE
+    dask=ADDRESS distrust=ID false_status_rate=RATE fit=alternate|even|odd|all focal=PX folder=DIR
+    force=WHY frame_rule=K/N|auto free=PARTS grid=ROWSxCOLS@WIDTH learning_curve=MODEL
+    least_patches=N|auto max_ms=MS mission=MISSION mission_dir=DIR models=MODEL... name=NAME
+    ocean=IMAGE other=IMAGE out=DIR patches=DIR pictures=FRAMES ply_farthest=METRES port=PORT
+    preset=thesis|plain|water|best rate=FPS reason=WHY registered_by=KEY.pub seconds=SECONDS
+    sign=KEY site=NAME=A,B source=SOURCE space=FILE.toml split=dive|block square=MM stereo=bm|sgbm
+    stereo_scale=SCALE stopping_distance=METRES store=STORE task=binary|classes timeout=SECONDS
+    trust=KEY.pub udp=HOST:PORT weight=dive|patch width=PX workspace=DIR
 """
 """What stands for the value of an option or argument that its declaration gives no ``metavar``."""
 _HEADING_OF = {name: of for of, names in _HEADINGS.items() for name in names.split()}
