@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 from tokt.features.common.errors import ToktError
-from tokt.features.extractors.extractor import Extractor, Haralick, extractor_named
+from tokt.features.extractors.extractor import Extractor, Glcm, extractor_named
 from tokt.features.frames.grid import Grid
 from tokt.training.datasets.augmentations import parse_augmentation
 from tokt.training.datasets.dataset import DatasetVersion
@@ -202,5 +202,5 @@ def extractor_for(
     if preset == "best" and name in _BEST:
         return extractor_named(_BEST_READY_CUT if _ready_cut(grid) else _BEST[name])
     if preset == "thesis" and name == "haralick":
-        return Haralick(ignore_zeros=True)
+        return Glcm(ignore_zeros=True)
     return extractor_named(name)
