@@ -101,12 +101,13 @@ PRESETS = {
 CHOSEN_ON = {
     "best": (
         "The preset's parts were worked out and its join found by tokt search, both by blocked "
-        "cross-validation on the sea-trial mission (those for ready-cut patches on photos of the "
-        "seabed): figures on that data are somewhat too good, and only another dive is a test."
+        "cross-validation on the sea-trial mission. Those for ready-cut patches were found on "
+        "photos of the seabed. Figures on that data are somewhat too good, and only another dive "
+        "is a test."
     ),
     "water": (
         "The preset's parts were chosen with whole dives held out, on the sea-trial mission and "
-        "five dives in a basin: figures on that data are somewhat too good, and only another dive "
+        "five dives in a basin. Figures on that data are somewhat too good, and only another dive "
         "is a test."
     ),
 }

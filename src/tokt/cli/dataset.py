@@ -6,11 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
 from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
+from .help import Commands
 from .options import (
     DEFAULT_WORKSPACE,
     DatasetArgument,
@@ -32,10 +32,7 @@ if TYPE_CHECKING:
     from tokt.training.datasets.dataset import DatasetVersion
     from tokt.training.datasets.mission_source import LabelledMission
 
-dataset_app = typer.Typer(
-    help="Build, list, show and diff dataset versions, immutable and named by content.",
-    no_args_is_help=False,
-)
+dataset_app = Commands("dataset", "Build, list, show and diff dataset versions.")
 
 
 def labelled_missions(
@@ -93,18 +90,17 @@ def build(
     mission: MissionsOption = None,
     labels: LabelFilesOption = None,
     patches: PatchesOption = None,
-    task: Annotated[str, Option(help="binary (obstacle or clear) or classes.")] = "binary",
+    task: Annotated[str, Option(help="Learn obstacle or clear, or every class.")] = "binary",
     frames: FramesOption = None,
     grid: Annotated[str | None, Option(help="Grid of the labels. Default: 10x10@360.")] = None,
     block: Annotated[
-        int | None,
-        Option(help="Frames per group; no group is split between folds. Default: 20.", min=1),
+        int | None, Option(help="Frames in a block, which no fold splits. Default: 20.", min=1)
     ] = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Build a dataset version from labelled missions, or from a folder of patches."""
+    """Build a dataset version from labelled missions or patches."""
     from tokt.features.frames.grid import DEFAULT_GRID, Grid
     from tokt.features.frames.mission import parse_frames
     from tokt.labels.taxonomy import load_taxonomy
@@ -179,7 +175,7 @@ def diff(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Say what changed between two dataset versions: missions, frames, labels, sources."""
+    """Show what changed between two dataset versions."""
     from tokt.training.datasets.dataset import open_dataset
     from tokt.training.datasets.diff import diff_datasets
 
