@@ -1,0 +1,121 @@
+"""DatasetOptions, and the dataset version that they describe."""
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+from tokt.features.common.errors import ToktError
+from tokt.features.frames.grid import DEFAULT_GRID, Grid
+from tokt.features.frames.mission import parse_frames
+from tokt.labels.formats.options import no_progress
+from tokt.labels.taxonomy import load_taxonomy
+from tokt.training.options import Notice, OneOrMore, PathOrText, Progress, paths, takes
+
+from .dataset import DatasetVersion, thin_classes, write_dataset
+from .labelled_missions import labelled_missions
+from .mission_source import plan_from_missions, plan_from_patch_folder
+from .splits import BLOCK_FRAMES, FOLDS
+
+
+@dataclass(frozen=True)
+class DatasetOptions:
+    """The options of ``tokt dataset build``.
+
+    Parameters
+    ----------
+    name : str
+        Name of the dataset.
+    mission : path, or several
+        Mission folders or videos, ``NAME=DIR`` where the labels call them otherwise, or a
+        ``missions.toml``.
+    labels : path, or several
+        Label files; by default the workspace's label store.
+    patches : path
+        Folder with one sub-folder of patch images a class, in place of `mission`.
+    task : str
+        ``binary`` (obstacle or clear) or ``classes``.
+    frames : str
+        Take these frames only, such as ``1-99,132-246``.
+    grid : str
+        Grid of the labels; by default ``10x10@360``.
+    block : int
+        Frames a group, which no split cuts; by default 20.
+    taxonomy : path
+        Taxonomy file; by default the workspace's, else the built-in one.
+    workspace : path
+        Folder that holds tokt's state.
+    """
+
+    name: str
+    mission: OneOrMore = None
+    labels: OneOrMore = None
+    patches: PathOrText | None = None
+    task: str = "binary"
+    frames: str | None = None
+    grid: str | None = None
+    block: int | None = None
+    taxonomy: PathOrText | None = None
+    workspace: PathOrText = Path(".tokt")
+
+
+@takes(DatasetOptions)
+def build_dataset(
+    options: DatasetOptions, *, progress: Progress = no_progress, notice: Notice = warnings.warn
+) -> DatasetVersion:
+    """Build a dataset version from labelled missions, or from a folder of patches.
+
+    Parameters
+    ----------
+    options : DatasetOptions
+        Or its fields, as in the example.
+    progress, notice : callable, optional
+        As for `train`.
+
+    Returns
+    -------
+    DatasetVersion
+        The same content gives the same version.
+
+    Raises
+    ------
+    ToktError
+        If a mission, its labels or an option cannot be used.
+
+    Examples
+    --------
+    >>> tokt.build_dataset("tower", mission="dive", labels="dive/labels.csv")  # doctest: +SKIP
+    DatasetVersion('tower@1f0c5d3b8a7e9d24': 9120 patches in 100 frames)
+    """
+    if bool(options.mission) == bool(options.patches):
+        raise ToktError("give either --mission DIR or --patches DIR")
+    workspace = Path(options.workspace)
+    classes = load_taxonomy(workspace, *paths(options.taxonomy))
+    remarks: list[str] = []
+    if options.patches:
+        if options.labels or options.frames or options.grid or options.block:
+            raise ToktError(
+                "--patches has its labels in its folder names; --labels, --frames, --grid and "
+                "--block go with --mission"
+            )
+        folder = Path(options.patches)
+        plan = plan_from_patch_folder(options.name, options.task, folder, classes)
+    else:
+        cells = Grid.parse(options.grid) if options.grid else DEFAULT_GRID
+        wanted = parse_frames(options.frames) if options.frames else None
+        named = paths(options.mission), paths(options.labels)
+        missions = labelled_missions(*named, workspace, classes, cells, notice)
+        block = options.block or BLOCK_FRAMES
+        plan, remarks = plan_from_missions(
+            options.name, options.task, missions, classes, cells, wanted, block
+        )
+    for remark in remarks:
+        notice(f"note: {remark}")
+    dataset = write_dataset(plan, workspace / "datasets", progress)
+    if dataset.info["frames_that_are_copies"]:
+        notice(
+            f"note: {dataset.info['frames_that_are_copies']} frames are copies of others; blocks "
+            "that share a picture stay on one side of every split"
+        )
+    for line in thin_classes(dataset, FOLDS):
+        notice(f"WARNING: {line}")
+    return dataset
