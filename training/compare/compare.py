@@ -27,19 +27,7 @@ from .report import has_registry, log_comparison, report_html
 
 @dataclass(frozen=True)
 class CompareOptions(MissionOptions):
-    """The options of ``tokt compare``, with those of `MissionOptions`.
-
-    Parameters
-    ----------
-    models : sequence of str or path
-        ``NAME``, ``NAME@ALIAS``, ``NAME/VERSION`` or ``.tokt`` files.
-    output : path
-        HTML report to write.
-    learning_curve : str
-        Model whose learning curve is drawn; by default the best one.
-    ceilings : bool
-        Whether learners that are never deployed are tried on the same folds.
-    """
+    """The options of ``tokt compare``, by its names: its help explains each."""
 
     models: Sequence[PathOrText]
     output: PathOrText | None = None
@@ -49,21 +37,11 @@ class CompareOptions(MissionOptions):
 
 @dataclass(frozen=True, repr=False)
 class Comparison:
-    """What a comparison found.
+    """What a comparison found."""
 
-    Parameters
-    ----------
-    figures : dict
-        The JSON object of ``tokt compare --json``.
-    html : str
-        The report, one page that needs no other file.
-    workspace : Path
-        Where `log` keeps them.
-    """
-
-    figures: dict[str, Any]
-    html: str
-    workspace: Path
+    figures: dict[str, Any]  # the JSON object of ``tokt compare --json``
+    html: str  # the report, one page that needs no other file
+    workspace: Path  # whose registry `log` writes to
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({'; '.join(self.words)})"
@@ -105,9 +83,7 @@ def compare(
 
     Parameters
     ----------
-    options : CompareOptions
-        Or its fields, as in the example.
-    progress, notice : callable, optional
+    options, progress, notice
         As for `build_dataset`.
 
     Returns

@@ -19,31 +19,9 @@ from .splits import BLOCK_FRAMES, FOLDS
 
 @dataclass(frozen=True)
 class DatasetOptions:
-    """The options of ``tokt dataset build``.
+    """The options of ``tokt dataset build``, by its names: its help explains each.
 
-    Parameters
-    ----------
-    name : str
-        Name of the dataset.
-    mission : path, or several
-        Mission folders or videos, ``NAME=DIR`` where the labels call them otherwise, or a
-        ``missions.toml``.
-    labels : path, or several
-        Label files; by default the workspace's label store.
-    patches : path
-        Folder with one sub-folder of patch images a class, in place of `mission`.
-    task : str
-        ``binary`` (obstacle or clear) or ``classes``.
-    frames : str
-        Take these frames only, such as ``1-99,132-246``.
-    grid : str
-        Grid of the labels; by default ``10x10@360``.
-    block : int
-        Frames a group, which no split cuts; by default 20.
-    taxonomy : path
-        Taxonomy file; by default the workspace's, else the built-in one.
-    workspace : path
-        Folder that holds tokt's state.
+    A path may be text; `mission` and `labels` take one or several.
     """
 
     name: str
@@ -68,8 +46,11 @@ def build_dataset(
     ----------
     options : DatasetOptions
         Or its fields, as in the example.
-    progress, notice : callable, optional
-        As for `train`.
+    progress : callable, optional
+        ``progress(items, total, what)`` passes the items through, showing how far it is. Callables
+        go with a `DatasetOptions`, not with fields.
+    notice : callable, optional
+        Is told, a line each, what a user should know.
 
     Returns
     -------
@@ -79,7 +60,8 @@ def build_dataset(
     Raises
     ------
     ToktError
-        If a mission, its labels or an option cannot be used.
+        If a mission, its labels or an option cannot be used. It names options as the command line
+        does: ``--max-samples`` is the field `max_samples`.
 
     Examples
     --------

@@ -23,19 +23,7 @@ from .evaluate import evaluate_missions, evaluate_patches
 
 @dataclass(frozen=True, kw_only=True)
 class MissionOptions:
-    """The options of ``tokt evaluate`` and ``tokt compare`` that are of missions.
-
-    Parameters
-    ----------
-    mission, labels, frames, taxonomy, workspace
-        As in `DatasetOptions`.
-    rate : float
-        Frames a second of the missions.
-    stopping_distance : float
-        Metres in which the vehicle stops: each approach's first status is judged by it.
-    calibration, log : path
-        Where distances come from: the cameras' calibration, or the log of a run over the mission.
-    """
+    """The options of ``tokt evaluate`` and ``tokt compare`` that are of missions."""
 
     mission: OneOrMore = None
     labels: OneOrMore = None
@@ -71,60 +59,30 @@ class MissionOptions:
 
 @dataclass(frozen=True)
 class EvaluateOptions(MissionOptions):
-    """The options of ``tokt evaluate``, with those of `MissionOptions`.
-
-    Parameters
-    ----------
-    model : str or path
-        As for `load_model`.
-    patches : path
-        Folder with one sub-folder of patch images a class, in place of missions.
-    fixed_boundary : bool
-        Leave the boundary between water and obstacles where it is, frame after frame.
-    """
+    """The options of ``tokt evaluate``, by its names: its help explains each."""
 
     model: PathOrText
     patches: PathOrText | None = None
     fixed_boundary: bool = False
 
 
-@dataclass(frozen=True, repr=False)
-class Evaluation:
-    """What an evaluation found.
-
-    Parameters
-    ----------
-    model : Bundle
-        The model that was scored.
-    figures : dict
-        The JSON object of ``tokt evaluate --json``.
-    """
-
-    model: Bundle
-    figures: dict[str, Any]
-
-    def __repr__(self) -> str:
-        patch = self.figures["patch"]
-        f1 = "-" if patch["f1"] is None else f"{patch['f1']:.3f}"
-        return f"{type(self).__name__}({self.model.label!r}: F1 {f1} of {patch['n']} patches)"
-
-
 @takes(EvaluateOptions)
 def evaluate(
     options: EvaluateOptions, *, progress: Progress = no_progress, notice: Notice = warnings.warn
-) -> Evaluation:
+) -> tuple[Bundle, dict[str, Any]]:
     """Score a model on labelled missions, or on ready-cut patches.
 
     Parameters
     ----------
-    options : EvaluateOptions
-        Or its fields, as in the example.
-    progress, notice : callable, optional
-        As for `build_dataset`. A model that learnt from what it is scored on is told of.
+    options, progress, notice
+        As for `build_dataset`. `notice` is told of a model that learnt from what it is scored on.
 
     Returns
     -------
-    Evaluation
+    model : Bundle
+        The model that was scored.
+    figures : dict
+        The JSON object of ``tokt evaluate --json``.
 
     Raises
     ------
@@ -133,8 +91,8 @@ def evaluate(
 
     Examples
     --------
-    >>> found = tokt.evaluate("tower-lbp", mission="dive2", labels="dive2.csv")  # doctest: +SKIP
-    >>> found.figures["frames"]["false_status"]  # doctest: +SKIP
+    >>> model, figures = tokt.evaluate("tower-lbp", mission="dive2")  # doctest: +SKIP
+    >>> figures["frames"]["false_status"]  # doctest: +SKIP
     0
     """
     if bool(options.mission) == bool(options.patches):
@@ -158,7 +116,7 @@ def evaluate(
         figures = evaluate_missions(bundle, missions, classes, progress, wanted, stated)
     for line in _learnt_from(figures, "patches" if options.patches else "frames"):
         notice(line)
-    return Evaluation(bundle, figures)
+    return bundle, figures
 
 
 def _learnt_from(figures: dict[str, Any], what: str) -> list[str]:

@@ -39,53 +39,7 @@ _FROM_A_FILE = (
 
 @dataclass(frozen=True)
 class TrainOptions:
-    """The options of ``tokt train``.
-
-    Parameters
-    ----------
-    dataset : str
-        ``NAME`` or ``NAME@HASH``.
-    extractor : str
-        ``lbp``, ``haralick``, exact names joined by ``+``, or ``spec:FILE.json``; by default
-        ``haralick``, the best one with preset ``best``.
-    preset : str
-        ``thesis``, ``plain``, ``water``, or ``best``: that is ``water`` for several dives.
-    name : str
-        Name of the model; by default that of dataset and extractor.
-    folds, embargo : int
-        Folds of the cross-validation; frames left out of training beside each test frame.
-    split : str
-        Hold out whole dives (``dive``) or blocks of frames (``block``); by default ``dive`` where
-        there are several.
-    site : sequence of str
-        ``NAME=A,B``: dives that are held out together; by default the dataset's sites.
-    weight : str
-        Each ``dive`` or each ``patch`` counts the same in learning; by default ``dive``.
-    max_samples : int
-        Patches that a fit learns from at most; by default 50,000.
-    class_weight : str
-        ``none``, ``balanced``, or ``auto`` (the better one); by default the preset's.
-    changes : str
-        Augmentations to learn from as well, such as ``gain_0.5,jpeg_60``, or ``none``.
-    fixed_boundary : bool
-        Leave the boundary between water and obstacles where it is.
-    stress : bool
-        Test the folds on augmented frames as well.
-    false_status_rate, confidence : float
-        Highest rate of false statuses per ocean frame, and the confidence that it is kept.
-    least_patches, frame_rule : str
-        The frame rule: patches of an alarm, and alarms of a status (``2/3``); ``auto`` chooses.
-    ocean, other : path
-        The two images of preset ``thesis``.
-    jobs : int
-        Processes; -1 for one per core.
-    dask : str
-        Address of a dask cluster to work on.
-    sign : path
-        Private key that signs the registration.
-    workspace : path
-        Folder that holds tokt's state.
-    """
+    """The options of ``tokt train``, by its names: its help explains each."""
 
     dataset: str
     extractor: str | None = None
@@ -115,21 +69,11 @@ class TrainOptions:
 
 @dataclass(frozen=True, repr=False)
 class TrainedVersion:
-    """A trained and registered model version.
+    """A trained and registered model version."""
 
-    Parameters
-    ----------
-    registered : RegisteredVersion
-        The version as the registry lists it.
-    trained : Trained
-        All that training found: pipeline, held-out decision values, request.
-    workspace : Path
-        The workspace whose registry has it.
-    """
-
-    registered: RegisteredVersion
-    trained: Trained
-    workspace: Path
+    registered: RegisteredVersion  # as the registry lists it
+    trained: Trained  # all that training found
+    workspace: Path  # whose registry has it
 
     def __repr__(self) -> str:
         f1 = self.metrics["patch"]["f1"]
@@ -178,22 +122,18 @@ def train(options: TrainOptions, *, progress: Progress = no_progress) -> Trained
 
     Parameters
     ----------
-    options : TrainOptions
-        Or its fields, as in the example.
-    progress : callable, optional
-        ``progress(items, total, what)`` passes the items through, showing how far it is. It goes
-        with a `TrainOptions`, not with fields.
+    options, progress
+        As for `build_dataset`.
 
     Returns
     -------
     TrainedVersion
-        Its registry alias is ``challenger``; nothing becomes ``champion`` by itself.
+        Its alias in the registry is ``challenger``; nothing becomes ``champion`` by itself.
 
     Raises
     ------
     ToktError
-        If the dataset or an option cannot be used. The message names options as the command line
-        does: ``--max-samples`` is the field `max_samples`.
+        If the dataset or an option cannot be used.
 
     Examples
     --------

@@ -200,8 +200,8 @@ def evaluate(
     from tokt.training.evaluation.evaluate_options import EvaluateOptions
     from tokt.training.evaluation.evaluate_options import evaluate as evaluated
 
-    found = evaluated(EvaluateOptions(**given), progress=progress, notice=say)
-    answer(json, found.figures, lambda: _print_evaluation(found.model, found.figures))
+    bundle, figures = evaluated(EvaluateOptions(**given), progress=progress, notice=say)
+    answer(json, figures, lambda: _print_evaluation(bundle, figures))
 
 
 def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
+from tokt.features.common.errors import ToktError
+
 from .options import (
     DEFAULT_WORKSPACE,
     DatasetArgument,
@@ -176,11 +178,54 @@ def adapt(
 
     First label 5 to 10 frames of the dive that the page leads to (tokt label DIR --model MODEL).
     """
-    given = fields_of(locals())
-    from tokt.training.fitting.adapt_options import AdaptOptions
-    from tokt.training.fitting.adapt_options import adapt as adapted
+    from tokt.features.common import atomic
+    from tokt.labels.record import NoLabelsError
+    from tokt.models.registry.registry import Registry
+    from tokt.models.signing.passphrase import signing_key
+    from tokt.training.datasets.dataset import write_dataset
+    from tokt.training.datasets.labelled_missions import labelled_missions
+    from tokt.training.datasets.mission_source import plan_from_missions, plan_with
+    from tokt.training.fitting.adapt import adaptation, adapted_request, known_model
+    from tokt.training.fitting.presets import preset_for
+    from tokt.training.fitting.tracking import log_adaptation, log_and_register
+    from tokt.training.fitting.train import fit_and_measure
+    from tokt.training.fitting.train_options import TrainedVersion
 
-    version, found = adapted(AdaptOptions(**given), progress=progress, notice=say)
+    registry, root, cache = Registry(workspace), workspace / "datasets", workspace / "cache"
+    known, key = known_model(registry, model, root), signing_key(sign)
+    base = known.dataset
+    try:
+        given = [mission], labels or [], workspace, base.taxonomy, base.grid
+        missions = labelled_missions(*given, say)
+        if len(missions) > 1:
+            raise ToktError("adapt takes one new dive at a time")
+        plan, remarks = plan_from_missions(
+            *(base.name, base.task, missions, base.taxonomy, base.grid),
+            block_frames=base.block_frames or 1,
+        )
+        if not plan.frames:
+            raise NoLabelsError(f"no patch of mission {missions[0].name!r} has a sure label")
+    except NoLabelsError as error:
+        raise ToktError(
+            f"{error}; label 5 to 10 of its frames: tokt label {mission} --model {model} "
+            "(key q leads to the next one that the model is unsure of)"
+        ) from None
+    for remark in remarks:
+        say(f"note: {remark}")
+    name = missions[0].name
+    data = write_dataset(plan_with(base, plan), root, progress)
+    if preset_for(known.settings.preset, data) != known.settings.preset:
+        say(
+            f"note: {known.bundle.label} was made for one dive's water, and its features stay; "
+            f"tokt train {base.name} makes a model for several"
+        )
+    request = adapted_request(known, data, split, site or ())
+    trained = fit_and_measure(request, cache, progress, jobs)
+    found = adaptation(known, trained, name, cache, progress, draws, jobs)
+    version = TrainedVersion(log_and_register(trained, registry, key), trained, workspace)
+    page = log_adaptation(found, version.registered, registry)
+    if output:
+        atomic.write_text(output, page)
     result = {**version.to_json(), "adaptation": found}
     answer(json, result, lambda: _print_adaptation(version, found))
 
