@@ -26,10 +26,10 @@ class MissingExtraError(ToktError, ImportError):
 
 def missing_extra(error: ModuleNotFoundError, who: str) -> MissingExtraError | None:
     """What to install where `who` needs a package that is not there; None for any other package."""
-    extra = EXTRAS.get((error.name or "").partition(".")[0])
-    if extra is None:
+    package = (error.name or "").partition(".")[0]
+    if package not in EXTRAS:
         return None
-    return MissingExtraError(f"{who} needs {error.name}: install tokt[{extra}]")
+    return MissingExtraError(f"{who} needs {package}: install tokt[{EXTRAS[package]}]")
 
 
 @contextmanager
