@@ -26,16 +26,6 @@ if TYPE_CHECKING:
 class Labels:
     """Label records, and what they mean.
 
-    Parameters
-    ----------
-    records : tuple of LabelRecord
-    taxonomy : Taxonomy
-        The classes that a label may have, besides ``unsure``.
-    format : str
-        Format of the file that they were read from; empty for a store's.
-    lost : tuple of str
-        What of the file could not be taken over, a line each.
-
     Examples
     --------
     >>> labels = tokt.Labels.read("dive/labels.csv")  # doctest: +SKIP
@@ -45,9 +35,9 @@ class Labels:
     """
 
     records: tuple[LabelRecord, ...]
-    taxonomy: Taxonomy = field(default_factory=Taxonomy.load)
-    format: str = ""
-    lost: tuple[str, ...] = ()
+    taxonomy: Taxonomy = field(default_factory=Taxonomy.load)  # the classes there may be
+    format: str = ""  # of the file that they were read from; empty for a store's
+    lost: tuple[str, ...] = ()  # what of the file could not be taken over, a line each
 
     @classmethod
     def read(
@@ -85,15 +75,11 @@ class Labels:
         ToktError
             If a line of the file cannot be used.
         """
-        path, known = (
-            Path(file),
-            load_taxonomy(Path(workspace), Path(taxonomy) if taxonomy else None),
-        )
-        chosen = format_named(format) if format else format_to_read(path)
-        images = images_in(mission_dir, mission)
-        cells = Grid.parse(grid)
+        known = load_taxonomy(Path(workspace), Path(taxonomy) if taxonomy else None)
+        chosen = format_named(format) if format else format_to_read(Path(file))
+        cells, images = Grid.parse(grid), images_in(mission_dir, mission)
         options = ReadOptions(known, annotator, cells, images, classes or {}, camera)
-        read = FORMATS[chosen].read(path, options)
+        read = FORMATS[chosen].read(Path(file), options)
         return cls(tuple(read.records), known, chosen, tuple(read.lost))
 
     @classmethod
@@ -142,17 +128,9 @@ class Labels:
     ) -> list[str]:
         """Write them to a file of a format; notes of annotators stay in the store.
 
-        Parameters are as for `read`; `full` adds who said it, when and how to a CSV file.
-
-        Returns
-        -------
-        list of str
-            What the format cannot hold, a line each.
-
-        Raises
-        ------
-        ToktError
-            If the format cannot say them, or the file cannot be written.
+        Parameters are as for `read`; `full` adds who said it, when and how to a CSV file. Returned
+        is what the format cannot hold, a line each. Raises ToktError if it cannot say them, or the
+        file cannot be written.
         """
         chosen = format_named(format) if format else format_to_write(Path(file))
         options = WriteOptions(self.taxonomy, images_in(mission_dir, mission), full)

@@ -14,7 +14,7 @@ from tokt.labels.formats.options import no_progress
 from tokt.labels.taxonomy import load_taxonomy
 from tokt.models.registry.load import load_model
 from tokt.models.registry.registry import Registry
-from tokt.training.datasets.labelled_missions import labelled_missions
+from tokt.training.datasets.mission_source import labelled_missions
 from tokt.training.evaluation.evaluate_options import MissionOptions
 from tokt.training.options import Notice, PathOrText, Progress, paths, takes
 

@@ -12,8 +12,7 @@ from tokt.labels.taxonomy import load_taxonomy
 from tokt.training.options import Notice, OneOrMore, PathOrText, Progress, paths, takes
 
 from .dataset import DatasetVersion, thin_classes, write_dataset
-from .labelled_missions import labelled_missions
-from .mission_source import plan_from_missions, plan_from_patch_folder
+from .mission_source import labelled_missions, plan_from_missions, plan_from_patch_folder
 from .splits import BLOCK_FRAMES, FOLDS
 
 

@@ -13,8 +13,7 @@ from tokt.labels.taxonomy import load_taxonomy
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.registry.load import load_model
 from tokt.training.calibration_file import read_calibration_file
-from tokt.training.datasets.labelled_missions import labelled_missions
-from tokt.training.datasets.mission_source import LabelledMission
+from tokt.training.datasets.mission_source import LabelledMission, labelled_missions
 from tokt.training.options import Notice, OneOrMore, PathOrText, Progress, paths, takes
 
 from .approaches import AtSea, logged_distances

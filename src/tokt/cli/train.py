@@ -183,8 +183,11 @@ def adapt(
     from tokt.models.registry.registry import Registry
     from tokt.models.signing.passphrase import signing_key
     from tokt.training.datasets.dataset import write_dataset
-    from tokt.training.datasets.labelled_missions import labelled_missions
-    from tokt.training.datasets.mission_source import plan_from_missions, plan_with
+    from tokt.training.datasets.mission_source import (
+        labelled_missions,
+        plan_from_missions,
+        plan_with,
+    )
     from tokt.training.fitting.adapt import adaptation, adapted_request, known_model
     from tokt.training.fitting.presets import preset_for
     from tokt.training.fitting.tracking import log_adaptation, log_and_register
