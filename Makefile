@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
+DOCS_READY := $(VENV)/docs-ready
 # mypy and import-linter do not see through an editable install's name mapping: they are shown
 # the same files under the names they are imported by.
 TREE := rm -rf $(VENV)/tree && mkdir -p $(VENV)/tree/tokt && \
@@ -10,10 +11,14 @@ TREE := rm -rf $(VENV)/tree && mkdir -p $(VENV)/tree/tokt && \
 	for part in features labels training models inference; do \
 	ln -s $(CURDIR)/$$part $(VENV)/tree/tokt/$$part; done
 
-.PHONY: demo test test-rest test-all check sanitize fuzz soak scale page-times effort video fingerprint format clean
+.PHONY: demo docs test test-rest test-all check sanitize fuzz soak scale page-times effort video fingerprint format clean
 
 demo: $(READY)
 	$(BIN)/tokt demo --out demo-out
+
+# The docs' site in build/site, with the notebooks run: any warning, such as a dead link, is an error.
+docs: $(DOCS_READY)
+	TOKT_NOTEBOOKS=run NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 # What a change needs: by tests/tiers.py all but these tiers, and the proof whatever its tier.
 QUICK := proof or not (browser or process or study or load or fuzz)
@@ -103,6 +108,10 @@ format: $(READY)
 $(READY): pyproject.toml setup.py constraints.txt $(wildcard features/kernels/native/*.h features/kernels/native/*.pyx)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,dev]'
+	touch $@
+
+$(DOCS_READY): $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	touch $@
 
 clean:

@@ -20,14 +20,13 @@ HEALTH_BYTES, MODEL_BYTES = 300, 420
 them: any datagram fits one Ethernet frame (1472), and every model's name of ASCII is whole."""
 
 FIRST, REPLAYABLE, WITH_TREND, WITH_ANCHOR, WITH_BOUNDARY, WITH_PLACE = 1, 2, 3, 4, 5, 6
-"""Versions of the table: the first datagrams, the first logs that can be replayed, and those since
-a trend, an anchor, a boundary that moves and the vehicle's place. A new field gets a new version
-and stands at the end of its datagram or log line, where every older reader leaves it out."""
+"""Versions of the table (`SINCE` says what each brought). A new field gets a new version and stands
+at the end of its datagram or log line, where every older reader leaves it out."""
 
 
 @dataclass(frozen=True)
 class ReportField:
-    """One field of what is said about a frame; udp.md and logs_and_metrics.md explain it."""
+    """One field of what is said about a frame; `MEANINGS` explains it."""
 
     name: str
     kind: type  # in JSON: int, float, str, bool, or list for a box of four ints
@@ -126,6 +125,60 @@ FIELDS = (
     _log("captured_t", float, "frame.captured_t", unit="s", since=WITH_PLACE),
 )
 """All of them, in the order in which they are written."""
+MEANINGS = {
+    "v": "version of the format: 2",
+    "seq": "1 for a run's first datagram, then rising by one a datagram, heartbeats included",
+    "t": "since 1970, UTC, when the source delivered the frame; in a heartbeat the newest frame",
+    "status": "1 obstacle, 0 clear, -1 unknown",
+    "x": "-(cx - width // 2) in pixels of the mask: the way to steer; null when unknown",
+    "y": "-(cy - height // 2) in pixels of the mask: the way to steer; null when unknown",
+    "box": "[x0, y0, width, height] around everything seen, in pixels of the mask",
+    "mean": "mean of the mask, whose pixels are 0 or 255",
+    "distance_m": "distance of the near end: the nearest fifth, or twentieth of pushbroom's",
+    "method": "texture, disparity, pushbroom, two of them joined by +, or none",
+    "model": "name/version of the model that judged; cut at 420 bytes of the datagram",
+    "latency_ms": "from when the frame was taken up to its verdict; null in a heartbeat",
+    "health": "ok, or what is not as it should be, or that the frame rule waits or holds; cut at "
+    "300 bytes of the datagram",
+    "closing_m_s": "speed at which the distance falls; negative where it grows",
+    "contact_s": "until the distance is 0 at that speed, where it falls",
+    "reason": "why a verdict is unknown, or what one that stands had to do without",
+    "age_ms": "from the frame's arrival in the program to this datagram; null where not known",
+    "trend": "growing, steady or shrinking: the mean over the last seconds; null where not known",
+    "trend_confidence": "how sure the trend is, 0.5 to 1",
+    "expansion_contact_s": "until what is seen is reached, from how the mean grows",
+    "anchor_x": "of --anchor: the object's centre from the frame's, -1 to 1, right positive",
+    "anchor_y": "of --anchor: the object's centre from the frame's, -1 to 1, down positive",
+    "anchor_size": "of --anchor: ln of the wanted distance over the distance; positive too near",
+    "depth_m": "of the vehicle below the surface; null where not known, or older than 2 s",
+    "heading_deg": "of the vehicle, from north, clockwise; null where not known, or older than 2 s",
+    "lat_deg": "of the vehicle, north positive; null where not known, or older than 2 s",
+    "lon_deg": "of the vehicle, east positive; null where not known, or older than 2 s",
+    "run": "the run's id: a log holds run after run",
+    "frame": "the frame's number in its source; null in a heartbeat's line",
+    "missed": "frames not delivered since the one before",
+    "left_out": "those of the missed frames that the loop had no time for",
+    "timed": "whether t tells frames' times apart as they were taken",
+    "texture_s": "time that the texture model took, where the verdict depends on it",
+    "left": "mark of the picture (CRC-32 of every 32nd row), or why there is none: reason, words",
+    "right": "the same of the right camera's picture",
+    "boundary": "score at which water ended in this frame; null where no boundary moves",
+    "place_age_ms": "age of the oldest of depth, heading, latitude and longitude; null without any",
+    "roll_deg": "of the vehicle, starboard down positive",
+    "pitch_deg": "of the vehicle, bow up positive",
+    "vehicle_t": "the vehicle's clock: since 1970, UTC",
+    "captured_t": "when the frame was taken, since 1970, by the stream's sender, where it tells",
+}
+"""What each field says, by name: docs/reference/report.md is made from it."""
+SINCE = {
+    FIRST: "the first datagrams",
+    REPLAYABLE: "the first logs that `tokt replay` reads",
+    WITH_TREND: "a trend",
+    WITH_ANCHOR: "an anchor",
+    WITH_BOUNDARY: "a boundary that moves",
+    WITH_PLACE: "the vehicle's place",
+}
+"""What each version of the table brought."""
 V1_FIELDS = tuple(each for each in FIELDS if each.v1)
 V2_FIELDS = tuple(each for each in FIELDS if each.v2)
 LOG_ONLY = tuple(each for each in FIELDS if not each.v2)
@@ -163,7 +216,7 @@ class Report:
     v: ClassVar[int] = V2
 
     def fields(self) -> dict[str, Any]:
-        """The fields of UDP v2 (docs/reference/udp.md)."""
+        """The fields of UDP v2."""
         return _v2(self)
 
 

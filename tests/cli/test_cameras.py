@@ -32,7 +32,7 @@ def test_without_a_camera_it_says_how_video_is_named(tmp_path, monkeypatch):
     said = succeeds("cameras").out
     assert "no camera at this computer" in said
     assert "note: no GenTL producer" in said
-    assert "rtp://:5600" in said
+    assert "\n\nVideo of the network" in said and "rtp://:5600" in said
     found = json.loads(succeeds("cameras", "--json").out)
     assert found["cameras"] == []
     assert len(found["notes"]) == 3

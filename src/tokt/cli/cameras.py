@@ -87,7 +87,8 @@ def _print_found(found: dict[str, Any]) -> None:
         print("no camera at this computer")
     for note in found["notes"]:
         print(f"note: {note}")
-    print("\nVideo of the network is named by its address:")
+    print()
+    print("Video of the network is named by its address:")
     for line in _NETWORK:
         print(f"  {line}")
     print("Try one: tokt cameras SOURCE")

@@ -1,4 +1,4 @@
-"""The examples and tables of udp.md and labview.md, held against what is sent.
+"""The examples of udp.md and labview.md, and labview.md's tables, held against what is sent.
 
 LabVIEW's *Scan From String* is stood in for by C's `sscanf`, whose format strings are alike where
 ours has something: white space, literal characters, `%d` and `%f`. labview.md says where the
@@ -21,14 +21,11 @@ from tokt.inference.links.vehicle import VehiclePlace
 from tokt.inference.outputs.udp import decode, encode_v1, encode_v2
 from tokt.inference.policy.temporal_cues import GROWING, Anchor, wholly_in_view
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.report import FIELDS, HEALTH_BYTES, LOG_ONLY, V2_FIELDS, Report
+from tokt.inference.report import HEALTH_BYTES, Report
 from tokt.inference.verdict import Verdict, unknown_verdict
 
 DOCS = Path(__file__).parents[3] / "docs"
-UDP, LABVIEW, OBSERVABILITY = (
-    (DOCS / name).read_text()
-    for name in ("reference/udp.md", "tutorials/labview.md", "how-to/logs_and_metrics.md")
-)
+UDP, LABVIEW = ((DOCS / name).read_text() for name in ("reference/udp.md", "tutorials/labview.md"))
 MAX_SIZE = 8192
 """What docs/tutorials/labview.md has LabVIEW read at most of a v2 datagram."""
 ETHERNET = 1472
@@ -75,35 +72,6 @@ def test_v2_examples_decode_to_every_key(page):
         # Compact, as it is sent.
         assert json.dumps(fields, separators=(",", ":")) == example
     assert {decode(example.encode())["status"] for example in lines_of(UDP, "{")} == {1, 0, -1}
-
-
-WORDS = {int: "whole number", float: "number", str: "text", list: "array"}
-
-
-def test_the_table_of_keys_is_that_of_the_code():
-    """What a field means stands in the docs alone; the other columns are made here."""
-    made = []
-    for each in V2_FIELDS:
-        also = [*["v1"] * each.v1, *[f"`{each.metric}`"] * bool(each.metric)]
-        kind = WORDS[each.kind] + " or null" * each.nullable
-        made.append([each.name, kind, each.unit, str(each.since), ", ".join(also)])
-    assert [row[:-1] for row in rows(UDP, "key")] == made
-    assert all(row[-1] for row in rows(UDP, "key"))
-    sent = list(report(unknown_verdict(Fault(Reason.DARK, "dark"))).fields())
-    assert [row[0] for row in made] == sent
-
-
-def test_a_log_line_s_own_keys_and_the_metrics_are_in_their_tables():
-    named = [name for row in rows(OBSERVABILITY, "key") for name in row[0].split(", ")]
-    assert named == [*(each.name for each in LOG_ONLY), "decision_values"]
-    metrics = OBSERVABILITY.split("\n## Metrics\n")[1].split("\n## ")[0]
-    for each in FIELDS:
-        assert each.metric in re.findall(r"\w+", metrics) or not each.metric
-
-
-def test_every_reason_is_in_the_table():
-    codes = [row[0] for row in rows(UDP, "reason | what it says")]
-    assert sorted(codes) == sorted(Reason)
 
 
 # LabVIEW

@@ -127,7 +127,8 @@ def test_every_figure_of_the_results_is_on_the_page():
         for value in exhibit["numbers"].values():
             assert re.search(rf"\b{value}(00\.0+)?\b", page), value
     assert r"Split by a \| and \<em>." in page
-    assert "Why so: it is not so.\n" in page
+    assert "| **is it so** | yes, 12.5 % |" in page
+    assert "| *does not agree*: it is not so |\n" in page
 
 
 def test_chosen_tables_are_on_the_page_and_no_others():

@@ -60,22 +60,17 @@ class Results:
         return format(value * times, form)
 
     def claims(self, key: str) -> str:
-        """A list of what the thesis printed, what came out, and whether it agrees."""
+        """A table of what the thesis printed, what came out, and whether it agrees."""
         exhibit = self._exhibit(key)
         if exhibit["missing"]:
             return f"Not made in this run: {plain(exhibit['missing'])}."
-        lines = []
+        rows = [["claim", "the thesis", "this run", "whether they agree"]]
         for claim in exhibit["claims"]:
             what, printed, found, agreement, why = (
                 plain(claim[name]) for name in ("what", "printed", "found", "agreement", "why")
             )
-            lines += [
-                f"- **{what}**: *{agreement}*.",
-                f"  - The thesis: {printed}.",
-                f"  - This run: {found}.",
-                f"  - Why so: {why}.",
-            ]
-        return "\n".join(lines)
+            rows.append([f"**{what}**", printed, found, f"*{agreement}*: {why}"])
+        return _table(rows)
 
     def quoted_table(self, key: str) -> str:
         """The table of an exhibit that is one of `QUOTED_TABLES`; nothing for the others."""
@@ -86,9 +81,15 @@ class Results:
         table = next((one for one in exhibit["tables"] if one["name"] == name), None)
         if table is None:
             raise ToktError(f"the page shows the table {name!r} of {key}, which it has not")
-        rows = [table["columns"], ["---"] * len(table["columns"]), *table["rows"]]
-        lines = ["| " + " | ".join(_cell(value) for value in row) + " |" for row in rows]
-        return "\n".join([*lines, "", f"{plain(table['caption'])}."])
+        rows = [table["columns"], *table["rows"]]
+        cells = [[_cell(value) for value in row] for row in rows]
+        return f"{_table(cells)}\n\n{plain(table['caption'])}."
+
+
+def _table(rows: list[list[str]]) -> str:
+    """A table in Markdown; its first row is the heading."""
+    first, *rest = ("| " + " | ".join(row) + " |" for row in rows)
+    return "\n".join([first, "|" + " --- |" * len(rows[0]), *rest])
 
 
 def _cell(value: Any) -> str:

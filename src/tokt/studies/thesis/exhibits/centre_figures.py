@@ -114,8 +114,8 @@ def centre_and_box(context: StudyContext) -> Exhibit:
             "The thesis's way is that of its published program, which looks for outer contours "
             "after a dilation by 5x5 pixels. Corrected, as tokt sends it: no dilation, Ypos from "
             "the centre's y, the box is the union of the contours' boxes.",
-            "The mission's figures are of every frame in which the thesis's method says obstacle "
-            f"({len(mission)} frames and methods); none is of an image it learnt from.",
+            f"The mission's figures are of the {len(mission)} frames and methods in which the "
+            "thesis's method says obstacle. None is of an image it learnt from.",
         ),
         _claims(mission, summary),
         (
@@ -137,9 +137,9 @@ def centre_and_box(context: StudyContext) -> Exhibit:
             Plot(
                 "contours-centre-box",
                 f"Frame {number}: the mask with its contours (3.22), the two centres and where "
-                "each says to steer (3.23), and the two boxes (3.24; where the thesis's leaves the "
-                "frame the panel grows with it). Last, the mission's frame with several contours "
-                f"in which the thesis's box is largest beside the union. {SHOWN}",
+                "each says to steer (3.23), and the two boxes (3.24). Where the thesis's box "
+                "leaves the frame, the panel grows with it. Last: of frames with several contours "
+                f"the one whose box is largest beside the union. {SHOWN}",
                 png_of(_figure(context, shown, mission)),
             ),
         ),
@@ -192,11 +192,11 @@ def _claims(every: Sequence[BothWays], summary: dict[str, float | int]) -> tuple
         Claim(
             "the box is around the obstacle",
             f"its size is the sum of the contours' widths and of their heights ({_SOURCE})",
-            f"{summary['box_area_ratio_median']:.1f} times the area of the union of the boxes in "
-            f"the median, {max(one.box_ratio for one in every):.1f} times at most; leaves the "
-            f"frame in {leaves} {of_all}, misses a part of what was seen in {misses} {of_all}",
-            "With one contour the two are the same but for the dilation's two pixels; with "
-            "several the sum is larger than what they span, or smaller.",
+            f"area over that of the boxes' union: {summary['box_area_ratio_median']:.1f} in the "
+            f"median, {max(one.box_ratio for one in every):.1f} at most. It leaves the frame in "
+            f"{leaves} {of_all}, and misses a part of what was seen in {misses} {of_all}",
+            "With one contour the two differ by the dilation's two pixels. With several, the sum "
+            "is larger or smaller than what they span.",
             agreement=ClaimAgreement.NO if leaves or misses else ClaimAgreement.PARTLY,
         ),
         Claim(
@@ -204,8 +204,8 @@ def _claims(every: Sequence[BothWays], summary: dict[str, float | int]) -> tuple
             f"divided by each contour's area, in a try with an empty except ({_SOURCE})",
             f"{summary['contours_without_area']} such contours in these masks, and none "
             "after the program's dilation",
-            "Masks of whole patches have no such contours, and the version read dilates first; "
-            "disparity maps and other versions of the program may.",
+            "Masks of whole patches have none, and the version read dilates first. Disparity "
+            "maps and other versions may have some.",
         ),
     )
 

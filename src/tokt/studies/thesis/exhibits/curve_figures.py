@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from tokt.features.frames.mission import format_frames
 from tokt.inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN
-from tokt.studies.thesis.methods.curves import COMPARED, OURS, THESIS, Curves
+from tokt.studies.thesis.methods.curves import COMPARED, OURS, THESIS, Curves, learnt_words
 from tokt.studies.thesis.patch_scores import pooled_score
 from tokt.training.evaluation.evaluate import first_detection
 
@@ -128,11 +128,10 @@ def _words(context: StudyContext) -> tuple[str, ...]:
         scored += f"; frames {format_frames(curves.unreadable)} cannot be read"
     limit = (
         "The mean value is that of the 0/255 mask; the status is 1 above "
-        f"{STATUS_MEAN_THRESHOLD:g}, except for growing keypoints and thirds of disparity, which "
-        "have rules of their own. A first detection is the first of "
-        "3 frames in a row with status 1."
+        f"{STATUS_MEAN_THRESHOLD:g}. Growing keypoints and thirds of disparity have rules of their "
+        "own. A first detection is the first of 3 frames in a row with status 1."
     )
-    methods = [f"{method.title}: {method.words.rstrip('.')}." for method in curves.methods.values()]
+    methods = learnt_words((method.title, method.words) for method in curves.methods.values())
     missing = [f"Left out: {why}." for why in curves.left_out]
     return (f"{scored}. {limit}", *methods, *missing)
 
@@ -380,10 +379,10 @@ def _distance_claim(curves: Curves, nearness: Nearness) -> Claim:
     agreement = agreement_of_worst(thesis.values())
     measured = int(curves.distance_m.notna().sum())
     why = (
-        f"judged by the thesis's methods: agrees where each rank correlation is "
-        f"{NEARLY_ALWAYS:g} or more, in part from {GOES_WITH:g} on, over the {measured} frames of "
-        "which tokt's stereo measures a distance; an order, not metres. What stereo itself gives "
-        "is no second witness: its mean and that of the thirds are of the same matches"
+        f"judged by the thesis's methods over the {measured} frames with a distance by stereo. It "
+        f"agrees where each is {NEARLY_ALWAYS:g} or more, in part from {GOES_WITH:g} on: an "
+        "order, not metres. Stereo and thirds are no second witness: their means are of the same "
+        "matches"
     )
     found = f"rank correlation with 1 / distance: {told}"
     return Claim(what, printed, found, why, agreement=agreement)
@@ -399,8 +398,8 @@ def _printed_curves_claim(curves: Curves, scores: Scores) -> Claim:
         "Where the curves begin to rise",
         NOT_KNOWN,
         f"first detections: {told}",
-        "the figures' numbers are not at hand, and the thesis's other training image, a film "
-        "still, is not included: another image moves the texture methods' first detections",
+        "the figures' numbers are not at hand. Another training image than the thesis's film "
+        "still moves the texture methods' first detections",
     )
 
 

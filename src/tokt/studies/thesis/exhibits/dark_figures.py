@@ -21,7 +21,7 @@ from tokt.studies.simulation.rendering.sensor import develop
 from tokt.studies.simulation.rendering.synthetic_mission import MissionScene
 from tokt.studies.simulation.scene.rig import FULL_WIDTH
 from tokt.studies.simulation.scene.water import CameraResponse, Water
-from tokt.studies.thesis.methods.curves import OURS, THESIS
+from tokt.studies.thesis.methods.curves import OURS, THESIS, learnt_words
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE, JudgeFrame, train_on_all_labels
 from tokt.studies.thesis.patch_scores import Truth, truth_by_mask
 
@@ -31,7 +31,6 @@ from .dot_figures import (
     by_stereo,
     by_superpixels,
     by_thesis,
-    learnt_words,
     may_have_learnt,
     said_by_patches,
     scored_predictions,
@@ -222,8 +221,8 @@ def bad_lighting(context: StudyContext) -> Exhibit:
         tables.append(
             Table(
                 "by-light",
-                "F1 by patch of the same rendered scene as the lamp goes down; empty where a "
-                "method says that it cannot judge the picture; and who says that it is clear.",
+                "F1 by patch of the same rendered scene as the lamp goes down, and who calls it "
+                "clear. Empty where a method cannot judge the picture.",
                 sweep,
             )
         )
@@ -253,16 +252,16 @@ def _predictions(
 def _words(dark: DarkPicture, said: Said) -> tuple[str, ...]:
     return (
         f"{dark.words}; {dark.truth_words}. A method that cuts a picture otherwise is scored by "
-        "the patches of which its mask has a tenth or more white, as for labels. What could not "
-        "judge the picture is not scored as clear.",
+        "the patches with a tenth or more white. What could not judge the picture is not scored "
+        "as clear.",
         (
-            "A rendered picture is another world for models that learnt from a real mission: it "
-            "shows the order of things, not figures for the sea. Methods that need the frames "
-            "before have nothing to judge here."
+            "For models of a real mission a rendered picture is another world: it shows the order "
+            "of things, not figures for the sea. Methods that need the frames before have nothing "
+            "to judge here."
             if dark.rendered
             else "Methods that need a pair or the frames before have nothing to judge here."
         ),
-        *learnt_words(said),
+        *learnt_words((one.title, one.words) for one in said),
     )
 
 

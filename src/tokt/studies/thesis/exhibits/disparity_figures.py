@@ -289,8 +289,8 @@ def _search_claim(disparity: F64, covered: Bools) -> Claim:
         f"{np.max(disparity):.0f} px"
     )
     why = (
-        "judged by points matched without any calibration (SIFT, one geometry a frame) and moved "
-        "to where the thesis's own undistortion puts them; the pair is not rectified"
+        "judged by points matched without a calibration (SIFT, one geometry a frame), where the "
+        "thesis's own undistortion puts them. The pair is not rectified"
     )
     return Claim(what, printed, found, why, agreement=agreement)
 
@@ -298,18 +298,18 @@ def _search_claim(disparity: F64, covered: Bools) -> Claim:
 def _exchange_claim(numbers: dict[str, Any]) -> Claim:
     same = numbers["thesis_pixels_changed_most"] <= _SAME
     found = (
-        f"with a wrong right frame at most {100 * numbers['thesis_pixels_changed_most']:.2f} % of "
-        f"the thesis's pixels change between matched and not, its mean value changes by "
-        f"{100 * numbers['thesis_mean_change_median']:.0f} % (median), and its status is the same "
-        f"in {numbers['thesis_status_kept']} of {numbers['wrong_pairs']}; ours matches "
-        f"{100 * numbers['ours_matched_own_median']:.1f} % of the view with the right frame "
-        f"(median), at most {100 * numbers['ours_matched_wrong_most']:.2f} % with a wrong one, and "
-        f"then says obstacle in {numbers['ours_obstacle_wrong']} and clear in "
-        f"{numbers['ours_clear_wrong']} pairs, unknown in the others"
+        f"{numbers['wrong_pairs']} wrong right frames. The thesis's status stays the same in "
+        f"{numbers['thesis_status_kept']}; at most "
+        f"{100 * numbers['thesis_pixels_changed_most']:.2f} % of its pixels change, its mean value "
+        f"by {100 * numbers['thesis_mean_change_median']:.0f} % (median). Ours matches at most "
+        f"{100 * numbers['ours_matched_wrong_most']:.2f} % of the view, and "
+        f"{100 * numbers['ours_matched_own_median']:.1f} % with the true frame (median). It says "
+        f"obstacle in {numbers['ours_obstacle_wrong']}, clear in {numbers['ours_clear_wrong']}, "
+        "unknown in the others"
     )
     why = (
-        "where the map is white is decided by the left picture's texture alone: as an obstacle "
-        "detector it works, as stereo it does not"
+        "the left picture's texture alone decides where the map is white: it works as an "
+        "obstacle detector, not as stereo"
         if same
         else "where the map is white changes with the right frame on these frames"
     )
@@ -333,15 +333,15 @@ def _margin_claim(numbers: dict[str, Any], frames: int) -> Claim:
         return Claim(what, printed, "not measured", why)
     margin, inside = numbers["open_water_matched_margin"], numbers["open_water_matched_inside"]
     found = (
-        f"in open water ({frames} pairs) {100 * margin:.2f} % of the margin and "
-        f"{100 * inside:.2f} % of the rest are white; mean value "
-        f"{numbers['open_water_mean_whole']:.2f} with the margin, "
-        f"{numbers['open_water_mean_inside']:.2f} without (threshold {STATUS_MEAN_THRESHOLD})"
+        f"white in {frames} pairs of open water: {100 * margin:.2f} % of the margin, "
+        f"{100 * inside:.2f} % of the rest. Mean value {numbers['open_water_mean_whole']:.2f} with "
+        f"the margin, {numbers['open_water_mean_inside']:.2f} without (threshold "
+        f"{STATUS_MEAN_THRESHOLD})"
     )
     if margin > inside:
         why = (
-            "what is white there is the picture's edge, bent inwards by an undistortion about a "
-            "corner instead of the middle; cutting it off is right, and hides the cause"
+            "the white is the picture's edge, bent inwards by an undistortion about a corner. "
+            "Cutting it off is right, and hides the cause"
         )
         return Claim(what, printed, found, why, agreement=ClaimAgreement.YES)
     why = "on these frames the margin is no whiter than the rest"
@@ -350,17 +350,14 @@ def _margin_claim(numbers: dict[str, Any], frames: int) -> Claim:
 
 def _cloud_claim(numbers: dict[str, Any]) -> Claim:
     found = (
-        f"frame {numbers['shown_frame']}: the thesis's cloud has no unit and "
-        f"{numbers['thesis_cloud_depths']} depths; the rank correlation of its values with our "
-        f"depths is {numbers['rank_correlation']:.2f} (-1: disparities, 0: nothing to do with it). "
+        f"frame {numbers['shown_frame']}. The thesis's cloud has no unit and "
+        f"{numbers['thesis_cloud_depths']} depths; rank correlation with our depths: "
+        f"{numbers['rank_correlation']:.2f} (-1: disparities, 0: nothing to do with it). "
         f"Ours: {numbers['cloud_points']} points"
     )
     if numbers["cloud_median_m"] is not None:
         found += f", median {numbers['cloud_median_m']:.2f} m away"
-    why = (
-        "the figure is not at hand; our depths are of a rectified pair, and are checked against "
-        "true ones on rendered missions"
-    )
+    why = "the figure is not at hand. Our depths are checked against true ones on rendered missions"
     printed = f"figure 3.10, a point cloud from the disparity; its numbers are {NOT_KNOWN}"
     return Claim("point cloud", printed, found, why)
 
@@ -374,11 +371,11 @@ def _words(context: StudyContext, frames: Sequence[int], best: int) -> tuple[str
         "The frames' calibration may have been fitted to frames of this mission."
     )
     second = (
-        f"The control: {len(frames)} frames with something in them ({min(frames)} to "
-        f"{max(frames)}, spread over the mission) are judged with their own right frame, with that "
-        "of the frame half this list away, and with their own upside down (rows reversed). A "
-        f"stereo method must then find next to nothing (at most {100 * COLLAPSED:.1f} % of the "
-        f"view). Pictures are of frame {best}, where ours matches most."
+        f"The control: {len(frames)} frames with something in them, {min(frames)} to "
+        f"{max(frames)}. Each is judged with its own right frame, with that of the frame half this "
+        "list away, and with its own upside down (rows reversed). With a wrong one a stereo method "
+        f"must find next to nothing (at most {100 * COLLAPSED:.1f} % of the view). Pictures are of "
+        f"frame {best}, where ours matches most."
     )
     size = context.left(best).shape[1::-1]
     if size == THESIS_FRAME_SIZE:

@@ -24,7 +24,7 @@ from tokt.studies.thesis.patch_scores import (
     score_patches,
 )
 
-from .exhibit import NOT_KNOWN, Claim, Exhibit, Plot, StudyContext, Table
+from .exhibit import LEARNT_ELSEWHERE, NOT_KNOWN, Claim, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import (
     SHOWN,
     draw_dots,
@@ -148,15 +148,6 @@ def by_superpixels(context: StudyContext, number: int, frame: U8) -> list[Method
     return found
 
 
-def learnt_words(said: Sequence[MethodPrediction]) -> tuple[str, ...]:
-    """What the methods learnt from, those that learnt alike in one sentence."""
-    titles: dict[str, list[str]] = {}
-    for one in said:
-        if one.words:
-            titles.setdefault(one.words, []).append(one.title)
-    return tuple(f"{', '.join(who)}: {words.rstrip('.')}." for words, who in titles.items())
-
-
 def may_have_learnt(said: Sequence[MethodPrediction]) -> str:
     """The end of a sentence that says that nothing learnt from what it is scored on."""
     given = any(one.name == TOKT_MODEL for one in said)
@@ -203,9 +194,8 @@ def prediction_dots(context: StudyContext) -> Exhibit:
     return Exhibit(
         (
             f"Frame {number}, by the thesis's three models and by ours. Red dots are patches said "
-            "to be other than ocean; they are white in the mask. Of stereo, which judges pixels, "
-            "the dots are the patches of which its mask has a tenth or more white, as for labels.",
-            *learnt_words(said),
+            "to be other than ocean; they are white in the mask. Stereo judges pixels: its dots "
+            f"are patches with a tenth or more white. {LEARNT_ELSEWHERE}",
         ),
         tuple(_claim(one, truth, number) for one in said),
         _tables(said, truth, pooled, number, len(truths)),
@@ -272,7 +262,7 @@ def _claim(one: MethodPrediction, truth: Truth | None, number: int) -> Claim:
         f"{one.title}: the dots that are other lie on the structure",
         NOT_KNOWN,
         found,
-        f"The figures' dots are not at hand; judged by the labels of frame {number}."
+        "The figures' dots are not at hand; judged by the frame's labels."
         if truth is not None
         else "The figures' dots are not at hand, and the frame has no labels.",
     )

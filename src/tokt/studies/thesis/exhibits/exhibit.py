@@ -20,6 +20,9 @@ NOT_KNOWN = "not known here"
 """What stands for a printed number that the sources at hand do not give."""
 
 
+LEARNT_ELSEWHERE = "What the methods learnt from is said at figures 5.3 to 5.5."
+
+
 class ClaimAgreement(StrEnum):
     """Whether what came out is what the thesis printed."""
 
@@ -33,7 +36,7 @@ class ClaimAgreement(StrEnum):
 class Claim:
     """One thing the thesis printed, with its place, beside what this run found.
 
-    `why` is one sentence: what the agreement was judged by, or why there is none.
+    `why` is short: what the agreement was judged by, or why there is none.
     """
 
     what: str

@@ -24,8 +24,8 @@ SHOWN = (
 """Belongs in every caption of a picture with a frame in it."""
 
 DARK_SHOWN = (
-    "What is shown, not what is judged, is amplified: the lamp's light on the water taken away, "
-    f"what differs from it made up to {gain(DEFAULT_AMOUNT):.0f} times as strong."
+    "What is shown, not what is judged, is amplified: without the lamp's light on the water, "
+    f"and up to {gain(DEFAULT_AMOUNT):.0f} times as strong."
 )
 """The same for pictures that are darker still."""
 

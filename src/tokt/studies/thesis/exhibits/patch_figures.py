@@ -72,11 +72,11 @@ def patch_histograms(context: StudyContext) -> Exhibit:
     return Exhibit(
         (
             f"Frame {number}; {how}. The features are the thesis's, of the patch cut out first.",
-            "How well the features tell the two kinds of patch apart is measured over all labelled "
-            "patches of the frame: the area under the ROC curve (0.5: not at all, 1: perfectly) "
-            "of a patch's distance from the ocean training image's mean (Hellinger's for the "
-            "histograms, in that image's standard deviations for Haralick's features), and of the "
-            "thesis's model's decision value.",
+            "The area under the ROC curve says how well the features tell the two kinds of patch "
+            "apart (0.5: not at all, 1: perfectly). It is taken over the frame's labelled patches, "
+            "of a patch's distance from the ocean training image's mean, and of the thesis's "
+            "model's decision value. Distances are Hellinger's for histograms; for Haralick's "
+            "features, that image's standard deviations.",
         ),
         _claims(frame, told, outside),
         _tables(rows["haralick"], patches, told),
@@ -160,24 +160,23 @@ def _claims(frame: U8, told: pd.DataFrame, outside: Mapping[str, int]) -> tuple[
             "a patch on the structure has another histogram than one of ocean",
             NOT_KNOWN,
             seen,
-            "The figures' bars are not at hand; what they are to show is measured over all "
-            "labelled patches of the frame."
+            "The figures' bars are not at hand; measured over all labelled patches of the frame."
             if len(area)
             else "The figures' bars are not at hand, and this frame has no labels of both kinds.",
         ),
         Claim(
             "the histogram drawn is of the patch that is framed in the picture",
             "figures 3.16 and 3.19 frame a patch and plot a histogram (the published notebooks)",
-            f"the notebooks slice rows by the patch's width and columns by its height, so that "
-            f"another place is described; Hellinger distance of the two, LBP (10, 5): {moved}",
+            "the notebooks slice rows by the patch's width and columns by its height: another "
+            f"place. Hellinger distance of the two, LBP (10, 5): {moved}",
             "Read from the published notebooks; here the framed patch is the one described.",
             agreement=ClaimAgreement.NO,
         ),
         Claim(
             "the Haralick figure shows the 13 features",
             "a histogram of 13 bins (the published notebooks)",
-            f"it sorts the features' values into bins from 0 to {_BINS}; outside of that range are "
-            f"{outside['structure']} of {_BINS} features on the structure and {outside['ocean']} "
+            f"it sorts the features' values into bins from 0 to {_BINS}. Outside are "
+            f"{outside['structure']} of {_BINS} features on the structure, {outside['ocean']} "
             "on ocean",
             "Read from the published notebooks; the features themselves are drawn here as well.",
             agreement=ClaimAgreement.NO,
@@ -219,8 +218,8 @@ def _tables(haralick: F64, patches: Cells, told: pd.DataFrame) -> tuple[Table, .
         ),
         Table(
             "haralick-features",
-            "Haralick's features of the two patches (their units differ; grey levels squared for "
-            "contrast and variances), and for how many of the two the value lies in the 0 to "
+            "Haralick's features of the two patches. Their units differ: grey levels squared for "
+            "contrast and variances. Last: for how many of the two the value lies in the 0 to "
             f"{_BINS} that the notebooks' histogram shows.",
             features,
         ),
@@ -237,9 +236,9 @@ def _plots(frame: U8, rows: dict[str, F64], patches: Cells, number: int) -> tupl
         ),
         Plot(
             "haralick-patches",
-            f"Frame {number}: Haralick's 13 features of the two patches (left, size of each, "
-            "logarithmic), and the same values as the notebooks plot them (right): a histogram of "
-            f"values, in which what is larger than {_BINS} is lost (figure 3.19).",
+            f"Frame {number}, left: the size of Haralick's 13 features of the two patches, "
+            "logarithmic. Right: the same values as the notebooks plot them, a histogram in which "
+            f"what is larger than {_BINS} is lost (figure 3.19).",
             png_of(_haralick_figure(rows["haralick"], patches)),
         ),
     )

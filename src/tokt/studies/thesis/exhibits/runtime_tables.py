@@ -380,17 +380,16 @@ def _words(context: StudyContext, frames: Sequence[EncodedPair]) -> tuple[str, .
     seen = ", ".join(str(frame.number) for frame in frames)
     about = machine()
     return (
-        f"Every method judges the same {len(frames)} frames ({seen}), once each, in turns, in "
-        "one run on one thread, from the bytes of the image file to the verdict: processor time, "
-        "which on an idle machine is the time that passes. Medians, with the 10th and 90th "
-        "percentile of the single runs. For SLIC, the thesis's disparity and tokt's stereo the "
-        "parts of one call are split by doing them once more, outside the total.",
-        "The thesis's methods are its settings with today's scikit-image, mahotas, OpenCV and "
-        "scikit-learn. The rows of tokt's kernels judge with the very weights of the thesis's "
-        f"models. tokt texture is {own}. Times do not depend on what a model learnt.",
+        f"Every method judges the same {len(frames)} frames ({seen}), in turns, on one thread. A "
+        "time goes from the bytes of the image file to the verdict. It is processor time: on an "
+        "idle machine the time that passes. Medians, with the 10th and 90th percentile of the "
+        "single runs.",
+        "The thesis's methods are its settings with today's libraries. The rows of tokt's kernels "
+        f"judge with the very weights of the thesis's models. tokt texture is {own}. Times do not "
+        "depend on what a model learnt.",
         "Of the thesis's tables only the ratios 19.7, 1.19 and 1.726 are at hand, in the order "
-        "SLIC + LBP, disparity, Haralick; their seconds are not. That the ratios are times the run "
-        "time of LBP, and which table is of which method, is our reading.",
+        "SLIC + LBP, disparity, Haralick. That they are times the run time of LBP, and which table "
+        "is of which method, is our reading.",
         f"Machine: {about['cpu']}, Python {about['python']}.",
     )
 
@@ -425,17 +424,18 @@ def _tables(found: Found, summary: pd.DataFrame, n_frames: int) -> list[Table]:
     words = ["method", "whose", "median ms", "p10 ms", "p90 ms", "times LBP", "p10", "p90"]
     compared = Table(
         "run_times",
-        f"From an image file's bytes to a verdict: {n_frames} frames, once each, one thread; "
-        "ms a frame (a pair for the disparities), and times the run time of the thesis's LBP on "
-        "the same frame in the same round. Median, 10th and 90th percentile.",
+        f"{n_frames} frames, once each; ms a frame (a pair for the disparities), and times the "
+        "thesis's LBP on the same frame. Median, 10th and 90th percentile.",
         summary.set_axis(words, axis=1).assign(printed=pd.Series(PRINTED)),
     )
     by_stage = pd.DataFrame([one.stage_ms for one in found.values()])
     by_stage.insert(0, "method", summary["method"].to_numpy())
     stages = Table(
         "run_times_by_stage",
-        "Median ms of each stage. Undistort is rectification in tokt's stereo; contours is all "
-        "that is left: masks, outlines, the verdict, and in tokt's rows its checks of the frame.",
+        "Median ms of each stage. Undistort is rectification in tokt's stereo. Contours is all "
+        "that is left: masks, outlines, the verdict, and in tokt's rows its checks of the frame. "
+        "For SLIC, the thesis's disparity and tokt's stereo the parts of a call are split by "
+        "doing them once more, outside the total.",
         by_stage,
     )
     own = [
@@ -503,8 +503,8 @@ def _reason(found: Found, key: str, agreement: ClaimAgreement) -> str:
     own, base = one.stage_ms, lbp.stage_ms
     largest = own.idxmax()
     return (
-        f"the libraries of 2016 are not these: here the largest stage is {largest} with "
-        f"{own[largest]:.1f} of {np.median(one.total_ms):.1f} ms, and LBP on patches takes "
+        f"the libraries of 2016 are not these. Here the largest stage is {largest}: "
+        f"{own[largest]:.1f} of {np.median(one.total_ms):.1f} ms. LBP takes "
         f"{np.median(lbp.total_ms):.1f} ms, {base['features']:.1f} of them features and "
         f"{base['predict']:.1f} its 100 predict calls"
     )

@@ -133,8 +133,8 @@ def _time_claim(summaries: dict[str, dict[str, Any]]) -> Claim:
         why = "within a quarter of the printed ratio"
     elif ratio > 1:
         why = (
-            "slower it is, but by another factor, which hangs on how fast the libraries of the day "
-            "are at either; the thesis's machine and its releases are not known here"
+            "slower it is, but by another factor. The thesis's machine and its libraries are not "
+            "known here"
         )
     else:
         why = "on this machine it is not slower at all"
@@ -160,19 +160,17 @@ def _mask_claim(summaries: dict[str, dict[str, Any]]) -> Claim:
         "superpixels and a grid see the same",
         "a superpixel follows outlines, a patch does not; how alike their masks are is not known",
         "; ".join(said),
-        "the figure's picture and numbers are not at hand; the masks of both are drawn and counted",
+        "the figure's picture and numbers are not at hand",
     )
 
 
 def _words(context: StudyContext, numbers: Sequence[int]) -> tuple[str, ...]:
     return (
-        f"Both learn from the same two images ({context.ocean.words}; {context.other.words}), "
-        "describe with the same features and use the same classifier; one takes a rectangle "
+        "Both have the same two training images, features and classifier. One takes a rectangle "
         "around each superpixel, the other a patch of a 10x10 grid.",
-        f"On a sample of {len(numbers)} frames, spread over the mission, with frame "
-        f"{context.structure_frame} among them, because SLIC is slow. No frame of the sample was "
-        "learnt from. Scored against labels by patches: of a superpixel mask those that are white "
-        "to a tenth or more, as for labels.",
+        f"On a sample of {len(numbers)} frames, as SLIC is slow; frame {context.structure_frame} "
+        "is among them, and none was learnt from. Scored by patches: of a superpixel mask those "
+        "with a tenth or more white.",
     )
 
 
@@ -180,8 +178,8 @@ def _summary_table(summaries: dict[str, dict[str, Any]]) -> Table:
     rows = [{"features": TITLES[name], **summary} for name, summary in summaries.items()]
     table = pd.DataFrame(rows).rename(columns=_COLUMNS).round(3)
     caption = (
-        "Medians over the sample, ms from a decoded frame to its verdict; pixels alike: mean part "
-        "of them; overlap: white in both over white in either, over all frames; F1: "
+        "Medians over the sample, ms from a decoded frame to its verdict. Pixels alike: mean part "
+        "of them. Overlap: white in both over white in either, over all frames. F1: "
         "over all sure patches of the sample (empty without labels)."
     )
     return Table("slic_against_grid", caption, table, TITLE)

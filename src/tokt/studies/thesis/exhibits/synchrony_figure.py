@@ -296,8 +296,8 @@ def claim_of(found: dict[str, Offset]) -> Claim:
     elif largest <= SYNCHRONOUS_FRAMES:
         agreement = ClaimAgreement.YES
         why = (
-            f"the offset is below {SYNCHRONOUS_FRAMES} frames with its interval, and a right "
-            "camera that is late on purpose is measured as late"
+            f"the offset is below {SYNCHRONOUS_FRAMES} frames with its interval, and one made on "
+            "purpose is found"
         )
     else:
         agreement = ClaimAgreement.NO
@@ -313,18 +313,16 @@ def claim_of(found: dict[str, Offset]) -> Claim:
 
 def _words(context: StudyContext) -> tuple[str, ...]:
     return (
-        "Measured from the frames, without any clock: a point stands in one row of both rectified "
-        "views unless the right camera saw it at another moment and the vehicle moved up, down or "
-        "turned in between. The row in the right view is compared with the rows in the left view "
-        "of the frame before, of the frame and of the one after. Points: SIFT between the cameras, "
-        f"Lucas and Kanade's method from frame to frame. Rectified with "
-        f"{context.calibration_words}.",
-        f"The interval is of 95 %, by the jackknife over at most {FRAMES} frames spread over the "
-        "mission's stretch with something in it; the frames' own order is not otherwise split, "
-        "since nothing is learnt. Fitted with the offset: what the calibration leaves (a constant, "
-        "and a share of column and row); a calibration fitted to the same frames cannot hide an "
-        f"offset, as the motion changes from frame to frame. Looked for up to {FARTHEST_FRAMES} "
-        "frames either way. In seconds it is not said: the frames carry no times.",
+        "Measured from the frames, without any clock. A point stands in one row of both rectified "
+        "views, unless the right camera saw it at another moment and the vehicle moved. Its row in "
+        "the right view is compared with those in the left view, of three successive frames. "
+        "Points: SIFT between the cameras, Lucas and Kanade's method from frame to frame. "
+        f"Rectified with {context.calibration_words}.",
+        f"The interval is of 95 %, by the jackknife over at most {FRAMES} frames with something in "
+        "them. Fitted with the offset: what the calibration leaves (a constant, and a share of "
+        "column and row). A calibration cannot hide an offset, as the motion changes from frame to "
+        f"frame. Looked for up to {FARTHEST_FRAMES} frames either way, not in seconds: the frames "
+        "carry no times.",
     )
 
 

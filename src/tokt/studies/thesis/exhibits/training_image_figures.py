@@ -175,14 +175,14 @@ def training_images(context: StudyContext) -> Exhibit:
         plots.append(_promise_plot(table, n_tested))
     caption = (
         "Distance of each image's mean histogram from ocean's and from the structure's (0 equal, 1 "
-        "disjoint), the share of patches confused with ocean's, and F1 by patch of a model that "
+        "disjoint), and the share of patches confused with ocean's. F1 by patch is of a model that "
         f"learnt from ocean and this image, pooled over {n_tested} labelled frames (empty without "
         "labels). No frame is both learnt from and scored."
     )
     return Exhibit(
         (
-            "Bins are coloured by the share of the circle that is brighter than its centre: none "
-            "or all of it is flat, half of it an edge, a quarter or three quarters a corner, each "
+            "Bins are coloured by the share of the circle that is brighter than its centre. None "
+            "or all of it is flat, half an edge, a quarter or three quarters a corner, each "
             "within a twelfth. Patterns of several runs, which noise makes, are the last bin.",
             f"Distances are Hellinger's; the structure is {structure.words}. A patch is confused "
             "when it is nearer to the other image's mean histogram than to its own image's. "
@@ -218,7 +218,7 @@ def _claims(numbers: dict[str, Any], rank: dict[str, float]) -> tuple[Claim, ...
         "the image whose LBP (10, 5) histogram is farthest from ocean's",
         NOT_KNOWN,
         found,
-        "The thesis's other images are not at hand; those compared here are not the same.",
+        "The thesis's other images are not at hand.",
     )
     if not rank:
         return (first,)
@@ -229,7 +229,7 @@ def _claims(numbers: dict[str, Any], rank: dict[str, float]) -> tuple[Claim, ...
         f"best F1 {numbers['best_f1']:.2f} with {numbers['best_f1_image']}; the farthest, "
         f"{numbers['farthest_image']}, gives {numbers['farthest_f1']:.2f}; rank correlation "
         f"with F1: {ranks}",
-        "It is what choosing by histograms presumes, not a printed figure; judged on "
+        "What choosing by histograms presumes, no printed figure; judged on "
         f"{numbers['scored_frames']} labelled frames that no model here learnt from.",
     )
     return first, second

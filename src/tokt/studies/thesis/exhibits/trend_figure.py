@@ -41,7 +41,7 @@ from tokt.studies.thesis.methods.curves import Curves
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
 
 from .curve_figures import agreement_of_worst
-from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .exhibit import LEARNT_ELSEWHERE, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import new_figure, png_of
 
 SECONDS_A_FRAME = 0.35
@@ -250,28 +250,20 @@ def contact_ratios(held: pd.DataFrame, unchecked: bool = False) -> pd.Series:
 
 
 def _words(context: StudyContext, frames: Sequence[int], texture: Sequence[str]) -> tuple[str, ...]:
-    curves = context.curves
-    learnt = "; ".join(
-        f"{curves.methods[name].title}: {curves.methods[name].words.rstrip('.')}"
-        for name in texture
-    )
     return (
         f"Frames {frames[0]} to {frames[-1]}, from the first to the last that stereo sees "
-        f"something in. The trend is the runtime's ({HORIZON_S:g} s of means), with "
-        f"{SECONDS_A_FRAME} s from frame to frame; the frames carry no times, so that other "
-        "steps are in the table. What is right is the slope of the median stereo depth over the "
-        f"same seconds: a mean goes with 1 / depth squared, so that a depth that changes by less "
-        f"than {STEADY_PER_S / 2:g} of itself a second counts as steady. Cameras: "
-        f"{context.calibration_words}. The depth has no part in the texture's trend; the "
-        "disparity's trend is of the area that is matched, not of how far it is.",
-        "Both slopes are of the last seconds: at the turn, both still say for some frames what was "
-        "so before. That delay is in neither figure.",
-        f"How the methods learnt: {learnt or 'no texture method judged these frames'}.",
-        "Where it fails: the mean is an area. What leaves the picture at its edge, or comes so "
-        "near that stereo no longer matches it, shrinks while it comes nearer; what a model first "
-        "learns to see grows while it stands still. A time to contact is therefore only said "
-        "while the whole thing is in the picture; the second figure of ratios is what would have "
-        "been said otherwise.",
+        f"something in. The trend is the runtime's ({HORIZON_S:g} s of means). The frames carry no "
+        f"times: {SECONDS_A_FRAME} s are taken from frame to frame, and other steps are in the "
+        f"table. Cameras: {context.calibration_words}.",
+        "What is right is the slope of the median stereo depth over the same seconds. A mean goes "
+        "with 1 / depth squared: a depth that changes by less than "
+        f"{STEADY_PER_S / 2:g} of itself a second counts as steady. At the turn, both slopes still "
+        "say for some frames what was so before. That delay is in neither figure.",
+        LEARNT_ELSEWHERE if texture else "No texture method judged these frames.",
+        "Where it fails: the mean is an area. A thing that leaves the picture, or is too near for "
+        "stereo, shrinks while it comes nearer. What a model first learns to see grows while it "
+        "stands still. A time to contact is therefore only said while the whole thing is in the "
+        "picture. The second figure of ratios is without that check.",
     )
 
 
@@ -356,9 +348,9 @@ def _contact_why(said: pd.Series) -> str:
     middle = float(np.median(said))
     if middle < 1 / _FAR_OFF:
         return (
-            f"tokt's own, and {1 / middle:.1f} times too short (median of all that are said): a "
-            "thing that comes out of dark water grows in the mask because more of it is seen, not "
-            "only because it is nearer; it errs to the early side, and is no measure of time here"
+            f"tokt's own, and {1 / middle:.1f} times too short (median of all that are said). A "
+            "thing out of dark water also grows because more of it is seen. It errs to the early "
+            "side, and is no measure of time here"
         )
     if middle > _FAR_OFF:
         return f"tokt's own, and {middle:.1f} times too long (median of all that are said)"

@@ -5,7 +5,7 @@ judge a run of frames as ``tokt run`` does, through a policy; the compared ones 
 themselves.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -169,6 +169,15 @@ class Method:
     sampled: bool = False
 
 
+def learnt_words(said: Iterable[tuple[str, str]]) -> tuple[str, ...]:
+    """What methods learnt from, by title; those that learnt alike in one paragraph."""
+    titles: dict[str, list[str]] = {}
+    for title, words in said:
+        if words:
+            titles.setdefault(words, []).append(title)
+    return tuple(f"{', '.join(who)}: {words.rstrip('.')}." for words, who in titles.items())
+
+
 def title_and_kind(method: SuperpixelMethod) -> tuple[str, str]:
     """What a method on superpixels is called in legends and tables, and whose it is."""
     if isinstance(method, SlicTexture):
@@ -266,13 +275,13 @@ def _add_judged(curves: Curves, name: str, method: Method, readable: Sequence[Fr
 def _add_thesis(curves: Curves, inputs: StudyInputs, readable: Sequence[FrameResult]) -> None:
     """The thesis's texture models, and its disparity."""
     for name, model in inputs.thesis.items():
-        words = f"{model.title} as the thesis has it, {inputs.two_images}"
+        words = f"as the thesis has it, {inputs.two_images}"
         _add_judged(curves, name, Method(model.title, THESIS, words), readable)
         curves.patches[name] = {one.number: one.patches[name] for one in readable}
     if any(THESIS_DISPARITY in one.mean for one in readable):
         words = (
-            "the thesis's disparity pipeline (not rectified, stretched to 0..255, cropped by "
-            "200 px at either side); it learns nothing"
+            "the thesis's pipeline (not rectified, stretched to 0..255, cropped by 200 px at "
+            "either side); it learns nothing"
         )
         _add_judged(curves, THESIS_DISPARITY, Method("disparity", THESIS, words), readable)
     elif not inputs.pairs:
@@ -292,7 +301,7 @@ def _add_slow(
     for one in methods.of(sample[0]):
         title, kind = title_and_kind(one)
         words = (
-            f"{one.title} ({one.source}), {methods.words(one)}; on a sample of {len(sample)} "
+            f"{one.source}; {methods.words(one).rstrip('.')}. On a sample of {len(sample)} "
             "frames, as it is slow"
         )
         _add_judged(curves, one.name, Method(title, kind, words, sampled=True), readable)
@@ -323,20 +332,19 @@ def _add_runs(curves: Curves, inputs: StudyInputs) -> None:
     """The methods that look at frames in their order, and the distances that stereo measures."""
     calibration, cameras = inputs.calibration, inputs.calibration_words
     # The one that takes longest first, so that the others run beside it.
-    words = "growing keypoints (Mori and Scherer 2013): frames against earlier ones; learns nothing"
+    words = "Mori and Scherer 2013; frames against earlier ones; learns nothing"
     method = Method("growing keypoints", COMPARED, words)
     runs: dict[str, tuple[Method, MakeMethod]] = {SizeChange.name: (method, SizeChange)}
     if calibration is None:
         curves.left_out.append(f"tokt's stereo, and thirds: {cameras}")
     else:
         words = (
-            "left, centre and right mean disparity (Kostavelis and others 2009) on tokt's "
-            f"rectified disparity, with {cameras}; learns nothing"
+            "Kostavelis and others 2009; left, centre and right mean of tokt's rectified "
+            f"disparity, with {cameras}; learns nothing"
         )
         method = Method("thirds of disparity", COMPARED, words)
         runs[Thirds.name] = method, partial(Thirds, calibration)
-        ours = "tokt's rectified disparity as tokt run has it"
-        words = f"{ours}, with {cameras}; learns no frames' looks"
+        words = f"rectified disparity as tokt run has it, with {cameras}; learns no frames' looks"
         runs[TOKT_STEREO] = Method("tokt stereo", OURS, words), partial(_stereo, calibration)
     if inputs.request.model is not None:
         runs[TOKT_MODEL] = _model_method(inputs), partial(_model, inputs.request.model)

@@ -213,11 +213,11 @@ def _words(dataset: DatasetVersion, split: Split, settings: TrainingSettings) ->
     )
     own_choice = f" {CHOSEN_ON['best']}" if settings.preset == "best" else ""
     return (
-        f"tokt's texture model (preset {settings.preset}), held out: {weak}{split.folds}-fold "
-        f"cross-validation over blocks of {dataset.block_frames} frames, training frames within "
-        f"{split.embargo_frames} of a tested one left out, C and frame rule chosen inside each "
-        f"training part; a frame without labels is judged by the fold whose training frames are "
-        f"farthest from it.{own_choice}"
+        f"preset {settings.preset}; {weak}{split.folds}-fold cross-validation over blocks of "
+        f"{dataset.block_frames} frames, without training frames within {split.embargo_frames} of "
+        "a tested one. C and the frame rule are chosen inside each training part. A frame without "
+        "labels is judged by the fold whose training frames are farthest from it."
+        f"{own_choice}"
     )
 
 
@@ -329,9 +329,8 @@ def train_superpixel_methods(inputs: StudyInputs) -> SuperpixelMethods:
             textures, (LabColour.train_on_two(ocean, other),), block, two, two + why
         )
     words = (
-        f"held out by blocks of {block} frames: learnt from the labels of {len(halves[0])} frames "
-        f"of odd blocks to judge even ones, and of {len(halves[1])} of even blocks to judge odd "
-        "ones"
+        f"held out by blocks of {block} frames. Even blocks are judged by the labels of "
+        f"{len(halves[0])} frames of odd ones, odd blocks by those of {len(halves[1])} of even ones"
     )
     return SuperpixelMethods(textures, colours, block, two, words)
 
