@@ -49,5 +49,9 @@ def takes(
 
 def paths(given: OneOrMore) -> list[Path]:
     """The paths, however they were given."""
-    several = [given] if isinstance(given, str | Path) else given or ()
-    return [Path(one) for one in several]
+    return [Path(text) for text in texts(given)]
+
+
+def texts(given: OneOrMore) -> list[str]:
+    """The texts, however they were given: one, several or none."""
+    return [str(one) for one in ([given] if isinstance(given, str | Path) else given or ())]

@@ -16,7 +16,7 @@ from tokt.models.registry.load import load_model
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.mission_source import labelled_missions
 from tokt.training.evaluation.evaluate_options import MissionOptions
-from tokt.training.options import Notice, PathOrText, Progress, paths, takes
+from tokt.training.options import Notice, PathOrText, Progress, paths, takes, texts
 
 from .comparison import compare_models
 from .held_out_predictions import check_different, read_held_out
@@ -29,7 +29,7 @@ from .report import has_registry, log_comparison, report_html
 class CompareOptions(MissionOptions):
     """The options of ``tokt compare``, by its names: its help explains each."""
 
-    models: Sequence[PathOrText]
+    models: PathOrText | Sequence[PathOrText]
     output: PathOrText | None = None
     learning_curve: str | None = None
     ceilings: bool = False
@@ -117,7 +117,7 @@ def compare(
 
 def compared_models(options: CompareOptions, progress: Progress, notice: Notice) -> ComparedModels:
     """Models on what cross-validation held out of all, or on missions."""
-    workspace, models = Path(options.workspace), [str(model) for model in options.models]
+    workspace, models = Path(options.workspace), texts(options.models)
     if not options.mission:
         if options.are_stated or options.taxonomy:
             raise ToktError(

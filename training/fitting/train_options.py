@@ -14,7 +14,7 @@ from tokt.models.registry.registry import Registry, check_model_name
 from tokt.models.signing.passphrase import signing_key
 from tokt.training.datasets.augmentations import STRESS
 from tokt.training.datasets.dataset import DatasetVersion, open_dataset
-from tokt.training.options import PathOrText, Progress, takes
+from tokt.training.options import PathOrText, Progress, takes, texts
 
 from .choose_operating_point import DEFAULT_TARGET, FalseStatusTarget
 from .cross_validation import Split
@@ -48,7 +48,7 @@ class TrainOptions:
     folds: int = 5
     embargo: int = 5
     split: str | None = None
-    site: Sequence[str] | None = None
+    site: str | Sequence[str] | None = None
     weight: str | None = None
     max_samples: int | None = None
     class_weight: str | None = None
@@ -157,9 +157,8 @@ def train(options: TrainOptions, *, progress: Progress = no_progress) -> Trained
     chosen = extractor_for(named, settings.preset, data.grid, gray)
     name = options.name or f"{data.name}-{_file_name(named)}"
     check_model_name(name)
-    split = Split.of(
-        *(data, options.folds, options.embargo, options.split, options.weight, options.site or ())
-    )
+    how = options.folds, options.embargo, options.split, options.weight, texts(options.site)
+    split = Split.of(data, *how)
     ocean, other = (Path(image) if image else None for image in (options.ocean, options.other))
     origin = _FROM_A_FILE if named.startswith("spec:") else ""
     request = TrainRequest(
