@@ -144,6 +144,7 @@ def test_the_functions_make_what_the_commands_make(api_workspace, trained):
     assert version.operating_point.to_json() == shown["operating_point"]
     assert version.label == "tiny-lbp/1" and "F1 0." in repr(version) and steps
     theirs, ours = tokt.load_model("tiny-lbp", trained), version.bundle()
+    assert repr(ours) == "Bundle('tiny-lbp/1': 12 features of a patch, grid 10x10@360)"
     assert (ours.model.weights == theirs.model.weights).all()
     assert tokt.load_model("tiny-lbp/1", str(workspace)).sha256 == ours.sha256
 
@@ -175,6 +176,8 @@ def test_evaluate_and_compare_are_the_commands(trained, tiny, workspace):
 
 def test_a_wrong_option_is_said_in_one_line(trained, tmp_path):
     refuses("give either --mission DIR or --patches DIR", tokt.build_dataset, "x")
+    refuses("compare needs at least two models", tokt.compare, "tiny-lbp", workspace=trained)
+    refuses("--site is something like", tokt.train, "tiny", site="x", workspace=trained)
     refuses("no dataset 'none'", tokt.train, "none", workspace=tmp_path)
     where = {"max_samples": 5000, "preset": "thesis", "workspace": trained}
     refuses("no --max-samples", tokt.train, "tiny", **where)
