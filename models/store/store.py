@@ -119,7 +119,7 @@ class Store:
     @property
     def is_there(self) -> bool:
         """Whether the folder is a store, and no other folder."""
-        return self._active_file.is_file() and self._history_file.is_file()
+        return self._active_file.is_file() or self._history_file.is_file()
 
     def active_entry(self) -> Activation | None:
         """The newest activation, or None before the first.

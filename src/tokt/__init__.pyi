@@ -19,12 +19,12 @@ from tokt.models.bundle.bundle import Bundle as Bundle
 from tokt.models.registry.load import load_model as load_model
 from tokt.models.store.store import Store as Store
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission as simulate_mission
-from tokt.training.compare.compare import CompareOptions as CompareOptions
-from tokt.training.compare.compare import Comparison as Comparison
-from tokt.training.compare.compare import compare as compare
-from tokt.training.datasets.build import DatasetOptions as DatasetOptions
-from tokt.training.datasets.build import build_dataset as build_dataset
+from tokt.training.compare.compare_options import CompareOptions as CompareOptions
+from tokt.training.compare.compare_options import Comparison as Comparison
+from tokt.training.compare.compare_options import compare as compare
 from tokt.training.datasets.dataset import DatasetVersion as DatasetVersion
+from tokt.training.datasets.dataset_options import DatasetOptions as DatasetOptions
+from tokt.training.datasets.dataset_options import build_dataset as build_dataset
 from tokt.training.evaluation.evaluate_options import EvaluateOptions as EvaluateOptions
 from tokt.training.evaluation.evaluate_options import evaluate as evaluate
 from tokt.training.fitting.train_options import TrainedVersion as TrainedVersion

@@ -88,8 +88,8 @@ def compare(
     On the patches that cross-validation held out, or on missions.
     """
     given = fields_of(locals())
-    from tokt.training.compare.compare import CompareOptions
-    from tokt.training.compare.compare import compare as compared
+    from tokt.training.compare.compare_options import CompareOptions
+    from tokt.training.compare.compare_options import compare as compared
 
     found = compared(CompareOptions(**given), progress=progress, notice=say)
     answer(json, found.figures, lambda: _print_comparison(found.figures))

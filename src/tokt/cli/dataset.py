@@ -50,7 +50,7 @@ def build(
 ) -> None:
     """Build a dataset version from labelled missions, or from a folder of patches."""
     given = fields_of(locals())
-    from tokt.training.datasets.build import DatasetOptions, build_dataset
+    from tokt.training.datasets.dataset_options import DatasetOptions, build_dataset
 
     dataset = build_dataset(DatasetOptions(**given), progress=progress, notice=say)
     answer(json, {"label": dataset.label, **dataset.info}, lambda: _show(dataset))

@@ -157,7 +157,7 @@ def promote(
     is worse on any dive beyond doubt, breaks its rate of false statuses, or takes too long.
     """
     from tokt.models.registry.registry import Registry, check_alias
-    from tokt.training.compare.compare import CompareOptions, compared_models
+    from tokt.training.compare.compare_options import CompareOptions, compared_models
     from tokt.training.compare.promotion import judge_candidate
 
     if max_ms is not None and not max_ms > 0:
