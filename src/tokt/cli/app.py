@@ -22,7 +22,7 @@ _TRACEBACKS = 20
 """Files with tracebacks that are kept."""
 _EXTRAS = {
     "scipy": "train",
-    **dict.fromkeys(("mlflow", "sklearn", "skops", "pandas", "pyarrow", "joblib"), "train"),
+    **dict.fromkeys(("mlflow", "sklearn", "pandas", "pyarrow", "joblib"), "train"),
     **dict.fromkeys(("matplotlib", "jinja2", "skimage", "mahotas"), "train"),
     **dict.fromkeys(("fastapi", "starlette", "pydantic", "uvicorn"), "label"),
     "pymba": "camera",
