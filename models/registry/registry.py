@@ -219,10 +219,10 @@ class Registry:
 
     @contextmanager
     def reported(self) -> Iterator[None]:
-        """Turn what MLflow cannot do (server down, database damaged) into a ToktError."""
+        """Turn what MLflow cannot do (server down, database damaged, no driver) into a ToktError."""
         try:
             yield
-        except (MlflowException, SQLAlchemyError, sqlite3.Error) as error:
+        except (MlflowException, SQLAlchemyError, sqlite3.Error, ModuleNotFoundError) as error:
             reason = str(error).strip().partition("\n")[0]
             line = f"the model registry at {self.uri}: {reason}"
             raise ToktError(without_credentials(line)) from error
