@@ -65,8 +65,10 @@ os.environ.setdefault("MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT", "true")
 os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")
 
 import mlflow
+import sqlalchemy
 from mlflow.entities.model_registry import ModelVersion
 from mlflow.exceptions import MlflowException
+from mlflow.store.db.db_types import DATABASE_ENGINES
 from sqlalchemy.exc import SQLAlchemyError
 
 if TYPE_CHECKING:
@@ -130,6 +132,19 @@ def _use(uri: str) -> None:
             os.environ.pop(name, None)
         else:
             os.environ[name] = value
+
+
+def _dialect(uri: str) -> str:
+    return uri.partition(":")[0].partition("+")[0]
+
+
+def _reach(uri: str) -> None:
+    """Let a database that does not answer say so at once: MLflow would try for minutes."""
+    engine = sqlalchemy.create_engine(uri)
+    try:
+        sqlalchemy.inspect(engine)
+    finally:
+        engine.dispose()
 
 
 def _create_database(path: Path) -> None:
@@ -215,6 +230,8 @@ class Registry:
             _create_database(local)
         _use(self.uri)
         with self.reported():
+            if _dialect(self.uri) in DATABASE_ENGINES and self._database is None:
+                _reach(self.uri)
             self.client = mlflow.MlflowClient(self.uri, self.uri)
 
     @contextmanager
@@ -233,8 +250,7 @@ class Registry:
         Raises ToktError if the registry cannot be reached or written.
         """
         # A server has a place for artifacts; a database alone has none.
-        served = self.uri.startswith(("http:", "https:", "databricks"))
-        location = None if served else self._artifacts.as_uri()
+        location = self._artifacts.as_uri() if _dialect(self.uri) in DATABASE_ENGINES else None
         with self.reported():
             found = self.client.get_experiment_by_name(EXPERIMENT)
             if found is not None:
