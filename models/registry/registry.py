@@ -236,7 +236,7 @@ class Registry:
 
     @contextmanager
     def reported(self) -> Iterator[None]:
-        """Turn what MLflow cannot do (server down, database damaged, no driver) into a ToktError."""
+        """Turn what MLflow cannot do (server down, database damaged, no driver) into ToktError."""
         try:
             yield
         except (MlflowException, SQLAlchemyError, sqlite3.Error, ModuleNotFoundError) as error:

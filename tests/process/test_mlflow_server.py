@@ -106,9 +106,7 @@ def test_the_whole_way_through_a_server_gives_the_same(
     assert not (elsewhere / "mlartifacts").exists()
 
 
-def test_the_whole_way_on_postgresql_alone(
-    database, elsewhere, tiny_bundle, tmp_path, monkeypatch
-):
+def test_the_whole_way_on_postgresql_alone(database, elsewhere, tiny_bundle, tmp_path, monkeypatch):
     """No server has a place for artifacts: they are in the workspace, wherever it is called."""
     (tmp_path / "somewhere").mkdir()
     monkeypatch.chdir(tmp_path / "somewhere")

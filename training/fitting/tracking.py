@@ -28,12 +28,7 @@ from tokt.features.kernels.dispatch import KERNELS
 from tokt.mlflow import COLUMN, LOADER_MODULE, SIGNATURE
 from tokt.models.bundle.bundle import BundleContent, Golden, bundle_bytes
 from tokt.models.bundle.card import model_card
-from tokt.models.registry.registration import (
-    FILES_TAG,
-    NUMBER_TAG,
-    RegisteredVersion,
-    files_tag,
-)
+from tokt.models.registry.registration import FILES_TAG, NUMBER_TAG, RegisteredVersion, files_tag
 from tokt.models.registry.registry import BUNDLE_FILE, RECIPE_VERSION, Registry
 from tokt.models.signing.keys import SigningKey
 from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
@@ -299,15 +294,22 @@ def _log_figures(trained: Trained) -> None:
     )
 
 
-def log_dataset(dataset: DatasetVersion, context: str) -> None:
-    """Log a dataset version's table of patches to the active run as one of MLflow's datasets."""
+def log_dataset(
+    patches: pd.DataFrame, context: str, dataset: DatasetVersion | None, name: str = ""
+) -> None:
+    """Log a table of patches to the active run as one of MLflow's datasets.
+
+    It has name, hash and place of its dataset version, or else the name that is given.
+    """
     with warnings.catch_warnings():
         # mlflow registers two sources of the same name for local folders and says so each time;
         # that whole numbers cannot be missing is meant.
         warnings.simplefilter("ignore", UserWarning)
-        source, digest = dataset.path.resolve().as_uri(), dataset.hash[:32]
-        named = {"name": dataset.name, "digest": digest, "targets": "label"}
-        mlflow.log_input(mlflow.data.from_pandas(dataset.patches, source, **named), context)
+        of = {"name": name}
+        if dataset is not None:
+            of = {"name": dataset.name, "source": dataset.path.resolve().as_uri()}
+            of["digest"] = dataset.hash[:32]
+        mlflow.log_input(mlflow.data.from_pandas(patches, targets="label", **of), context)
 
 
 def log_and_register(
@@ -337,7 +339,7 @@ def log_and_register(
         texts = {name: str(value) for name, value in logged.items()}
         model_id = mlflow.initialize_logged_model("model", params=texts).model_id
         registry.client.log_outputs(run.info.run_id, [LoggedModelOutput(model_id, step=0)])
-        log_dataset(request.dataset, "training")
+        log_dataset(request.dataset.patches, "training", request.dataset)
         registry.client.log_batch(run.info.run_id, metrics=_logged_metrics(trained, model_id))
         _log_figures(trained)
         with tempfile.TemporaryDirectory() as folder:

@@ -114,7 +114,7 @@ def compare(
     if output is not None:
         say(f"report: {output}")
     if has_registry(workspace):
-        say(f"MLflow run: {log_comparison(result, html, Registry(workspace))}")
+        say(f"MLflow run: {log_comparison(compared, result, html, Registry(workspace))}")
     else:
         say(f"not logged: no registry in workspace {workspace}")
 

@@ -1,4 +1,4 @@
-"""A registered model as MLflow loads and serves it: the same verdicts as the runtime's, bit for bit."""
+"""A registered model as MLflow loads and serves it: the runtime's verdicts, bit for bit."""
 
 import base64
 import json
@@ -241,11 +241,19 @@ def test_a_bundle_that_fails_a_check_is_not_loaded(workspace, tmp_path):
     Registry(workspace).experiment_id()  # from now on MLflow's own tools know where it is
     (file,) = (workspace / "mlartifacts" / "models").glob(f"*/artifacts/data/{BUNDLE_FILE}")
     before = file.read_bytes()
-    for data in (before[:-100], pickle.dumps(0), before.replace(b'"version": "1"', b'"version": "2"')):
+    for data in (
+        before[:-100],
+        pickle.dumps(0),
+        before.replace(b'"version": "1"', b'"version": "2"'),
+    ):
         file.write_bytes(data)
         refuses("model.tokt", mlflow.pyfunc.load_model, "models:/tiny-lbp/1")
         refuses("model.tokt is not the one", Registry(workspace).bundle, "tiny-lbp")
-        refuses("model.tokt is not the one", Registry(workspace).check, Registry(workspace).find("tiny-lbp"))
+        refuses(
+            "model.tokt is not the one",
+            Registry(workspace).check,
+            Registry(workspace).find("tiny-lbp"),
+        )
 
 
 def test_another_models_bundle_in_its_place(workspace):

@@ -77,7 +77,10 @@ def test_the_figures_are_the_models_too(trained):
 
 
 def test_the_dataset_is_one_of_mlflows_own(trained):
-    version, dataset = Registry(trained).find("tiny-lbp"), open_dataset("tiny", trained / "datasets")
+    version, dataset = (
+        Registry(trained).find("tiny-lbp"),
+        open_dataset("tiny", trained / "datasets"),
+    )
     (used,) = mlflow.MlflowClient().get_run(version.run_id).inputs.dataset_inputs
     assert json.loads(used.dataset.profile)["num_rows"] == len(dataset.patches)
     columns = json.loads(used.dataset.schema)["mlflow_colspec"]
