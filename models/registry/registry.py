@@ -25,7 +25,7 @@ import re
 import sqlite3
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -288,7 +288,8 @@ class Registry:
             try:
                 self.client.get_registered_model(name)
             except MlflowException:
-                self.client.create_registered_model(name)
+                with suppress(MlflowException):  # another process may have made it meanwhile
+                    self.client.create_registered_model(name)
             version = self.client.create_model_version(
                 name, source=model_uri, run_id=run_id, model_id=model_id, tags=tags
             )

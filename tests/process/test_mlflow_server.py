@@ -19,6 +19,7 @@ from tests.calls import call_tokt, free_port, refused, succeeds
 from tests.conftest import TRAIN_TINY, draw_tiny_frame
 from tests.process.postgres import PASSWORD, create_database, postgres
 from tests.waiting import MAX_S, until
+from tokt.models.registry.registry import Registry
 
 pytestmark = pytest.mark.xdist_group("registry")  # `tiny_bundle` is there already
 TRAIN = ("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY)
@@ -114,6 +115,24 @@ def test_the_whole_way_on_postgresql_alone(database, elsewhere, tiny_bundle, tmp
     the_whole_way(elsewhere, tiny_bundle, tmp_path)
     assert len(list((elsewhere / "mlartifacts" / "models").glob("*/artifacts/data/*.tokt"))) == 2
     assert list((tmp_path / "somewhere").iterdir()) == []
+
+
+def test_two_trainings_at_once(database, elsewhere, monkeypatch):
+    """Of a model that is not there yet: each gets a number, and has it in its bundle."""
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", create_database(database, "both"))
+    assert succeeds("models", "list", "--workspace", elsewhere).out == ""  # makes the tables
+    command = [sys.executable, "-m", "tokt", *map(str, TRAIN), "--workspace", str(elsewhere)]
+    both = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    for process in both:
+        _, said = process.communicate(timeout=MAX_S)
+        assert process.returncode == 0, said
+    registry = Registry(elsewhere)
+    versions = registry.versions()
+    assert len(versions) == 2
+    for version in versions:
+        assert registry.bundle(version.label).label == version.label
+        loaded = mlflow.pyfunc.load_model(f"models:/{version.label}")
+        assert loaded.get_raw_model().label == version.label
 
 
 def test_an_error_shows_no_password(database, elsewhere, monkeypatch):

@@ -4,6 +4,7 @@ import base64
 import json
 import os
 import pickle
+import re
 import shutil
 import signal
 import subprocess
@@ -22,7 +23,7 @@ import pytest
 from mlflow.exceptions import MlflowException
 
 from tests.calls import call_tokt, free_port, refused, refuses, succeeds
-from tests.conftest import TRAIN_TINY, draw_tiny_frame
+from tests.conftest import ROOT, TRAIN_TINY, draw_tiny_frame
 from tests.inference.test_faults import hold_row
 from tests.waiting import until
 from tokt.features.frames.image_file import read_image
@@ -278,6 +279,21 @@ def test_another_models_bundle_in_its_place(workspace):
     )
 
 
+def test_the_page_about_it_says_what_works(workspace, tiny, monkeypatch):
+    page = (ROOT / "docs" / "how-to" / "mlflow.md").read_text("utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    code = code.replace("tower-lbp@champion", "tiny-lbp@challenger")
+    (workspace.parent / "dive").symlink_to(tiny.path)
+    monkeypatch.chdir(workspace.parent)
+    found = {}
+    exec(code, found)
+    frames = map(draw_tiny_frame, range(1, 41))
+    bundle = Registry(workspace).bundle("tiny-lbp")
+    assert_same(records(found["table"]), judged_by_the_runtime(bundle, frames))
+    for column in found["table"]:
+        assert f"`{column}`" in page or column == "model"
+
+
 # --- the number -----------------------------------------------------------------------------------
 
 
@@ -425,6 +441,12 @@ def test_the_server_answers_as_the_runtime_judges(served, frames, expected, tiny
         assert status == 400 and "tokt: " in answer["message"], answer
         assert "stack_trace" not in answer
     assert asked(place, {"inputs": texts[:1]})[0] == 200  # and goes on
+    page = (ROOT / "docs" / "how-to" / "mlflow.md").read_text("utf-8")
+    (shown,) = re.findall(r"```\nmlflow models serve.*?\n(.*?)```", page, re.DOTALL)
+    command = shown.replace("http://localhost:5001", served).replace("frame.jpg", str(file))
+    assert served in command and str(file) in command
+    said = subprocess.run(["bash", "-c", command], capture_output=True, check=True).stdout
+    assert_same(json.loads(said)["predictions"], expected[:1])
 
 
 # --- the real mission -----------------------------------------------------------------------------
