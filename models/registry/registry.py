@@ -128,9 +128,8 @@ def _use(uri: str) -> None:
     # MLflow says it in the environment too, where another workspace's registry in this process
     # would take it for what the user asked for; so would a process that is started.
     for name, value in given.items():
-        if value is None:
-            os.environ.pop(name, None)
-        else:
+        os.environ.pop(name, None)
+        if value is not None:
             os.environ[name] = value
 
 
@@ -423,16 +422,6 @@ class Registry:
         if not set(kinds) >= _TEXTS or any(kinds.get(name) not in ("i", "f") for name in numbers):
             raise ToktError(f"model {version.label}: held_out.parquet is not what training writes")
         return table
-
-    def card(self, reference: str) -> str:
-        """The model card of a registered version, as its bundle has it.
-
-        Raises ToktError if there is no such version, or it was not trained by tokt.
-        """
-        version = self.find(reference)
-        recipe = self.recipe(version)
-        with fitting(version):
-            return model_card(version.label, recipe, _provenance(version, recipe))
 
     def bundle(
         self,

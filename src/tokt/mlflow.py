@@ -48,6 +48,7 @@ _KINDS = {
     "decision_values": Array(Array(DataType.double)),
     "mask": DataType.string,
 }
+_AS_JUDGED = ("status", "x", "y", "mean", "health", "model")
 SIGNATURE = ModelSignature(
     Schema([TensorSpec(np.dtype(object), (-1,), COLUMN)]),
     Schema([ColSpec(kind, name, required=name == "status") for name, kind in _KINDS.items()]),
@@ -118,10 +119,9 @@ class TextureModel:
         if values is not None:
             patches = self.bundle.model.obstacle_patches(values).tolist()
         return {
-            **{name: getattr(verdict, name) for name in ("status", "x", "y", "mean", "health")},
-            "box": None if verdict.box is None else list(verdict.box),
+            **{name: getattr(verdict, name) for name in _AS_JUDGED},
+            "box": verdict.box and list(verdict.box),
             "reason": verdict.reason.value,
-            "model": self.bundle.label,
             "patches": patches,
             "decision_values": None if values is None else values.tolist(),
             "mask": None if judged.mask is None else _png_text(judged.mask),
@@ -154,10 +154,8 @@ def _listed(model_input: Any) -> list[Any]:
         if COLUMN not in model_input:
             raise _wrong(f"there is no column {COLUMN!r}")
         model_input = model_input[COLUMN]
-    if isinstance(model_input, np.ndarray) and model_input.dtype == np.uint8:
-        colour = model_input.ndim == 3 and model_input.shape[2] == 3
-        return [model_input] if model_input.ndim == 2 or colour else list(model_input)
-    if isinstance(model_input, str | bytes | Path):
+    shape = model_input.shape if isinstance(model_input, np.ndarray) else ()
+    if isinstance(model_input, str | bytes | Path) or (len(shape), *shape[2:]) in ((2,), (3, 3)):
         return [model_input]
     if isinstance(model_input, Iterable):
         return list(model_input)
@@ -174,16 +172,15 @@ def _picture(given: Any) -> tuple[U8 | None, Fault]:
         if isinstance(given, str) and "." not in given:
             return decode_image(_decoded(given), COLUMN), NO_FAULT
         if isinstance(given, str | Path):
-            return read_image(_permitted(given)), NO_FAULT
+            place = given if isinstance(given, Path) else _permitted(given)
+            return read_image(place), NO_FAULT
     except FrameError as error:
         return None, Fault(Reason.UNREADABLE, str(error))
     raise _wrong(f"{type(given).__name__} is no frame (an 8-bit array, a path or base64)")
 
 
-def _permitted(path: str | Path) -> Path:
-    """A path that may be read: `pathlib.Path` comes from this process, text from anywhere."""
-    if isinstance(path, Path):
-        return path
+def _permitted(path: str) -> Path:
+    """A path that came as text, from anywhere, where it may be read."""
     folder = os.environ.get(FOLDER_VARIABLE)
     if not folder:
         raise _wrong(f"paths as text are not read unless {FOLDER_VARIABLE} names their folder")

@@ -119,7 +119,7 @@ def test_the_whole_way_on_postgresql_alone(database, elsewhere, tiny_bundle, tmp
 
 def test_two_trainings_at_once(database, elsewhere, monkeypatch):
     """Of a model that is not there yet: each gets a number, and has it in its bundle."""
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", create_database(database, "both"))
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", create_database(database, "shared"))
     assert succeeds("models", "list", "--workspace", elsewhere).out == ""  # makes the tables
     command = [sys.executable, "-m", "tokt", *map(str, TRAIN), "--workspace", str(elsewhere)]
     both = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]

@@ -224,11 +224,8 @@ def _model_id(bundle: Bundle, registry: Registry) -> str | None:
     """MLflow's id of a model that is registered here, which then shows the figures too."""
     origin = bundle.provenance
     here = {(one.label, one.run_id) for one in registry.versions(bundle.name)}
-    return (
-        origin.get("mlflow_model_id")
-        if (bundle.label, origin.get("mlflow_run_id")) in here
-        else None
-    )
+    registered = (bundle.label, origin.get("mlflow_run_id")) in here
+    return origin.get("mlflow_model_id") if registered else None
 
 
 def log_comparison(

@@ -22,7 +22,6 @@ from mlflow.models import Model
 
 from tokt import __version__
 from tokt.features.common.canonical import printable_json
-from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import format_frames
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.mlflow import COLUMN, LOADER_MODULE, SIGNATURE
@@ -39,8 +38,6 @@ from .classifier import decision_values
 from .train import Trained, parameters
 
 NEWEST_ALIAS = "challenger"
-_NUMBERS = 20
-"""How often a version is registered anew as others, or deletions, took the number it has."""
 _MAX_DESCRIPTION = 5000  # what MLflow's database keeps of one
 _NOT_IN_A_NAME = re.compile(r"[^\w.\- ]")  # of a metric; missions are called as folders are
 _LIBRARIES = ("numpy", "opencv-python-headless", "scikit-learn", "mlflow")
@@ -243,7 +240,7 @@ def _register(
     """
     run_id, model_id = (content.provenance[f"mlflow_{what}_id"] for what in ("run", "model"))
     recipe, number = printable_json(files["recipe.json"]), registry.next_number(content.name)
-    for _ in range(_NUMBERS):
+    while True:
         card = model_card(f"{content.name}/{number}", recipe, content.provenance)
         bundle = bundle_bytes(replace(content, version=str(number), card=card))
         with registry.reported():
@@ -254,10 +251,10 @@ def _register(
         uri = f"models:/{model_id}"
         registered = registry.register(content.name, uri, run_id, model_id, all_tags)
         if registered.own:
+            _log_card(registered, card, registry)
             return registered
         registry.withdraw(registered)
         number = int(registered.version) + 1
-    raise ToktError(f"model {content.name}: others register versions of it all the time; try again")
 
 
 def _held_out_table(trained: Trained) -> pd.DataFrame:
@@ -353,7 +350,6 @@ def log_and_register(
     registered = _register(registry, content, files, tags)
     if key is not None:
         registry.sign(registered, key)
-    _log_card(registered, registry)
     return registry.set_alias(registered.label, NEWEST_ALIAS)
 
 
@@ -372,9 +368,8 @@ def log_adaptation(found: dict[str, Any], registered: RegisteredVersion, registr
     return page
 
 
-def _log_card(registered: RegisteredVersion, registry: Registry) -> None:
+def _log_card(registered: RegisteredVersion, card: str, registry: Registry) -> None:
     """Keep the card, which names the version, beside what it is made from, and as description."""
-    card = registry.card(registered.label)
     description = card
     if len(card) > _MAX_DESCRIPTION:
         more = "\n\n(The whole card is the run's artifact tokt/card.md.)"

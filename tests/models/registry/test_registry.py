@@ -124,7 +124,7 @@ def test_an_exported_bundle_says_where_it_comes_from(trained, tiny_bundle):
 
 
 def test_what_a_version_says_of_itself(trained, tiny_bundle):
-    """Its held-out table and its card, without its model being loaded."""
+    """Its held-out table, without its model being loaded."""
     registry = Registry(trained)
     dataset = open_dataset("tiny", trained / "datasets")
     table = registry.held_out("tiny-lbp")
@@ -133,7 +133,6 @@ def test_what_a_version_says_of_itself(trained, tiny_bundle):
     assert (table.obstacle_score == table.value_0).all()
     np.testing.assert_array_equal(table.target, dataset.targets())
     bundle = read_bundle(tiny_bundle)
-    assert registry.card("tiny-lbp/1") == bundle.content.card
     recipe = registry.recipe(registry.find("tiny-lbp"))
     assert bundle.operating_point.to_json() == recipe["operating_point"]
 
