@@ -330,9 +330,10 @@ class Registry:
         with self.reported():
             while token != "":
                 page = self.client.search_model_versions(wanted, page_token=token)
+                own = (each for each in page if self._listed(each).own)  # others may just be gone
                 # The search leaves the aliases out.
-                whole = (self.client.get_model_version(each.name, each.version) for each in page)
-                found += (version for version in map(self._listed, whole) if version.own)
+                whole = (self.client.get_model_version(each.name, each.version) for each in own)
+                found += map(self._listed, whole)
                 token = page.token or ""
         return sorted(found, key=lambda item: (item.name, -int(item.version)))
 

@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 from mlflow import MlflowClient
 from mlflow.entities import LoggedModelOutput, LoggedModelStatus, Metric
+from mlflow.exceptions import MlflowException
 from mlflow.models import Model
 
 from tokt import __version__
@@ -306,7 +307,11 @@ def log_dataset(
         if dataset is not None:
             of = {"name": dataset.name, "source": dataset.path.resolve().as_uri()}
             of["digest"] = dataset.hash[:32]
-        mlflow.log_input(mlflow.data.from_pandas(patches, targets="label", **of), context)
+        table = mlflow.data.from_pandas(patches, targets="label", **of)
+        try:
+            mlflow.log_input(table, context)
+        except MlflowException:  # another process logged the same one first, at the same moment
+            mlflow.log_input(table, context)
 
 
 def log_and_register(
