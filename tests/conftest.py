@@ -219,8 +219,8 @@ def run_tokt():
 def preload():
     """Python that imports what commands import as they go, for a program that forks them."""
     return """
-import alembic.command, git, matplotlib.backends.backend_agg, matplotlib.figure, skops.io
-import mlflow.models.display_utils, mlflow.sklearn, mlflow.tracing.export
+import alembic.command, git, matplotlib.backends.backend_agg, matplotlib.figure, mlflow.pyfunc
+import mlflow.models.display_utils, mlflow.tracing.export, tokt.mlflow
 import mlflow.store.model_registry.sqlalchemy_store, mlflow.store.tracking.sqlalchemy_store
 import mlflow.store.model_registry.sqlalchemy_workspace_store
 import mlflow.store.tracking.sqlalchemy_workspace_store

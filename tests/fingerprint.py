@@ -59,8 +59,8 @@ VARIES = (
     # Who made it, and with what: the code is what is compared, the rest stands under "machine".
     (r'"(who|tokt|code_version|libraries|numpy|opencv|cpu)": ?"[^"]*"', r'"\1"'),
     (r"- (code version|libraries): .*", r"- \1"),
-    # The recipe holds the code's version; what else is in it is compared by itself.
-    (r'(recipe\.json\\?": ?\\?")[0-9a-f]{64}', r"\1HASH"),
+    # Recipe and bundle hold the code's version; what else is in them is compared by itself.
+    (r'((?:recipe\.json|model\.tokt)\\?": ?\\?")[0-9a-f]{64}', r"\1HASH"),
 )
 
 MODELS = {

@@ -7,7 +7,7 @@ from .errors import ToktError
 
 EXTRAS = {
     "scipy": "train",
-    **dict.fromkeys(("mlflow", "sklearn", "skops", "pandas", "pyarrow", "joblib"), "train"),
+    **dict.fromkeys(("mlflow", "sklearn", "pandas", "pyarrow", "joblib"), "train"),
     **dict.fromkeys(("matplotlib", "jinja2", "skimage", "mahotas"), "train"),
     **dict.fromkeys(("fastapi", "starlette", "pydantic", "uvicorn"), "label"),
     "pymba": "camera",

@@ -78,7 +78,7 @@ _MAX_FAULT = 200  # characters
 _MAX_NAME = 100  # characters
 _MAX_GOLDEN_FRAMES = 100  # training writes two
 _MAX_GOLDEN_PIXELS = 100_000_000  # of all together: small files can say they are huge pictures
-_MAX_FILE_BYTES = len(_MEMBERS) * MAX_MEMBER_BYTES
+MAX_FILE_BYTES = len(_MEMBERS) * MAX_MEMBER_BYTES
 # What zipfile raises for bytes that are no zip; OverflowError for a member said to be at 2^63.
 _UNREADABLE_ZIP = (
     *(zipfile.BadZipFile, struct.error, EOFError, OSError),
@@ -672,7 +672,7 @@ def bundle_from_bytes(data: bytes, where: str, *, golden: bool = True) -> Bundle
 def bundle_file_bytes(path: Path | str) -> bytes:
     """The bytes of a bundle file. Raises ToktError if it is not there or far too large for one."""
     with os_errors_as(f"bundle {path}"):
-        if Path(path).stat().st_size > _MAX_FILE_BYTES:
+        if Path(path).stat().st_size > MAX_FILE_BYTES:
             raise ToktError(f"bundle {path}: far too large for a bundle")
         return Path(path).read_bytes()
 

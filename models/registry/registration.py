@@ -5,6 +5,9 @@ run or the tag of another version do not pass for this one's. They protect from 
 can write the workspace can write them too. A signature, in another tag, covers them and the
 version's number; whose signature counts is said by whoever exports, never by the workspace. How
 each promotion ended stands in a tag of its own, which nothing covers.
+
+A version's number stands in its bundle, which is made before MLflow gives the number. A tag says
+which number that was: where MLflow gave another one, the version is none (`RegisteredVersion.own`).
 """
 
 import hashlib
@@ -22,7 +25,7 @@ from tokt.models.signing.keys import PublicKey, SigningKey
 from tokt.models.store.history import stamp
 
 FILES_TAG, SIGNATURE_TAG = "tokt.files", "tokt.signature"
-PROMOTION_TAG = "tokt.promotion"
+PROMOTION_TAG, NUMBER_TAG = "tokt.promotion", "tokt.number"
 FORMAT_VERSION = PROMOTION_VERSION = 1
 SIGNED_PREFIX = b"tokt registration, signature format 1\n"
 _SHA256 = re.compile(r"[0-9a-f]{64}")
@@ -42,6 +45,11 @@ class RegisteredVersion:
     def label(self) -> str:
         """``name/version``."""
         return f"{self.name}/{self.version}"
+
+    @property
+    def own(self) -> bool:
+        """Whether its bundle has its number: not where its training was ended too early."""
+        return self.tags.get(NUMBER_TAG, self.version) == self.version
 
     @property
     def hashed(self) -> bool:

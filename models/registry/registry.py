@@ -1,12 +1,15 @@
 """The model registry (MLflow) and the way from a registered version to a bundle.
 
-What a registered version consists of, all logged by its run as artifacts below ``tokt/``:
-``recipe.json`` (extractor spec, grid, classes, thresholds, operating point, provenance, metrics),
-``weights.npz``, ``golden.npz``, ``lineage.npz``, ``distribution.npz`` (where the recipe's
-``distribution`` is not null) and ``held_out.parquet``. A version is registered after everything
-else is there, with the files' hashes (`tokt.models.registry.registration`). The run's scikit-learn
-pipeline is for MLflow's own tools; tokt never opens it, but for the arrays of one that version
-0.1.0 registered, without hashes and ``weights.npz``.
+What a registered version consists of: ``model.tokt``, the bundle, in MLflow's model, which is a
+pyfunc (`tokt.mlflow`); and, logged by its run as artifacts below ``tokt/``, ``recipe.json``
+(extractor spec, grid, classes, thresholds, operating point, provenance, metrics) and
+``held_out.parquet``. A version is registered after everything else is there, with the files' hashes
+(`tokt.models.registry.registration`).
+
+Recipes before version 4 have no bundle beside them. It is made of ``golden.npz``, ``lineage.npz``,
+``distribution.npz`` (where the recipe's ``distribution`` is not null) and ``weights.npz`` below
+``tokt/``. Version 0.1.0 wrote no hashes and no ``weights.npz``: of its scikit-learn pipeline tokt
+reads the arrays, and opens nothing else.
 
 The workspace's own registry keeps its artifacts in ``mlartifacts/`` beside it. MLflow writes their
 absolute places into its database and has no way to relative ones (its issue 3144): they are not
@@ -22,7 +25,7 @@ import re
 import sqlite3
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,10 +33,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tokt.features.common import atomic
+from tokt.features.common.address import without_credentials
 from tokt.features.common.canonical import printable_json
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.models.bundle.bundle import (
+    MAX_FILE_BYTES,
     MAX_MEMBER_BYTES,
     Bundle,
     BundleContent,
@@ -60,17 +65,21 @@ os.environ.setdefault("MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT", "true")
 os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")
 
 import mlflow
+import sqlalchemy
 from mlflow.entities.model_registry import ModelVersion
 from mlflow.exceptions import MlflowException
+from mlflow.store.db.db_types import DATABASE_ENGINES
 from sqlalchemy.exc import SQLAlchemyError
 
 if TYPE_CHECKING:
     import pandas
 
 EXPERIMENT = "tokt"
-RECIPE_VERSION = 3
+RECIPE_VERSION = 4
 """Version 1 has no operating point, and no decision values in ``held_out.parquet``; 1 and 2 have no
-distribution of features."""
+distribution of features, 1 to 3 no bundle."""
+BUNDLE_FILE = "model.tokt"
+"""The bundle's name in MLflow's model."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 _ARTIFACTS = "mlartifacts"
 _PLACES = (
@@ -113,15 +122,28 @@ def tracking_uri(workspace: Path) -> str:
 
 def _use(uri: str) -> None:
     """Make `uri` MLflow's own, for its functions that have no client to be called on."""
-    given = os.environ.get("MLFLOW_TRACKING_URI")
+    given = {name: os.environ.get(name) for name in ("MLFLOW_TRACKING_URI", "MLFLOW_REGISTRY_URI")}
     mlflow.set_tracking_uri(uri)
     mlflow.set_registry_uri(uri)
     # MLflow says it in the environment too, where another workspace's registry in this process
-    # would take it for what the user asked for.
-    if given is None:
-        os.environ.pop("MLFLOW_TRACKING_URI", None)
-    else:
-        os.environ["MLFLOW_TRACKING_URI"] = given
+    # would take it for what the user asked for; so would a process that is started.
+    for name, value in given.items():
+        os.environ.pop(name, None)
+        if value is not None:
+            os.environ[name] = value
+
+
+def _dialect(uri: str) -> str:
+    return uri.partition(":")[0].partition("+")[0]
+
+
+def _reach(uri: str) -> None:
+    """Let a database that does not answer say so at once: MLflow would try for minutes."""
+    engine = sqlalchemy.create_engine(uri)
+    try:
+        sqlalchemy.inspect(engine)
+    finally:
+        engine.dispose()
 
 
 def _create_database(path: Path) -> None:
@@ -207,28 +229,33 @@ class Registry:
             _create_database(local)
         _use(self.uri)
         with self.reported():
+            if _dialect(self.uri) in DATABASE_ENGINES and self._database is None:
+                _reach(self.uri)
             self.client = mlflow.MlflowClient(self.uri, self.uri)
 
     @contextmanager
     def reported(self) -> Iterator[None]:
-        """Turn what MLflow cannot do (server down, database damaged) into a ToktError."""
+        """Turn what MLflow cannot do (server down, database damaged, no driver) into ToktError."""
         try:
             yield
-        except (MlflowException, SQLAlchemyError, sqlite3.Error) as error:
+        except (MlflowException, SQLAlchemyError, sqlite3.Error, ModuleNotFoundError) as error:
             reason = str(error).strip().partition("\n")[0]
-            raise ToktError(f"the model registry at {self.uri}: {reason}") from error
+            line = f"the model registry at {self.uri}: {reason}"
+            raise ToktError(without_credentials(line)) from error
 
     def experiment_id(self) -> str:
         """The id of the experiment that tokt's runs go to; created when missing.
 
         Raises ToktError if the registry cannot be reached or written.
         """
-        location = self._artifacts.as_uri() if self.uri.startswith("sqlite:") else None
+        # A server has a place for artifacts; a database alone has none.
+        location = self._artifacts.as_uri() if _dialect(self.uri) in DATABASE_ENGINES else None
         with self.reported():
             found = self.client.get_experiment_by_name(EXPERIMENT)
             if found is not None:
                 if found.artifact_location is None:
-                    raise ToktError(f"the model registry at {self.uri}: it has no artifact folder")
+                    where = without_credentials(self.uri)
+                    raise ToktError(f"the model registry at {where}: it has no artifact folder")
                 if self._database is not None and found.artifact_location != location:
                     self._move_artifacts(self._database, found.artifact_location)
                 return str(found.experiment_id)
@@ -260,11 +287,25 @@ class Registry:
             try:
                 self.client.get_registered_model(name)
             except MlflowException:
-                self.client.create_registered_model(name)
+                with suppress(MlflowException):  # another process may have made it meanwhile
+                    self.client.create_registered_model(name)
             version = self.client.create_model_version(
                 name, source=model_uri, run_id=run_id, model_id=model_id, tags=tags
             )
         return self._listed(version)
+
+    def next_number(self, name: str) -> int:
+        """The number that MLflow gives next, unless the newest was deleted or others register."""
+        with self.reported():
+            newest = self.client.search_model_versions(
+                f"name = '{name}'", max_results=1, order_by=["version_number DESC"]
+            )
+        return int(newest[0].version) + 1 if newest else 1
+
+    def withdraw(self, version: RegisteredVersion) -> None:
+        """Delete a version that was registered a moment ago."""
+        with self.reported():
+            self.client.delete_model_version(version.name, version.version)
 
     def sign(self, version: RegisteredVersion, key: SigningKey) -> None:
         """Let `key` vouch for a version as it was registered."""
@@ -279,7 +320,7 @@ class Registry:
             self.client.set_model_version_tag(version.name, version.version, key, value)
 
     def versions(self, name: str | None = None) -> list[RegisteredVersion]:
-        """Every registered version, or those of one model, by name, newest first.
+        """Every version that is its `own`, or those of one model, by name, newest first.
 
         Raises ToktError if the registry cannot be read.
         """
@@ -289,8 +330,9 @@ class Registry:
         with self.reported():
             while token != "":
                 page = self.client.search_model_versions(wanted, page_token=token)
+                own = (each for each in page if self._listed(each).own)  # others may just be gone
                 # The search leaves the aliases out.
-                whole = (self.client.get_model_version(each.name, each.version) for each in page)
+                whole = (self.client.get_model_version(each.name, each.version) for each in own)
                 found += map(self._listed, whole)
                 token = page.token or ""
         return sorted(found, key=lambda item: (item.name, -int(item.version)))
@@ -324,8 +366,9 @@ class Registry:
 
     def check(self, version: RegisteredVersion) -> None:
         """Raise ToktError unless all files of a version are what it was registered with."""
-        for name in version.files:
-            self._artifact(version, name, _MAX_TABLE_BYTES)
+        with fitting(version):
+            for name in version.files:
+                self._artifact(version, name, _MAX_TABLE_BYTES)
 
     def recipe(self, version: RegisteredVersion) -> dict[str, Any]:
         """The run's ``recipe.json``: all of a model but its weights.
@@ -381,16 +424,6 @@ class Registry:
             raise ToktError(f"model {version.label}: held_out.parquet is not what training writes")
         return table
 
-    def card(self, reference: str) -> str:
-        """The model card of a registered version, as its bundle has it.
-
-        Raises ToktError if there is no such version, or it was not trained by tokt.
-        """
-        version = self.find(reference)
-        recipe = self.recipe(version)
-        with fitting(version):
-            return model_card(version.label, recipe, _provenance(version, recipe))
-
     def bundle(
         self,
         reference: str,
@@ -429,8 +462,14 @@ class Registry:
             )
         recipe = self.recipe(version)
         with fitting(version):
-            data = bundle_bytes(self._content(version, recipe))
-        return bundle_from_bytes(data, f"model {version.label}")
+            if BUNDLE_FILE in version.files:
+                data = self._artifact(version, BUNDLE_FILE, MAX_FILE_BYTES)
+            else:
+                data = bundle_bytes(self._content(version, recipe))
+        bundle = bundle_from_bytes(data, f"model {version.label}")
+        if bundle.label != version.label:
+            raise ToktError(f"model {version.label}: its bundle is of {bundle.label}")
+        return bundle
 
     def _content(self, version: RegisteredVersion, recipe: dict[str, Any]) -> BundleContent:
         where = f"model {version.label}"
@@ -461,10 +500,8 @@ class Registry:
         if version.hashed:
             arrays = weights_from_bytes(self._artifact(version, "weights.npz"), where)
             return LinearModel(**arrays, classes=classes, obstacle=obstacle)
-        model_id, file = str(recipe["provenance"]["mlflow_model_id"]), "model.skops"
-        place = f"models/{model_id}/artifacts/{file}"
-        data = self._read(version, place, f"models:/{version.label}/{file}", MAX_MEMBER_BYTES)
-        arrays = pipeline_arrays(data, f"{where}: {file}")
+        data = self._model_file(version, recipe, "model.skops", MAX_MEMBER_BYTES)
+        arrays = pipeline_arrays(data, f"{where}: model.skops")
         coef, intercept = arrays["coef_"], arrays["intercept_"]
         mean = arrays.get("mean_", np.zeros(coef.shape[-1]))
         scale = arrays.get("scale_", np.ones(coef.shape[-1]))
@@ -475,12 +512,23 @@ class Registry:
     def _artifact(
         self, version: RegisteredVersion, name: str, most: int = MAX_MEMBER_BYTES
     ) -> bytes:
-        """A file of the version's run, as it was registered."""
+        """A file of the version's run, or its bundle, as it was registered."""
         run = version.run_id
-        data = self._read(version, f"{run}/artifacts/tokt/{name}", f"runs:/{run}/tokt/{name}", most)
+        if name == BUNDLE_FILE:
+            data = self._model_file(version, self.recipe(version), f"data/{name}", most)
+        else:
+            place, uri = f"{run}/artifacts/tokt/{name}", f"runs:/{run}/tokt/{name}"
+            data = self._read(version, place, uri, most)
         if version.hashed:
             version.check(name, data)
         return data
+
+    def _model_file(
+        self, version: RegisteredVersion, recipe: dict[str, Any], file: str, most: int
+    ) -> bytes:
+        """A file of MLflow's model."""
+        place = f"models/{recipe['provenance']['mlflow_model_id']}/artifacts/{file}"
+        return self._read(version, place, f"models:/{version.label}/{file}", most)
 
     def _read(self, version: RegisteredVersion, place: str, uri: str, most: int) -> bytes:
         """A file at its place in the workspace's own registry, or at its URI in another one."""

@@ -352,7 +352,7 @@ def test_a_missing_extra_is_named(module, command, world, tokt_without):
 @pytest.mark.process
 def test_a_file_is_deployed_without_any_extra(world, tokt_without):
     """The way aboard: bundle file and store need neither MLflow nor pandas nor scikit-learn."""
-    blocked = ("mlflow", "pandas", "sklearn", "skops", "joblib", "matplotlib")
+    blocked = ("mlflow", "pandas", "sklearn", "joblib", "matplotlib")
     ran = tokt_without(blocked, world.folder, "deploy", "m.tokt", "store", "--json")
     assert ran.returncode == 0, ran.stderr
     assert json.loads(ran.stdout)["name"] == "tiny-lbp"

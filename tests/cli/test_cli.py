@@ -11,7 +11,7 @@ from tests.calls import succeeds
 from tokt.models.bundle.bundle import read_bundle
 from tokt.models.store.store import Store
 
-TRAINING_TOOLS = ("mlflow", "pandas", "sklearn", "skops", "joblib", "matplotlib", "pyarrow")
+TRAINING_TOOLS = ("mlflow", "pandas", "sklearn", "joblib", "matplotlib", "pyarrow")
 
 
 def test_version(run_tokt):

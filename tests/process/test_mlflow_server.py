@@ -1,4 +1,4 @@
-"""A real MLflow server, over http with artifacts proxied, gives what the workspace's file gives."""
+"""A real MLflow server, and PostgreSQL with it and alone, give what the workspace's file gives."""
 
 import json
 import os
@@ -6,27 +6,43 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 import urllib.error
 import urllib.request
 import zipfile
 from contextlib import suppress
 
+import mlflow
 import pytest
 
-from tests.calls import free_port, succeeds
-from tests.waiting import until
+from tests.calls import call_tokt, free_port, refused, succeeds
+from tests.conftest import TRAIN_TINY, draw_tiny_frame
+from tests.process.postgres import PASSWORD, create_database, postgres
+from tests.waiting import MAX_S, until
+from tokt.models.registry.registry import Registry
 
 pytestmark = pytest.mark.xdist_group("registry")  # `tiny_bundle` is there already
+TRAIN = ("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY)
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory):
-    """The address of an ``mlflow server`` with a sqlite backend, on a free loopback port."""
+def database():
+    """The URI of a PostgreSQL server's database."""
+    with postgres() as uri:
+        yield uri
+
+
+@pytest.fixture(scope="module", params=["sqlite", "postgresql"])
+def server(request, tmp_path_factory):
+    """The address of an ``mlflow server``, artifacts proxied, on a free loopback port."""
     folder = tmp_path_factory.mktemp("server")
+    backend = f"sqlite:///{folder / 'server.db'}"
+    if request.param == "postgresql":
+        backend = create_database(request.getfixturevalue("database"), "served")
     port = free_port()
     command = [sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1"]
     command += ["--port", str(port), "--workers", "1"]
-    command += ["--backend-store-uri", f"sqlite:///{folder / 'server.db'}"]
+    command += ["--backend-store-uri", backend]
     command += ["--artifacts-destination", str(folder / "artifacts")]
     quiet = {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false", "MLFLOW_DISABLE_TELEMETRY": "true"}
     environment = {**os.environ, **quiet}
@@ -38,7 +54,8 @@ def server(tmp_path_factory):
             _wait_for(f"http://127.0.0.1:{port}/health", process, folder / "log")
             yield f"http://127.0.0.1:{port}"
         finally:
-            os.killpg(process.pid, signal.SIGTERM)  # it and its worker, of this session only
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGTERM)  # it and its worker, of this session only
             try:
                 process.wait(10)
             except subprocess.TimeoutExpired:
@@ -74,19 +91,71 @@ def _without_ids(bundle):
     return {**content, "card.md": card, "manifest.json": json.dumps(manifest).encode()}
 
 
+@pytest.fixture
+def elsewhere(trained, tmp_path):
+    """A workspace with the dataset and no registry."""
+    for part in ("datasets", "cache"):
+        shutil.copytree(trained / part, tmp_path / ".tokt" / part)
+    return tmp_path / ".tokt"
+
+
 def test_the_whole_way_through_a_server_gives_the_same(
-    server, trained, tiny_bundle, tmp_path, monkeypatch
+    server, elsewhere, tiny_bundle, tmp_path, monkeypatch
 ):
     monkeypatch.setenv("MLFLOW_TRACKING_URI", server)
-    shutil.copytree(trained / "datasets", tmp_path / ".tokt" / "datasets")
-    shutil.copytree(trained / "cache", tmp_path / ".tokt" / "cache")
-    where = ("--workspace", tmp_path / ".tokt")
-    training = ("train", "tiny", "--extractor", "lbp", "--preset", "plain", "--folds", 3)
-    ran = succeeds(*training, "--embargo", 1, "--json", *where)
+    the_whole_way(elsewhere, tiny_bundle, tmp_path)
+    assert not (elsewhere / "mlartifacts").exists()
+
+
+def test_the_whole_way_on_postgresql_alone(database, elsewhere, tiny_bundle, tmp_path, monkeypatch):
+    """No server has a place for artifacts: they are in the workspace, wherever it is called."""
+    (tmp_path / "somewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "somewhere")
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", create_database(database, "alone"))
+    the_whole_way(elsewhere, tiny_bundle, tmp_path)
+    assert len(list((elsewhere / "mlartifacts" / "models").glob("*/artifacts/data/*.tokt"))) == 2
+    assert list((tmp_path / "somewhere").iterdir()) == []
+
+
+def test_two_trainings_at_once(database, elsewhere, monkeypatch):
+    """Of a model that is not there yet: each gets a number, and has it in its bundle."""
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", create_database(database, "shared"))
+    assert succeeds("models", "list", "--workspace", elsewhere).out == ""  # makes the tables
+    command = [sys.executable, "-m", "tokt", *map(str, TRAIN), "--workspace", str(elsewhere)]
+    both = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    for process in both:
+        _, said = process.communicate(timeout=MAX_S)
+        assert process.returncode == 0, said
+    registry = Registry(elsewhere)
+    versions = registry.versions()
+    assert len(versions) == 2
+    for version in versions:
+        assert registry.bundle(version.label).label == version.label
+        loaded = mlflow.pyfunc.load_model(f"models:/{version.label}")
+        assert loaded.get_raw_model().label == version.label
+
+
+def test_an_error_shows_no_password(database, elsewhere, monkeypatch):
+    begun = time.monotonic()
+    for uri, words in (
+        (f"{database}_of_nobody", "does not exist"),
+        (database.replace("tokt:", "nobody:"), "password authentication failed"),
+        (database.replace("psycopg2", "pg8000"), "No module named 'pg8000'"),
+    ):
+        monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
+        said = refused("the model registry at postgres", "models", "list", "--workspace", elsewhere)
+        assert PASSWORD not in said and words in said
+        assert PASSWORD not in call_tokt("doctor", "--json", "--workspace", elsewhere).out
+    assert time.monotonic() - begun < MAX_S  # MLflow by itself would try for minutes
+
+
+def the_whole_way(workspace, tiny_bundle, tmp_path):
+    """Train, alias, export, promote, and load as MLflow does."""
+    where = ("--workspace", workspace)
+    ran = succeeds(*TRAIN, "--json", *where)
     result = json.loads(ran.out)  # nothing but the result is on standard output
     assert result["model"] == {"name": "tiny-lbp", "version": "1", "aliases": ["challenger"]}
-    assert not (tmp_path / ".tokt" / "mlflow.db").exists()
-    assert not (tmp_path / ".tokt" / "mlartifacts").exists()
+    assert not (workspace / "mlflow.db").exists()
     succeeds("models", "alias", "tiny-lbp", "champion", *where)
     (listed,) = json.loads(succeeds("models", "list", "--json", *where).out)["models"]
     assert listed["aliases"] == ["challenger", "champion"]
@@ -96,3 +165,16 @@ def test_the_whole_way_through_a_server_gives_the_same(
         succeeds("export", "tiny-lbp@champion", "-o", tmp_path / name, *where)
     assert (tmp_path / "a.tokt").read_bytes() == (tmp_path / "b.tokt").read_bytes()
     assert _without_ids(tmp_path / "a.tokt") == _without_ids(tiny_bundle)
+    assert succeeds(*TRAIN, "--json", *where)
+    ran = succeeds("models", "promote", "tiny-lbp", "--max-ms", 60_000, *where)
+    assert "tiny-lbp/2 is now tiny-lbp@champion" in ran.out
+    (workspace.parent / "compare").mkdir()
+    models = ("tiny-lbp/1", "tiny-lbp/2")
+    ran = succeeds("compare", *models, "-o", workspace.parent / "compare" / "c.html", *where)
+    assert "MLflow run: " in ran.err
+    for name in ("tiny-lbp/1", "tiny-lbp@champion"):
+        succeeds("export", name, "-o", tmp_path / "c.tokt", *where)
+        loaded = mlflow.pyfunc.load_model(f"models:/{name}")
+        assert loaded.get_raw_model().data == (tmp_path / "c.tokt").read_bytes()
+    assert loaded.get_raw_model().label == "tiny-lbp/2"
+    assert loaded.predict(draw_tiny_frame(5)).status[0] == 1

@@ -39,6 +39,7 @@ class CompareOptions(MissionOptions):
 class Comparison:
     """What a comparison found."""
 
+    compared: ComparedModels  # the models, and what each said of the patches
     figures: dict[str, Any]  # the JSON object of ``tokt compare --json``
     html: str  # the report, one page that needs no other file
     workspace: Path  # whose registry `log` writes to
@@ -72,7 +73,8 @@ class Comparison:
         """Log figures and report as an MLflow run, and give its id; None without a registry."""
         if not has_registry(self.workspace):
             return None
-        return log_comparison(self.figures, self.html, Registry(self.workspace))
+        registry = Registry(self.workspace)
+        return log_comparison(self.compared, self.figures, self.html, registry)
 
 
 @takes(CompareOptions)
@@ -112,7 +114,7 @@ def compare(
     html = report_html(compared, figures)
     if output is not None:
         atomic.write_text(output, html)
-    return Comparison(figures, html, workspace)
+    return Comparison(compared, figures, html, workspace)
 
 
 def compared_models(options: CompareOptions, progress: Progress, notice: Notice) -> ComparedModels:

@@ -1,6 +1,7 @@
 """The comparison as one HTML file that needs no other, and as a run of MLflow."""
 
 import json
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -8,16 +9,20 @@ from typing import Any
 import cv2
 import mlflow
 import numpy as np
+import pandas as pd
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from mlflow.entities import Metric
 
 from tokt.features.common.arrays import U8
 from tokt.features.frames.grid import Grid
 from tokt.labels.page.state.enhance import enhanced
+from tokt.models.bundle.bundle import Bundle
 from tokt.models.registry.registry import Registry, local_uri, tracking_uri
 from tokt.training.evaluation.pictures import jpeg_uri
 from tokt.training.evaluation.plots import confusion, data_uri, precision_recall
 from tokt.training.evaluation.report import report_page
+from tokt.training.fitting.tracking import log_dataset
 
 from .errors import FALSE_ALARM, MISS
 from .predictions import ComparedModels
@@ -28,6 +33,7 @@ _MISS_COLOR, _ALARM_COLOR = "#2c6fbb", "#e07b39"
 _AROUND = 1.5  # patches on each side of a pictured one
 _WIDTH = 260  # pixels of a picture
 _OUTLINE_BGR = (40, 200, 255)
+_MAX_NAME = 500  # characters that MLflow keeps of a dataset's
 RUN_NAME = "compare"
 FOLDER = "compare"
 
@@ -55,6 +61,19 @@ def report_html(compared: ComparedModels, result: dict[str, Any]) -> str:
 
 
 def _plots(compared: ComparedModels, result: dict[str, Any]) -> dict[str, Any]:
+    """The figures as the page embeds them."""
+    tables = {model["model"]: model["patch"]["confusion"] for model in result["models"]}
+    return {
+        **{name: data_uri(figure) for name, figure in _figures(compared, result).items()},
+        "confusion": [
+            (label, data_uri(confusion(table)))
+            for label, table in tables.items()
+            if len(table["classes"]) > 2
+        ],
+    }
+
+
+def _figures(compared: ComparedModels, result: dict[str, Any]) -> dict[str, Figure]:
     """The figures that there is something to draw in."""
     curve, truth = result["learning_curve"], compared.truth
     figures: dict[str, Figure] = {}
@@ -67,15 +86,7 @@ def _plots(compared: ComparedModels, result: dict[str, Any]) -> dict[str, Any]:
         figures["precision_recall"] = precision_recall(curves)
     if "missing" not in curve:
         figures["learning"] = _learning_curve(curve)
-    tables = {model["model"]: model["patch"]["confusion"] for model in result["models"]}
-    return {
-        **{name: data_uri(figure) for name, figure in figures.items()},
-        "confusion": [
-            (label, data_uri(confusion(table)))
-            for label, table in tables.items()
-            if len(table["classes"]) > 2
-        ],
-    }
+    return figures
 
 
 def _statuses_along(compared: ComparedModels) -> Figure:
@@ -192,9 +203,9 @@ def _pictures(compared: ComparedModels, errors: Sequence[dict[str, Any]]) -> lis
     return uris
 
 
-def _metrics(result: dict[str, Any]) -> dict[str, float]:
+def _rows(result: dict[str, Any]) -> dict[str, dict[str, float]]:
     """The headline figures of each model, by the model's name."""
-    found: dict[str, float] = {}
+    found: dict[str, dict[str, float]] = {}
     for model in result["models"]:
         figures = {
             **{name: model["patch"][name] for name in ("f1", "precision", "recall", "macro_f1")},
@@ -204,14 +215,25 @@ def _metrics(result: dict[str, Any]) -> dict[str, float]:
         }
         for name in ("false_status", "detected") if model["frames"] else ():
             figures[name] = model["frames"][name]
-        for name, value in figures.items():
-            if value is not None:
-                found[f"{model['model']}/{name}"] = float(value)
+        known = {name: float(value) for name, value in figures.items() if value is not None}
+        found[model["model"]] = known
     return found
 
 
-def log_comparison(result: dict[str, Any], html: str, registry: Registry) -> str:
-    """Log figures, report and JSON; return the run's id.
+def _model_id(bundle: Bundle, registry: Registry) -> str | None:
+    """MLflow's id of a model that is registered here, which then shows the figures too."""
+    origin = bundle.provenance
+    here = {(one.label, one.run_id) for one in registry.versions(bundle.name)}
+    registered = (bundle.label, origin.get("mlflow_run_id")) in here
+    return origin.get("mlflow_model_id") if registered else None
+
+
+def log_comparison(
+    compared: ComparedModels, result: dict[str, Any], html: str, registry: Registry
+) -> str:
+    """Log figures, the patches compared on, report and JSON; return the run's id.
+
+    The figures are the compared models' too, and MLflow shows them on the models' own pages.
 
     Raises
     ------
@@ -219,6 +241,7 @@ def log_comparison(result: dict[str, Any], html: str, registry: Registry) -> str
         If the registry cannot be reached or written.
     """
     labels = [model["model"] for model in result["models"]]
+    ids = {item.label: _model_id(item.bundle, registry) for item in compared.models}
     experiment = registry.experiment_id()
     with registry.reported(), mlflow.start_run(experiment_id=experiment, run_name=RUN_NAME) as run:
         mlflow.set_tags(
@@ -230,7 +253,18 @@ def log_comparison(result: dict[str, Any], html: str, registry: Registry) -> str
                 "compared_on": result["what"],
             }
         )
-        mlflow.log_metrics(_metrics(result))
+        log_dataset(compared.patches, "evaluation", compared.dataset, compared.what[:_MAX_NAME])
+        rows, now = _rows(result), int(time.time() * 1000)
+        metrics = [
+            Metric(f"{label}/{name}", value, now, 0, ids[label])
+            for label, row in rows.items()
+            for name, value in row.items()
+        ]
+        registry.client.log_batch(run.info.run_id, metrics=metrics)
+        table = pd.DataFrame([{"model": label, **row} for label, row in rows.items()])
+        mlflow.log_table(table, f"{FOLDER}/models.json")
+        for name, figure in _figures(compared, result).items():
+            mlflow.log_figure(figure, f"{FOLDER}/{name}.png")
         mlflow.log_text(html, f"{FOLDER}/report.html")
         mlflow.log_text(json.dumps(result, allow_nan=False), f"{FOLDER}/comparison.json")
         return str(run.info.run_id)

@@ -1,37 +1,35 @@
 """Log a trained model to MLflow and register it, so that it can be traced and exported."""
 
+import base64
 import json
 import re
 import subprocess
 import tempfile
 import time
 import warnings
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import cv2
 import mlflow
-import mlflow.sklearn
 import numpy as np
 import pandas as pd
-from mlflow.data.dataset_source_registry import resolve_dataset_source
-from mlflow.data.meta_dataset import MetaDataset
-from mlflow.entities import Metric
-from mlflow.models import infer_signature
+from mlflow import MlflowClient
+from mlflow.entities import LoggedModelOutput, LoggedModelStatus, Metric
+from mlflow.exceptions import MlflowException
+from mlflow.models import Model
 
 from tokt import __version__
+from tokt.features.common.canonical import printable_json
 from tokt.features.frames.mission import format_frames
 from tokt.features.kernels.dispatch import KERNELS
-from tokt.models.bundle.bundle import (
-    Golden,
-    distribution_bytes,
-    golden_bytes,
-    lineage_bytes,
-    weights_bytes,
-)
-from tokt.models.registry.registration import FILES_TAG, RegisteredVersion, files_tag
-from tokt.models.registry.registry import RECIPE_VERSION, Registry
+from tokt.mlflow import COLUMN, LOADER_MODULE, SIGNATURE
+from tokt.models.bundle.bundle import BundleContent, Golden, bundle_bytes
+from tokt.models.bundle.card import model_card
+from tokt.models.registry.registration import FILES_TAG, NUMBER_TAG, RegisteredVersion, files_tag
+from tokt.models.registry.registry import BUNDLE_FILE, RECIPE_VERSION, Registry
 from tokt.models.signing.keys import SigningKey
 from tokt.training.datasets.dataset import FRAME_KEY, DatasetVersion
 from tokt.training.evaluation import plots
@@ -165,28 +163,99 @@ def _flat_metrics(metrics: dict[str, Any]) -> dict[str, float]:
     return {name: float(value) for name, value in figures.items() if isinstance(value, int | float)}
 
 
-def _logged_metrics(metrics: dict[str, Any]) -> list[Metric]:
-    """The headline figures, and those of each fold as its step: one commit for all of them."""
-    now = int(time.time() * 1000)
-    headlines = [Metric(name, value, now, 0) for name, value in _flat_metrics(metrics).items()]
-    return headlines + [
-        Metric(f"fold_{figure}", fold[figure], now, index)
+_FOLD_FIGURES = ("f1", "precision", "recall", "average_precision")
+
+
+def _logged_metrics(trained: Trained, model_id: str) -> list[Metric]:
+    """The headline figures, and those of each fold as its step: one commit for all of them.
+
+    They are the model's, of the dataset, and MLflow shows them with both.
+    """
+    metrics, dataset, now = trained.metrics, trained.request.dataset, int(time.time() * 1000)
+    figures = [(name, value, 0) for name, value in _flat_metrics(metrics).items()] + [
+        (f"fold_{figure}", fold[figure], index)
         for index, fold in enumerate(metrics["folds"])
-        for figure in ("f1", "precision", "recall", "average_precision")
+        for figure in _FOLD_FIGURES
         if fold[figure] is not None
     ]
+    of = {"dataset_name": dataset.name, "dataset_digest": dataset.hash[:32]}
+    return [Metric(name, value, now, step, model_id, **of) for name, value, step in figures]
 
 
-def _write_artifacts(folder: Path, trained: Trained, model_id: str) -> None:
+def _written_artifacts(folder: Path, trained: Trained, model_id: str) -> dict[str, bytes]:
+    """What the run holds beside the bundle, written into a folder."""
     recipe = json.dumps(_recipe(trained, model_id), indent=2, sort_keys=True)
     (folder / "recipe.json").write_text(recipe + "\n", "utf-8")
-    (folder / "weights.npz").write_bytes(weights_bytes(trained.model))
-    (folder / "golden.npz").write_bytes(golden_bytes(_golden(trained)))
-    (folder / "lineage.npz").write_bytes(lineage_bytes(trained.trained_on))
-    if trained.distribution is not None:
-        data = distribution_bytes(trained.distribution)
-        (folder / "distribution.npz").write_bytes(data)
     _held_out_table(trained).to_parquet(folder / "held_out.parquet", index=False)
+    return {file.name: file.read_bytes() for file in folder.iterdir()}
+
+
+def _content(trained: Trained, recipe: bytes, run_id: str) -> BundleContent:
+    """What the bundle holds, but for version and card, which wait for a number."""
+    written, request = printable_json(recipe), trained.request
+    return BundleContent(
+        name=request.name,
+        version="",
+        extractor_spec=written["extractor"],
+        grid=request.dataset.grid,
+        model=trained.model,
+        provenance={**written["provenance"], "mlflow_run_id": run_id},
+        metrics=written["metrics"],
+        golden=_golden(trained),
+        trained_on=trained.trained_on,
+        card="",
+        operating_point=trained.operating_point,
+        distribution=trained.distribution,
+    )
+
+
+def _log_model(client: MlflowClient, bundle: bytes, golden: Golden, model: Model) -> None:
+    """Log the bundle as the data of a pyfunc, in place of any that was logged before.
+
+    ``mlflow.pyfunc.log_model`` would log the run's metrics once more each time.
+    """
+    text = base64.b64encode(golden.frames[0]).decode("ascii")
+    with tempfile.TemporaryDirectory() as folder:
+        file, whole = Path(folder) / BUNDLE_FILE, Path(folder) / "model"
+        file.write_bytes(bundle)
+        mlflow.pyfunc.save_model(
+            str(whole),
+            loader_module=LOADER_MODULE,
+            data_path=str(file),
+            mlflow_model=model,
+            signature=SIGNATURE,
+            input_example=pd.DataFrame({COLUMN: [text]}),
+            pip_requirements=[f"tokt=={__version__}"],
+        )
+        client.log_model_artifacts(model.model_id, str(whole))
+    client.finalize_logged_model(model.model_id, LoggedModelStatus.READY)
+
+
+def _register(
+    registry: Registry, content: BundleContent, files: dict[str, bytes], tags: dict[str, str]
+) -> RegisteredVersion:
+    """Log the bundle under the next number and register it; again if MLflow gave another one.
+
+    The number stands in the bundle, and MLflow says it afterwards. A version whose bundle has
+    another number is never listed (`RegisteredVersion.own`), and is deleted.
+    """
+    run_id, model_id = (content.provenance[f"mlflow_{what}_id"] for what in ("run", "model"))
+    recipe, number = printable_json(files["recipe.json"]), registry.next_number(content.name)
+    while True:
+        card = model_card(f"{content.name}/{number}", recipe, content.provenance)
+        bundle = bundle_bytes(replace(content, version=str(number), card=card))
+        with registry.reported():
+            model = Model(artifact_path="model", run_id=run_id, model_id=model_id)
+            _log_model(registry.client, bundle, content.golden, model)
+        hashed = files_tag(content.name, run_id, {**files, BUNDLE_FILE: bundle})
+        all_tags = {**tags, FILES_TAG: hashed, NUMBER_TAG: str(number)}
+        uri = f"models:/{model_id}"
+        registered = registry.register(content.name, uri, run_id, model_id, all_tags)
+        if registered.own:
+            _log_card(registered, card, registry)
+            return registered
+        registry.withdraw(registered)
+        number = int(registered.version) + 1
 
 
 def _held_out_table(trained: Trained) -> pd.DataFrame:
@@ -207,6 +276,8 @@ def _log_figures(trained: Trained) -> None:
     if truth.any() and not truth.all():
         curve = plots.precision_recall({trained.request.name: (truth, score)})
         mlflow.log_figure(curve, "plots/precision_recall.png")
+    folds = pd.DataFrame(trained.metrics["folds"])[["frames", *_FOLD_FIGURES]]
+    mlflow.log_table(folds, "tables/folds.json")
     confusion = trained.metrics["patch"]["confusion"]
     mlflow.log_dict(confusion, "plots/confusion.json")
     mlflow.log_figure(plots.confusion(confusion), "plots/confusion.png")
@@ -221,12 +292,26 @@ def _log_figures(trained: Trained) -> None:
     )
 
 
-def _lineage(dataset: DatasetVersion) -> MetaDataset:
+def log_dataset(
+    patches: pd.DataFrame, context: str, dataset: DatasetVersion | None, name: str = ""
+) -> None:
+    """Log a table of patches to the active run as one of MLflow's datasets.
+
+    It has name, hash and place of its dataset version, or else the name that is given.
+    """
     with warnings.catch_warnings():
-        # mlflow registers two sources of the same name for local folders and says so each time.
+        # mlflow registers two sources of the same name for local folders and says so each time;
+        # that whole numbers cannot be missing is meant.
         warnings.simplefilter("ignore", UserWarning)
-        source = resolve_dataset_source(dataset.path.resolve().as_uri())
-    return MetaDataset(source, name=dataset.name, digest=dataset.hash[:32])
+        of = {"name": name}
+        if dataset is not None:
+            of = {"name": dataset.name, "source": dataset.path.resolve().as_uri()}
+            of["digest"] = dataset.hash[:32]
+        table = mlflow.data.from_pandas(patches, targets="label", **of)
+        try:
+            mlflow.log_input(table, context)
+        except MlflowException:  # another process logged the same one first, at the same moment
+            mlflow.log_input(table, context)
 
 
 def log_and_register(
@@ -246,39 +331,30 @@ def log_and_register(
     ToktError
         If the registry cannot be reached or written.
     """
-    request = trained.request
-    features = np.zeros((1, request.extractor.dim))
+    request, logged = trained.request, parameters(trained)
     experiment = registry.experiment_id()
     with (
         registry.reported(),
         mlflow.start_run(experiment_id=experiment, run_name=request.name) as run,
     ):
-        mlflow.log_params(parameters(trained))
-        registry.client.log_batch(run.info.run_id, metrics=_logged_metrics(trained.metrics))
-        info = mlflow.sklearn.log_model(
-            trained.pipeline,
-            name="model",
-            signature=infer_signature(features, trained.pipeline.predict(features)),
-            pip_requirements=[f"scikit-learn=={version('scikit-learn')}"],
-            serialization_format="skops",
-        )
-        mlflow.log_input(_lineage(request.dataset), context="training")
+        mlflow.log_params(logged)
+        texts = {name: str(value) for name, value in logged.items()}
+        model_id = mlflow.initialize_logged_model("model", params=texts).model_id
+        registry.client.log_outputs(run.info.run_id, [LoggedModelOutput(model_id, step=0)])
+        log_dataset(request.dataset.patches, "training", request.dataset)
+        registry.client.log_batch(run.info.run_id, metrics=_logged_metrics(trained, model_id))
         _log_figures(trained)
         with tempfile.TemporaryDirectory() as folder:
-            _write_artifacts(Path(folder), trained, info.model_id)
-            files = {file.name: file.read_bytes() for file in Path(folder).iterdir()}
+            files = _written_artifacts(Path(folder), trained, model_id)
             mlflow.log_artifacts(folder, "tokt")
     tags = {"dataset": request.dataset.label, "extractor": request.extractor_name}
     tags["preset"] = request.settings.preset
-    tags[FILES_TAG] = files_tag(request.name, run.info.run_id, files)
     if request.search:
         tags["search"] = request.search
-    registered = registry.register(
-        request.name, info.model_uri, run.info.run_id, info.model_id, tags
-    )
+    content = _content(trained, files["recipe.json"], run.info.run_id)
+    registered = _register(registry, content, files, tags)
     if key is not None:
         registry.sign(registered, key)
-    _log_card(registered, registry)
     return registry.set_alias(registered.label, NEWEST_ALIAS)
 
 
@@ -297,9 +373,8 @@ def log_adaptation(found: dict[str, Any], registered: RegisteredVersion, registr
     return page
 
 
-def _log_card(registered: RegisteredVersion, registry: Registry) -> None:
+def _log_card(registered: RegisteredVersion, card: str, registry: Registry) -> None:
     """Keep the card, which names the version, beside what it is made from, and as description."""
-    card = registry.card(registered.label)
     description = card
     if len(card) > _MAX_DESCRIPTION:
         more = "\n\n(The whole card is the run's artifact tokt/card.md.)"

@@ -6,6 +6,7 @@ import re
 import shutil
 import socket
 import time
+from pathlib import Path
 
 import mlflow
 import numpy as np
@@ -15,7 +16,7 @@ from tests.calls import refuses
 from tests.waiting import MAX_S
 from tokt.models.bundle.bundle import bundle_from_bytes, read_bundle
 from tokt.models.registry.load import load_model
-from tokt.models.registry.registry import Registry, tracking_uri
+from tokt.models.registry.registry import EXPERIMENT, Registry, tracking_uri
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 
@@ -55,28 +56,45 @@ def test_what_a_run_holds(trained):
     assert {tag.value for tag in used.tags} == {"training"}
     logged = [client.list_artifacts(version.run_id, folder) for folder in ("plots", "tokt")]
     files = {item.path for items in logged for item in items}
-    assert {"plots/precision_recall.png", "plots/confusion.png", "tokt/golden.npz"} <= files
+    assert {"plots/precision_recall.png", "plots/confusion.png", "tokt/recipe.json"} <= files
 
 
-def test_the_logged_model_has_a_signature_and_no_pickle(trained):
-    info = mlflow.models.get_model_info("models:/tiny-lbp/1")
-    assert info.signature.inputs.inputs[0].shape == (-1, 12)
-    suffixes = {path.suffix for path in (trained / "mlartifacts").rglob("*") if path.is_file()}
-    assert ".skops" in suffixes
-    assert not suffixes & {".pkl", ".pickle", ".joblib"}
+def test_the_figures_are_the_models_too(trained):
+    """MLflow shows them on the model's own page, with the dataset that they are of."""
+    version = Registry(trained).find("tiny-lbp")
+    client = mlflow.MlflowClient()
+    recipe = Registry(trained).recipe(version)
+    model = client.get_logged_model(recipe["provenance"]["mlflow_model_id"])
+    assert (model.status, model.source_run_id) == ("READY", version.run_id)
+    digest = open_dataset("tiny", trained / "datasets").hash[:32]
+    run = client.get_run(version.run_id)
+    found = {metric.key: metric for metric in model.metrics}
+    assert found["cv_f1"].value == run.data.metrics["cv_f1"]
+    assert {metric.dataset_digest for metric in model.metrics} == {digest}
+    assert len([metric for metric in model.metrics if metric.key == "fold_f1"]) == 3
+    assert model.params["dataset_hash"] == run.data.params["dataset_hash"]
+    assert [output.model_id for output in run.outputs.model_outputs] == [model.model_id]
 
 
-def test_the_pipeline_and_the_bundle_agree_on_every_frame(trained, tmp_path, no_progress):
-    bundle = Registry(trained).bundle("tiny-lbp")
-    pipeline = mlflow.sklearn.load_model("models:/tiny-lbp/1")
-    dataset = open_dataset("tiny", trained / "datasets")
-    worst = 0.0
-    for index in range(len(dataset.frames)):
-        image = dataset.read_frame(index)
-        theirs = pipeline.decision_function(bundle.extractor.describe(image, bundle.grid))
-        ours = bundle.decision_values(image)
-        worst = max(worst, float(np.abs(ours[:, 0] - theirs).max()))
-    assert worst <= 1e-9
+def test_the_dataset_is_one_of_mlflows_own(trained):
+    version, dataset = (
+        Registry(trained).find("tiny-lbp"),
+        open_dataset("tiny", trained / "datasets"),
+    )
+    (used,) = mlflow.MlflowClient().get_run(version.run_id).inputs.dataset_inputs
+    assert json.loads(used.dataset.profile)["num_rows"] == len(dataset.patches)
+    columns = json.loads(used.dataset.schema)["mlflow_colspec"]
+    assert [column["name"] for column in columns] == list(dataset.patches.columns)
+    source = mlflow.data.get_source(used.dataset)
+    assert Path(source.load()).resolve() == dataset.path.resolve()
+
+
+def test_the_folds_are_a_table(trained):
+    version = Registry(trained).find("tiny-lbp")
+    mlflow.set_experiment(EXPERIMENT)
+    table = mlflow.load_table("tables/folds.json", run_ids=[version.run_id])
+    folds = Registry(trained).recipe(version)["metrics"]["folds"]
+    assert table.f1.tolist() == pytest.approx([fold["f1"] for fold in folds], abs=1e-9)
 
 
 def test_weights_are_those_of_the_features_of_the_dataset(trained, tmp_path, no_progress):
@@ -106,7 +124,7 @@ def test_an_exported_bundle_says_where_it_comes_from(trained, tiny_bundle):
 
 
 def test_what_a_version_says_of_itself(trained, tiny_bundle):
-    """Its held-out table and its card, without its model being loaded."""
+    """Its held-out table, without its model being loaded."""
     registry = Registry(trained)
     dataset = open_dataset("tiny", trained / "datasets")
     table = registry.held_out("tiny-lbp")
@@ -115,7 +133,6 @@ def test_what_a_version_says_of_itself(trained, tiny_bundle):
     assert (table.obstacle_score == table.value_0).all()
     np.testing.assert_array_equal(table.target, dataset.targets())
     bundle = read_bundle(tiny_bundle)
-    assert registry.card("tiny-lbp/1") == bundle.content.card
     recipe = registry.recipe(registry.find("tiny-lbp"))
     assert bundle.operating_point.to_json() == recipe["operating_point"]
 
@@ -226,7 +243,7 @@ def test_workspaces_in_one_process_keep_apart(trained, tmp_path):
     """MLflow keeps the last tracking URI in the environment; the next one must not get it."""
     assert [item.label for item in Registry(trained).versions()] == ["tiny-lbp/1"]
     assert Registry(tmp_path, create=True).versions() == []
-    assert "MLFLOW_TRACKING_URI" not in os.environ
+    assert not {"MLFLOW_TRACKING_URI", "MLFLOW_REGISTRY_URI"} & set(os.environ)
 
 
 def test_a_server_that_is_down_is_said_in_seconds(trained, workspace, run_tokt, monkeypatch):

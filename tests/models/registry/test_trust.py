@@ -19,10 +19,22 @@ from tests.calls import call_tokt, refused, refuses, succeeds
 from tests.conftest import TRAIN_TINY
 from tests.inference.test_faults import hold_row
 from tests.models.parts import pack, unpack
-from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes, read_bundle
+from tokt.models.bundle.bundle import (
+    bundle_bytes,
+    bundle_from_bytes,
+    read_bundle,
+    weights_from_bytes,
+)
 from tokt.models.operating_point import MofNRule, OperatingPoint
-from tokt.models.registry.registration import FILES_TAG, SIGNATURE_TAG, RegisteredVersion, files_tag
-from tokt.models.registry.registry import Registry
+from tokt.models.registry import skops_arrays
+from tokt.models.registry.registration import (
+    FILES_TAG,
+    NUMBER_TAG,
+    SIGNATURE_TAG,
+    RegisteredVersion,
+    files_tag,
+)
+from tokt.models.registry.registry import BUNDLE_FILE, Registry
 from tokt.models.registry.skops_arrays import pipeline_arrays
 
 pytestmark = pytest.mark.xdist_group("registry")  # what they share is made once
@@ -43,10 +55,20 @@ def run_folder(workspace, model="tiny-lbp"):
     return workspace / "mlartifacts" / run / "artifacts" / "tokt"
 
 
+def model_folder(workspace, model="tiny-lbp"):
+    """Where MLflow keeps a model."""
+    recipe = json.loads((run_folder(workspace, model) / "recipe.json").read_text("utf-8"))
+    model_id = recipe["provenance"]["mlflow_model_id"]
+    return workspace / "mlartifacts" / "models" / model_id / "artifacts"
+
+
+def bundle_file(workspace, model="tiny-lbp"):
+    return model_folder(workspace, model) / "data" / BUNDLE_FILE
+
+
 def skops_file(workspace):
     """What version 0.1.0 kept of the weights of `tiny-lbp`."""
-    (file,) = (workspace / "mlartifacts" / "models").glob("*/artifacts/model.skops")
-    return file
+    return model_folder(workspace) / "model.skops"
 
 
 def edit_recipe(workspace, **edit):
@@ -57,9 +79,9 @@ def edit_recipe(workspace, **edit):
 def make_fit(workspace, model="tiny-lbp"):
     """Hash the files anew, as somebody does who knows of the tag."""
     found, folder = Registry(workspace).find(model), run_folder(workspace, model)
-    files = {
-        name: (folder / name).read_bytes() for name in json.loads(found.tags[FILES_TAG])["files"]
-    }
+    names = json.loads(found.tags[FILES_TAG])["files"]
+    places = {**{name: folder / name for name in names}, BUNDLE_FILE: bundle_file(workspace, model)}
+    files = {name: places[name].read_bytes() for name in names}
     tag = files_tag(found.name, found.run_id, files)
     change(
         workspace,
@@ -70,11 +92,31 @@ def make_fit(workspace, model="tiny-lbp"):
     )
 
 
+def take_apart(workspace):
+    """Leave `tiny-lbp` as it was logged before there were bundles: the members of the run."""
+    members = unpack(bundle_file(workspace).read_bytes())
+    for name in ("weights.npz", "golden.npz", "lineage.npz", "distribution.npz"):
+        (run_folder(workspace) / name).write_bytes(members[name])
+    bundle_file(workspace).unlink()
+    edit_recipe(workspace, recipe_version=3)
+    change(workspace, ("DELETE FROM model_version_tags WHERE key = ?", NUMBER_TAG))
+
+
 @pytest.fixture
 def old(workspace):
     """A workspace as version 0.1.0 wrote it: no hashes, and weights in a skops file alone."""
+    take_apart(workspace)
     folder = run_folder(workspace)
+    weights = weights_from_bytes((folder / "weights.npz").read_bytes(), "tiny-lbp")
     (folder / "weights.npz").unlink()
+    mean, coef = np.zeros(weights["weights"].shape[1]), weights["weights"]
+    arrays = {"coef_": coef, "intercept_": weights["bias"], "mean_": mean, "scale_": mean + 1}
+    members = unpack((HERE / "model_of_0_1_0.skops").read_bytes())
+    for name, file in skops_arrays._places(json.loads(members["schema.json"])).items():
+        np.save(folder / "x.npy", arrays[name])
+        members[file] = (folder / "x.npy").read_bytes()
+    (folder / "x.npy").unlink()
+    skops_file(workspace).write_bytes(pack(members))
     file = folder / "recipe.json"
     recipe = json.loads(file.read_text("utf-8"))
     del recipe["hashed"]
@@ -149,13 +191,12 @@ def every_command(workspace, tiny, folder):
 @pytest.mark.parametrize("which", ["workspace", "old"])
 def test_a_pickle_is_never_opened(which, request, tiny, tmp_path, tiny_bundle):
     place, marker = request.getfixturevalue(which), tmp_path / "ran"
-    file = skops_file(place)
-    (file.parent / "model.pkl").write_bytes(pickle.dumps(Payload(marker)))
-    model = file.parent / "MLmodel"
-    text = model.read_text("utf-8").replace(
-        "serialization_format: skops", "serialization_format: pickle"
-    )
-    model.write_text(text.replace("model.skops", "model.pkl"), "utf-8")
+    file = skops_file(place) if which == "old" else bundle_file(place)
+    (model_folder(place) / "model.pkl").write_bytes(pickle.dumps(Payload(marker)))
+    model = model_folder(place) / "MLmodel"
+    text = model.read_text("utf-8").replace("data: data/model.tokt", "data: model.pkl")
+    assert "model.pkl" in text
+    model.write_text(text.replace("tokt.mlflow", "mlflow.sklearn"), "utf-8")
     ended = every_command(place, tiny, tmp_path)
     assert [ended[name].code for name in ("export", "models", "evaluate", "deploy")] == [0] * 4
     assert not marker.exists()
@@ -178,6 +219,20 @@ def test_mlflow_may_forbid_pickles(workspace, tiny_bundle, monkeypatch):
 # --- what version 0.1.0 registered ----------------------------------------------------------------
 
 
+def test_a_version_of_before_there_were_bundles_gives_the_same_bundle(workspace, tiny_bundle):
+    found, folder = Registry(workspace).find("tiny-lbp"), run_folder(workspace)
+    take_apart(workspace)
+    names = ("recipe.json", "weights.npz", "golden.npz", "lineage.npz", "distribution.npz")
+    files = {name: (folder / name).read_bytes() for name in (*names, "held_out.parquet")}
+    update = "UPDATE model_version_tags SET value = ? WHERE key = ?"
+    change(workspace, (update, files_tag("tiny-lbp", found.run_id, files), FILES_TAG))
+    assert export(workspace) == (tiny_bundle.read_bytes(), "")
+    for name in names:
+        (folder / name).write_bytes(files[name] + b" ")
+        export_refused(f"{name} is not the one that was registered", workspace)
+        (folder / name).write_bytes(files[name])
+
+
 def test_a_model_of_version_0_1_0_gives_the_same_bundle(old, tiny_bundle):
     data, said = export(old)
     assert data == tiny_bundle.read_bytes()
@@ -194,7 +249,7 @@ def test_a_recipe_of_version_1_is_read_and_one_of_tomorrow_is_not(old, tiny_bund
     bundle = registry.bundle("tiny-lbp")
     assert bundle.operating_point == OperatingPoint() and bundle.distribution is None
     np.testing.assert_array_equal(bundle.model.weights, read_bundle(tiny_bundle).model.weights)
-    for version in (0, 4, "2", None):
+    for version in (0, 5, "2", None):
         edit_recipe(old, recipe_version=version)
         refuses("another generation of tokt", registry.bundle, "tiny-lbp")
 
@@ -271,11 +326,11 @@ def test_a_recipe_with_other_values_is_one_line(old):
 
 def test_an_edited_file_is_not_what_was_registered(workspace):
     folder = run_folder(workspace)
-    for name in ("weights.npz", "golden.npz", "lineage.npz", "distribution.npz", "recipe.json"):
-        before = (folder / name).read_bytes()
-        (folder / name).write_bytes(before + b" ")
-        export_refused(f"{name} is not the one that was registered", workspace)
-        (folder / name).write_bytes(before)
+    for file in (bundle_file(workspace), folder / "recipe.json"):
+        before = file.read_bytes()
+        file.write_bytes(before + b" ")
+        export_refused(f"{file.name} is not the one that was registered", workspace)
+        file.write_bytes(before)
     table = folder / "held_out.parquet"
     table.write_bytes(table.read_bytes() + b" ")
     refuses("held_out.parquet is not the one", Registry(workspace).held_out, "tiny-lbp")
@@ -365,11 +420,15 @@ def test_a_signature_of_another_version_does_not_fit(pair, key_files):
     registry = Registry(pair)
     found = registry.find("tiny-haralick")
     model_id = registry.recipe(found)["provenance"]["mlflow_model_id"]
-    what = ("tiny-haralick", f"models:/{model_id}", found.run_id, model_id, found.tags)
-    again = registry.register(*what)
+    what = ("tiny-haralick", f"models:/{model_id}", found.run_id, model_id)
+    again = registry.register(*what, found.tags)
     assert again.version == "2" and again.tags == found.tags
+    export_refused("has no version 2", pair, "tiny-haralick/2")  # its number is another one
+    without = {key: value for key, value in found.tags.items() if key != NUMBER_TAG}
+    assert registry.register(*what, without).version == "3"
+    export_refused("its bundle is of tiny-haralick/1", pair, "tiny-haralick/3")
     boat = key_files["boat"]
-    export_refused("its signature does not fit", pair, "tiny-haralick/2", "--sign", boat)
+    export_refused("its signature does not fit", pair, "tiny-haralick/3", "--sign", boat)
     export(pair, "tiny-haralick/1", "--sign", boat)
 
 
@@ -441,7 +500,8 @@ def test_names_in_the_database_move_no_cursor(workspace):
         change(
             workspace, ("PRAGMA foreign_keys = OFF",), (f"UPDATE {table} SET name = ?", "\x1b[2J")
         )
-    change(workspace, ("UPDATE model_version_tags SET value = ?", "\x9b1A\u202e"))
+    update = "UPDATE model_version_tags SET value = ? WHERE key != ?"
+    change(workspace, (update, "\x9b1A\u202e", NUMBER_TAG))
     listed = succeeds("models", "list", "--workspace", workspace).out
     assert listed.startswith(r"\x1b[2J/1") and listed.replace("\n", "").isprintable()
     assert r"\x9b1A\u202e on" in listed
@@ -462,14 +522,14 @@ SILENT = OperatingPoint(MofNRule(margin=1e6))
 
 
 def test_a_model_that_never_warns_is_not_exported(workspace):
-    edit_recipe(workspace, operating_point=SILENT.to_json())
-    export_refused("recipe.json is not the one that was registered", workspace)
-    make_fit(workspace)
+    content = Registry(workspace).bundle("tiny-lbp").content
     said = "model tiny-lbp/1 is not shipped: it warns of no golden frame with obstacle patches"
-    export_refused(said, workspace)
-    edit_recipe(workspace, operating_point=OperatingPoint(MofNRule(0.0, 100)).to_json())
-    make_fit(workspace)
-    export_refused(said, workspace)
+    for point in (SILENT, OperatingPoint(MofNRule(0.0, 100))):
+        file = bundle_file(workspace)
+        file.write_bytes(bundle_bytes(replace(content, operating_point=point)))
+        export_refused("model.tokt is not the one that was registered", workspace)
+        make_fit(workspace)
+        export_refused(said, workspace)
 
 
 def test_a_bundle_that_never_warns_guards_no_vehicle(tiny_bundle, tiny, tmp_path):

@@ -17,7 +17,7 @@ from tokt.models.store.store import Store
 
 SLIM = (
     "import sys; sys.modules.update(dict.fromkeys("
-    "('mlflow', 'pandas', 'sklearn', 'skops', 'joblib', 'cryptography')));"
+    "('mlflow', 'pandas', 'sklearn', 'joblib', 'cryptography')));"
     "from tokt.cli import main; main()"
 )
 

@@ -17,6 +17,7 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 
 from tests.calls import refuses
 from tests.conftest import tiny_labels, write_labels
+from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.models.operating_point import MofNRule
 from tokt.models.registry.registry import Registry
 from tokt.training.compare.bootstrap import drawn_blocks
@@ -27,6 +28,7 @@ from tokt.training.compare.learning import _helped, _Setting, learning_curve, se
 from tokt.training.compare.pairs import compare_pairs
 from tokt.training.compare.predictions import ComparedModels
 from tokt.training.compare.report import report_html
+from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.splits import Fold
 from tokt.training.evaluation.metrics import obstacle_metrics
 from tokt.training.fitting.cross_validation import Split
@@ -147,6 +149,43 @@ def test_a_comparison_is_a_run_of_mlflow(compared):
     page = mlflow.artifacts.load_text(f"runs:/{run_id}/compare/report.html")
     assert page == compared.page.read_text("utf-8")
     assert mlflow.artifacts.load_dict(f"runs:/{run_id}/compare/comparison.json") == compared.json
+    logged = {item.path for item in registry.client.list_artifacts(run_id, "compare")}
+    assert {f"compare/{name}.png" for name in ("statuses", "errors", "learning")} <= logged
+    table = mlflow.artifacts.load_dict(f"runs:/{run_id}/compare/models.json")
+    assert [row[0] for row in table["data"]] == [LBP, THESIS] and "f1" in table["columns"]
+
+
+def test_a_comparison_is_told_with_the_models_and_the_dataset(compared):
+    """On the models' own pages, and as what was evaluated on."""
+    registry = Registry(compared.workspace)
+    run_id = compared.err.rpartition("MLflow run: ")[2].split()[0]
+    for label in (LBP, THESIS):
+        recipe = registry.recipe(registry.find(label))
+        model = registry.client.get_logged_model(recipe["provenance"]["mlflow_model_id"])
+        (found,) = [each for each in model.metrics if each.key == f"{label}/f1"]
+        assert (found.run_id, found.value) == (run_id, compared.model(label)["patch"]["f1"])
+    (used,) = registry.client.get_run(run_id).inputs.dataset_inputs
+    dataset = open_dataset("tiny", compared.workspace / "datasets")
+    assert (used.dataset.name, used.dataset.digest) == ("tiny", dataset.hash[:32])
+    assert {tag.value for tag in used.tags} == {"evaluation"}
+
+
+def test_a_comparison_on_a_mission_logs_its_patches(compared, done, later_dive, tmp_path):
+    """A file that another workspace exported is no model of this one's registry."""
+    file = tmp_path / "a.tokt"
+    where = ("--workspace", compared.workspace)
+    done("export", THESIS, "-o", file, *where)
+    content = read_bundle(file).content
+    stranger = {**content.provenance, "mlflow_run_id": "0" * 32, "mlflow_model_id": "m-none"}
+    file.write_bytes(bundle_bytes(replace(content, provenance=stranger, name="other")))
+    labelled = ("--mission", later_dive, "--labels", later_dive / "labels.csv")
+    err = done("compare", LBP, file, *labelled, *where).err
+    registry = Registry(compared.workspace)
+    run = registry.client.get_run(err.rpartition("MLflow run: ")[2].split()[0])
+    (used,) = run.inputs.dataset_inputs
+    assert used.dataset.name == run.data.tags["compared_on"]
+    assert json.loads(used.dataset.profile)["num_rows"] > 0
+    assert {f"{LBP}/f1", "other/1/f1"} <= set(run.data.metrics)
 
 
 @pytest.mark.parametrize(
