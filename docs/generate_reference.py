@@ -5,6 +5,7 @@
 
 import dataclasses
 import importlib
+import inspect
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -88,7 +89,7 @@ def table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 def as_cell(text: str) -> str:
     """Plain words as Markdown for a cell: what looks like an option is code."""
-    parts = re.split(r"(`[^`]+`)", " ".join(text.split()))
+    parts = re.split(r"(`[^`]+`)", " ".join(text.replace("``", "`").split()))
     for at in range(0, len(parts), 2):
         safe = re.sub(r"([*_<>|\[\]])", lambda sign: f"&#{ord(sign[0])};", parts[at])
         parts[at] = re.sub(r"(?<![\w-])(--?[a-z][\w-]*)", r"`\1`", safe)
@@ -164,7 +165,7 @@ def config() -> str:
                 f"`{each.key}`",
                 _kind(each),
                 _default(each),
-                each.only.partition(" (")[0],
+                as_cell(each.only.partition(" (")[0]),
                 as_cell(each.text),
             ]
             for each in options
@@ -175,8 +176,9 @@ def config() -> str:
 
 
 def _kind(each: Option) -> str:
-    kind = _KINDS.get(each.kind, "path" if each.kind not in (str, bool) else "text")
-    return f"list of {kind}" if each.many else kind
+    kind = _KINDS.get(each.kind, "path" if each.kind is not str else "text")
+    kind = f"list of {kind}" if each.many else kind
+    return f"{kind} `{each.metavar}`" if each.metavar else kind
 
 
 def _default(each: Option) -> str:
@@ -303,7 +305,7 @@ def python() -> str:
             lines += [f"### {[*STEPS.values()][step]}", ""] if module is tokt else []
             for *_, name in group:
                 lines += [f"::: {module.__name__}.{name}", "    options:", "      heading_level: 4"]
-                lines += ["", *_option_fields(name), ""]
+                lines += ["", *_fields(getattr(module, name)), ""]
     return "\n".join(lines)
 
 
@@ -315,21 +317,32 @@ def _place(module: Any, name: str) -> tuple[int, bool, str]:
     return [*STEPS].index(step) if module is tokt else 0, kind, name
 
 
-def _option_fields(name: str) -> list[str]:
-    """What the fields of a command's options mean, as its help says it."""
-    words = OPTIONS_OF.get(name, "").split()
-    if not words:
+def _fields(found: Any) -> list[str]:
+    """What the fields of a dataclass mean: as a command's help, or the comments beside them say."""
+    if not (isinstance(found, type) and dataclasses.is_dataclass(found)):
         return []
-    command = typer.main.get_command(app)
-    for word in words:
-        command = command.commands[word]
-    fields = {each.name for each in dataclasses.fields(getattr(tokt, name))}
-    rows = [
-        [f"`{param.name}`", as_cell(param.help or "")]
-        for param in command.params
-        if param.name in fields
-    ]
-    return [table(["Field", "As of the command line"], rows)]
+    names = [each.name for each in dataclasses.fields(found)]
+    if found.__name__ in OPTIONS_OF:
+        command = typer.main.get_command(app)
+        for word in OPTIONS_OF[found.__name__].split():
+            command = command.commands[word]
+        words = {param.name: param.help or "" for param in command.params}
+    else:
+        kinds = [one for one in found.__mro__[::-1] if dataclasses.is_dataclass(one)]
+        words = {name: text for kind in kinds for name, text in _comments(kind)}
+    rows = [[f"`{name}`", as_cell(words[name])] for name in names if words.get(name)]
+    return [table(["Field", "Meaning"], rows)] if rows else []
+
+
+def _comments(kind: type) -> Iterator[tuple[str, str]]:
+    """The comments of a class's fields: behind each, or above it and those that follow it."""
+    above, ended = "", True
+    for line in inspect.getsource(kind).splitlines():
+        if field := re.match(r"    (\w+): [^#]*(?:# (.*))?$", line):
+            above, ended = "" if field[2] else above, True
+            yield field[1], field[2] or above
+        elif line.startswith("    # "):
+            above, ended = line[6:] if ended else f"{above} {line[6:]}", False
 
 
 PAGES: dict[str, Callable[[], str]] = {

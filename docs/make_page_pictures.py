@@ -113,4 +113,5 @@ def show(page: Page, address: str, name: str) -> None:
     page.screenshot(path=PICTURES / name, type="jpeg", quality=82)
 
 
-main(Path(sys.argv[1]))
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

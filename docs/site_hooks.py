@@ -7,9 +7,9 @@ what they print and draw.
 import logging
 import os
 import re
-import shutil
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -32,11 +32,12 @@ def on_config(config: MkDocsConfig) -> None:
     """Show mkdocstrings the sources by the names they are imported by (mkdocs.yml, `paths`)."""
     root = Path(config.config_file_path).parent
     tree = root / "build/tree/tokt"
-    shutil.rmtree(tree, ignore_errors=True)
-    tree.mkdir(parents=True)
+    tree.mkdir(parents=True, exist_ok=True)
     parts = ("features", "labels", "models", "inference", "training")
     for source in [*(root / "src/tokt").iterdir(), *(root / part for part in parts)]:
-        (tree / source.name).symlink_to(source)
+        # Another build may make them at the same time.
+        with suppress(FileExistsError):
+            (tree / source.name).symlink_to(source)
 
 
 def on_page_markdown(markdown: str, page: Page, **_: Any) -> None:

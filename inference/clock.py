@@ -29,7 +29,7 @@ class Clock(Protocol):
 
 
 class SystemClock:
-    """The computer's. Where it does not tell time that it was suspended, it says 0 of that.
+    """The computer's clock. Where it does not tell time that it was suspended, it says 0 of that.
 
     Linux's CLOCK_MONOTONIC, which Python's `time.monotonic` is, stands still meanwhile: a frame
     would be no older after the night.

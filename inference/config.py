@@ -61,7 +61,7 @@ class Option:
     """One option of `tokt run`."""
 
     text: str  # for ``--help``
-    metavar: str = ""  # what stands for its value there, such as ``<s>``; by default its type
+    metavar: str = ""  # what stands for its value there: a name such as SECONDS, or a|b|c
     needs: tuple[str, ...] = ()  # other options, of which it needs one to do anything
     only: str = ""  # the runs in which it does anything: `CAMERAS`, `FILES`, ...
     not_with: str = ""  # an option that says the same thing otherwise
@@ -103,14 +103,14 @@ class SourceConfig:
     source: str = option(
         "",
         "Required. A folder of frames, a video file, network video (rtsp://HOST/PATH, "
-        "rtp://:5600, udp://:PORT, http://HOST/PATH), a USB camera (v4l2:/dev/video0), live "
-        "cameras (pymba:ID, vimbax:ID or genicam:ID; two: LEFT,RIGHT), or another program's "
-        "frames (stream:HOST:PORT).",
+        "rtp://:PORT, udp://:PORT, http://HOST/PATH) or a USB camera (v4l2:/dev/video0). "
+        "Live cameras are pymba:ID, vimbax:ID or genicam:ID; two are LEFT,RIGHT. Another "
+        "program's frames are stream:HOST:PORT.",
         logged="source",
     )
-    frames: str | None = option(None, "Only these frames, such as 61-80,141-160.", only=FILES)
+    frames: str | None = option(None, "Use these frames, such as 61-80,141-160.", only=FILES)
     rate: float | None = option(
-        None, "Replay at this rate; late frames are dropped.", "<frames/s>", only=FILES
+        None, "Replay at this rate; late frames are dropped.", "FPS", only=FILES
     )
     pixel_format: str | None = option(
         None,
@@ -119,26 +119,24 @@ class SourceConfig:
         only=PICTURES,
         logged="pixel_format",
     )
-    exposure_us: float | None = option(None, "Live cameras: exposure time.", "<us>", only=CAMERAS)
-    gain_db: float | None = option(None, "Live cameras: gain.", "<dB>", only=CAMERAS)
+    exposure_us: float | None = option(None, "Live cameras: exposure time.", "US", only=CAMERAS)
+    gain_db: float | None = option(None, "Live cameras: gain.", "DB", only=CAMERAS)
     packet_size: int | None = option(
-        None, "Live cameras: packet size. Default: the largest that fits.", "<bytes>", only=CAMERAS
+        None, "Live cameras: packet size. Default: the largest that fits.", "BYTES", only=CAMERAS
     )
     bandwidth: float | None = option(
-        None, "Live cameras: bandwidth that all of them share.", "<bytes/s>", only=CAMERAS
+        None, "Live cameras: bandwidth that they share.", "BYTES/S", only=CAMERAS
     )
-    camera_rate: float | None = option(
-        None, "Live cameras: frame rate.", "<frames/s>", only=CAMERAS
-    )
+    camera_rate: float | None = option(None, "Live cameras: frame rate.", "FPS", only=CAMERAS)
     trigger: str | None = option(None, "Live cameras: trigger, such as Line1.", only=CAMERAS)
     ptp: bool = option(False, "Live cameras: synchronise their clocks by PTP.", only=CAMERAS)
     wait: bool = option(False, "Wait until the cameras or streams are there.", only=LIVE)
     split: str | None = option(
-        None, "Each picture holds both cameras' views: left-right.", only=VIDEO
+        None, "Each picture holds both cameras' views: left-right.", "LAYOUT", only=VIDEO
     )
     nmea: str | None = option(
         None,
-        "Where the vehicle is, by NMEA: udpin:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[:BAUD].",
+        "Read the vehicle's place by NMEA: udpin:HOST:PORT, tcp:HOST:PORT or serial:DEVICE[:BAUD].",
         "LINK",
     )
     nmea_dpt: bool = option(
@@ -157,32 +155,35 @@ class ModelConfig:
     threads: int = option(1, "Threads that share a frame's patches.", only=MODELS, logged="threads")
     fixed_boundary: bool = option(
         False,
-        "Leave the boundary between water and obstacles where it is, frame after frame; rates of "
-        "false statuses were measured with one that moves.",
+        "Keep the boundary between water and obstacles fixed from frame to frame. Rates of false "
+        "statuses were measured with one that moves.",
         only=MODELS,
         logged="fixed_boundary",
     )
     shadow: Path | None = option(
         None,
-        "Another model that judges the same frames and is never sent; needs --shadow-log.",
+        "Another model that judges the same frames and sends nothing; needs --shadow-log.",
         "FILE|STORE",
         needs=("shadow_log",),
     )
-    shadow_log: Path | None = option(
-        None, "Log of that other model, for tokt shadow.", "FILE", needs=("shadow",)
-    )
+    shadow_log: Path | None = option(None, "Log of that model, for tokt shadow.", needs=("shadow",))
 
 
 @dataclass(frozen=True)
 class PolicyConfig:
     """How detectors are combined into a verdict."""
 
-    policy: str = option("fallback", "texture, disparity, either or fallback.", logged="policy")
+    policy: str = option(
+        "fallback",
+        "Which detector decides; fallback is disparity where texture cannot be relied on.",
+        "texture|disparity|either|fallback",
+        logged="policy",
+    )
     anchor: float | None = option(
         None,
-        "Share of the frame that an object is to cover, such as 0.1: v2 and the log then say how "
+        "Share of the frame that an object is to cover, such as 0.1. v2 and the log then say how "
         "far it is from that, and from the centre.",
-        "SIZE",
+        "SHARE",
         logged="anchor",
     )
 
@@ -194,14 +195,15 @@ class StereoConfig:
     calibration: Path | None = option(None, "Stereo calibration file.", logged="calibration")
     stereo: str = option(
         BM,
-        "bm (block matching), sgbm (semi-global, slower) or pushbroom (a few distances, fastest).",
+        "Block matching, semi-global matching (slower) or a few distances only (fastest).",
+        "bm|sgbm|pushbroom",
         logged="stereo_way",
     )
     stereo_scale: float = option(
-        DEFAULT_SCALE, "Matched size over the frames'.", logged="stereo_scale"
+        DEFAULT_SCALE, "Scale at which frames are matched, at most 1.", logged="stereo_scale"
     )
     odometry: Path | None = option(
-        None, "Poses by frame (CSV): pushbroom moves what it saw along.", logged="odometry"
+        None, "Poses by frame (CSV), by which pushbroom moves what it saw.", logged="odometry"
     )
 
 
@@ -216,40 +218,45 @@ class OutputConfig:
         None,
         "Send to HOST:PORT, or v1@HOST:PORT, v2@HOST:PORT. Repeatable. Default: 127.0.0.1:1130.",
     )
-    format: str = option("v1", "Datagram format: v1 (LabVIEW) or v2 (JSON).")
-    stale: float = option(STALE_S, "A frame older than this is never clear.", "<s>", only=REAL_TIME)
+    format: str = option("v1", "Datagram format: v1 for LabVIEW, v2 is JSON.", "v1|v2")
+    stale: float = option(
+        STALE_S, "A frame older than this is never clear.", "SECONDS", only=REAL_TIME
+    )
     heartbeat: float = option(
-        STALE_S, "After this long without a verdict, unknown is sent.", "<s>", only=REAL_TIME
+        STALE_S, "After this long without a verdict, unknown is sent.", "SECONDS", only=REAL_TIME
     )
     mavlink: list[str] | None = option(
         None,
-        "Also speak MAVLink there: udpout:HOST:PORT, udpin:HOST:PORT, tcp:HOST:PORT or "
+        "Speak MAVLink, too: udpout:HOST:PORT, udpin:HOST:PORT, tcp:HOST:PORT or "
         "serial:DEVICE[:BAUD]. Repeatable.",
         "LINK",
     )
     camera_fov_deg: float | None = option(
         None,
         "MAVLink: the left camera's horizontal field of view in water.",
-        "<deg>",
+        "DEGREES",
         needs=_MAVLINK,
     )
     # Metres inside any margin an autopilot keeps; a part of the vehicle itself (autopilots are
     # system 1, too) that is there for obstacle avoidance (MAV_COMP_ID_OBSTACLE_AVOIDANCE).
     mavlink_assumed_m: float = option(
-        1.0, "MAVLink: distance of an obstacle where none was measured.", "<m>", needs=_MAVLINK
+        1.0, "MAVLink: distance of an obstacle where none was measured.", "METRES", needs=_MAVLINK
     )
     mavlink_system: int = option(1, "MAVLink: system ID.", needs=_MAVLINK)
     mavlink_component: int = option(196, "MAVLink: component ID.", needs=_MAVLINK)
     mavlink_words_component: int | None = option(
         None,
-        "MAVLink: component ID of the words for the pilot. 1 for Cockpit. Default: the same.",
+        "MAVLink: component ID of the words for the pilot; 1 for Cockpit. Default: the same.",
         needs=_MAVLINK,
     )
     mavlink_messages: str = option(
-        "both", "MAVLink: both, obstacle_distance or distance_sensor.", needs=_MAVLINK
+        "both",
+        "MAVLink: messages to send.",
+        "both|obstacle_distance|distance_sensor",
+        needs=_MAVLINK,
     )
     mavlink_unknown: str = option(
-        "silence", "MAVLink for an unknown frame: silence or message.", needs=_MAVLINK
+        "silence", "MAVLink: what an unknown frame sends.", "silence|message", needs=_MAVLINK
     )
 
 
@@ -261,13 +268,11 @@ class MonitoringConfig:
         None, "Serve Prometheus metrics on this port, or HOST:PORT.", "PORT"
     )
     view: int | None = option(
-        None,
-        "Show what the run sees on this port: a page and an MJPEG stream (docs/how-to/view.md).",
-        "PORT",
+        None, "Show what the run sees on this port: a page and an MJPEG stream.", "PORT"
     )
     view_host: str | None = option(
         None,
-        "Show it on this address, to whoever has the token. Default: this computer alone.",
+        "Show the view on this address, to whoever has the token. Default: this computer alone.",
         "HOST",
         needs=("view",),
     )
@@ -283,16 +288,18 @@ class RecordingConfig:
     """What is kept of the run."""
 
     log: Path | None = option(None, "Append a JSON line per frame to this file, events beside it.")
-    log_values: bool = option(False, "Log each patch's decision values too.", needs=("log",))
+    log_values: bool = option(False, "Log each patch's decision values as well.", needs=("log",))
     # Some 7 hours at 10 frames a second a file, with the older ones 2.1 GB and some 6 days.
-    log_max_mb: float = option(100.0, "Size at which a new log file begins.", "<MB>", needs=_LOGS)
+    log_max_mb: float = option(100.0, "Size at which a new log file begins.", "MB", needs=_LOGS)
     log_keep: int = option(20, "Number of older log files to keep.", needs=_LOGS)
     record: Path | None = option(
         None, "Record the frames around detections, for tokt label.", "DIR", logged="record"
     )
-    record_mb: float = option(10_000.0, "Disk space for recordings.", "<MB>", needs=_RECORD)
-    record_before: float = option(2.0, "Time recorded before a detection.", "<s>", needs=_RECORD)
-    record_after: float = option(2.0, "Time recorded after a detection.", "<s>", needs=_RECORD)
+    record_mb: float = option(10_000.0, "Disk space for recordings.", "MB", needs=_RECORD)
+    record_before: float = option(
+        2.0, "Time recorded before a detection.", "SECONDS", needs=_RECORD
+    )
+    record_after: float = option(2.0, "Time recorded after a detection.", "SECONDS", needs=_RECORD)
 
 
 @dataclass(frozen=True)

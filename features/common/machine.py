@@ -26,7 +26,7 @@ def _cpu() -> str:
 
 
 def installed_version(*names: str) -> str | None:
-    """Which version of the first of these packages that is installed; None where none is."""
+    """Version of the first of these packages that is installed; None where none is."""
     for name in names:
         try:
             return version(name)

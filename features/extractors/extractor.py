@@ -39,6 +39,6 @@ from .named_extractors import extractor_named as extractor_named
 from .spec import build_extractor as build_extractor
 from .textures import HARALICK_NAMES as HARALICK_NAMES
 from .textures import Extractor as Extractor
-from .textures import Haralick as Haralick
+from .textures import Glcm as Glcm
 from .textures import Join as Join
 from .textures import Lbp as Lbp

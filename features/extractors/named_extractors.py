@@ -8,7 +8,7 @@ from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.kernels.quantization import FRAME, Quantization
 
 from .spec import build_extractor
-from .textures import LOG, NEAREST, Context, Extractor, Haralick, Join, Lbp, Lines, Structure
+from .textures import LOG, NEAREST, Context, Extractor, Glcm, Join, Lbp, Lines, Structure
 from .water import Colour, Gradients, PatchPlace, Relative
 
 _FILE = "spec:"
@@ -33,8 +33,8 @@ NAMED: dict[str, Extractor] = {
     "lbp_24_8": Lbp(24, 8, "patch"),
     "lbp_10_5_frame": Lbp(10, 5, "frame"),
     "lbp_24_8_frame": Lbp(24, 8, "frame"),
-    "haralick": Haralick(ignore_zeros=False),
-    "haralick_flat": Haralick(ignore_zeros=False, image=replace(_GRAINS, levels=64), scale=LOG),
+    "haralick": Glcm(ignore_zeros=False),
+    "haralick_flat": Glcm(ignore_zeros=False, image=replace(_GRAINS, levels=64), scale=LOG),
     "lbp_flat_8_5": Lbp(8, 5, "frame", _PATTERNS, NEAREST),
     "lbp_flat_8_9": Lbp(8, 9, "frame", _PATTERNS, NEAREST),
     "lbp_flat_8_13": _SHAPES,
@@ -48,13 +48,9 @@ NAMED: dict[str, Extractor] = {
     "lbp_8_1": Lbp(8, 1, "patch"),
     "lbp_8_2": Lbp(8, 2, "patch"),
     "lbp_12_3": Lbp(12, 3, "patch"),
-    "haralick_log": Haralick(ignore_zeros=False, scale=LOG),
-    "haralick_log_64": Haralick(
-        ignore_zeros=False, image=Quantization(gain=1, levels=64), scale=LOG
-    ),
-    "haralick_log_16": Haralick(
-        ignore_zeros=False, image=Quantization(gain=1, levels=16), scale=LOG
-    ),
+    "haralick_log": Glcm(ignore_zeros=False, scale=LOG),
+    "haralick_log_64": Glcm(ignore_zeros=False, image=Quantization(gain=1, levels=64), scale=LOG),
+    "haralick_log_16": Glcm(ignore_zeros=False, image=Quantization(gain=1, levels=16), scale=LOG),
 }
 
 

@@ -17,7 +17,7 @@ from .textures import (
     STATISTICS,
     Context,
     Extractor,
-    Haralick,
+    Glcm,
     Join,
     Lbp,
     Lines,
@@ -52,12 +52,12 @@ def _lbp_from(spec: Spec, outer: Outer) -> Lbp:
     return Lbp(points, radius, border, _image_from(spec), spec.get("sampling"))
 
 
-def _haralick_from(spec: Spec, outer: Outer) -> Haralick:
+def _haralick_from(spec: Spec, outer: Outer) -> Glcm:
     if "scale" in spec and spec["scale"] not in (LINEAR, LOG):
         raise ToktError(f"haralick: scale is '{LINEAR}' or '{LOG}', not {spec['scale']!r}")
     if type(spec["ignore_zeros"]) is not bool:
         raise ToktError("haralick: ignore_zeros is true or false")
-    return Haralick(spec["ignore_zeros"], _image_from(spec), spec.get("scale"))
+    return Glcm(spec["ignore_zeros"], _image_from(spec), spec.get("scale"))
 
 
 def _lines_from(spec: Spec, outer: Outer) -> Lines:

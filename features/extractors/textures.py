@@ -163,7 +163,7 @@ _LEAST = 0.1
 """Squared levels, small beside those of a picture with any texture."""
 
 
-class Haralick(OnePicture):
+class Glcm(OnePicture):
     """Haralick's first 13 features, mean over 4 directions (thesis section 3.5)."""
 
     def __init__(

@@ -243,7 +243,7 @@ class Kernels:
     def line_sums(
         self, gray: U8, grid: Grid, middle: int, samples: Sequence[int], threads: int = 1
     ) -> I64:
-        """How much longer bright or dark lines through a patch's pixels are in one direction.
+        """How much longer lines through a patch's pixels, bright or dark, are in one direction.
 
         S is the sum of n samples, two pixels or a knight's or king's move apart, on a line through
         the pixel (sample n / 2 is the pixel itself), of levels less `middle`; 0 beyond the picture.

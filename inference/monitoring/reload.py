@@ -123,7 +123,7 @@ class ModelReloader(Observer):
                 self._can_judge, self._cannot_judge = None, (frame, judgement.verdict.health)
 
     def exchange(self) -> Sequence[Event]:
-        """Put a new model that is ready into the policy; what there is to tell."""
+        """Put a new model that is ready into the policy; return what there is to tell."""
         with self._lock:
             ready, self._ready = self._ready, None
             events, self._events = self._events, []

@@ -95,7 +95,7 @@ class ViewState:
         return Shown(word, why, age_s, _facts(verdict, word in _COLOURS))
 
     def draw(self, shown: Shown, now: float) -> U8:
-        """The picture of that: BGR, of one size as long as the frames are, both sides even."""
+        """The picture of a moment: BGR, of one size as long as the frames are, both sides even."""
         frame = np.zeros((540, WIDTH, 3), np.uint8) if self.picture is None else self.picture.copy()
         if shown.word in _COLOURS and self.moment is not None and self.moment.picture is not None:
             _draw_verdict(frame, self.moment)

@@ -67,7 +67,7 @@ class Pictures:
             self._changed.notify_all()
 
     def after(self, number: str) -> tuple[int, bytes, Shown] | None:
-        """Another than that number, if it was just drawn, as old as it is now; or None."""
+        """A picture of another number, if it was just drawn, as old as it is now; or None."""
 
         def is_news() -> bool:
             self._asked_s = SYSTEM_CLOCK.monotonic()

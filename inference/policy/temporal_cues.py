@@ -66,7 +66,7 @@ class Anchor:
         if not MIN_SIZE <= self.size <= MAX_SIZE:
             raise ToktError(
                 f"an anchor is the share of the frame that the object is to cover, "
-                f"{MIN_SIZE:g} to {MAX_SIZE:g}, not {self.size:g} (--anchor SIZE)"
+                f"{MIN_SIZE:g} to {MAX_SIZE:g}, not {self.size:g} (--anchor SHARE)"
             )
 
     def errors(self, verdict: Verdict) -> AnchorErrors:

@@ -272,8 +272,22 @@ def read_log(path: Path | str, gaps: list[LogGap] | None = None) -> Iterator[dic
     It may be written meanwhile: no line is left out or given twice as files step on. A last line
     that is not whole yet is left out.
 
-    `path` is the newest file's name; `gaps` gets the damaged lines, and the places where lines
-    could not be written, as they are met. ToktError if there is no such log, or it cannot be read.
+    Parameters
+    ----------
+    path : Path or str
+        The newest file's name.
+    gaps : list of LogGap, optional
+        Gets the damaged lines, and the places where lines could not be written, as they are met.
+
+    Yields
+    ------
+    dict
+        A frame's line or a heartbeat's, by the names of its fields.
+
+    Raises
+    ------
+    ToktError
+        If there is no such log, or it cannot be read.
     """
     path = Path(path)
     with ExitStack() as opened:

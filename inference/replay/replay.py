@@ -356,7 +356,7 @@ def model_of(name: ModelName, place: Path | None) -> Bundle:
     ToktError if it is not there any more, or fails its checks.
     """
     if place is None:
-        raise ToktError(f"where model {name.label} is the log does not say (--store STORE)")
+        raise ToktError(f"the log does not say where model {name.label} is (--store STORE)")
     if place.is_dir():
         return Store(place).bundle(name.sha256)
     bundle = read_bundle(place)

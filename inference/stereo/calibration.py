@@ -102,8 +102,9 @@ def refusals(calibration: StereoCalibration) -> list[str]:
         found.append("T_mm is not that of two cameras side by side")
     elif x > 0:
         found.append(
-            "by T_mm the right camera is left of the left one: left and right are exchanged, or "
-            "it is the right camera's position C (T_mm is -R @ C) or the way from right to left"
+            "by T_mm the right camera is left of the left one. Left and right are exchanged, or "
+            "T_mm is the right camera's position C (it should be -R @ C) or the way from right to "
+            "left"
         )
     return found
 

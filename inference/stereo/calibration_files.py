@@ -439,7 +439,7 @@ def _printed_distortion(
         )
     if k[2:4].any() and not p.any():
         remarks.append(
-            f"{side}: all tangential numbers are 0: if the printed k is Bouguet's kc, its 3rd and "
+            f"{side}: all tangential numbers are 0. If the printed k is Bouguet's kc, its 3rd and "
             "4th number are p1 and p2, not k3 and k4"
         )
     k1, k2, k3 = np.pad(k, (0, 3))[:3]

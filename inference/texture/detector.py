@@ -107,8 +107,12 @@ class TextureDetector:
     Elsewhere the mask is empty. It judges the frames of one run in their order: what it says of a
     frame can depend on those before.
 
-    The scorer may be anything that has as much of a bundle as this class asks for. `threads` share
-    one frame's rows of patches; the verdict does not depend on how many.
+    Parameters
+    ----------
+    scorer : Bundle
+        Or anything that has as much of a bundle as this class asks for.
+    threads : int
+        That share one frame's rows of patches; the verdict does not depend on how many.
     """
 
     method = TEXTURE

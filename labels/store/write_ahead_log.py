@@ -65,8 +65,8 @@ def check_log(file: Path) -> None:
     if fault:
         name, log = file.name, log_of(file).name
         raise ToktError(
-            f"label store {file}: {log} is not of this file, or damaged ({fault}); nothing was"
-            f" changed: move {log} away if {name} was copied here, else go back to a backup"
+            f"label store {file}: {log} is not of this file, or damaged ({fault}). Nothing was "
+            f"changed. If {name} was copied here, move {log} away; else go back to a backup"
         )
 
 

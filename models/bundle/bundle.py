@@ -164,7 +164,7 @@ class Bundle(BundleContent):
 
     @property
     def frame_sizes(self) -> tuple[tuple[int, int], ...]:
-        """Height and width in pixels of the golden frames, which the model learnt beside."""
+        """Height and width in pixels of the golden frames, which were frames of its training."""
         return tuple(dict.fromkeys(_png_size(png) for png in self.golden.frames))
 
     @property
@@ -619,8 +619,8 @@ def _check_golden(bundle: Bundle, where: str) -> None:
         if not difference <= tolerance:
             raise ToktError(
                 f"{where}: golden frame {index} gives decision values that differ by "
-                f"{difference:.3g} from the training machine's (at most {tolerance:g}); "
-                "the model would not judge here as it was trained to"
+                f"{difference:.3g} from the training machine's (limit {tolerance:g}). "
+                "The model would not judge here as it was trained to"
             )
         if (bundle.model.obstacle_patches(values) != golden.obstacle[index]).any():
             raise ToktError(f"{where}: golden frame {index} gives other obstacle patches")

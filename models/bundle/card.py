@@ -25,8 +25,8 @@ _PATCH_FIGURES = {"f1": "obstacle patches: F1", "precision": "precision", "recal
 }
 
 INTENDED_USE = """Warns the pilot of an ROV, frame by frame, that the camera sees something that
-is not open water. For frames of the camera, lamp and water of the missions below; score it on a
-labelled dive of your own (`tokt evaluate`) before you rely on it anywhere else."""
+is not open water. It is for frames of the camera, lamp and water of the missions below. Score it on
+a labelled dive of your own (`tokt evaluate`) before you rely on it anywhere else."""
 
 NOT_FOR = """- As the only guard of a vehicle: clear means that no patch looked like an obstacle the
   model learnt, not that there is none.

@@ -14,8 +14,8 @@ from .card import model_card
 
 PROVENANCE_KEY = "obstacle_flags"
 _VOID = (
-    "Which classes are obstacles was changed after training: figures of obstacle patches and of "
-    "frames, and the operating point chosen for them, do not hold and were left out."
+    "Which classes are obstacles was changed after training. Figures of obstacle patches and of "
+    "frames do not hold, nor does the operating point; they were left out."
 )
 _OF_STATUSES = ("frames", "frames_at_zero", "fold_rules", "stress", "right_by_margin")
 _OBSTACLE_FIGURES = ("precision", "recall", "f1", "average_precision")
@@ -44,8 +44,8 @@ def override_obstacle_classes(
     if len(model.bias) == 1:
         raise ToktError(
             f"model {bundle.label} tells {model.classes[0]} from {model.classes[1]} and nothing "
-            "else: which side is the obstacle was fixed when it was trained (a model of --task "
-            "classes can be shipped with other flags)"
+            "else: training fixed which side is the obstacle. A model of --task classes can be "
+            "shipped with other flags"
         )
     missing = [name for name in model.classes if name not in flags]
     if missing:

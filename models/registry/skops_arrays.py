@@ -27,8 +27,8 @@ def pipeline_arrays(data: bytes, where: str) -> dict[str, F64]:
         raw = {name: members[file] for name, file in places.items()}
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         raise ToktError(
-            f"{where}: not a pipeline of a scaler and a LinearSVC as skops writes it, and nothing "
-            "else is opened; train the model again, or use its .tokt file"
+            f"{where}: not a pipeline of a scaler and a LinearSVC, and nothing else is opened; "
+            "train the model again, or use its .tokt file"
         ) from None
     return arrays_of(raw, dict.fromkeys(raw, np.float64), where)
 

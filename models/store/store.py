@@ -135,8 +135,9 @@ class Store:
             return entry
         raise DamagedError(
             f"store {self.path}: the active pointer (entry {entry.number}, {entry.label}) "
-            f"contradicts the history, which ends with entry {newest.number} ({newest.action}, "
-            f"{newest.label}), and is refused (the next deployment sets it aside)"
+            f"contradicts the history, which ends with entry {newest.number} "
+            f"({newest.action}, {newest.label}). The pointer is refused; the next deployment sets "
+            "it aside"
         )
 
     def _newest_line(self) -> Activation | None:

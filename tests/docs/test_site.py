@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.process
+# One worker: the site is built once.
+pytestmark = [pytest.mark.process, pytest.mark.xdist_group("site")]
 pytest.importorskip("material", reason="make docs installs what builds the site")
 
 ROOT = Path(__file__).parents[2]

@@ -101,7 +101,7 @@ def compare(
     >>> found.to_pandas()  # doctest: +SKIP
     """
     if options.mission and options.ceilings:
-        raise ToktError("--ceilings is of what cross-validation held out; leave --mission out")
+        raise ToktError("--ceilings judges what cross-validation held out: leave out --mission")
     output = Path(options.output) if options.output else None
     if output is not None and output.is_dir():
         raise ToktError(f"{output} is a folder; -o names the report's file")

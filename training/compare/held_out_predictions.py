@@ -122,8 +122,8 @@ def _notes(
         notes = [
             "Every patch is judged by a model that did not learn from it.",
             "UNGROUPED: nothing says which patches come from one photo, so near copies may stand "
-            "on both sides, and intervals and p-values, which take each patch for a block of its "
-            "own, are too sure. There are no frames, and so no statuses.",
+            "on both sides. Intervals and p-values take each patch for a block of its own, and are "
+            "too sure. There are no frames, and so no statuses.",
         ]
     else:
         notes = [

@@ -317,10 +317,10 @@ def _how(setting: _Setting) -> str:
     if setting.split.unit(setting.dataset.patches) != BLOCKS:
         same = "blocks learnt from are of the same dives, those tested of others"
     return (
-        f"Each fold's model learnt anew from a part of its training blocks{thin}, tested on the "
-        f"fold that was held out; {REPEATS} random orders of the blocks (seed 0), settings as each "
-        f"fold had chosen them. All {same}: this says nothing of what labels of another dive would "
-        "bring."
+        f"Each fold's model learnt anew from a part of its training blocks{thin} and was tested on "
+        f"the fold that was held out. The blocks came in {REPEATS} random orders (seed 0), with "
+        f"the settings that each fold had chosen. All {same}: this says nothing of what labels of "
+        "another dive would bring."
     )
 
 
@@ -387,7 +387,7 @@ def _stretch_words(result: dict[str, Any]) -> list[str]:
     if least["high"] is not None and least["high"] < 0:
         words.append(
             f"Learning from frames {least['frames']} of {least['mission']} made the other blocks "
-            f"worse by {-least['help']:.3f}{_bounds_words(least)}: they look unlike the rest, or "
+            f"worse by {-least['help']:.3f}{_bounds_words(least)}. They look unlike the rest, or "
             "their labels are worth a second look."
         )
     return words

@@ -28,8 +28,8 @@ from .predictions import ComparedModels
 BETTER, WORSE, CANNOT_TELL = "better", "worse", "cannot tell"
 _POWER = 0.8
 _UNDEFINED = (
-    "Cannot tell which model is better: no patch here is labelled as an obstacle, or a model knows "
-    "one side alone, so there is no F1. False statuses are all that can be compared."
+    "Cannot tell which model is better: there is no F1. No patch here is labelled as an obstacle, "
+    "or a model knows one side alone. False statuses are all that can be compared."
 )
 EXACT_BLOCKS = 12
 _DRAWN = 9999

@@ -73,7 +73,7 @@ def labels_of_mission(
     if not mine:
         there = ", ".join(names) or "none"
         raise NoLabelsError(
-            f"no labels for mission {mission.name!r} (labels of: {there}); where they call it "
+            f"no labels for mission {mission.name!r} (labels of: {there}). If they call it "
             "otherwise, give NAME=DIR"
         )
     for camera in sorted({record.camera for record in mine}):

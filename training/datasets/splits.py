@@ -70,7 +70,7 @@ def blocked_folds(
         if len(lacking):
             raise ToktError(
                 f"a fold's training part lacks {_labels(patches, np.isin(targets, lacking))} once "
-                "the neighbour frames of its test part are left out; label more of the mission or "
+                "the neighbour frames of its test part are left out. Label more of the mission, or "
                 "ask for fewer folds"
             )
         folds.append(Fold(kept, test))
@@ -88,9 +88,9 @@ def _check_groups(patches: pd.DataFrame, targets: I64, n_folds: int) -> None:
     for target in np.unique(targets):
         if len(np.unique(groups[targets == target])) < 2:
             raise ToktError(
-                f"{_labels(patches, targets == target)} is in a single group of frames only (or is "
-                "left in one, once others are held out to be tested on): label it in more places "
-                "of the mission, at best in as many groups as there are folds"
+                f"{_labels(patches, targets == target)} is in a single group of frames only, or is "
+                "left in one once others are held out. Label it in more places of the mission, at "
+                "best in as many groups as there are folds"
             )
     if np.bincount(targets).max() < n_folds:
         raise ToktError(f"no class has as many patches as there are folds ({n_folds})")
@@ -196,7 +196,7 @@ def dive_folds(
                 labels = _labels(patches, np.isin(targets, lacking))
                 raise ToktError(
                     f"without {', '.join(np.unique(units[test]))}, which is held out as a whole, "
-                    f"nothing labelled {labels} is left to learn from; label it in other dives "
+                    f"nothing labelled {labels} is left to learn from. Label it in other dives "
                     "too, or hold out blocks of frames (--split block)"
                 )
         if len(folds) > 1:

@@ -297,8 +297,8 @@ _UNKNOWN = (
 )
 _METHODS = {
     unit: (
-        f"A Gumbel law, at a level that changes from {unit} to {unit}, was fitted to how strong "
-        "the last patch is that a status needs, on held-out ocean frames; the margin is where it "
+        "A Gumbel law was fitted to the strength of the last patch that a status needs, on "
+        f"held-out ocean frames. Its level changes from {unit} to {unit}. The margin is where it "
         f"comes down to the rate, at the stated confidence over {units}, and no lower than what "
         "was seen. Where a status takes several frames, half of the rate goes to a second margin, "
         "above which one patch of one frame is enough."
@@ -335,7 +335,7 @@ def _words(
     what = "a best estimate, not a bound" if target.confidence == 0.5 else "a bound by that law"
     return (
         f"{asked} {seen}{limit} The margin is extrapolated, {what}, and for water like this one "
-        f"only: by the fitted law {_one_in(rate)} ocean frames has a false status, and the rate "
+        f"only. By the fitted law {_one_in(rate)} ocean frames has a false status, and the rate "
         f"asked for is kept with {sure:.0%} confidence."
     )
 

@@ -175,7 +175,7 @@ def decision_values(pipeline: Pipeline, features: F64, rows: I64 | None = None) 
 
 
 def in_parts(function: Callable[[F64], Any], features: F64, rows: I64) -> F64:
-    """A function of features, row by row, of some rows of a table; so many rows at a time."""
+    """Apply a function of features to some rows of a table, so many rows at a time."""
     parts = np.split(rows, range(_AT_ONCE, len(rows), _AT_ONCE))
     return np.concatenate([np.asarray(function(features[part]), np.float64) for part in parts])
 

@@ -339,7 +339,7 @@ def cross_validate(
     jobs: int = 1,
     whole: Mapping[str, WholeFrames] | None = None,
 ) -> HeldOutPredictions:
-    """Nested cross-validation: what is chosen is chosen inside the training part of each fold.
+    """Nested cross-validation: each choice is made inside the training part of its fold.
 
     Of very many patches some are tested, and learnt from by the folds (`Split.judged`).
 
@@ -473,7 +473,7 @@ def check_features(dataset: DatasetVersion, features: F64) -> None:
         mission, camera, frame, row, col = dataset.patches.iloc[int(np.argmin(sound))][PATCH_KEY]
         raise ToktError(
             f"dataset {dataset.label}: the extractor gives {int((~sound).sum())} patches a feature "
-            f"that is not a finite number; the first is mission {mission}, {camera} frame {frame}, "
+            f"that is not a finite number. The first is mission {mission}, {camera} frame {frame}, "
             f"row {row}, col {col}"
         )
     if not np.ptp(features, axis=0).any():

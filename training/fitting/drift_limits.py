@@ -54,7 +54,7 @@ def novelty_limit(dataset: DatasetVersion, distance: F64 | None) -> tuple[float 
     over = int((frames > limit).sum())
     return limit, (
         f"A frame in which a clear patch is farther than {limit:.2f} from all that was learnt is "
-        f"unknown: so were {over} of {len(frames)} held-out frames with water, at most "
+        f"unknown. So were {over} of {len(frames)} held-out frames with water: at most "
         f"{100 * NOVEL_RATE:g} % where each of {dives.ngroups} dives counts the same. Another "
         "site's water can be farther in any frame."
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 from tokt.features.common.errors import ToktError
-from tokt.features.extractors.extractor import Extractor, Haralick, extractor_named
+from tokt.features.extractors.extractor import Extractor, Glcm, extractor_named
 from tokt.features.frames.grid import Grid
 from tokt.training.datasets.augmentations import parse_augmentation
 from tokt.training.datasets.dataset import DatasetVersion
@@ -101,12 +101,13 @@ PRESETS = {
 CHOSEN_ON = {
     "best": (
         "The preset's parts were worked out and its join found by tokt search, both by blocked "
-        "cross-validation on the sea-trial mission (those for ready-cut patches on photos of the "
-        "seabed): figures on that data are somewhat too good, and only another dive is a test."
+        "cross-validation on the sea-trial mission. Those for ready-cut patches were found on "
+        "photos of the seabed. Figures on that data are somewhat too good, and only another dive "
+        "is a test."
     ),
     "water": (
         "The preset's parts were chosen with whole dives held out, on the sea-trial mission and "
-        "five dives in a basin: figures on that data are somewhat too good, and only another dive "
+        "five dives in a basin. Figures on that data are somewhat too good, and only another dive "
         "is a test."
     ),
 }
@@ -201,5 +202,5 @@ def extractor_for(
     if preset == "best" and name in _BEST:
         return extractor_named(_BEST_READY_CUT if _ready_cut(grid) else _BEST[name])
     if preset == "thesis" and name == "haralick":
-        return Haralick(ignore_zeros=True)
+        return Glcm(ignore_zeros=True)
     return extractor_named(name)

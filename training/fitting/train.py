@@ -224,14 +224,15 @@ def _folds_in_words(request: TrainRequest) -> str:
         folds = len(split.cut(request.dataset.patches, request.dataset.targets()))
         return (
             f"{folds}-fold cross-validation over whole {unit}: each is judged by a model that "
-            f"learnt nothing of it; {candidates} by the dives' mean F1, held out in the same way "
-            f"(by blocks of frames where one dive is left or a class would be lost). {rest}"
+            f"learnt nothing of it. {candidates} by the dives' mean F1, held out in the same way. "
+            "Blocks of frames are held out where one dive is left or a class would be lost. "
+            f"{rest}"
         )
     weak = request.dataset.block_frames < _MIN_BLOCK_FRAMES
     return (
         f"{_WEAK if weak else ''}{split.folds}-fold cross-validation over whole blocks of frames "
-        f"({request.dataset.block_frames} frames a block); training frames within "
-        f"{split.embargo_frames} frames of a test frame left out; {candidates} by "
+        f"({request.dataset.block_frames} frames a block), training frames within "
+        f"{split.embargo_frames} frames of a test frame left out. {candidates} by "
         f"{split.inner.folds}-fold blocked cross-validation. {rest}"
     )
 

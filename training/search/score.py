@@ -18,24 +18,24 @@ REPLICATES = 2000
 SEED = 42
 _MAX_BLOCKS = 400
 SCORE = (
-    "F1 of obstacle patches (macro-F1 over the classes where there are more than two), pooled "
-    "over all held-out patches of the blocked cross-validation, decision threshold 0; its "
-    f"standard error is that of {REPLICATES} bootstrap samples of whole blocks of frames; where "
-    "whole dives are held out, the mean of the dives' scores, and samples of whole dives"
+    "F1 of obstacle patches, or macro-F1 over the classes where there are more than two. It is "
+    "pooled over all held-out patches of the blocked cross-validation, decision threshold 0. Its "
+    f"standard error is that of {REPLICATES} bootstrap samples of whole blocks of frames. Where "
+    "whole dives are held out it is the mean of the dives' scores, with samples of whole dives"
 )
 MAX_GIVEN_UP = 0.01
 """The score that simplicity may cost at most, however large the standard error: with a dozen
 blocks of one dive it is several hundredths, and a vehicle is worth more than a shorter spec."""
 RULE = (
     "The winner is the simplest extractor within one standard error of the best, and within "
-    f"{MAX_GIVEN_UP:g}: of those whose score falls short of the highest one by no more than one "
-    "standard error of that shortfall (both on the same bootstrap samples of blocks) and no more "
-    f"than {MAX_GIVEN_UP:g}, the one with the fewest features, then the fewest pictures, then "
-    f"the first name. Score: {SCORE}."
+    f"{MAX_GIVEN_UP:g}. Of those within, it has the fewest features, then the fewest pictures, "
+    "then the first name. A score is within if its shortfall from the highest one is no more than "
+    f"{MAX_GIVEN_UP:g}, and no more than the shortfall's own standard error. Both are taken on "
+    f"the same bootstrap samples of blocks. Score: {SCORE}."
 )
 HOW = (
-    "the whole search repeated inside the training part of each fold, and the extractor chosen "
-    "there scored on what the fold holds out, all folds together"
+    "the whole search is repeated inside the training part of each fold, and what the fold holds "
+    "out scores the extractor chosen there"
 )
 
 

@@ -16,6 +16,8 @@ from tokt.features.common.errors import ToktError, os_words
 from tokt.features.common.extras import missing_extra
 
 from . import cameras, compare, dataset, doctor, labels, models, replay, rig, run, studies, train
+from .completion import join_bash_words
+from .help import Commands
 from .interrupts import interrupt_ends
 from .output import live_without_terminal, open_standard_files, say
 
@@ -23,16 +25,14 @@ _TRACEBACKS = 20
 """Files with tracebacks that are kept."""
 
 
-def _new_app() -> typer.Typer:
-    made = typer.Typer(
-        name="tokt",
-        help="Label, train, compare and deploy small texture models that keep an ROV off "
-        "obstacles.",
-        epilog="Exit codes: 0 done, 1 the answer is no (a check failed), 2 a user's mistake, 70 an "
-        "error in tokt (its traceback is in a file), 130 Ctrl-C.",
-        add_completion=False,
-        rich_markup_mode=None,
+def _new_app(**more: bool) -> Commands:
+    made = Commands(
+        "tokt",
+        "Label, train, compare and deploy small texture models that keep an ROV off obstacles.",
+        epilog="Exit codes: 0 done; 1 the answer is no, a check failed; 2 a user's mistake; "
+        "70 a fault in tokt; 130 Ctrl-C. A fault's traceback is in a file.",
         pretty_exceptions_enable=False,
+        **more,
     )
     made.callback(invoke_without_command=True)(_root)
     return made
@@ -56,33 +56,25 @@ def _root(
         typer.echo(context.get_help())
 
 
+_COMMANDS = {
+    "Label": (labels.label, labels.labels_app),
+    "Train and compare": (
+        *(dataset.dataset_app, train.train, train.adapt, train.search),
+        *(compare.compare, compare.evaluate, models.models_app),
+    ),
+    "Deploy": (models.export, models.keygen, models.deploy, models.rollback, models.store),
+    "Run at sea": (run.run, run.listen, replay.replay, replay.shadow, doctor.doctor),
+    "Cameras and stereo": (cameras.cameras, rig.calibrate, rig.depth),
+    "Studies": (studies.demo, studies.simulate, studies.reproduce, studies.bench),
+}
+"""The commands by their headings; each is its function's name."""
 app = _new_app()
-app.command("demo")(studies.demo)
-app.command("label")(labels.label)
-app.add_typer(labels.labels_app, name="labels")
-app.add_typer(dataset.dataset_app, name="dataset")
-app.command("train")(train.train)
-app.command("adapt")(train.adapt)
-app.command("search")(train.search)
-app.command("compare")(compare.compare)
-app.command("evaluate")(compare.evaluate)
-app.add_typer(models.models_app, name="models")
-app.command("export")(models.export)
-app.command("keygen")(models.keygen)
-app.command("deploy")(models.deploy)
-app.command("rollback")(models.rollback)
-app.command("store")(models.store)
-app.command("run", cls=run.RunCommand)(run.run)
-app.command("replay")(replay.replay)
-app.command("shadow")(replay.shadow)
-app.command("cameras")(cameras.cameras)
-app.command("calibrate")(rig.calibrate)
-app.command("depth")(rig.depth)
-app.command("listen")(run.listen)
-app.command("simulate")(studies.simulate)
-app.command("reproduce")(studies.reproduce)
-app.command("bench")(studies.bench)
-app.command("doctor")(doctor.doctor)
+for _heading, _commands in _COMMANDS.items():
+    for _command in _commands:
+        if isinstance(_command, Commands):
+            app.add_typer(_command, rich_help_panel=_heading)
+        else:
+            app.command(rich_help_panel=_heading)(_command)
 
 
 def _app_for(arguments: list[str]) -> typer.Typer:
@@ -91,8 +83,8 @@ def _app_for(arguments: list[str]) -> typer.Typer:
     """
     if arguments[:1] != ["run"]:
         return app
-    alone = _new_app()
-    alone.command("run", cls=run.RunCommand)(run.run)
+    alone = _new_app(add_completion=False)
+    alone.command()(run.run)
     return alone
 
 
@@ -100,6 +92,8 @@ def main() -> None:
     """Run the command line."""
     with interrupt_ends():
         open_standard_files()
+        if os.environ.get("_TOKT_COMPLETE") == "complete_bash":
+            join_bash_words(os.environ)
         if sys.argv[1:2] == ["run"]:
             live_without_terminal()
         commands = _app_for(sys.argv[1:])

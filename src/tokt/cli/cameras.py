@@ -30,12 +30,12 @@ _NETWORK = (
 
 def cameras(
     source: Annotated[
-        str | None, Argument(help="Camera or stream to try, as tokt run --source has it.")
+        str | None, Argument(help="Camera or stream to try, as for tokt run --source.")
     ] = None,
-    seconds: Annotated[float, Option(help="How long to try it.", min=0.5, max=3600)] = 5.0,
+    seconds: Annotated[float, Option(help="Time for which it is tried.", min=0.5, max=3600)] = 5.0,
     json: JsonOption = False,
 ) -> None:
-    """List the cameras that there are; with SOURCE try one, and print its [source] section."""
+    """List cameras, or try one and print its [source] section."""
     if source is None:
         found = _found()
         answer(json, found, lambda: _print_found(found))

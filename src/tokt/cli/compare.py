@@ -30,62 +30,58 @@ if TYPE_CHECKING:
 RateOption = Annotated[
     float | None,
     Option(
-        metavar="FPS",
-        help="Frames a second of the missions: false statuses are told by the hour, and times to "
-        "contact.",
+        help="Frames a second of the missions, to tell false statuses by the hour and times to "
+        "contact."
     ),
 ]
 StoppingOption = Annotated[
     float | None,
     Option(
         "--stopping-distance",
-        metavar="M",
-        help="Distance in which the vehicle stops: each approach's first status is judged by it.",
+        help="Distance in which the vehicle stops, to judge each approach's first status by.",
     ),
 ]
 CalibrationOption = Annotated[
-    Path | None,
-    Option(metavar="FILE", help="Calibration of the missions' cameras: distances are measured."),
+    Path | None, Option(help="Calibration of the missions' cameras, to measure distances.")
 ]
 LogOption = Annotated[
     Path | None,
-    Option(
-        metavar="FILE.jsonl", help="Log of a run over the mission: distances and times are its."
-    ),
+    Option(metavar="FILE.jsonl", help="Log of a run over the mission, for distances and times."),
 ]
 
 
 def compare(
-    models: Annotated[list[str], Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")],
+    models: Annotated[
+        list[str], Argument(help="Models: NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")
+    ],
     output: ReportOption = None,
     mission: MissionsOption = None,
     labels: LabelFilesOption = None,
     frames: Annotated[
-        str | None, Option(help="Use these frames of it only, such as 1-99,132-246.")
+        str | None, Option(help="Use these frames only, such as 1-99,132-246.")
     ] = None,
     rate: RateOption = None,
     stopping_distance: StoppingOption = None,
     calibration: CalibrationOption = None,
     log: LogOption = None,
     learning_curve: Annotated[
-        str | None,
-        Option(metavar="MODEL", help="Model whose learning curve is drawn. Default: the best one."),
+        str | None, Option(help="Model whose learning curve is drawn. Default: the best one.")
     ] = None,
     ceilings: Annotated[
         bool,
         Option(
             "--ceilings",
-            help="For development: what gradient boosting on the same features and a small net on "
-            "the pixels (if torch is installed) make of the same folds.",
+            help="For development: judge the same folds by gradient boosting, too, and by a small "
+            "net on the pixels if torch is installed.",
         ),
     ] = False,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Compare models: which is better, by how much, and is the difference real?
+    """Compare models: which is better, and is the difference real?
 
-    On the patches that cross-validation held out, or on missions.
+    Models are compared on the patches that cross-validation held out, or on missions.
     """
     given = fields_of(locals())
     from tokt.training.compare.compare_options import CompareOptions
@@ -113,9 +109,9 @@ def _print_at_sea(frames: dict[str, Any], indent: str) -> None:
             for one in (hourly["false_status"], *(bound[key] for key in _BOUNDS))
         )
         print(
-            f"{indent}false statuses {per} of open ocean: {seen}; at most {most} with "
-            f"{bound['confidence']:.0%} confidence, were frames independent; some in at most "
-            f"{some} of {blocks} blocks of near copies"
+            f"{indent}false statuses {per} of open ocean: {seen}; with {bound['confidence']:.0%} "
+            f"confidence at most {most}, were frames independent. At most {some} of {blocks} "
+            "blocks of near copies have one"
         )
     for one in frames["approaches"]:
         print(f"{indent}{_approach(one)}")
@@ -193,8 +189,8 @@ def evaluate(
 ) -> None:
     """Score a model on labelled missions, or on ready-cut patches.
 
-    Patches, frame statuses, first detection; distance and time left at the first status of each
-    approach, false statuses an hour; several missions also by dive and site.
+    The figures are of patches, of frame statuses, and of each approach: the distance and time left
+    at its first status. Several missions have them by dive and site, too.
     """
     given = fields_of(locals())
     from tokt.training.evaluation.evaluate_options import EvaluateOptions

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
 from typer import Argument, Option
 
+from .help import Commands
 from .options import (
     DEFAULT_WORKSPACE,
     DatasetArgument,
@@ -25,10 +25,7 @@ from .output import print_line as print
 if TYPE_CHECKING:
     from tokt.training.datasets.dataset import DatasetVersion
 
-dataset_app = typer.Typer(
-    help="Build, list, show and diff dataset versions, immutable and named by content.",
-    no_args_is_help=False,
-)
+dataset_app = Commands("dataset", "Build, list, show and diff dataset versions.")
 
 
 @dataset_app.command("build")
@@ -37,18 +34,17 @@ def build(
     mission: MissionsOption = None,
     labels: LabelFilesOption = None,
     patches: PatchesOption = None,
-    task: Annotated[str, Option(help="binary (obstacle or clear) or classes.")] = "binary",
+    task: Annotated[str, Option(help="Learn obstacle or clear, or every class.")] = "binary",
     frames: FramesOption = None,
     grid: Annotated[str | None, Option(help="Grid of the labels. Default: 10x10@360.")] = None,
     block: Annotated[
-        int | None,
-        Option(help="Frames per group; no group is split between folds. Default: 20.", min=1),
+        int | None, Option(help="Frames in a block, which no fold splits. Default: 20.", min=1)
     ] = None,
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Build a dataset version from labelled missions, or from a folder of patches."""
+    """Build a dataset version from labelled missions or patches."""
     given = fields_of(locals())
     from tokt.training.datasets.dataset_options import DatasetOptions, build_dataset
 
@@ -92,7 +88,7 @@ def diff(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Say what changed between two dataset versions: missions, frames, labels, sources."""
+    """Show what changed between two dataset versions."""
     from tokt.training.datasets.dataset import open_dataset
     from tokt.training.datasets.diff import diff_datasets
 

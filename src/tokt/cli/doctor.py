@@ -26,14 +26,14 @@ _OF_EXTRA = r"""extra\s*==\s*["']([^"']+)["']"""
 
 
 def doctor(
-    store: Annotated[Path | None, Option(metavar="STORE", help="Store to check as well.")] = None,
+    store: Annotated[Path | None, Option(help="Store to check as well.")] = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Check versions, kernels, camera driver, store and registry; exit code 1 on a fault.
+    """Check versions, kernels, camera drivers, store and registry.
 
-    Every line is ok, a note (worth knowing, perhaps as intended) or a fault. Nothing on disk is
-    changed.
+    Every line is ok, a note (worth knowing, perhaps as intended) or a fault. Exit code 1: a fault.
+    Nothing on disk is changed.
     """
     findings = _findings(store, workspace)
     ok = all(finding.state != FAULT for finding in findings)

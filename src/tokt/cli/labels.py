@@ -9,12 +9,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
 from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError, printable
 from tokt.labels.formats import NAMES
 
+from .help import Commands
 from .interrupts import interrupt_ends
 from .options import (
     DEFAULT_WORKSPACE,
@@ -35,52 +35,41 @@ if TYPE_CHECKING:
     from tokt.labels.store.store import LabelStore
     from tokt.models.bundle.bundle import Bundle
 
-labels_app = typer.Typer(
-    help="Import, export and back up labels, count them, compare annotators.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
+labels_app = Commands(
+    "labels", "Import, export, back up, count, audit and compare labels.", no_args_is_help=True
 )
 
-LabelFile = Annotated[
-    Path, Argument(metavar="FILE", help="Label file (.csv, .json, .xml) or folder of patches.")
-]
+LabelFile = Annotated[Path, Argument(help="Label file (.csv, .json, .xml) or folder of patches.")]
 FormatOption = Annotated[
     str | None,
     Option(
         "--format",
         metavar="|".join(NAMES),
-        help="Default: by ending and content; required to export a .json.",
+        help="Format of the file. Default: by ending and content; required to export a .json.",
     ),
 ]
 MissionDirOption = Annotated[
     Path | None,
-    Option(
-        "--mission-dir",
-        metavar="DIR",
-        help="Folder of the mission's frames; needed by all formats but csv.",
-    ),
+    Option("--mission-dir", help="Folder of the mission's frames; needed by all formats but csv."),
 ]
 MissionOption = Annotated[
     str | None,
     Option(metavar="NAME", help="Mission name in the labels. Default: the name of --mission-dir."),
 ]
-GRID_FORM = "ROWSxCOLS@WIDTH"
 _LONG = 100_000  # labels whose import takes more than a second
 _SHOWN = 10  # labels of an audit
 
 
 def label(
-    mission: Annotated[
-        Path, Argument(metavar="MISSION", help="[NAME=]DIR: a folder of frames or a video file.")
-    ],
+    mission: Annotated[Path, Argument(help="[NAME=]DIR: a folder of frames or a video file.")],
     port: Annotated[
         int, Option(help="Port of the page; 0 takes any free port.", min=0, max=65535)
     ] = 8118,
     host: Annotated[
-        str, Option(metavar="ADDR", help="Address to serve on. Default: this computer alone.")
+        str, Option(help="Address to serve on. Default: this computer alone.")
     ] = "127.0.0.1",
     token: Annotated[
-        str | None, Option(metavar="T", help="Token to require. Default: the workspace's own.")
+        str | None, Option(help="Token to require. Default: the workspace's own.")
     ] = None,
     no_token: Annotated[
         bool, Option("--no-token", help="Admit every account of this computer; not with --host.")
@@ -88,28 +77,22 @@ def label(
     model: Annotated[
         str | None,
         Option(
-            metavar="BUNDLE",
-            help="Model that suggests: a .tokt file or name. Default: the one trained in the page.",
+            help="Model that suggests: a .tokt file or name. Default: the one trained in the page."
         ),
     ] = None,
     annotator: Annotated[
-        str | None,
-        Option(
-            metavar="NAME", help="Name proposed to who opens the page. Default: the user's name."
-        ),
+        str | None, Option(help="Name proposed to who opens the page. Default: the user's name.")
     ] = None,
     calibration: Annotated[
         Path | None,
-        Option(metavar="FILE", help="Carry labels from the left camera to the right one by this."),
+        Option(help="Carry labels from the left camera to the right one by this calibration."),
     ] = None,
     no_browser: Annotated[
         bool, Option("--no-browser", help="Print the address and open no browser.")
     ] = False,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     taxonomy: TaxonomyOption = None,
-    grid: Annotated[
-        str, Option(metavar="ROWSxCOLS@WIDTH", help="Grid of patches to label.")
-    ] = "10x10@360",
+    grid: Annotated[str, Option(help="Grid of patches to label.")] = "10x10@360",
 ) -> None:
     """Label a mission's patches in the browser, until Ctrl-C."""
     with interrupt_ends():
@@ -189,7 +172,7 @@ def _open_browser(url: str) -> None:
 @labels_app.command("audit")
 def audit_labels(
     reference: Annotated[
-        str, Argument(metavar="DATASET|MODEL", help="NAME, NAME@HASH, NAME@ALIAS, NAME/VERSION.")
+        str, Argument(metavar="DATASET|MODEL", help="NAME, NAME@HASH, NAME@ALIAS or NAME/VERSION.")
     ],
     output: Annotated[
         Path | None,
@@ -203,9 +186,9 @@ def audit_labels(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Rank labels that held-out models contradict; no label is changed.
+    """Rank labels that held-out models contradict; change none.
 
-    They are kept in the workspace for the labelling page: its review sheet shows them under Audit.
+    The ranking is kept in the workspace: the labelling page's review sheet shows it under Audit.
     """
     from tokt.labels.formats.audit_csv import write_audit, write_audit_csv
     from tokt.training.fitting.label_audit import audit, audit_input_named
@@ -244,18 +227,13 @@ def _print_audit(found: Audit, files: list[Path]) -> None:
 def import_labels(
     file: LabelFile,
     annotator: Annotated[
-        str | None,
-        Option(metavar="NAME", help="Name of the annotator. Default: the name in the file."),
+        str | None, Option(help="Name of the annotator. Default: the name in the file.")
     ] = None,
-    grid: Annotated[
-        str, Option(metavar=GRID_FORM, help="Grid of the file's rows and columns.")
-    ] = "10x10@360",
+    grid: Annotated[str, Option(help="Grid of the file's rows and columns.")] = "10x10@360",
     file_format: FormatOption = None,
     mission_dir: MissionDirOption = None,
     mission: MissionOption = None,
-    camera: Annotated[
-        str, Option(metavar="left|right", help="Camera of a viame file without file names.")
-    ] = "left",
+    camera: Annotated[str, Option(help="Camera of a viame file without file names.")] = "left",
     classes: Annotated[
         list[str] | None,
         Option(
@@ -268,7 +246,7 @@ def import_labels(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Add a label file to the workspace; nothing is added if a line is wrong."""
+    """Add a label file to the workspace, whole or not at all."""
     from tokt.labels.formats.formats import FORMATS
     from tokt.labels.formats.options import no_progress
     from tokt.labels.labels import Labels
@@ -315,13 +293,9 @@ def export_labels(
             metavar="NAME", help="Export this mission only. Default: the name of --mission-dir."
         ),
     ] = None,
-    annotator: Annotated[
-        str | None, Option(metavar="NAME", help="Export this annotator only.")
-    ] = None,
-    camera: Annotated[
-        str | None, Option(metavar="left|right", help="Export this camera only.")
-    ] = None,
-    grid: Annotated[str | None, Option(metavar=GRID_FORM, help="Export this grid only.")] = None,
+    annotator: Annotated[str | None, Option(help="Export this annotator only.")] = None,
+    camera: Annotated[str | None, Option(help="Export this camera only.")] = None,
+    grid: Annotated[str | None, Option(help="Export this grid only.")] = None,
     full: Annotated[
         bool,
         Option(
@@ -374,13 +348,11 @@ def _say_lost(title: str, lost: Iterable[str]) -> None:
 
 @labels_app.command("backup")
 def back_up_labels(
-    file: Annotated[
-        Path, Argument(metavar="FILE", help="File to write; one that is there is refused.")
-    ],
+    file: Annotated[Path, Argument(help="File to write; one that is there is refused.")],
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Copy the label store into one checked file, also while `tokt label` runs.
+    """Copy the label store into one checked file, even in use.
 
     To restore, end `tokt label`, remove labels.db-wal and labels.db-shm from the workspace, and
     put the file there as labels.db. labels.db copied by hand lacks what labels.db-wal holds.
@@ -416,13 +388,13 @@ def show_stats(workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption 
 
 @labels_app.command("agreement")
 def show_agreement(
-    a: Annotated[str, Argument(metavar="A", help="Label file, or annotator in the store.")],
-    b: Annotated[str, Argument(metavar="B", help="Label file or annotator to compare with A.")],
+    a: Annotated[str, Argument(help="Label file, or annotator in the store.")],
+    b: Annotated[str, Argument(help="Label file or annotator to compare with A.")],
     taxonomy: TaxonomyOption = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Compare two annotators: Cohen's kappa, agreement by class, confusion."""
+    """Compare two annotators: kappa, agreement by class, confusion."""
     from tokt.labels.agreement import agreement
     from tokt.labels.taxonomy import FILE_NAME as TAXONOMY_FILE
     from tokt.labels.taxonomy import load_taxonomy

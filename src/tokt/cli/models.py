@@ -9,12 +9,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
 from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 from tokt.models.signing.passphrase import PASSPHRASE_VARIABLE, asked_passphrase, signing_key
 
+from .help import Commands
 from .options import (
     DEFAULT_WORKSPACE,
     JsonOption,
@@ -33,34 +33,25 @@ if TYPE_CHECKING:
     from tokt.models.store.history import Activation
     from tokt.models.store.store import Store
 
-models_app = typer.Typer(
-    help="List, show, promote and alias registered model versions.", no_args_is_help=False
-)
+models_app = Commands("models", "List, show, promote and alias registered model versions.")
 
 CHAMPION = "champion"
 FlagsOption = Annotated[
     Path | None,
     Option(
         "--taxonomy",
-        metavar="FILE",
         help="Taxonomy file that sets which classes are obstacles. Default: as trained.",
     ),
 ]
 SignOption = Annotated[
-    Path | None,
-    Option(
-        "--sign", metavar="KEY", help="Sign the bundle with this private key (see tokt keygen)."
-    ),
+    Path | None, Option("--sign", help="Sign the bundle with this private key (see tokt keygen).")
 ]
 RegisteredByOption = Annotated[
     Path | None,
-    Option(
-        metavar="KEY.pub",
-        help="Refuse a model whose registration this key did not sign (tokt train --sign).",
-    ),
+    Option(help="Refuse a model whose registration this key did not sign (tokt train --sign)."),
 ]
-StoreArgument = Annotated[Path, Argument(help="The store's folder.")]
-ReasonOption = Annotated[str, Option(help="Reason, kept in the store's history.")]
+StoreArgument = Annotated[Path, Argument(help="Folder of the store, local or mounted.")]
+ReasonOption = Annotated[str, Option(help="Reason to keep in the store's history.")]
 
 
 @models_app.command("list")
@@ -140,21 +131,21 @@ def promote(
     max_ms: Annotated[
         float | None,
         Option(
-            help="Median time a frame that it may take here, in ms. Default: 1.6 times that of the "
+            help="Median time that a frame may take here, in ms. Default: 1.6 times that of the "
             "version it replaces."
         ),
     ] = None,
     force: Annotated[
-        str | None,
-        Option(metavar="WHY", help="Promote it whatever was found; the reason is kept with it."),
+        str | None, Option(help="Promote the version whatever was found; the reason is kept.")
     ] = None,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Move an alias to a version that is not worse than the one it points at.
+    """Move an alias to a version that is not worse.
 
-    Compares the two on the patches that cross-validation held out, or on missions. Refused is what
-    is worse on any dive beyond doubt, breaks its rate of false statuses, or takes too long.
+    The two versions are compared on the patches that cross-validation held out, or on missions. One
+    is refused that is worse on any dive beyond doubt, breaks its rate of false statuses, or takes
+    too long.
     """
     from tokt.models.registry.registry import Registry, check_alias
     from tokt.training.compare.compare_options import CompareOptions, compared_models
@@ -277,7 +268,7 @@ def export(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Export a model version as a bundle, the one file that is shipped."""
+    """Export a model version as a bundle, the file that is shipped."""
     from tokt.features.common.atomic import write_bytes
     from tokt.models.bundle.bundle import SUFFIX
 
@@ -310,7 +301,7 @@ def keygen(
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Generate a key pair: the private key signs bundles, stores trust the public one."""
+    """Generate a key pair: one signs bundles, stores trust the other."""
     from tokt.models.signing.keys import write_key_pair
 
     asked = asked_passphrase("for the new key", new=True) if passphrase else ""
@@ -336,9 +327,9 @@ def deploy(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Check a model and make it the active one of a store (a local or mounted folder).
+    """Check a model and make it a store's active one.
 
-    Ends with what to copy and to type for a PC that no network reaches.
+    It ends with what to copy and to type for a PC that no network reaches.
     """
     from tokt.models.bundle.bundle import SUFFIX
     from tokt.models.store.store import Store
@@ -396,7 +387,7 @@ def rollback(
     reason: ReasonOption = "",
     json: JsonOption = False,
 ) -> None:
-    """Go back to an earlier model of the store, after checking it in full."""
+    """Check an earlier model of a store and make it active again."""
     from tokt.models.store.store import Store
 
     entry = Store(store).rollback(reason, to, notice=say)
@@ -406,11 +397,10 @@ def rollback(
 def store(
     store: StoreArgument,
     trust: Annotated[
-        Path | None,
-        Option(metavar="KEY.pub", help="Trust this key; accept only signed bundles from now on."),
+        Path | None, Option(help="Trust this key; accept only signed bundles from now on.")
     ] = None,
     distrust: Annotated[
-        str | None, Option(metavar="ID", help="Refuse bundles signed by this key from now on.")
+        str | None, Option(help="Refuse bundles signed by this key from now on.")
     ] = None,
     accept_unsigned: Annotated[
         bool,
@@ -419,9 +409,9 @@ def store(
     reason: ReasonOption = "",
     json: JsonOption = False,
 ) -> None:
-    """Show a store's active model, its origin, its history and the keys it trusts.
+    """Show a store's active model, history and trusted keys.
 
-    With one of the options, change the keys first.
+    An option changes the keys first.
     """
     from tokt.models.store.health import store_summary
     from tokt.models.store.store import Store

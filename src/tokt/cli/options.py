@@ -15,26 +15,25 @@ if TYPE_CHECKING:
 
 DEFAULT_WORKSPACE = Path(".tokt")
 WorkspaceOption = Annotated[
-    Path,
-    Option("--workspace", metavar="DIR", help="Folder that holds tokt's state.", show_default=True),
+    Path, Option("--workspace", help="Folder that holds tokt's state.", show_default=True)
 ]
 JsonOption = Annotated[bool, Option("--json", help="Print one JSON object.")]
 TaxonomyOption = Annotated[
     Path | None,
-    Option(
-        "--taxonomy",
-        metavar="FILE",
-        help="Taxonomy file. Default: the workspace's, else the built-in one.",
-    ),
+    Option("--taxonomy", help="Taxonomy file. Default: the workspace's, else the built-in one."),
 ]
-DatasetArgument = Annotated[str, Argument(help="NAME or NAME@HASH.")]
-ModelArgument = Annotated[str, Argument(help="NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")]
-RegisteredModelArgument = Annotated[str, Argument(help="NAME, NAME@ALIAS or NAME/VERSION.")]
+DatasetArgument = Annotated[str, Argument(help="Dataset: NAME or NAME@HASH.")]
+ModelArgument = Annotated[
+    str, Argument(help="Model: NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")
+]
+RegisteredModelArgument = Annotated[
+    str, Argument(help="Registered model: NAME, NAME@ALIAS or NAME/VERSION.")
+]
 FixedBoundaryOption = Annotated[
     bool,
     Option(
         "--fixed-boundary",
-        help="Leave the boundary between water and obstacles where it is, frame after frame.",
+        help="Keep the boundary between water and obstacles fixed from frame to frame.",
     ),
 ]
 FramesOption = Annotated[str | None, Option(help="Use these frames only, such as 1-99,132-246.")]
@@ -59,7 +58,7 @@ EmbargoOption = Annotated[
 ]
 ReportOption = Annotated[Path | None, Option("-o", "--output", help="HTML report to write.")]
 LoggedRunOption = Annotated[
-    str | None, Option("--run", help="Which run of the log. Default: its last.")
+    str | None, Option("--run", help="Run of the log, by its ID. Default: the last one.")
 ]
 
 

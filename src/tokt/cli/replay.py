@@ -30,45 +30,45 @@ _MAX_SHOWN = 40
 
 
 def replay(
-    log: Annotated[Path, Argument(help="The log of `tokt run --log`, or one recording's folder.")],
+    log: Annotated[Path, Argument(metavar="LOG", help="Log of `tokt run`, or a recording.")],
     bundle: Annotated[
         Path | None,
         Option(
-            help="Judge with the model of this file, or with the active one of this store, "
-            "instead of the run's own."
+            metavar="FILE|STORE",
+            help="Judge with this model, or with a store's active one, instead of the run's own.",
         ),
     ] = None,
     store: Annotated[
-        Path | None,
-        Option(help="Where the run's own models are. Default: where the run had them from."),
+        Path | None, Option(help="Store that has the run's own models. Default: the run's.")
     ] = None,
     source: Annotated[
         Path | None,
         Option(
-            help="Where the pictures are: the mission, or a recording of the run. Default: the "
-            "recording itself, or the log's source or recording."
+            help="Mission or recording that has the pictures. Default: the recording itself, or "
+            "the log's source or recording."
         ),
     ] = None,
     calibration: Annotated[
         Path | None, Option(help="Stereo calibration file. Default: the log's, unchanged.")
     ] = None,
     run: Annotated[
-        str | None, Option(help="Which run of the log. Default: its last; with --export, all.")
+        str | None,
+        Option(help="Run of the log, by its ID. Default: the last one; with --export, all."),
     ] = None,
     export: Annotated[
         Path | None,
         Option(
             metavar="FILE.mcap|FILE.csv",
-            help="Judge nothing: write what the log says, and with .mcap the pictures that were "
-            "judged, for Foxglove, ROS 2 or a spreadsheet.",
+            help="Judge nothing: write the log for a spreadsheet (.csv), or with the judged "
+            "pictures for Foxglove and ROS 2 (.mcap).",
         ),
     ] = None,
     json: JsonOption = False,
 ) -> int:
-    """Judge a logged run's frames again and show where verdicts differ.
+    """Judge a logged run's frames again; show where verdicts differ.
 
-    Exit code 0: each verdict is the same to the last bit. 1: some are not, or pictures have
-    changed. 2: it cannot be judged again.
+    Exit code 0: each verdict is the same to the last bit. 1: a verdict or a picture is not. 2: the
+    run cannot be judged again.
     """
     from tokt.inference.replay.logged_run import open_run
     from tokt.inference.replay.replay import Replay, Tally, model_named, models_of_run, pictures_of
@@ -213,11 +213,11 @@ def _replayed_words(stretch: ReplayStretch) -> str:
 
 
 def shadow(
-    log: Annotated[Path, Argument(help="The file of `tokt run --shadow-log`.")],
+    log: Annotated[Path, Argument(metavar="LOG", help="Log of `tokt run --shadow-log`.")],
     run: LoggedRunOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Show where a challenger and the running model said otherwise on the same frames."""
+    """Show where a challenger and the running model differ."""
     from tokt.inference.replay.shadow_report import read_shadow
 
     report = read_shadow(log, run)

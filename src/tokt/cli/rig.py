@@ -49,16 +49,16 @@ def calibrate(
     free: Annotated[
         str | None,
         Option(
-            help="Parameters to estimate besides rotation, direction and focal ratio: k1,k2,focal,"
-            "principal or none. Default: k1,k2; with --start none."
+            help="Parameters to estimate besides rotation, direction and focal ratio: of "
+            "k1,k2,focal,principal, or none. Default: k1,k2; with --start none."
         ),
     ] = None,
     frames: Annotated[str | None, Option(help="Use these frames only, such as 160-205.")] = None,
     fit: Annotated[
         str,
         Option(
-            help="alternate: tested on every second frame, then fitted to all. even, odd: fitted "
-            "to these frame numbers, tested on the others. all: not tested."
+            help="Frame numbers to fit to. even, odd: tested on the others. alternate: tested on "
+            "every second one, then fitted to all. all: not tested."
         ),
     ] = "alternate",
     report: Annotated[Path | None, Option(help="HTML report to write.")] = None,
@@ -66,8 +66,8 @@ def calibrate(
         bool,
         Option(
             "--check",
-            help="Check --calibration on the mission's frames instead. Exit code 0 if it is "
-            "good, 1 if it is shifted or unusable.",
+            help="Check --calibration on the mission's frames instead. Exit code 0: good; 1: "
+            "shifted or unusable.",
         ),
     ] = False,
     calibration: Annotated[
@@ -79,7 +79,7 @@ def calibrate(
     square: Annotated[float | None, Option(help="Side of the board's squares in mm.")] = None,
     json: JsonOption = False,
 ) -> None:
-    """Calibrate two cameras from a mission's own frames, or from checkerboard pictures."""
+    """Calibrate two cameras from a mission's frames or checkerboards."""
     if check:
         if calibration is None:
             raise ToktError("--check needs --calibration FILE")
@@ -270,8 +270,8 @@ def _print_boards(found: BoardCalibration, output: Path) -> None:
     error = found.held_out
     print(
         f"  vertical error on {len(found.test_frames)} boards held out of a first fit: median "
-        f"{error.median_px:.3f} px, p90 {error.p90_px:.3f} px; the calibration itself is then "
-        "fitted to all boards"
+        f"{error.median_px:.3f} px, p90 {error.p90_px:.3f} px. The calibration is fitted to all "
+        "boards"
     )
     baseline = found.baseline_mm
     print(f"  the cameras stand {baseline:.2f} mm apart, focal length {found.focal_px:.1f} px")
@@ -283,9 +283,7 @@ def depth(
     calibration: Annotated[
         Path, Option("--calibration", metavar="FILE", help="Stereo calibration file.")
     ],
-    ply: Annotated[
-        Path | None, Option(metavar="FILE", help="PLY file for a point cloud of one frame.")
-    ] = None,
+    ply: Annotated[Path | None, Option(help="PLY file for a point cloud of one frame.")] = None,
     ply_frame: Annotated[
         int | None, Option(help="Frame of the point cloud. Default: the nearest one.")
     ] = None,
@@ -303,17 +301,15 @@ def depth(
             "dozen with an obstacle."
         ),
     ] = None,
-    stereo: Annotated[str, Option(help="bm (block matching) or sgbm (semi-global).")] = "bm",
+    stereo: Annotated[str, Option(help="Block matching, or semi-global matching.")] = "bm",
     scale: Annotated[float, Option(help="Scale at which frames are matched, at most 1.")] = 0.5,
-    rate: Annotated[
-        float | None, Option(metavar="FPS", help="Frames per second, for the closing speed.")
-    ] = None,
+    rate: Annotated[float | None, Option(help="Frames per second, for the closing speed.")] = None,
     json: JsonOption = False,
 ) -> None:
-    """Measure depth in a mission's stereo pairs: pictures, depth by frame, a point cloud.
+    """Measure depth in a mission's stereo pairs.
 
-    A pair that cannot be judged is a row that says why. Matched pixels only: open water has no
-    depth, and what is not matched is not clear.
+    It writes pictures, depth by frame and a point cloud. A pair that cannot be judged is a row that
+    says why. Matched pixels have a depth, open water has none: what is not matched is not clear.
     """
     from tokt.features.frames.mission import open_mission, parse_frames
     from tokt.training.rig.depth.run import DepthRequest, run_depth

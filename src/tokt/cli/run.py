@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 import typer
 from typer import Option
-from typer.core import TyperCommand
 
 from tokt.features.common.errors import ToktError
 from tokt.inference.config import OPTIONS, RunConfig, read_config
@@ -20,7 +19,7 @@ from .output import real_stderr, say, stop_on_signal
 def run(
     context: typer.Context,
     config: Annotated[
-        Path | None, Option(metavar="FILE", help="Options from a TOML file; the command line wins.")
+        Path | None, Option(help="Options from a TOML file; the command line wins.")
     ] = None,
     print_config: Annotated[
         bool, Option("--print-config", help="Print the options as such a file, and do not run.")
@@ -65,21 +64,6 @@ _named = [each for each in _own.parameters.values() if each.kind is not Paramete
 run.__signature__ = _own.replace(parameters=[*_named, *_options()])  # type: ignore[attr-defined]
 
 
-class RunCommand(TyperCommand):
-    """The command, whose help has its options by their sections."""
-
-    def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write them."""
-        panels: dict[str, list[tuple[str, str]]] = {}
-        for param in self.get_params(ctx):
-            title = getattr(param, "rich_help_panel", None) or "Options"
-            record = param.get_help_record(ctx)
-            panels.setdefault(title, []).extend([record] if record else [])
-        for title, records in panels.items():
-            with formatter.section(title):
-                formatter.write_dl(records)
-
-
 def _watched(source: str) -> int:
     """Run the same command under a watchdog; its exit code."""
     from tokt.inference.clock import SYSTEM_CLOCK
@@ -101,13 +85,13 @@ def listen(
     host: Annotated[str, Option(help="Address to listen on.")] = "127.0.0.1",
     count: Annotated[int | None, Option(help="Stop after this many datagrams.", min=1)] = None,
     timeout: Annotated[
-        float | None, Option(help="Say when nothing came for so many seconds.", min=0.1, max=86400)
+        float | None, Option(help="Tell when nothing came for so long.", min=0.1, max=86400)
     ] = None,
     json_lines: Annotated[bool, Option("--json", help="One JSON object a line.")] = False,
 ) -> None:
-    """Show the datagrams that arrive, one line each, until Ctrl-C.
+    """Show the datagrams that arrive, a line each, until Ctrl-C.
 
-    v2 numbers its datagrams: those that are missing are counted, for each sender by itself.
+    v2 numbers its datagrams: the missing ones are counted, for each sender by itself.
     """
     from tokt.inference.clock import SYSTEM_CLOCK
     from tokt.inference.outputs.listen import ReceivedDatagram, SenderMonitor, as_json, as_words

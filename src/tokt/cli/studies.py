@@ -38,7 +38,7 @@ def demo(
     ] = 1360,
     json: JsonOption = False,
 ) -> None:
-    """Run the whole chain, from a label file to UDP datagrams, and write a report."""
+    """Run the whole chain, from labels to datagrams; write a report."""
     from tokt.studies.demo.demo import run_demo
 
     if (mission is None) != (labels is None):
@@ -49,14 +49,14 @@ def demo(
 
 def simulate(
     context: typer.Context,
-    folder: Annotated[Path, Argument(metavar="DIR", help="New folder to write.")],
+    folder: Annotated[Path, Argument(help="New folder to write.")],
     seed: Annotated[
         int,
         Option(
-            help="Seed; the same one gives the same bytes. With --closed-loop: of the first run."
+            help="Seed; the same one gives the same bytes. In the closed loop: of the first run."
         ),
     ] = 1,
-    frames: Annotated[int, Option(help="Mission: number of stereo pairs to render.")] = 120,
+    frames: Annotated[int, Option(help="Number of stereo pairs to render.")] = 120,
     width: Annotated[
         int | None,
         Option(help="Frame width in pixels. Default: 1360 for a mission, 360 in the closed loop."),
@@ -68,25 +68,21 @@ def simulate(
             help="Fly a vehicle that tokt run steers, instead of rendering a mission.",
         ),
     ] = False,
-    scenes: Annotated[
-        str | None, Option(help="Closed loop: scenes, separated by commas. Default: all.")
-    ] = None,
+    scenes: Annotated[str | None, Option(help="Scenes, separated by commas. Default: all.")] = None,
     methods: Annotated[
-        str | None,
-        Option(help="Closed loop: any of texture,disparity,either,fallback,none. Default: all."),
+        str | None, Option(help="Any of texture,disparity,either,fallback,none. Default: all.")
     ] = None,
-    runs: Annotated[int, Option(help="Closed loop: number of runs of each scene and method.")] = 5,
+    runs: Annotated[int, Option(help="Number of runs of each scene and method.")] = 5,
     model: Annotated[
-        Path | None,
-        Option(
-            metavar="BUNDLE",
-            help="Closed loop: model to fly. Default: one trained on rendered missions.",
-        ),
+        Path | None, Option(help="Model to fly. Default: one trained on rendered missions.")
     ] = None,
     jobs: ProcessesOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Render a synthetic mission with exact labels, masks and depth; or fly the closed loop."""
+    """Render a synthetic mission, or fly the closed loop.
+
+    A mission has exact labels, masks and depth.
+    """
     for name in _FOR_MISSIONS if closed_loop else _FOR_CLOSED_LOOP:
         if is_written(context, name):
             where = "for a mission, not for --closed-loop" if closed_loop else "for --closed-loop"
@@ -144,9 +140,10 @@ def _print_mission(mission: SyntheticMission) -> None:
 
 
 def reproduce(
-    mission: Annotated[Path, Argument(help="[NAME=]DIR: mission folder (or video).")],
+    mission: Annotated[Path, Argument(help="[NAME=]DIR: a folder of frames or a video file.")],
     output: Annotated[
-        Path, Option("-o", "--output", help="Folder for report.html, results.json, tables.")
+        Path,
+        Option("-o", "--output", metavar="DIR", help="Folder for the report, figures and tables."),
     ],
     ocean: Annotated[
         Path | None, Option(help="The thesis's image of open ocean. Default: an early frame.")
@@ -169,7 +166,7 @@ def reproduce(
         Option(help="Label file (CSV). Default: the mission's labels.csv, if there is one."),
     ] = None,
     model: Annotated[
-        Path | None, Option(help="Bundle (.tokt) to judge the frames with as well.")
+        Path | None, Option(help="Bundle (.tokt) that judges the frames as well.")
     ] = None,
     sample: Annotated[
         int, Option(help="Number of frames for slow methods, spread over the mission.", min=1)
@@ -177,7 +174,7 @@ def reproduce(
     jobs: ProcessesOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Reproduce the thesis's tables and figures, beside other methods and tokt's own.
+    """Reproduce the thesis's tables and figures, beside tokt's own.
 
     Each says what the thesis printed, what came out, and whether the two agree. SLIC superpixels
     are run on a sample of the frames.
@@ -228,11 +225,14 @@ def bench(
     ] = None,
     out: Annotated[Path, Option(help="Folder for bench.json and bench.png.")] = Path("bench-out"),
     quick: Annotated[
-        bool, Option("--quick", help="Measure few frames, few times: a first look only.")
+        bool, Option("--quick", help="Measure few frames, few times, for a first look.")
     ] = False,
     json: JsonOption = False,
 ) -> None:
-    """Measure speed against the libraries and the thesis's pipeline; exit code 1 if not exact."""
+    """Measure speed against the libraries and the thesis's pipeline.
+
+    Exit code 1: a result is not exact.
+    """
     if calibration and mission is None:
         raise ToktError("--calibration goes together with --mission")
     from tokt.studies.speed.report import print_table

@@ -33,8 +33,8 @@ SplitOption = Annotated[
     str | None,
     Option(
         "--split",
-        help="Hold out whole dives (dive; in --folds folds if there are more than 10) or blocks of "
-        "frames (block). Default: dive; block where there is one dive.",
+        help="Hold out whole dives (in --folds folds if there are more than 10) or blocks of "
+        "frames. Default: dive; block where there is one dive.",
         show_default=False,
     ),
 ]
@@ -42,7 +42,6 @@ SitesOption = Annotated[
     list[str] | None,
     Option(
         "--site",
-        metavar="NAME=A,B",
         help="Dives of one camera and day, held out together; repeatable. Default: the dataset's.",
         show_default=False,
     ),
@@ -56,15 +55,10 @@ WeightOption = Annotated[
 ]
 JobsOption = Annotated[int, Option(help="Processes; -1 for one per core.", min=-1)]
 DaskOption = Annotated[
-    str | None,
-    Option(
-        metavar="ADDRESS",
-        help="Dask cluster to work on that sees the same files (tcp://HOST:8786).",
-    ),
+    str | None, Option(help="Dask cluster to work on that sees the same files (tcp://HOST:8786).")
 ]
 SignRegistrationOption = Annotated[
-    Path | None,
-    Option("--sign", metavar="KEY", help="Sign the registration with this private key."),
+    Path | None, Option("--sign", help="Sign the registration with this private key.")
 ]
 _RULE = (
     "the simplest within one standard error, and 0.01, of the best (result.json has the rule in "
@@ -83,7 +77,7 @@ def train(
         ),
     ] = None,
     preset: Annotated[
-        str, Option(help="Preset: thesis, plain, water, or best: that is water for several dives.")
+        str, Option(help="Preset of settings; best means water where there are several dives.")
     ] = "best",
     name: Annotated[
         str | None, Option(help="Name of the model. Default: DATASET-EXTRACTOR.")
@@ -97,15 +91,13 @@ def train(
         int | None,
         Option(
             min=1000,
-            help="Patches, unchanged ones, that a fit learns from at most, drawn by lot. "
+            help="Patches that a fit learns from at most, drawn by lot; augmented ones are extra. "
             "Default: 50000.",
         ),
     ] = None,
     class_weight: Annotated[
         str | None,
-        Option(
-            help="Class weights: none, balanced, or auto (the better one). Default: the preset's."
-        ),
+        Option(help="Weights of the classes; auto is the better one. Default: the preset's."),
     ] = None,
     changes: Annotated[
         str | None,
@@ -124,11 +116,9 @@ def train(
     confidence: Annotated[
         float, Option(help="Confidence that the rate is kept; 0.5 for the best estimate.")
     ] = 0.5,
-    least_patches: Annotated[
-        str, Option(help="Patches that make an alarm of a frame: a number, or auto.")
-    ] = AUTO,
+    least_patches: Annotated[str, Option(help="Patches that make an alarm of a frame.")] = AUTO,
     frame_rule: Annotated[
-        str, Option(help="Alarms that make a status: K/N of the last N frames, or auto.")
+        str, Option(help="Alarms that make a status: K of the last N frames.")
     ] = AUTO,
     ocean: Annotated[
         Path | None, Option(help="Ocean image of preset thesis. Default: a clear frame.")
@@ -142,7 +132,7 @@ def train(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Cross-validate, choose the operating point, train, log and register one model version."""
+    """Train, cross-validate and register one model version."""
     given = fields_of(locals())
     from tokt.training.fitting.train_options import TrainOptions
     from tokt.training.fitting.train_options import train as train_version
@@ -165,8 +155,7 @@ def adapt(
     ] = 5,
     output: ReportOption = None,
     split: Annotated[
-        str | None,
-        Option(help="Hold out dives (dive) or blocks of frames (block). Default: as the model."),
+        str | None, Option(help="Hold out dives or blocks of frames. Default: as the model.")
     ] = None,
     site: SitesOption = None,
     jobs: JobsOption = -1,
@@ -174,9 +163,10 @@ def adapt(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Train a model's next version on a new dive too; say what that gained, and cost elsewhere.
+    """Train a model's next version on a new dive as well.
 
-    First label 5 to 10 frames of the dive that the page leads to (tokt label DIR --model MODEL).
+    It tells what that gained there, and cost elsewhere. First label 5 to 10 frames of the dive that
+    the page leads to (tokt label DIR --model MODEL).
     """
     from tokt.features.common import atomic
     from tokt.labels.record import NoLabelsError
@@ -210,8 +200,8 @@ def adapt(
             raise NoLabelsError(f"no patch of mission {missions[0].name!r} has a sure label")
     except NoLabelsError as error:
         raise ToktError(
-            f"{error}; label 5 to 10 of its frames: tokt label {mission} --model {model} "
-            "(key q leads to the next one that the model is unsure of)"
+            f"{error}; label 5 to 10 of its frames: tokt label {mission} --model {model}. "
+            "Key q leads to the next frame of which the model is unsure"
         ) from None
     for remark in remarks:
         say(f"note: {remark}")
@@ -309,13 +299,12 @@ def search(
     space: Annotated[
         Path | None,
         Option(
-            metavar="FILE.toml",
-            help="Space file: extractors, C and class weights to try. Default: the built-in one.",
+            help="Space file: extractors, C and class weights to try. Default: the built-in one."
         ),
     ] = None,
     budget: Annotated[
         str | None,
-        Option(help="Budget: begin no trial after this time (30m, 2h) or number of trials (12)."),
+        Option(help="Begin no trial after this time (30m, 2h) or number of trials (12)."),
     ] = None,
     nested: Annotated[
         bool,
@@ -337,9 +326,10 @@ def search(
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
-    """Search extractors; train and register the simplest of the best.
+    """Search extractors; train and register the simplest good one.
 
-    Each is scored by cross-validation, as `train` does it. A search that was stopped goes on.
+    Each extractor is scored by cross-validation, as `train` does it. A search that was stopped goes
+    on.
     """
     from tokt.models.registry.registry import Registry, check_model_name
     from tokt.training.datasets.dataset import open_dataset

@@ -17,7 +17,7 @@ from tokt.features.common.canonical import canonical_json, json_sha256
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors import frame_pictures
 from tokt.features.extractors.extractor import (
-    Haralick,
+    Glcm,
     Join,
     Lbp,
     build_extractor,
@@ -94,7 +94,7 @@ def test_lbp_equals_scikit_image(name, kind, gray, colour):
 def test_haralick_equals_mahotas(ignore_zeros, gray, colour):
     for frame in (gray, colour):
         patches = crops(looked_at(frame, GRID), GRID)
-        found = Haralick(ignore_zeros).describe(frame, GRID)
+        found = Glcm(ignore_zeros).describe(frame, GRID)
         assert found.shape == (20, 13) and found.dtype == np.float64
         for patch, row in zip(patches, found, strict=True):
             if ignore_zeros and not patch.any():
@@ -108,7 +108,7 @@ def test_haralick_by_its_definition(ignore_zeros, gray):
     """Energy, contrast, homogeneity and entropy from counts made in plain loops."""
     patch = gray[::7, ::7][:18, :24].copy()
     grid = Grid(1, 1, None)
-    found = Haralick(ignore_zeros).describe(patch, grid)[0]
+    found = Glcm(ignore_zeros).describe(patch, grid)[0]
     apart = np.subtract.outer(np.arange(256), np.arange(256)) ** 2
     rows = []
     for step in ((0, 1), (1, 1), (1, 0), (1, -1)):
@@ -163,7 +163,7 @@ def test_join_is_hstack(colour):
 def test_even_patches_have_finite_features(ignore_zeros, value):
     frame = np.full((60, 80), value, np.uint8)
     grid = Grid(3, 4, 80)
-    found = Haralick(ignore_zeros).describe(frame, grid)
+    found = Glcm(ignore_zeros).describe(frame, grid)
     assert np.isfinite(found).all() and (found == found[0]).all()
     energy, contrast, correlation, entropy = found[0, [0, 1, 2, 8]]
     assert (energy, contrast, correlation, abs(entropy)) == (1, 0, 1, 0)
@@ -175,8 +175,8 @@ def test_one_black_patch_among_others(gray):
     frame = gray.copy()
     frame[:30, :32] = 0
     grid = Grid(4, 5, 160)
-    found = Haralick(ignore_zeros=True).describe(frame, grid)
-    constant = Haralick(ignore_zeros=False).describe(np.zeros_like(frame), grid)
+    found = Glcm(ignore_zeros=True).describe(frame, grid)
+    constant = Glcm(ignore_zeros=False).describe(np.zeros_like(frame), grid)
     assert np.array_equal(found[0], constant[0])
     assert np.isfinite(found).all()
 
@@ -207,16 +207,16 @@ def test_too_small_a_frame():
 
 SPECS = [
     *(extractor_named(name).spec for name in NAMED),
-    Haralick(ignore_zeros=True).spec,
+    Glcm(ignore_zeros=True).spec,
     extractor_named("haralick+lbp_24_8_frame").spec,
     Moments().spec,
     Moments(FLAT).spec,
-    Haralick(False, FLAT).spec,
+    Glcm(False, FLAT).spec,
     Context(Lbp(8, 1, "frame", Quantization(8.5, 32)), "max").spec,
-    Context(Join([Haralick(True, FLAT), Lbp(24, 8, "frame")]), "mean").spec,
-    Join([Context(Haralick(True, FLAT), "range"), Lbp(24, 16, "frame")]).spec,
-    Haralick(True, FLAT, "log").spec,
-    Haralick(False, None, "linear").spec,
+    Context(Join([Glcm(True, FLAT), Lbp(24, 8, "frame")]), "mean").spec,
+    Join([Context(Glcm(True, FLAT), "range"), Lbp(24, 16, "frame")]).spec,
+    Glcm(True, FLAT, "log").spec,
+    Glcm(False, None, "linear").spec,
     Lbp(8, 5, "frame", FLAT, "nearest").spec,
     Lbp(8, 5, "patch", None, "bilinear").spec,
     Structure(FLAT).spec,
@@ -345,7 +345,7 @@ def test_names():
 
 
 def test_context_is_what_the_neighbours_have(colour):
-    part = Haralick(False, FLAT)
+    part = Glcm(False, FLAT)
     alone = part.describe(colour, GRID).reshape(GRID.rows, GRID.cols, -1)
     for statistic, of in (("mean", np.mean), ("max", np.max), ("min", np.min), ("range", np.ptp)):
         found = Context(part, statistic).describe(colour, GRID)
@@ -375,9 +375,9 @@ def test_moments_are_those_of_the_levels(colour):
 
 def test_version_2_of_lbp_and_haralick(colour):
     """A linear scale and bilinear sampling are version 1; a log scale changes five features."""
-    one = Haralick(False).describe(colour, GRID)
-    assert np.array_equal(Haralick(False, None, "linear").describe(colour, GRID), one)
-    log = Haralick(False, None, "log").describe(colour, GRID)
+    one = Glcm(False).describe(colour, GRID)
+    assert np.array_equal(Glcm(False, None, "linear").describe(colour, GRID), one)
+    log = Glcm(False, None, "log").describe(colour, GRID)
     grow = [1, 3, 6, 9]
     np.testing.assert_allclose(np.exp(log[:, grow]) - 0.1, one[:, grow], rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(np.tanh(log[:, 2]), one[:, 2].clip(-0.99, 0.9999), rtol=1e-12)
@@ -392,10 +392,10 @@ def test_version_2_of_lbp_and_haralick(colour):
 @pytest.mark.parametrize(
     ("spec", "words"),
     [
-        ({**Haralick(True).spec, "ignore_zeros": 1}, "ignore_zeros is true or false"),
-        ({**Haralick(True).spec, "version": 2}, "missing in its spec: scale"),
-        ({**Haralick(True, None, "log").spec, "version": 1}, "unknown .* spec: scale"),
-        ({**Haralick(True, None, "log").spec, "scale": "ln"}, "scale is 'linear' or 'log'"),
+        ({**Glcm(True).spec, "ignore_zeros": 1}, "ignore_zeros is true or false"),
+        ({**Glcm(True).spec, "version": 2}, "missing in its spec: scale"),
+        ({**Glcm(True, None, "log").spec, "version": 1}, "unknown .* spec: scale"),
+        ({**Glcm(True, None, "log").spec, "scale": "ln"}, "scale is 'linear' or 'log'"),
         ({**Lbp(8, 2, "frame", None, "nearest").spec, "sampling": 1}, "sampling is"),
         ({**Lines((8,)).spec, "samples": 8}, "samples is a list"),
         ({**Lines((8,)).spec, "samples": []}, "powers of 2"),
@@ -428,7 +428,7 @@ def test_even_pictures_have_finite_edges_and_lines():
     for value in (0, 128, 255):
         frame = np.full((60, 80), value, np.uint8)
         for image in (None, FLAT):
-            for part in (Structure(image), Lines((2, 64), image), Haralick(False, image, "log")):
+            for part in (Structure(image), Lines((2, 64), image), Glcm(False, image, "log")):
                 assert np.isfinite(part.describe(frame, Grid(3, 4, 80))).all()
 
 
@@ -445,7 +445,7 @@ def test_pictures_are_prepared_once(colour, monkeypatch):
 
     kernels = frame_pictures.KERNELS
     monkeypatch.setattr(frame_pictures, "KERNELS", Counted())
-    flat = [Haralick(False, FLAT), Lbp(8, 1, "frame", FLAT)]
+    flat = [Glcm(False, FLAT), Lbp(8, 1, "frame", FLAT)]
     joined = Join([*flat, Moments(Quantization(2.0, 32)), Lbp(8, 2, "frame")])
     pictures = FramePictures(colour, GRID, threads=3)
     plain = pictures.gray(joined.images)
@@ -460,7 +460,7 @@ def test_pictures_are_prepared_once(colour, monkeypatch):
 
 def test_a_spec_in_a_file(tmp_path):
     file = tmp_path / "my+spec.json"
-    spec = Context(Haralick(False, FLAT), "mean").spec
+    spec = Context(Glcm(False, FLAT), "mean").spec
     file.write_text(json.dumps(spec), encoding="utf-8")
     assert extractor_named(f"spec:{file}").spec == spec
     for content, words in (

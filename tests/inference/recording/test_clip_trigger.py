@@ -4,7 +4,7 @@ import pytest
 
 from tests.calls import refuses
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.recording.clip_trigger import MAX_S, REST_S, ClipTrigger
+from tokt.inference.recording.clip_trigger import DOUBTS, MAX_S, REST_S, ClipTrigger
 from tokt.inference.verdict import Verdict, unknown_verdict
 
 OBSTACLE = Verdict(1, 3, 4, None, 9.0, None, "texture", "reef/7")
@@ -18,6 +18,13 @@ def kept(trigger, verdict_at, seconds) -> list[float]:
     """Times of the frames that are kept, at 10 a second."""
     times = [tenth / 10 for tenth in range(round(10 * seconds))]
     return [now for now in times if trigger.should_keep(now, verdict_at(now))]
+
+
+def test_every_reason_is_decided():
+    """What a thing never learnt looks like is what a person should label first."""
+    no_picture = {"ok", "no_frame", "stale", "stalled", "overload", "missing", "unreadable"}
+    no_picture |= {"incomplete", "unpaired", "camera_lost", "frozen", "no_model"}
+    assert set(Reason) - set(DOUBTS) == no_picture
 
 
 def test_a_detection_is_kept_with_what_comes_after():

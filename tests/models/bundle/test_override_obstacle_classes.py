@@ -91,7 +91,7 @@ def test_flags_that_cannot_be_are_one_line(three, make_content, tmp_path, run_to
     two = bundle_from_bytes(bundle_bytes(make_content(5)), "two")
     never = dict.fromkeys(("ocean", "sand", "tower"), False)
     for bundle, flags, words in (
-        (two, {"ocean": True, "other": False}, "fixed when it was trained"),
+        (two, {"ocean": True, "other": False}, "training fixed which side"),
         (three, {"ocean": True}, "taxonomy t.toml has no class sand, tower"),
         (three, never, "never warn"),
     ):

@@ -627,7 +627,7 @@ def test_ceilings_are_of_the_same_folds(compared, told, refused, tiny, no_progre
     """Gradient boosting by hand; a net says so where it is not installed."""
     monkeypatch.setattr("tokt.training.compare.ceilings.find_spec", lambda name: None)
     command = ("compare", "tiny-lbp", "tiny-thesis", "--workspace", compared.workspace)
-    refused("leave --mission out", *command, "--mission", tiny.path, "--ceilings")
+    refused("leave out --mission", *command, "--mission", tiny.path, "--ceilings")
     assert compared.json["ceilings"] == []
     boosted, net = told(*command, "--ceilings")["ceilings"]
     assert (boosted["model"], net["missing"][:13]) == (LBP, "not installed")

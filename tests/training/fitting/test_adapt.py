@@ -284,12 +284,12 @@ def test_what_cannot_be_adapted_is_refused_in_one_line(
     workspace = tmp_path / ".tokt"
     shutil.copytree(three["workspace"], workspace)
     where, (path, labels) = ("--workspace", workspace), three["new"]
-    first = f"label 5 to 10 of its frames: tokt label {path} --model tower (key q"
+    first = f"label 5 to 10 of its frames: tokt label {path} --model tower. Key q"
     refused("no label store", "adapt", "tower", "--mission", path, *where)
     refused(first, "adapt", "tower", "--mission", path, *where)
     other = write_labels(tmp_path / "o.csv", [["other", "left", 1, 0, 0, "ocean"]])
     elsewhere = ("--mission", path, "--labels", tiny.labels, "--labels", other, *where)
-    named = "(labels of: other, tiny); where they call it otherwise, give NAME=DIR"
+    named = "(labels of: other, tiny). If they call it otherwise, give NAME=DIR"
     refused(f"{named}; {first}", "adapt", "tower", *elsewhere)
     unsure = write_labels(tmp_path / "u.csv", [["night", "left", 1, 0, 0, "unsure"]])
     refused("no patch of mission 'night' has a sure label; label 5",

@@ -51,7 +51,7 @@ def test_the_bundle_says_where_it_starts_and_what_is_too_far(bundle):
     assert point.water.water < 0 < point.water.obstacle and point.unlike > 0
     assert "boundary" not in point.chosen
     assert f"farther than {point.unlike:.2f}" in point.chosen["novelty"]
-    assert "moves with the last 5 frames" in bundle.card and "is unknown: so were" in bundle.card
+    assert "moves with the last 5 frames" in bundle.card and "is unknown. So were" in bundle.card
 
 
 def test_a_fold_judges_as_the_runtime_and_an_evaluation_do(bundle, trained, tiny, tmp_path):

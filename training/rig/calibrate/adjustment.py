@@ -159,7 +159,7 @@ class Adjusted:
 
 
 def adjust(problem: Problem, path: Path, rounds: int = 60) -> Adjusted:
-    """Minimise the residuals under a Cauchy loss, so that wrong matches lose their say.
+    """Minimise the residuals under a Cauchy loss, so that wrong matches count little.
 
     Levenberg and Marquardt's method. Each point touches only its own observations, so the points
     are eliminated first (Schur complement; Triggs et al. 2000, Bundle adjustment, section 6.1) and

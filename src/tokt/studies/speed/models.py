@@ -13,7 +13,7 @@ from sklearn.svm import LinearSVC
 
 from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.common.errors import ToktError
-from tokt.features.extractors.extractor import Extractor, Haralick, Lbp
+from tokt.features.extractors.extractor import Extractor, Glcm, Lbp
 from tokt.features.frames.mission import LEFT, Mission
 from tokt.features.kernels import reference
 from tokt.inference.verdict import Verdict, verdict_from_mask
@@ -74,7 +74,7 @@ _ALL_LBP_24_8 = partial(all_lbp, points=24, radius=8)
 FEATURE_SETS = (
     ThesisFeatureSet("lbp_10_5", Lbp(10, 5, "patch"), DESCRIBE["lbp_10_5"], _ALL_LBP_10_5),
     ThesisFeatureSet("lbp_24_8", Lbp(24, 8, "patch"), DESCRIBE["lbp_24_8"], _ALL_LBP_24_8),
-    ThesisFeatureSet("haralick", Haralick(ignore_zeros=True), DESCRIBE["haralick"], all_haralick),
+    ThesisFeatureSet("haralick", Glcm(ignore_zeros=True), DESCRIBE["haralick"], all_haralick),
 )
 
 

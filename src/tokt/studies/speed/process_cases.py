@@ -19,7 +19,7 @@ import numpy as np
 
 from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
-from tokt.features.extractors.extractor import Haralick, Join, Lbp, build_extractor
+from tokt.features.extractors.extractor import Glcm, Join, Lbp, build_extractor
 from tokt.features.frames.image_file import read_image
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import Limits
@@ -38,7 +38,7 @@ from .paired_timing import BASELINE, FLOOR, OURS, Result, in_turns, result
 from .stamped_receiver import StampedReceiver
 
 _LBP = Lbp(10, 5, "patch")
-_EXTRACTOR = Join([_LBP, Haralick(ignore_zeros=True)])
+_EXTRACTOR = Join([_LBP, Glcm(ignore_zeros=True)])
 NAME = "latency.frame_to_udp"
 FPS = 15.0
 """Of the mission's cameras."""

@@ -191,7 +191,7 @@ class StudyInputs:
         """The thesis's image of anything else: the one asked for, or a rendered texture."""
         if self.request.other is not None:
             return self._given(self.request.other)
-        words = "a rendered texture, as the thesis's film still is not included"
+        words = "a rendered texture for the thesis's film still"
         return TrainingImage(rendered_other_image(), words)
 
     @property

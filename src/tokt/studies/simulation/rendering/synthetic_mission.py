@@ -112,11 +112,25 @@ def simulate_mission(
     ``calibration.yml`` and ``scene.json``. The folder `out` appears when all of it is written; its
     name becomes the mission's name.
 
-    The same seed gives the same bytes, whatever the `jobs`: threads, all cores by default. Of
-    `n_frames` stereo pairs, from 40 on, every part of the dive has frames. They are `width` pixels
-    wide; the height and the cameras follow the mission's proportions. ``progress(frames, total,
-    what)`` passes the frames on as they are done. Raises ToktError if `out` is there and not an
-    empty folder, or a number is out of range.
+    Parameters
+    ----------
+    out : Path
+        A folder that is not there, or empty.
+    seed : int
+        The same seed gives the same bytes, whatever the `jobs`.
+    n_frames : int
+        Stereo pairs; from 40 on, every part of the dive has frames.
+    width : int
+        In pixels; the height and the cameras follow the mission's proportions.
+    jobs : int, optional
+        Threads; by default one a core.
+    progress : callable, optional
+        ``progress(frames, total, what)`` passes the frames on as they are done.
+
+    Raises
+    ------
+    ToktError
+        If `out` is there and not an empty folder, or a number is out of range.
     """
     out = Path(out)
     _check(out, seed, n_frames, width, jobs)

@@ -160,8 +160,8 @@ class DarkScene:
             StereoCalibration(
                 rig.left, straight, rig.right, straight, rig.rotation, shift_mm, size
             ),
-            f"A rendered picture of the tower at {self.nearest_m:.1f} m by a lamp of {light:g} of "
-            "a mission's light, as no image was given (--dark)",
+            f"Rendered, without --dark: the tower at {self.nearest_m:.1f} m by a lamp of {light:g} "
+            "of a mission's light",
             "the exact rendered mask",
             "the rendered rig's exact calibration",
             rendered=True,

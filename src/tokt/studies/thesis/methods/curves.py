@@ -275,8 +275,7 @@ def _add_judged(curves: Curves, name: str, method: Method, readable: Sequence[Fr
 def _add_thesis(curves: Curves, inputs: StudyInputs, readable: Sequence[FrameResult]) -> None:
     """The thesis's texture models, and its disparity."""
     for name, model in inputs.thesis.items():
-        words = f"as the thesis has it, {inputs.two_images}"
-        _add_judged(curves, name, Method(model.title, THESIS, words), readable)
+        _add_judged(curves, name, Method(model.title, THESIS, inputs.two_images), readable)
         curves.patches[name] = {one.number: one.patches[name] for one in readable}
     if any(THESIS_DISPARITY in one.mean for one in readable):
         words = (

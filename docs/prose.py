@@ -1,0 +1,287 @@
+"""Count the hand-written prose and list its long sentences: ``python docs/prose.py [PAGE...]``.
+
+Without a page the help texts and the texts that the program says are read as well.
+
+Prose is README, CONTRIBUTING, the pages and notebooks of docs/ and the thesis page's template.
+Tables, code blocks and pages made by a program are not counted. What the program says is every
+text in its modules that is no docstring: errors, reasons, findings, lines.
+
+A sentence ends at a full stop, a question mark or an exclamation mark, never at a colon or a
+semicolon. A heading, an item of a list and a paragraph are sentences of their own. A code span,
+a link's address left out, and a field of an f-string are each one word.
+"""
+
+import ast
+import json
+import re
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+MAX_WORDS = 15_000
+MAX_SENTENCE = 25
+TEMPLATE = "src/tokt/studies/thesis/page.md.in"
+MADE = ("docs/thesis.md",)
+"""Made by a program from the template."""
+BUDGETS = {
+    "README.md": 350,
+    "CONTRIBUTING.md": 800,
+    "docs/index.md": 150,
+    "docs/install.md": 350,
+    "docs/glossary.md": 600,
+    "docs/tutorials": 1900,
+    "docs/how-to": 4300,
+    "docs/reference": 2000,
+    "docs/explanation": 3200,
+    "docs/notebooks": 0,
+    TEMPLATE: 1300,
+}
+"""Words that each part may have; only the sum is held."""
+ROOMS = (
+    "src/tokt/cli",
+    "src/tokt/studies",
+    "features",
+    "labels",
+    "models",
+    "training",
+    "inference",
+)
+
+_ABBREVIATIONS = {
+    "e.g.",
+    "i.e.",
+    "vs.",
+    "cf.",
+    "etc.",
+    "approx.",
+    "no.",
+    "fig.",
+    "eq.",
+    "p.",
+    "pp.",
+}
+_FENCE = re.compile(r"^\s*(```+|~~~+)")
+_ITEM = re.compile(r"^\s*([-*+]|\d+[.)])\s+")
+_HEADING = re.compile(r"^\s*#{1,6}\s")
+_NO_PROSE = re.compile(r"^\s*(\||$)|:::")
+"""A table's row, an empty line, where the reference of a module goes."""
+_OPENER = re.compile(r"^\s*(!!!|\?\?\?\+?|===)\s+(\w+\s*)?(\"(?P<title>.*)\")?")
+"""Material's admonitions and tabs: the title is prose, and so is what is indented below."""
+_SQL = re.compile(r"\s*(CREATE|SELECT|INSERT|COALESCE)\b")
+_INLINE = (
+    (r"\{%.*?%\}", " "),  # the template's
+    (r"\{\{.*?\}\}", "field"),
+    (r"!\[[^\]]*\]\([^)]*\)(\{[^}]*\})?", " "),  # a picture
+    (r"(`+)(.+?)\1", lambda found: "`code`"),
+    (r"\[([^\]]*)\](\([^)]*\)|\[[^\]]*\])(\{[^}]*\})?", r"\1"),  # a link
+    (r"</?[a-zA-Z][^>]*>", " "),
+    (r"\s:[a-z0-9-]+:|\{[.#:][^}]*\}", " "),  # an icon, attributes
+)
+_END = re.compile(r"[.!?][\"')\]*_”’]*$")
+_WORD = re.compile(r"\w")
+
+
+class Text(NamedTuple):
+    """A paragraph, an item or a heading, and the line it begins in."""
+
+    where: str
+    line: int
+    text: str
+
+
+class Long(NamedTuple):
+    """A sentence that is too long."""
+
+    where: str
+    line: int
+    words: int
+    sentence: str
+
+    def __str__(self) -> str:
+        return f"{self.where}:{self.line}: {self.words} words: {self.sentence}"
+
+
+def words(text: str) -> list[str]:
+    """Its words: what stands between blanks and has a letter or a digit."""
+    return [word for word in text.split() if _WORD.search(word)]
+
+
+def sentences(text: str) -> Iterator[str]:
+    """The sentences of one paragraph; an abbreviation or an initial ends none."""
+    sentence: list[str] = []
+    for word in text.split():
+        sentence.append(word)
+        bare = word.lstrip("\"'(*_").lower()
+        initial = re.fullmatch(r"[A-Z]\.", word)
+        if _END.search(word) and _WORD.search(word) and bare not in _ABBREVIATIONS and not initial:
+            yield " ".join(sentence)
+            sentence = []
+    if sentence:
+        yield " ".join(sentence)
+
+
+def paragraphs(where: str, markdown: str, first: int = 1) -> Iterator[Text]:
+    """The prose of a page in Markdown: its paragraphs, items and headings without markup."""
+    gathered: list[str] = []
+    began = first
+    for number, line, alone in [*_prose_lines(markdown, first), (0, "", True)]:
+        if alone and gathered:
+            text = _plain(" ".join(gathered))
+            gathered.clear()
+            if words(text):
+                yield Text(where, began, text)
+        if line:
+            began = began if gathered else number
+            gathered.append(line)
+
+
+def _prose_lines(markdown: str, first: int) -> Iterator[tuple[int, str, bool]]:
+    """Number and text of each line, and whether it continues none; "" for what is no prose."""
+    plain = re.sub(r"\A---\n.*?\n---\n", _blank_lines, markdown, flags=re.DOTALL)
+    plain = re.sub(r"<!--.*?-->|<(style|script)\b.*?</\1>", _blank_lines, plain, flags=re.DOTALL)
+    fence, listed, follows = "", False, False
+    for number, line in enumerate(plain.splitlines(), first):
+        marks = _FENCE.match(line)
+        indented = line.startswith("    ") and not listed and not follows
+        if fence or marks or indented or _NO_PROSE.match(line):
+            if fence:
+                fence = "" if line.strip().startswith(fence) else fence
+            elif marks:
+                fence = marks[1]
+            yield number, "", True
+            follows = False
+            continue
+        opener, item, heading = (it.match(line) for it in (_OPENER, _ITEM, _HEADING))
+        text = (opener["title"] or "") if opener else line[item.end() :] if item else line
+        yield number, text.strip().lstrip("#>").strip(), bool(opener or item or heading)
+        follows = not (opener or heading)
+        listed = bool(item or opener) or (listed and line.startswith(" "))
+        if not follows:
+            yield number, "", True
+
+
+def _blank_lines(found: re.Match[str]) -> str:
+    return "\n" * found[0].count("\n")
+
+
+def _plain(text: str) -> str:
+    for pattern, instead in _INLINE:
+        text = re.sub(pattern, instead, text, flags=re.DOTALL)
+    return text
+
+
+def too_long(texts: Iterable[Text]) -> Iterator[Long]:
+    """The sentences with more than `MAX_SENTENCE` words."""
+    for where, line, text in texts:
+        for sentence in sentences(text):
+            if (count := len(words(sentence))) > MAX_SENTENCE:
+                yield Long(where, line, count, sentence)
+
+
+def pages() -> list[Path]:
+    """The files with hand-written prose."""
+    found = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / TEMPLATE]
+    found += sorted([*ROOT.glob("docs/**/*.md"), *ROOT.glob("docs/notebooks/*.ipynb")])
+    return [page for page in found if _name(page) not in MADE]
+
+
+def page_texts(page: Path) -> Iterator[Text]:
+    """The prose of a page, or of a notebook's cells."""
+    content = page.read_text(encoding="utf-8")
+    if page.suffix != ".ipynb":
+        yield from paragraphs(_name(page), content)
+        return
+    for number, cell in enumerate(json.loads(content)["cells"], 1):
+        if cell["cell_type"] == "markdown":
+            yield from paragraphs(f"{_name(page)}, cell {number}", "".join(cell["source"]))
+
+
+def help_texts(command: Any, name: str = "tokt") -> Iterator[Text]:
+    """What ``--help`` says: of a command of typer's, its options and arguments, its commands."""
+    for text in (command.help, command.epilog):
+        yield from paragraphs(name, text or "")
+    for param in command.params:
+        yield from paragraphs(f"{name} {param.opts[0]}", getattr(param, "help", None) or "")
+    for below in getattr(command, "commands", {}).values():
+        yield from help_texts(below, f"{name} {below.name}")
+
+
+def said_texts(where: str, source: str) -> Iterator[Text]:
+    """The texts in a module of Python that are no docstrings; adjoining ones are one."""
+    tree = ast.parse(source)
+    silent: set[int] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr):  # a docstring
+            silent.add(id(node.value))
+        elif isinstance(node, ast.JoinedStr):
+            silent |= {id(part) for part in node.values}
+        elif isinstance(node, ast.BinOp) and _said(node) is not None:
+            silent |= {id(node.left), id(node.right)}
+        text = None if id(node) in silent else _said(node)
+        if text and not _SQL.match(text):
+            yield from paragraphs(where, text, getattr(node, "lineno", 1))
+
+
+def _said(node: ast.AST) -> str | None:
+    """A text, with a word for each of its fields; None where it is none."""
+    match node:
+        case ast.Constant(value=str(text)):
+            return text
+        case ast.JoinedStr(values=parts):
+            return "".join(_said(part) or "field" for part in parts)
+        case ast.BinOp(left=left, op=ast.Add(), right=right):
+            texts = [_said(left), _said(right)]
+            if any(texts):
+                return "".join("field" if text is None else text for text in texts)
+    return None
+
+
+def product_texts() -> Iterator[Text]:
+    """All that the program says: its help, and the texts in its modules."""
+    from typer.main import get_command
+
+    from tokt.cli.app import app
+
+    yield from help_texts(get_command(app))
+    for room in ROOMS:
+        for module in sorted((ROOT / room).rglob("*.py")):
+            yield from said_texts(_name(module), module.read_text(encoding="utf-8"))
+
+
+def _name(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def counts() -> dict[str, int]:
+    """Words of each page of prose."""
+    return {
+        _name(page): sum(len(words(text.text)) for text in page_texts(page)) for page in pages()
+    }
+
+
+def main(arguments: list[str]) -> int:
+    """Print counts and long sentences, of some pages or of everything; 1 if there is too much."""
+    asked = [page for page in pages() if _name(page).startswith(tuple(arguments or [""]))]
+    texts = [text for page in asked for text in page_texts(page)]
+    long = list(too_long(texts if arguments else [*texts, *product_texts()]))
+    print(*long, sep="\n")
+    found = counts()
+    for part, budget in BUDGETS.items():
+        inside = {
+            page: n for page, n in found.items() if page == part or page.startswith(part + "/")
+        }
+        print(f"{sum(inside.values()):6} of {budget:5}  {part}")
+        if len(inside) > 1:
+            for page, count in inside.items():
+                print(f"{'':8}{count:6}  {page}")
+    total = sum(found.values())
+    print(
+        f"{total:6} of {MAX_WORDS:5}  words in all; {len(long)} sentences over {MAX_SENTENCE} words"
+    )
+    return int(bool(long) or total > MAX_WORDS)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
