@@ -383,14 +383,14 @@ def test_the_rule_is_written_down_before_a_trial_is_run(searched):
     assert header.stat().st_mtime_ns <= min(path.stat().st_mtime_ns for path in trials)
 
 
-def test_the_parent_shows_what_was_reported_last(trained):
+def test_the_parent_shows_what_was_reported_last(workspace):
     """A search that goes on may come to a simpler winner of a lower score."""
-    runs = SearchRuns(Registry(trained), "sea.1", "search sea", {})
+    runs = SearchRuns(Registry(workspace), "sea.1", "search sea", {})
     with runs.running():
         for score in (0.9, 0.8):
             runs.report({"winner_score": score}, {})
             time.sleep(0.002)
-    assert Registry(trained).client.get_run(runs.parent_id).data.metrics == {"winner_score": 0.8}
+    assert Registry(workspace).client.get_run(runs.parent_id).data.metrics == {"winner_score": 0.8}
 
 
 def test_runs_are_parent_and_children_once(searched, told):
