@@ -32,7 +32,7 @@ from tests.calls import call_tokt
 from tests.tiers import CORE, TIERS, is_proof, register_profiles, tier_of
 from tokt.features.frames.grid import Grid
 from tokt.labels.taxonomy import Taxonomy
-from tokt.training.datasets.dataset import DatasetPlan, FrameSource, build_dataset
+from tokt.training.datasets.dataset import DatasetPlan, FrameSource, write_dataset
 
 # Hundreds of tests call the command line in this process: it is put together once.
 typer.main.get_command = cache(typer.main.get_command)
@@ -306,7 +306,7 @@ def fabricate(tmp_path):
         patches = pd.DataFrame(rows, columns=LABEL_COLUMNS)
         about = ("made", "binary", Grid(1, 1, None), Taxonomy.load())
         plan = DatasetPlan(*about, sources, patches, 0, 1, ["made"])
-        return build_dataset(plan, tmp_path / "datasets", quiet)
+        return write_dataset(plan, tmp_path / "datasets", quiet)
 
     return build
 

@@ -95,7 +95,7 @@ def _not_clear(judgement: Judgement) -> Judgement:
 
 @dataclass(eq=False)
 class SinglePolicy:
-    """One detector alone."""
+    """One detector alone: its answer on a frame is the verdict."""
 
     detector: Detector
     note: str = ""  # what is not as it should be throughout, for the health of every verdict

@@ -8,7 +8,7 @@ from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.camera_frame import MOSAIC_FORMATS, frame_from_camera
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames, open_mission
-from tokt.inference.clock import Clock
+from tokt.inference.clock import SYSTEM_CLOCK, Clock
 from tokt.inference.frame import Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.models.operating_point import frame_step, missed_before
@@ -134,8 +134,8 @@ def _chosen(mission: Mission, frames: Sequence[int] | None) -> list[int]:
 
 
 def open_source(
-    text: str,
-    clock: Clock,
+    text: str | Path,
+    clock: Clock = SYSTEM_CLOCK,
     frames: Sequence[int] | None = None,
     rate: float | None = None,
     stereo: bool = True,
@@ -144,7 +144,14 @@ def open_source(
     """Open the folder or the video file that a user named, the rest as in `MissionSource`.
 
     ToktError if it is neither, or `MissionSource` refuses the rest.
+
+    Examples
+    --------
+    >>> for frame in tokt.open_source("dive"):  # doctest: +SKIP
+    ...     verdict = policy.judge(frame).verdict
     """
     if not Path(text).exists():
-        raise ToktError(f"unknown source {text!r}: not a folder of frames and not a video file")
+        raise ToktError(
+            f"unknown source {str(text)!r}: not a folder of frames and not a video file"
+        )
     return MissionSource(open_mission(text), clock, frames, rate, stereo, pixel_format)

@@ -144,6 +144,10 @@ class Bundle(BundleContent):
     data: bytes
     signature: Signature | None = None
 
+    def __repr__(self) -> str:
+        about = f"{self.extractor.dim} features of a patch, grid {self.grid}"
+        return f"{type(self).__name__}({self.label!r}: {about})"
+
     @property
     def content(self) -> BundleContent:
         """What it holds, such as to write another one from."""

@@ -116,6 +116,11 @@ class Store:
         """The file a bundle is kept in."""
         return self.path / "versions" / sha256 / "bundle.tokt"
 
+    @property
+    def is_there(self) -> bool:
+        """Whether the folder is a store, and no other folder."""
+        return self._active_file.is_file() or self._history_file.is_file()
+
     def active_entry(self) -> Activation | None:
         """The newest activation, or None before the first.
 

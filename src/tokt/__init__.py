@@ -1,15 +1,39 @@
-"""tokt: label, train, compare and deploy small texture models that keep an ROV off obstacles."""
+"""tokt: label, train, compare and deploy small texture models that keep an ROV off obstacles.
 
-from typing import TYPE_CHECKING
+The public names stand in ``__init__.pyi``. Each is loaded from its module when it is first used:
+``import tokt`` brings no numpy, and the runtime's pieces need no extra.
+"""
 
-if TYPE_CHECKING:
-    __version__: str
-else:
 
-    def __getattr__(name: str) -> str:
-        """Look the version up when it is asked for: that takes a tenth of the runtime's start."""
-        if name != "__version__":
-            raise AttributeError(f"module 'tokt' has no attribute {name!r}")
+def _public() -> dict[str, str]:
+    """Module of each public name, as the stub beside this file has it."""
+    import ast
+    from pathlib import Path
+
+    stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text("utf-8"))
+    imports = (node for node in stub.body if isinstance(node, ast.ImportFrom))
+    return {name.name: str(one.module) for one in imports for name in one.names}
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_public(), "__all__", "__version__"})
+
+
+def __getattr__(name: str) -> object:
+    """Look a name up when it is asked for: the version alone takes a tenth of a start."""
+    if name == "__version__":
         from importlib.metadata import version
 
         return version("tokt")
+    public = {} if name.startswith("_") and name != "__all__" else _public()
+    if name == "__all__":
+        return sorted(public)
+    if name not in public:
+        raise AttributeError(f"module 'tokt' has no attribute {name!r}")
+    from importlib import import_module
+
+    from tokt.features.common.extras import needed_by
+
+    with needed_by(f"tokt.{name}"):
+        globals()[name] = found = getattr(import_module(public[name]), name)
+    return found

@@ -83,7 +83,7 @@ def _read_odometry(folder: Path) -> object:
 
 def _read_matlab(folder: Path) -> object:
     """scipy reads it, in a process of its own."""
-    from tokt.training.rig.calibrate.matlab_file import read_matlab_numbers
+    from tokt.training.matlab_file import read_matlab_numbers
 
     return check_calibration(read_matlab_numbers(folder / "c.mat")).usable()
 

@@ -24,7 +24,7 @@ from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import open_mission
 from tokt.labels.taxonomy import Taxonomy
 from tokt.models.registry.registry import Registry
-from tokt.training.datasets.dataset import build_dataset, open_dataset
+from tokt.training.datasets.dataset import open_dataset, write_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions, read_labels
 from tokt.training.fitting.presets import settings_named
@@ -104,7 +104,7 @@ def test_a_worker_builds_the_same_dataset(cluster, tiny, trained, tmp_path):
     records = read_labels([tiny.labels], taxonomy, DEFAULT_GRID)
     mission = LabelledMission(open_mission(tiny.path), records)
     plan, _ = plan_from_missions("tiny", "binary", [mission], taxonomy, block_frames=4)
-    build = partial(build_dataset, root=tmp_path / "datasets", progress=progress)
+    build = partial(write_dataset, root=tmp_path / "datasets", progress=progress)
     (there,) = mapped(build, [plan], dask=cluster.address)
     assert there.path.is_relative_to(tmp_path)
     assert there.hash == open_dataset("tiny", trained / "datasets").hash

@@ -66,6 +66,15 @@ def test_plain_install_runs_a_bundle(slim_python, workspace, tiny, tmp_path):
     full = _judged(sys.executable, bundle, mission, tmp_path / "full.jsonl")
     assert [x["decision_values"] for x in lines] == [x["decision_values"] for x in full]
 
+    # The runtime's pieces, by their public names.
+    pieces = f"""
+import tokt
+policy = tokt.SinglePolicy(tokt.TextureDetector(tokt.load_model({str(bundle)!r})))
+print([policy.judge(frame).verdict.status for frame in tokt.open_source({str(mission)!r})])
+"""
+    said = _run(slim_python, "-c", pieces)
+    assert said.stdout == f"{[line['status'] for line in lines]}\n", said.stderr
+
     for missing in (
         ("train", "tiny", "--extractor", "lbp", *space),
         ("evaluate", "m", "--mission", mission, *space),

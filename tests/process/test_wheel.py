@@ -68,6 +68,7 @@ def packed(wheel):
 def test_the_wheel_holds_what_git_holds(product, packed):
     missing = sorted(product.keys() - packed.keys())
     assert [name for name in missing if not name.endswith(EXTENSION_SOURCES)] == []
+    assert {"tokt/py.typed", "tokt/__init__.pyi"} <= packed.keys()  # users' type checkers read them
     compiled = {
         module["name"].replace(".", "/") + get_config_var("EXT_SUFFIX")
         for module in SETUPTOOLS["ext-modules"]

@@ -154,7 +154,7 @@ def predict_missions(
     frames : sequence of int, optional
         Compare on these frames only.
     stated : AtSea
-        As for `tokt.training.evaluation.evaluate.evaluate`.
+        As for `tokt.training.evaluation.evaluate.evaluate_missions`.
 
     Raises
     ------

@@ -106,6 +106,10 @@ class DatasetVersion:
             raise ToktError(f"dataset {path} is damaged or not a dataset") from None
         self.taxonomy = Taxonomy.from_json(self.info.get("taxonomy"), f"dataset {path}")
 
+    def __repr__(self) -> str:
+        counts = f"{self.info['patches']} patches in {self.info['frames']} frames"
+        return f"{type(self).__name__}({self.label!r}: {counts})"
+
     @property
     def label(self) -> str:
         """``name@hash``."""
@@ -279,7 +283,7 @@ def _summary(plan: DatasetPlan, patches: pd.DataFrame, frames: pd.DataFrame) -> 
     }
 
 
-def build_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -> DatasetVersion:
+def write_dataset(plan: DatasetPlan, root: Path, progress: Callable[..., Any]) -> DatasetVersion:
     """Write a dataset version; the same content is written once.
 
     Parameters

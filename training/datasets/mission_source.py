@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,13 +12,17 @@ import pandas as pd
 from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.image_file import SUFFIXES
-from tokt.features.frames.mission import Mission
+from tokt.features.frames.mission import Mission, open_mission
 from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.merge import merge_annotators
 from tokt.labels.record import MODEL, LabelRecord, NoLabelsError
+from tokt.labels.store.known_missions import check_mission
+from tokt.labels.store.store import FILE_NAME, LabelStore
 from tokt.labels.taxonomy import UNSURE, Taxonomy
+from tokt.training.options import Notice
 
 from .dataset import PATCH_KEY, DatasetPlan, DatasetVersion, FrameSource, read_stored_frame
+from .mission_list import named_missions
 from .splits import BLOCK_FRAMES, block_of
 
 PATCH_GRID = Grid(1, 1, None)
@@ -96,6 +100,50 @@ class LabelledMission:
     def name(self) -> str:
         """What its labels call it."""
         return self.records[0].mission
+
+
+def labelled_missions(
+    missions: Sequence[Path],
+    labels: Sequence[Path],
+    workspace: Path,
+    taxonomy: Taxonomy,
+    grid: Grid,
+    notice: Notice,
+) -> list[LabelledMission]:
+    """Open missions as they were named, each with its labels; `notice` is told what is odd.
+
+    A mission's labels are those that a list of missions gives it, or else of `labels`, or else of
+    the workspace's label store. The store knows missions by name: it is refused where it has labels
+    of another dive of the same name.
+    """
+    named = [one for text in missions for one in named_missions(text)]
+    opened = [open_mission(one.path, one.name) for one in named]
+    shared: list[LabelRecord] = []
+    if labels:
+        shared = read_labels(labels, taxonomy, grid)
+    elif not all(one.labels for one in named):
+        with LabelStore(workspace / FILE_NAME, create=False) as store:
+            shared = store.current_and_settled(grid=grid)
+    found: dict[str, LabelledMission] = {}
+    for one, mission in zip(named, opened, strict=True):
+        if not labels and not one.labels:
+            check_mission(workspace, mission)
+        records = read_labels(one.labels, taxonomy, grid) if one.labels else shared
+        if missing := set(one.cameras) - set(mission.cameras):
+            raise ToktError(f"mission {mission.name!r} has no {missing.pop()} camera")
+        if one.cameras:
+            records = [record for record in records if record.camera in one.cameras]
+        only = bool(one.labels or (labels and len(named) == 1))
+        mine, remark = labels_of_mission(mission, records, grid, only)
+        if remark:
+            notice(f"note: {remark}")
+        if one.name and one.name != mine[0].mission:
+            mine = [replace(record, mission=one.name) for record in mine]
+        both = LabelledMission(mission, mine, one.site, one.date)
+        if both.name in found:
+            raise ToktError(f"two missions are named {both.name!r}; NAME=DIR tells them apart")
+        found[both.name] = both
+    return list(found.values())
 
 
 def plan_from_missions(

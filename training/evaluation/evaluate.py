@@ -331,7 +331,7 @@ def mission_in_training(bundle: Bundle, records: Sequence[LabelRecord]) -> bool:
     return isinstance(learnt, dict) and any(record.mission in learnt for record in records)
 
 
-def evaluate(
+def evaluate_missions(
     bundle: Bundle,
     missions: Sequence[LabelledMission],
     taxonomy: Taxonomy,
@@ -403,8 +403,8 @@ def evaluate_patches(
 ) -> dict[str, Any]:
     """Score a model of ready-cut patches on a folder with one sub-folder of images a class.
 
-    Found are, as of `evaluate`, model, patch, unsure_ignored, seen_in_training; and the folder,
-    `patches`.
+    Found are, as of `evaluate_missions`, model, patch, unsure_ignored, seen_in_training; and the
+    folder, `patches`.
 
     Raises
     ------

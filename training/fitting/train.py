@@ -87,7 +87,7 @@ class Trained:
     distribution: Distribution | None  # of unchanged frames; None where no limits can be measured
 
 
-def train(
+def fit_and_measure(
     request: TrainRequest,
     cache: Path,
     progress: Callable[..., Any],

@@ -16,7 +16,7 @@ from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import feature_key
 from tokt.training.fitting.cross_validation import Split, check_split
 from tokt.training.fitting.tracking import log_and_register
-from tokt.training.fitting.train import TrainRequest, train
+from tokt.training.fitting.train import TrainRequest, fit_and_measure
 from tokt.training.parallel import mapped, software
 
 from .mlflow_runs import SearchRuns
@@ -107,7 +107,7 @@ def search(
         the same search.
     """
     if request.dataset.block_frames is None:
-        # Frame numbers only count file names there, as `train` knows too.
+        # Frame numbers only count file names there, as `fit_and_measure` knows too.
         request = replace(request, split=replace(request.split, embargo_frames=0))
     _check(request)
     dataset, split = request.dataset, request.split
@@ -273,7 +273,7 @@ class _Search:
             selection=selection,
         )
         cache = request.workspace / "cache"
-        trained = train(wished, cache, self._progress, request.jobs, request.dask)
+        trained = fit_and_measure(wished, cache, self._progress, request.jobs, request.dask)
         return log_and_register(trained, self._registry), trained.metrics
 
     def _result(

@@ -13,6 +13,7 @@ import typer
 from typer import Option
 
 from tokt.features.common.errors import ToktError, os_words
+from tokt.features.common.extras import missing_extra
 
 from . import cameras, compare, dataset, doctor, labels, models, replay, rig, run, studies, train
 from .completion import join_bash_words
@@ -22,18 +23,6 @@ from .output import live_without_terminal, open_standard_files, say
 
 _TRACEBACKS = 20
 """Files with tracebacks that are kept."""
-_EXTRAS = {
-    "scipy": "train",
-    **dict.fromkeys(("mlflow", "sklearn", "skops", "pandas", "pyarrow", "joblib"), "train"),
-    **dict.fromkeys(("matplotlib", "jinja2", "skimage", "mahotas"), "train"),
-    **dict.fromkeys(("fastapi", "starlette", "pydantic", "uvicorn"), "label"),
-    "pymba": "camera",
-    "av": "video",
-    "vmbpy": "vimbax",
-    "cryptography": "sign",
-    **dict.fromkeys(("dask", "distributed", "psutil"), "cluster"),
-    "threadpoolctl": "train",
-}
 
 
 def _new_app(**more: bool) -> Commands:
@@ -134,8 +123,8 @@ def _mistake(error: Exception) -> str | None:
     if isinstance(error, typer.TyperException):
         return error.format_message()
     if isinstance(error, ModuleNotFoundError):
-        extra = _EXTRAS.get((error.name or "").partition(".")[0])
-        return extra and f"this command needs {error.name}: install tokt[{extra}]"
+        missing = missing_extra(error, "this command")
+        return None if missing is None else str(missing)
     if isinstance(error, OSError) and error.strerror is not None:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     return None

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from tokt.features.common.errors import ToktError
-
-from .dataset import labelled_missions
 from .options import (
     DEFAULT_WORKSPACE,
     FixedBoundaryOption,
@@ -23,17 +19,13 @@ from .options import (
     ReportOption,
     TaxonomyOption,
     WorkspaceOption,
-    read_calibration_file,
+    fields_of,
 )
 from .output import answer, figure, print_patches, progress, say, scores
 from .output import print_line as print
 
 if TYPE_CHECKING:
     from tokt.models.bundle.bundle import Bundle
-    from tokt.training.compare.predictions import ComparedModels
-    from tokt.training.datasets.mission_source import LabelledMission
-    from tokt.training.evaluation.approaches import AtSea
-
 
 RateOption = Annotated[
     float | None,
@@ -91,78 +83,16 @@ def compare(
 
     Models are compared on the patches that cross-validation held out, or on missions.
     """
-    from tokt.features.common import atomic
-    from tokt.models.registry.registry import Registry
-    from tokt.training.compare.comparison import compare_models
-    from tokt.training.compare.report import has_registry, log_comparison, report_html
+    given = fields_of(locals())
+    from tokt.training.compare.compare_options import CompareOptions
+    from tokt.training.compare.compare_options import compare as compared
 
-    if mission and ceilings:
-        raise ToktError("--ceilings judges what cross-validation held out: leave out --mission")
-    if output is not None and output.is_dir():
-        raise ToktError(f"{output} is a folder; -o names the report's file")
-    at_sea = (rate, stopping_distance, calibration, log)
-    compared = compared_models(models, mission, labels, frames, taxonomy, workspace, at_sea)
-    result = compare_models(compared, workspace, progress, learning_curve, ceilings)
-    html = report_html(compared, result)
-    if output is not None:
-        atomic.write_text(output, html)
-    answer(json, result, lambda: _print_comparison(result))
+    found = compared(CompareOptions(**given), progress=progress, notice=say)
+    answer(json, found.figures, lambda: _print_comparison(found.figures))
     if output is not None:
         say(f"report: {output}")
-    if has_registry(workspace):
-        say(f"MLflow run: {log_comparison(result, html, Registry(workspace))}")
-    else:
-        say(f"not logged: no registry in workspace {workspace}")
-
-
-def compared_models(
-    models: list[str],
-    mission: list[Path] | None,
-    labels: list[Path] | None,
-    frames: str | None,
-    taxonomy: Path | None,
-    workspace: Path,
-    at_sea: tuple[float | None, float | None, Path | None, Path | None] = (None,) * 4,
-) -> ComparedModels:
-    """Models on what cross-validation held out of all, or on missions."""
-    from tokt.features.frames.mission import parse_frames
-    from tokt.labels.taxonomy import load_taxonomy
-    from tokt.models.registry.load import load_model
-    from tokt.training.compare.held_out_predictions import check_different, read_held_out
-    from tokt.training.compare.mission_predictions import predict_missions
-
-    if not mission:
-        if labels or frames or taxonomy or any(one is not None for one in at_sea):
-            raise ToktError(
-                "--labels, --frames, --taxonomy, --rate, --stopping-distance, --calibration and "
-                "--log go with --mission"
-            )
-        return read_held_out(models, workspace)
-    classes = load_taxonomy(workspace, taxonomy)
-    wanted = parse_frames(frames) if frames else None
-    bundles = [load_model(model, workspace) for model in models]
-    check_different([bundle.label for bundle in bundles], [bundle.sha256 for bundle in bundles])
-    missions = labelled_missions(mission, labels, workspace, classes, bundles[0].grid)
-    stated = _stated(missions, frames, *at_sea)
-    return predict_missions(bundles, missions, classes, progress, wanted, stated)
-
-
-def _stated(
-    missions: Sequence[LabelledMission],
-    frames: str | None,
-    rate: float | None,
-    stopping_m: float | None,
-    calibration: Path | None,
-    log: Path | None,
-) -> AtSea:
-    """What was said of the missions; some of it is of one alone."""
-    from tokt.training.evaluation.approaches import AtSea, logged_distances
-
-    for name, given in (("--frames", frames), ("--log", log)):
-        if given and len(missions) > 1:
-            raise ToktError(f"{name} goes with one mission")
-    rig = read_calibration_file(calibration) if calibration else None
-    return AtSea(rate, stopping_m, rig, logged_distances(log) if log else {})
+    run = found.log()
+    say(f"MLflow run: {run}" if run else f"not logged: no registry in workspace {workspace}")
 
 
 _BOUNDS = ("of_frames", "of_blocks", "blocks")
@@ -262,46 +192,12 @@ def evaluate(
     The figures are of patches, of frame statuses, and of each approach: the distance and time left
     at its first status. Several missions have them by dive and site, too.
     """
-    from tokt.features.frames.mission import parse_frames
-    from tokt.labels.taxonomy import load_taxonomy
-    from tokt.models.registry.load import load_model
-    from tokt.training.evaluation.evaluate import evaluate as evaluate_task
-    from tokt.training.evaluation.evaluate import evaluate_patches
+    given = fields_of(locals())
+    from tokt.training.evaluation.evaluate_options import EvaluateOptions
+    from tokt.training.evaluation.evaluate_options import evaluate as evaluated
 
-    if bool(mission) == bool(patches):
-        raise ToktError("give either --mission DIR or --patches DIR")
-    at_sea = (rate, stopping_distance, calibration, log)
-    if patches and (labels or frames or any(one is not None for one in at_sea)):
-        raise ToktError(
-            "--patches has its labels in its folder names; --labels, --frames, --rate, "
-            "--stopping-distance, --calibration and --log go with --mission"
-        )
-    classes = load_taxonomy(workspace, taxonomy)
-    wanted = parse_frames(frames) if frames else None
-    bundle = load_model(model, workspace)
-    if fixed_boundary:
-        bundle = bundle.with_fixed_boundary()
-    if patches:
-        result = evaluate_patches(bundle, patches, classes, progress)
-    else:
-        missions = labelled_missions(mission or [], labels, workspace, classes, bundle.grid)
-        stated = _stated(missions, frames, *at_sea)
-        result = evaluate_task(bundle, missions, classes, progress, wanted, stated)
-    dives = result.get("missions", [])
-    if result["seen_in_training"]:
-        names = ", ".join(one["mission"] for one in dives if one["seen_in_training"])
-        say(
-            f"WARNING: the model learnt from {result['seen_in_training']} of these "
-            f"{'patches' if patches else 'frames'}{f' ({names})' if names else ''}: "
-            "these are training figures, not a test"
-        )
-    elif result.get("mission_in_training"):
-        names = ", ".join(one["mission"] for one in dives if one["mission_in_training"])
-        say(
-            f"note: the model learnt from other frames of {names or 'this mission'}; another dive "
-            "can go much worse than these figures"
-        )
-    answer(json, result, lambda: _print_evaluation(bundle, result))
+    bundle, figures = evaluated(EvaluateOptions(**given), progress=progress, notice=say)
+    answer(json, figures, lambda: _print_evaluation(bundle, figures))
 
 
 def _print_evaluation(bundle: Bundle, result: dict[str, Any]) -> None:

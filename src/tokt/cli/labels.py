@@ -31,10 +31,8 @@ if TYPE_CHECKING:
     from tokt.features.frames.mission import Mission
     from tokt.labels.agreement import Agreement, ClassAgreement
     from tokt.labels.formats.audit_csv import Audit
-    from tokt.labels.formats.images import MissionImages
     from tokt.labels.record import LabelRecord
     from tokt.labels.store.store import LabelStore
-    from tokt.labels.taxonomy import Taxonomy
     from tokt.models.bundle.bundle import Bundle
 
 labels_app = Commands(
@@ -249,25 +247,33 @@ def import_labels(
     json: JsonOption = False,
 ) -> None:
     """Add a label file to the workspace, whole or not at all."""
-    from tokt.features.frames.grid import Grid
-    from tokt.labels.formats.formats import FORMATS, format_named, format_to_read
-    from tokt.labels.formats.options import ReadOptions
-    from tokt.labels.taxonomy import load_taxonomy
+    from tokt.labels.formats.formats import FORMATS
+    from tokt.labels.formats.options import no_progress
+    from tokt.labels.labels import Labels
+    from tokt.labels.store.store import FILE_NAME
 
-    chosen = format_named(file_format) if file_format else format_to_read(file)
-    known, cells = load_taxonomy(workspace, taxonomy), Grid.parse(grid)
-    images, renamed = _images(mission_dir, mission), _class_map(classes or [])
-    options = ReadOptions(known, annotator, cells, images, renamed, camera)
-    read = FORMATS[chosen].read(file, options)
-    records, n = read.records, len(read.records)
-    with _open_store(workspace, create=True) as store:
-        added = store.add_counted(progress(records, n, "import") if n > _LONG else records)
+    read = Labels.read(
+        file,
+        format=file_format,
+        annotator=annotator,
+        grid=grid,
+        mission_dir=mission_dir,
+        mission=mission,
+        camera=camera,
+        classes=_class_map(classes or []),
+        taxonomy=taxonomy,
+        workspace=workspace,
+    )
+    records, n = read.records, len(read)
+    added = read.add_to(workspace, progress if n > _LONG else no_progress)
     annotators = sorted({record.annotator for record in records})
     if json:
-        about = {"file": str(file), "format": chosen, "store": str(store.path)}
+        where = {"file": str(file), "format": read.format, "store": str(workspace / FILE_NAME)}
         kinds = ("new", "changed", "unchanged", "suggestions", "settled")
         counts = {kind: getattr(added, kind) for kind in kinds}
-        print_json({**about, "annotators": annotators, "labels": n, **counts, "lost": read.lost})
+        print_json(
+            {**where, "annotators": annotators, "labels": n, **counts, "lost": list(read.lost)}
+        )
         return
     more = f", {added.suggestions} suggestions" if added.suggestions else ""
     more += f", {added.settled} settled" if added.settled else ""
@@ -275,7 +281,7 @@ def import_labels(
         f"{file}: {n} labels by {', '.join(annotators)}: {added.new} new,"
         f" {added.changed} changed, {added.unchanged} known already{more}"
     )
-    _say_lost(FORMATS[chosen].title, read.lost)
+    _say_lost(FORMATS[read.format].title, read.lost)
 
 
 @labels_app.command("export")
@@ -307,10 +313,11 @@ def export_labels(
     from tokt.labels import export
     from tokt.labels.formats.formats import FORMATS, format_named, format_to_write
     from tokt.labels.formats.options import WriteOptions
+    from tokt.labels.labels import images_in
     from tokt.labels.taxonomy import load_taxonomy
 
     chosen = format_named(file_format) if file_format else format_to_write(file)
-    images = _images(mission_dir, mission)
+    images = images_in(mission_dir, mission)
     name = mission or (images.name if images else None)
     wanted = export.Wanted(name, annotator, Grid.parse(grid) if grid else None, camera)
     options = WriteOptions(load_taxonomy(workspace, taxonomy), images, full, progress=progress)
@@ -322,15 +329,6 @@ def export_labels(
         return
     say(f"{file}: {written.labels} labels")
     _say_lost(FORMATS[chosen].title, written.lost)
-
-
-def _images(mission_dir: Path | None, name: str | None) -> MissionImages | None:
-    if mission_dir is None:
-        return None
-    from tokt.features.frames.mission import open_mission
-    from tokt.labels.formats.images import MissionImages
-
-    return MissionImages(open_mission(mission_dir), name)
 
 
 def _class_map(pairs: Iterable[str]) -> dict[str, str]:
@@ -402,26 +400,24 @@ def show_agreement(
     from tokt.labels.taxonomy import load_taxonomy
 
     classes = load_taxonomy(workspace, taxonomy)
-    found = agreement(_said_by(a, workspace, classes), _said_by(b, workspace, classes), classes)
+    found = agreement(_said_by(a, workspace, taxonomy), _said_by(b, workspace, taxonomy), classes)
     file = taxonomy or workspace / TAXONOMY_FILE
     value = {"a": a, "b": b, **asdict(found)}
     answer(json, value, lambda: _print_agreement(a, b, found, file))
 
 
-def _open_store(workspace: Path, *, create: bool = False) -> LabelStore:
+def _open_store(workspace: Path) -> LabelStore:
     from tokt.labels.store.store import FILE_NAME, LabelStore
 
-    return LabelStore(workspace / FILE_NAME, create=create)
+    return LabelStore(workspace / FILE_NAME, create=False)
 
 
-def _said_by(who: str, workspace: Path, taxonomy: Taxonomy) -> list[LabelRecord]:
+def _said_by(who: str, workspace: Path, taxonomy: Path | None) -> list[LabelRecord]:
     """Labels of a file, where there is one of that name, or of an annotator in the store."""
     if Path(who).is_file():
-        from tokt.labels.formats.formats import FORMATS, format_to_read
-        from tokt.labels.formats.options import ReadOptions
+        from tokt.labels.labels import Labels
 
-        read = FORMATS[format_to_read(Path(who))].read
-        return read(Path(who), ReadOptions(taxonomy)).records
+        return list(Labels.read(who, taxonomy=taxonomy, workspace=workspace))
     from tokt.labels.export import listed
     from tokt.labels.store.store import FILE_NAME
 

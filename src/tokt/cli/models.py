@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import re
 import shlex
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
 from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
+from tokt.models.signing.passphrase import PASSPHRASE_VARIABLE, asked_passphrase, signing_key
 
-from .compare import compared_models
 from .help import Commands
 from .options import (
     DEFAULT_WORKSPACE,
@@ -27,12 +24,11 @@ from .options import (
     RegisteredModelArgument,
     WorkspaceOption,
 )
-from .output import answer, figure, print_json, say
+from .output import answer, figure, print_json, progress, say
 from .output import print_line as print
 
 if TYPE_CHECKING:
     from tokt.models.bundle.bundle import Bundle
-    from tokt.models.signing.keys import SigningKey
     from tokt.models.signing.trusted_keys import KeyEvent
     from tokt.models.store.history import Activation
     from tokt.models.store.store import Store
@@ -40,7 +36,6 @@ if TYPE_CHECKING:
 models_app = Commands("models", "List, show, promote and alias registered model versions.")
 
 CHAMPION = "champion"
-PASSPHRASE_VARIABLE = "TOKT_KEY_PASSPHRASE"
 FlagsOption = Annotated[
     Path | None,
     Option(
@@ -81,13 +76,12 @@ def show(
     model: ModelArgument, workspace: WorkspaceOption = DEFAULT_WORKSPACE, json: JsonOption = False
 ) -> None:
     """Show a model's card: description, figures, origin."""
-    from tokt.models.bundle.bundle import SUFFIX
-    from tokt.models.registry.load import load_model
+    from tokt.models.registry.load import is_registered_name, load_model
 
     bundle = load_model(model, workspace)
     content = bundle.content
     promotions: list[dict[str, Any]] = []
-    if not model.endswith(SUFFIX):
+    if is_registered_name(model):
         from tokt.models.registry.registry import Registry
 
         promotions = Registry(workspace).find(bundle.label).promotions
@@ -154,6 +148,7 @@ def promote(
     too long.
     """
     from tokt.models.registry.registry import Registry, check_alias
+    from tokt.training.compare.compare_options import CompareOptions, compared_models
     from tokt.training.compare.promotion import judge_candidate
 
     if max_ms is not None and not max_ms > 0:
@@ -168,8 +163,9 @@ def promote(
         raise ToktError(f"{version.label} is {name} already")
     before = next((one.label for one in registry.versions(version.name) if to in one.aliases), "")
     if before:
-        compared = compared_models([version.label, before], mission, labels, None, None, workspace)
-        found = judge_candidate(compared, max_ms)
+        both = [version.label, before]
+        asked = CompareOptions(both, mission=mission, labels=labels, workspace=workspace)
+        found = judge_candidate(compared_models(asked, progress, say), max_ms)
     else:
         silence = registry.bundle(version.label).silence
         notes = [f"there was no {name}: nothing was compared"]
@@ -210,15 +206,6 @@ def _promotion_words(one: dict[str, Any]) -> str:
     return f"promotion {one.get('time')} by {one.get('who')}: {words}"
 
 
-def signing_key(file: Path | None) -> SigningKey | None:
-    """The private key to sign with, where one was given."""
-    from tokt.models.signing.keys import read_signing_key
-
-    if file is None:
-        return None
-    return read_signing_key(file, lambda: _passphrase(f"of {file}", new=False))
-
-
 def shipped(
     model: str,
     workspace: Path,
@@ -227,11 +214,10 @@ def shipped(
     registered_by: Path | None,
 ) -> Bundle:
     """The bundle to ship: with the obstacle flags of a taxonomy file, and signed, where asked."""
-    from tokt.models.bundle.bundle import SUFFIX
-    from tokt.models.registry.load import load_model
+    from tokt.models.registry.load import is_registered_name, load_model
     from tokt.models.signing.keys import read_public_key
 
-    if registered_by is not None and model.endswith(SUFFIX):
+    if registered_by is not None and not is_registered_name(model):
         raise ToktError(f"--registered-by goes with a registered model, not with a file ({model})")
     key = signing_key(sign)
     signer = None if key is None else key.public
@@ -318,7 +304,8 @@ def keygen(
     """Generate a key pair: one signs bundles, stores trust the other."""
     from tokt.models.signing.keys import write_key_pair
 
-    pair = write_key_pair(name, _passphrase("for the new key", new=True) if passphrase else "")
+    asked = asked_passphrase("for the new key", new=True) if passphrase else ""
+    pair = write_key_pair(name, asked)
     if pair.exposed:
         say(f"WARNING: others on this machine can read {pair.private_file}")
     if json:
@@ -328,16 +315,6 @@ def keygen(
     print(f"{pair.private_file}: signs bundles; keep it, show it to nobody")
     print(f"{pair.public_file}: for stores: tokt store STORE --trust {pair.public_file}")
     print(f"key id {pair.public.id}")
-
-
-def _passphrase(whose: str, *, new: bool) -> str:
-    found = os.environ.get(PASSPHRASE_VARIABLE, "")
-    if not found and sys.stdin.isatty():
-        prompt = f"Passphrase {whose}"
-        found = typer.prompt(prompt, hide_input=True, confirmation_prompt=new, err=True)
-    if not found:
-        raise ToktError(f"a passphrase is needed: set {PASSPHRASE_VARIABLE}, or run at a terminal")
-    return found
 
 
 def deploy(

@@ -1,9 +1,9 @@
-"""Options and arguments that several commands share, and the calibration files they name."""
+"""Options and arguments that several commands share, and the calibration file they name."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer import Argument, Option
@@ -11,7 +11,7 @@ from typer import Argument, Option
 from .output import say
 
 if TYPE_CHECKING:
-    from tokt.inference.stereo.calibration import CheckedCalibration, StereoCalibration
+    from tokt.inference.stereo.calibration import StereoCalibration
 
 DEFAULT_WORKSPACE = Path(".tokt")
 WorkspaceOption = Annotated[
@@ -62,6 +62,11 @@ LoggedRunOption = Annotated[
 ]
 
 
+def fields_of(given: dict[str, Any]) -> dict[str, Any]:
+    """A command's arguments as its options dataclass names them: all but `json`."""
+    return {name: value for name, value in given.items() if name != "json"}
+
+
 def is_written(context: typer.Context, name: str) -> bool:
     """Whether an option is on the command line, be it with its default value."""
     source = context.get_parameter_source(name)
@@ -70,19 +75,6 @@ def is_written(context: typer.Context, name: str) -> bool:
 
 def read_calibration_file(path: Path) -> StereoCalibration:
     """Read a calibration that is to be used; what is odd about it is said on standard error."""
-    described = describe_calibration_file(path)
-    calibration = described.usable()
-    for oddity in described.oddities:
-        say(f"calibration {path}: {oddity}")
-    return calibration
+    from tokt.training import calibration_file
 
-
-def describe_calibration_file(path: Path) -> CheckedCalibration:
-    """Read a calibration of any form, MATLAB's binary files included, usable or not."""
-    from tokt.inference.stereo.calibration import check_calibration, read_calibration
-
-    if path.suffix.lower() != ".mat":
-        return read_calibration(path)
-    from tokt.training.rig.calibrate.matlab_file import read_matlab_numbers
-
-    return check_calibration(read_matlab_numbers(path))
+    return calibration_file.read_calibration_file(path, say)

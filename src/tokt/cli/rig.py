@@ -11,7 +11,7 @@ from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
 
-from .options import FramesOption, JsonOption, describe_calibration_file, read_calibration_file
+from .options import FramesOption, JsonOption, read_calibration_file
 from .output import answer, progress, say
 from .output import print_line as print
 
@@ -129,6 +129,7 @@ def _start(
     mission: Path, baseline: float | None, focal: float | None, start: Path | None, free: str | None
 ) -> StartingRig:
     from tokt.features.frames.mission import open_mission
+    from tokt.training.calibration_file import describe_calibration_file
     from tokt.training.rig.calibrate.self_calibration import (
         BASELINE_MM,
         parse_free,
@@ -192,6 +193,7 @@ def _focal_words(found: SelfCalibration) -> str:
 def _check(mission: Path, file: Path, frames: str | None, json: bool) -> None:
     """Measure a calibration on a mission's frames, and end with the exit code of the answer."""
     from tokt.features.frames.mission import open_mission
+    from tokt.training.calibration_file import describe_calibration_file
     from tokt.training.rig.calibrate.frame_selection import frame_size
     from tokt.training.rig.calibrate.vertical_error import GOOD, UNUSABLE, measurable
 

@@ -36,9 +36,9 @@ def run(
         raise ToktError("Missing option '--source'.")
     if asked.monitoring.watchdog:
         raise typer.Exit(_watched(asked.source.source))
-    from .run_setup import carry_out
+    from . import run_setup
 
-    carry_out(asked)
+    run_setup.run(asked)
 
 
 def _options() -> list[Parameter]:

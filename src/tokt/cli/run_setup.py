@@ -203,8 +203,17 @@ def _as_json(config: RunConfig, model: Bundle | None, summary: Summary) -> dict[
     }
 
 
-def carry_out(config: RunConfig) -> None:
-    """Run until the source ends or somebody stops it, and say what came of it."""
+def run(config: RunConfig) -> Summary:
+    """Run until the source ends or somebody stops it, and say what came of it.
+
+    Only for the main thread: Ctrl-C and SIGTERM end the run.
+
+    Examples
+    --------
+    >>> options = {"source": "dive", "bundle": Path("tower-lbp-1.tokt"), "log": Path("run.jsonl")}
+    >>> tokt.run(tokt.RunConfig.of(options)).frames  # doctest: +SKIP
+    246
+    """
     check(config)
     events = EventQueue()
     with ExitStack() as opened:
@@ -267,6 +276,7 @@ def carry_out(config: RunConfig) -> None:
     say(_words(summary, senders.values()))
     if config.monitoring.json:
         print_json(_as_json(config, model.bundle, summary))
+    return summary
 
 
 def _stereo(config: RunConfig) -> StereoSetup | None:

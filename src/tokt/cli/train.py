@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,8 +9,6 @@ from typer import Option
 
 from tokt.features.common.errors import ToktError
 
-from .dataset import labelled_missions
-from .models import signing_key
 from .options import (
     DEFAULT_WORKSPACE,
     DatasetArgument,
@@ -23,20 +20,15 @@ from .options import (
     RegisteredModelArgument,
     ReportOption,
     WorkspaceOption,
+    fields_of,
 )
 from .output import answer, figure, print_patches, progress, say, scores
 from .output import print_line as print
 
 if TYPE_CHECKING:
-    from tokt.models.registry.registration import RegisteredVersion
-    from tokt.training.fitting.choose_operating_point import FalseStatusTarget
-    from tokt.training.fitting.train import Trained
+    from tokt.training.fitting.train_options import TrainedVersion
 
 AUTO = "auto"
-_FROM_A_FILE = (
-    "The extractor comes from a file: if it was chosen on this data, as a search does, the figures "
-    "are somewhat too good."
-)
 SplitOption = Annotated[
     str | None,
     Option(
@@ -141,61 +133,12 @@ def train(
     json: JsonOption = False,
 ) -> None:
     """Train, cross-validate and register one model version."""
-    from tokt.models.registry.registry import Registry, check_model_name
-    from tokt.training.datasets.augmentations import STRESS
-    from tokt.training.datasets.dataset import open_dataset
-    from tokt.training.fitting.choose_operating_point import DEFAULT_TARGET
-    from tokt.training.fitting.cross_validation import Split
-    from tokt.training.fitting.presets import (
-        DEFAULT_EXTRACTOR,
-        extractor_for,
-        preset_for,
-        settings_named,
-        weighted,
-        with_augmentations,
-    )
-    from tokt.training.fitting.tracking import log_and_register
-    from tokt.training.fitting.train import TrainRequest
-    from tokt.training.fitting.train import train as train_task
+    given = fields_of(locals())
+    from tokt.training.fitting.train_options import TrainOptions
+    from tokt.training.fitting.train_options import train as train_version
 
-    data = open_dataset(dataset, workspace / "datasets")
-    preset = preset_for(preset, data)
-    settings = weighted(settings_named(preset, data.grid), class_weight)
-    settings = with_augmentations(settings, changes)
-    if fixed_boundary:
-        if not settings.moving_boundary or data.block_frames is None:
-            what = "a folder of patches" if data.block_frames is None else f"preset {preset}"
-            raise ToktError(f"--fixed-boundary is of no use: with {what} it is fixed anyway")
-        settings = replace(settings, moving_boundary=False)
-    if max_samples:
-        if settings.two_images:
-            raise ToktError("preset thesis learns from two images: no --max-samples")
-        settings = replace(settings, max_samples=max_samples)
-    if (ocean or other) and not settings.two_images:
-        raise ToktError("--ocean and --other go with --preset thesis")
-    target = _target(false_status_rate, confidence, least_patches, frame_rule)
-    if settings.two_images and target != DEFAULT_TARGET:
-        raise ToktError(
-            "preset thesis has the thesis's rule: no --false-status-rate, --confidence, "
-            "--least-patches or --frame-rule"
-        )
-    named = extractor or DEFAULT_EXTRACTOR
-    gray = preset == "water" and data.is_gray
-    chosen = extractor_for(named, preset, data.grid, gray)
-    model_name = name or f"{data.name}-{_file_name(named)}"
-    check_model_name(model_name)
-    folded, images = Split.of(data, folds, embargo, split, weight, site or ()), (ocean, other)
-    origin = _FROM_A_FILE if named.startswith("spec:") else ""
-    request = TrainRequest(
-        data, model_name, chosen, named, settings, folded, *images, target, selection=origin
-    )
-    key = signing_key(sign)
-    registry = Registry(workspace, create=True)
-    registry.experiment_id()  # a registry that cannot be reached is said before the work
-    tested = STRESS if stress else ()
-    trained = train_task(request, workspace / "cache", progress, jobs, dask, tested)
-    version = log_and_register(trained, registry, key)
-    answer(json, _result(version, trained), lambda: _print_training(version.label, trained))
+    version = train_version(TrainOptions(**given), progress=progress)
+    answer(json, version.to_json(), lambda: _print_training(version))
 
 
 def adapt(
@@ -228,18 +171,25 @@ def adapt(
     from tokt.features.common import atomic
     from tokt.labels.record import NoLabelsError
     from tokt.models.registry.registry import Registry
-    from tokt.training.datasets.dataset import build_dataset
-    from tokt.training.datasets.mission_source import plan_from_missions, plan_with
+    from tokt.models.signing.passphrase import signing_key
+    from tokt.training.datasets.dataset import write_dataset
+    from tokt.training.datasets.mission_source import (
+        labelled_missions,
+        plan_from_missions,
+        plan_with,
+    )
     from tokt.training.fitting.adapt import adaptation, adapted_request, known_model
     from tokt.training.fitting.presets import preset_for
     from tokt.training.fitting.tracking import log_adaptation, log_and_register
-    from tokt.training.fitting.train import train as train_task
+    from tokt.training.fitting.train import fit_and_measure
+    from tokt.training.fitting.train_options import TrainedVersion
 
     registry, root, cache = Registry(workspace), workspace / "datasets", workspace / "cache"
     known, key = known_model(registry, model, root), signing_key(sign)
     base = known.dataset
     try:
-        missions = labelled_missions([mission], labels, workspace, base.taxonomy, base.grid)
+        given = [mission], labels or [], workspace, base.taxonomy, base.grid
+        missions = labelled_missions(*given, say)
         if len(missions) > 1:
             raise ToktError("adapt takes one new dive at a time")
         plan, remarks = plan_from_missions(
@@ -256,25 +206,26 @@ def adapt(
     for remark in remarks:
         say(f"note: {remark}")
     name = missions[0].name
-    data = build_dataset(plan_with(base, plan), root, progress)
+    data = write_dataset(plan_with(base, plan), root, progress)
     if preset_for(known.settings.preset, data) != known.settings.preset:
         say(
             f"note: {known.bundle.label} was made for one dive's water, and its features stay; "
             f"tokt train {base.name} makes a model for several"
         )
-    trained = train_task(adapted_request(known, data, split, site or ()), cache, progress, jobs)
+    request = adapted_request(known, data, split, site or ())
+    trained = fit_and_measure(request, cache, progress, jobs)
     found = adaptation(known, trained, name, cache, progress, draws, jobs)
-    version = log_and_register(trained, registry, key)
-    page = log_adaptation(found, version, registry)
+    version = TrainedVersion(log_and_register(trained, registry, key), trained, workspace)
+    page = log_adaptation(found, version.registered, registry)
     if output:
         atomic.write_text(output, page)
-    result = {**_result(version, trained), "adaptation": found}
-    answer(json, result, lambda: _print_adaptation(version.label, trained, found))
+    result = {**version.to_json(), "adaptation": found}
+    answer(json, result, lambda: _print_adaptation(version, found))
 
 
-def _print_adaptation(label: str, trained: Trained, found: dict[str, Any]) -> None:
-    _print_training(label, trained)
-    print(f"{label} beside {found['before']}, which did not learn of {found['mission']}:")
+def _print_adaptation(version: TrainedVersion, found: dict[str, Any]) -> None:
+    _print_training(version)
+    print(f"{version.label} beside {found['before']}, which did not learn of {found['mission']}:")
     for words in found["words"]:
         print(f"  {words}")
     print("  labelled frames   F1: mean  worst  queue   before")
@@ -285,59 +236,17 @@ def _print_adaptation(label: str, trained: Trained, found: dict[str, Any]) -> No
         )
 
 
-def _file_name(extractor: str) -> str:
-    """The part of a model's name that says its extractor."""
-    if extractor.startswith("spec:"):
-        return Path(extractor.removeprefix("spec:")).stem
-    return extractor.replace("+", "_")
-
-
-def _target(
-    rate: float, confidence: float, least_patches: str, frame_rule: str
-) -> FalseStatusTarget:
-    from tokt.training.fitting.choose_operating_point import FalseStatusTarget
-
-    least = None if least_patches == AUTO else _number(least_patches, "--least-patches", "2")
-    if frame_rule == AUTO:
-        return FalseStatusTarget(rate, confidence, least, None)
-    hits, _, window = frame_rule.partition("/")
-    asked = [_number(text, "--frame-rule", "2/3") for text in (hits, window)]
-    return FalseStatusTarget(rate, confidence, least, (asked[0], asked[1]))
-
-
-def _number(text: str, option: str, example: str) -> int:
-    if not (text.isascii() and text.isdigit() and len(text) < 10):
-        raise ToktError(f"{option} is {AUTO} or something like {example}, not {text!r}")
-    return int(text)
-
-
-def _result(version: RegisteredVersion, trained: Trained) -> dict[str, Any]:
-    request = trained.request
-    return {
-        "model": {"name": version.name, "version": version.version, "aliases": version.aliases},
-        "run_id": version.run_id,
-        "dataset": request.dataset.label,
-        "dataset_hash": request.dataset.hash,
-        "extractor": request.extractor.spec,
-        "preset": request.settings.preset,
-        "penalty": trained.choice.penalty,
-        "class_weight": trained.choice.class_weight,
-        "cv": trained.metrics,
-        "operating_point": trained.operating_point.to_json(),
-    }
-
-
-def _print_training(label: str, trained: Trained) -> None:
-    metrics = trained.metrics
+def _print_training(version: TrainedVersion) -> None:
+    metrics = version.metrics
     patch, frames = metrics["patch"], metrics["frames"]
-    print(f"{label} (alias challenger)")
+    print(f"{version.label} (alias challenger)")
     print(f"  {metrics['split']}")
     print_patches(patch)
     if patch["f1"] is not None:
         print("  F1 by fold: " + ", ".join(figure(fold["f1"]) for fold in metrics["folds"]))
     if "dives" in metrics:
         _print_dives(metrics)
-    if patch["f1"] is not None and trained.request.dataset.block_frames is not None:
+    if patch["f1"] is not None and version.trained.request.dataset.block_frames is not None:
         print(f"  at the operating point: {_frames(frames)}")
         print(f"  any patch over 0 an alarm: {_frames(metrics['frames_at_zero'])}")
     for name, one in metrics.get("stress", {}).items():
@@ -347,7 +256,7 @@ def _print_training(label: str, trained: Trained) -> None:
             f"{one['detected']} of {one['obstacle_frames']} obstacle frames found"
             f"{' (learnt from)' if one['learnt'] else ''}"
         )
-    point = trained.operating_point
+    point = version.operating_point
     print(f"  operating point: {point.rule.words()}")
     print(f"  {point.chosen['words']}")
     if not metrics["converged"]:

@@ -11,13 +11,13 @@ from tokt.features.frames.mission import LEFT, format_frames
 from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.models.registry.registry import Registry
-from tokt.training.datasets.dataset import build_dataset
+from tokt.training.datasets.dataset import write_dataset
 from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions
 from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS
 from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import extractor_for, settings_named
 from tokt.training.fitting.tracking import log_and_register
-from tokt.training.fitting.train import TrainRequest, train
+from tokt.training.fitting.train import TrainRequest, fit_and_measure
 
 from .session import FREE, Target
 
@@ -90,13 +90,13 @@ def train_without(dives: Sequence[LabelledMission], stretch: Stretch, folder: Pa
     plan, _ = plan_from_missions(
         "rest", "binary", [dive for dive in learnt if dive.records], Taxonomy.load()
     )
-    dataset = build_dataset(plan, folder / "datasets", progress)
+    dataset = write_dataset(plan, folder / "datasets", progress)
     request = TrainRequest(
         *(dataset, "rest", extractor_for(_EXTRACTOR, _PRESET), _EXTRACTOR),
         *(settings_named(_PRESET), Split.of(dataset, FOLDS, EMBARGO_FRAMES)),
     )
     registry = Registry(folder, create=True, own=True)
-    log_and_register(train(request, folder / "cache", progress, jobs=-1), registry)
+    log_and_register(fit_and_measure(request, folder / "cache", progress, jobs=-1), registry)
     bundle = folder / "rest.tokt"
     bundle.write_bytes(registry.bundle("rest").data)
     return bundle

@@ -13,7 +13,6 @@ from tests.load.effort.effort import LabellingEffort, measure_effort
 from tests.load.effort.stretches import FRAMES
 from tests.load.program import label_server
 from tests.load.report import Found, Timing, machine_words, table, yes_or_no
-from tokt.cli.dataset import labelled_missions
 from tokt.cli.output import progress, say
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
@@ -23,7 +22,7 @@ from tokt.labels.store.store import FILE_NAME
 from tokt.labels.taxonomy import Taxonomy
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt.training.datasets.mission_list import named_missions
-from tokt.training.datasets.mission_source import LabelledMission
+from tokt.training.datasets.mission_source import LabelledMission, labelled_missions
 
 from .chart import label_chart_png
 from .mission import copy_frames, label_all, link_frames
@@ -101,8 +100,8 @@ def _labelled(mission: Path, labels: Path | None, workspace: Path) -> list[Label
     listed = labels is None and all(one.labels for one in named_missions(mission))
     if not listed and not file.is_file():
         raise ToktError(f"no label file {file}: --effort has nothing to reproduce (see --labels)")
-    files = None if listed else [file]
-    return labelled_missions([mission], files, workspace, Taxonomy.load(), DEFAULT_GRID)
+    files = [] if listed else [file]
+    return labelled_missions([mission], files, workspace, Taxonomy.load(), DEFAULT_GRID, say)
 
 
 def _measure_times(mission, extent, folder, browser) -> list[Timing]:

@@ -19,14 +19,14 @@ from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import open_mission
 from tokt.labels.taxonomy import Taxonomy
-from tokt.training.datasets.dataset import DatasetVersion, build_dataset, open_dataset
+from tokt.training.datasets.dataset import DatasetVersion, open_dataset, write_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions, read_labels
 from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS
 from tokt.training.fitting.classifier import fit_rows
 from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import settings_named
-from tokt.training.fitting.train import TrainRequest, train
+from tokt.training.fitting.train import TrainRequest, fit_and_measure
 
 from .mission import DIVE_FRAMES, LABELS, NAME
 
@@ -70,7 +70,7 @@ class Steps:
             for dive in self._dives
         ]
         plan, _ = plan_from_missions(NAME, "binary", missions, taxonomy)
-        dataset = build_dataset(plan, self._folder / "datasets", _quiet)
+        dataset = write_dataset(plan, self._folder / "datasets", _quiet)
         stored = sum(file.stat().st_size for file in dataset.path.rglob("*") if file.is_file())
         return {"patches": len(dataset.patches), "stored_mb": stored / 1e6}
 
@@ -96,7 +96,7 @@ class Steps:
         """All that `tokt train` does once there are features, but for MLflow's record."""
         split = Split.of(self._dataset, FOLDS, EMBARGO_FRAMES)
         request = TrainRequest(self._dataset, NAME, self._extractor, EXTRACTOR, _SETTINGS, split)
-        made = train(request, self._folder / "cache", _quiet)
+        made = fit_and_measure(request, self._folder / "cache", _quiet)
         return {"f1": made.metrics["patch"]["f1"], "tested": made.metrics["patches_tested"]}
 
 

@@ -19,7 +19,7 @@ from tokt.training.fitting import classifier
 from tokt.training.fitting.classifier import fit_classifier
 from tokt.training.fitting.cross_validation import Split, cross_validate
 from tokt.training.fitting.presets import settings_named, with_augmentations
-from tokt.training.fitting.train import TrainRequest, train
+from tokt.training.fitting.train import TrainRequest, fit_and_measure
 
 PLAIN = replace(settings_named("plain"), penalties=(1.0,))
 
@@ -98,7 +98,7 @@ def test_learning_from_darker_frames_helps_on_darker_frames(trained, tmp_path, n
 
     def run(settings):
         request = TrainRequest(dataset, "m", haralick, "haralick", settings, Split(3, 1))
-        return train(request, tmp_path, no_progress, 1, stress=("gain_0.5",))
+        return fit_and_measure(request, tmp_path, no_progress, 1, stress=("gain_0.5",))
 
     plain, taught = run(PLAIN), run(replace(PLAIN, changes=("gain_0.5",)))
     before, after = (one.metrics["stress"]["gain_0.5"] for one in (plain, taught))

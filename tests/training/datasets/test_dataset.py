@@ -27,12 +27,13 @@ from tokt.training.datasets.dataset import (
     DatasetPlan,
     DatasetVersion,
     FrameSource,
-    build_dataset,
     list_datasets,
     open_dataset,
+    write_dataset,
 )
 from tokt.training.datasets.diff import diff_datasets
 from tokt.training.datasets.splits import blocked_folds
+from tokt.training.fitting.train_options import TrainedVersion
 
 
 @pytest.fixture
@@ -445,10 +446,11 @@ def test_a_patch_folder_is_ungrouped_and_its_figures_say_so(
     assert result["cv"]["patch"]["f1"] > 0.9
     assert "UNGROUPED" in done("models", "show", "cut-lbp", *where).out
     request = SimpleNamespace(dataset=open_dataset("cut", tmp_path / "ws" / "datasets"))
-    point = {"operating_point": OperatingPoint(chosen={"words": ""})}
-    import_module("tokt.cli.train")._print_training(
-        "cut-lbp/1", SimpleNamespace(request=request, metrics=result["cv"], **point)
-    )
+    point = OperatingPoint(chosen={"words": ""})
+    trained = SimpleNamespace(request=request, metrics=result["cv"], operating_point=point)
+    registered = SimpleNamespace(label="cut-lbp/1")
+    version = TrainedVersion(registered, trained, tmp_path / "ws")
+    import_module("tokt.cli.train")._print_training(version)
     said = capsys.readouterr().out
     assert "UNGROUPED" in said and "in a row" not in said  # patches are no frames
 
@@ -494,7 +496,7 @@ def test_a_hundred_thousand_patches_build_and_open_in_seconds(tmp_path, no_progr
     about = ("large", "binary", Grid(25, 40, 120), Taxonomy.load())
     plan = DatasetPlan(*about, sources, patches, 0, 20, ["made"])
     begun = time.process_time()
-    built = build_dataset(plan, tmp_path, no_progress)
+    built = write_dataset(plan, tmp_path, no_progress)
     opened = open_dataset("large", tmp_path)
     opened.check()
     assert opened.hash == built.hash
@@ -554,10 +556,10 @@ def test_sites_are_kept_beside_the_content_also_where_they_become_known_later(
     fabricate_plan, tmp_path, no_progress
 ):
     root = tmp_path / "datasets"
-    plain = build_dataset(fabricate_plan(), root, no_progress)
+    plain = write_dataset(fabricate_plan(), root, no_progress)
     assert "sites" not in plain.info
     for sites in ({"dive": "fjord"}, {}):
-        again = build_dataset(fabricate_plan(sites=sites), root, no_progress)
+        again = write_dataset(fabricate_plan(sites=sites), root, no_progress)
         assert again.hash == plain.hash
         assert open_dataset("placed", root).sites == {"dive": "fjord"}
     again.check()

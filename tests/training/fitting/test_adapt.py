@@ -23,7 +23,7 @@ from tokt.training.evaluation.metrics import obstacle_metrics
 from tokt.training.fitting import adapt
 from tokt.training.fitting.adapt import _more, adaptation, adapted_request, known_model
 from tokt.training.fitting.classifier import decision_values, fit_rows
-from tokt.training.fitting.train import train
+from tokt.training.fitting.train import fit_and_measure
 from tokt.training.fitting.whole_frames import WholeFrames, judged
 
 FRAMES = (2, 3, 9, 13, 17, 21, 26, 30, 34, 38)
@@ -81,7 +81,7 @@ def again(three):
     workspace = three["workspace"]
     known = known_model(Registry(workspace), "tower/1", workspace / "datasets")
     data = open_dataset("old", workspace / "datasets")
-    trained = train(adapted_request(known, data), workspace / "cache", quiet, 1)
+    trained = fit_and_measure(adapted_request(known, data), workspace / "cache", quiet, 1)
     return known, data, trained, workspace / "cache"
 
 

@@ -57,7 +57,7 @@ from tokt.training.fitting.presets import (
     settings_named,
     weighted,
 )
-from tokt.training.fitting.train import TrainRequest, _split_in_words, train
+from tokt.training.fitting.train import TrainRequest, _split_in_words, fit_and_measure
 
 PLAIN = settings_named("plain")
 
@@ -84,12 +84,12 @@ from pathlib import Path
 from tokt.training.fitting.cross_validation import Split
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.fitting.presets import extractor_for, settings_named
-from tokt.training.fitting.train import TrainRequest, train
+from tokt.training.fitting.train import TrainRequest, fit_and_measure
 
 data = open_dataset("tiny", Path(sys.argv[1]))
 lbp, plain = extractor_for("lbp", "plain"), settings_named("plain")
 request = TrainRequest(data, "tiny-lbp", lbp, "lbp", plain, Split(3, 1))
-made = train(request, Path(sys.argv[2]), lambda items, *_: items, jobs=2)
+made = fit_and_measure(request, Path(sys.argv[2]), lambda items, *_: items, jobs=2)
 model, held_out = made.model, made.held_out
 arrays = [model.weights, model.bias, held_out.values]
 rule = made.operating_point.rule.to_json()
@@ -434,7 +434,7 @@ def test_the_split_of_a_run_that_an_older_tokt_logged_is_by_block():
 
 
 def test_held_out_metrics_against_scikit_learn(request_for, tmp_path, no_progress):
-    trained = train(request_for("plain"), tmp_path, no_progress)
+    trained = fit_and_measure(request_for("plain"), tmp_path, no_progress)
     dataset, held_out = trained.request.dataset, trained.held_out
     truth, score = dataset.targets(), held_out.values[:, 0]
     precision, recall, f1, _ = precision_recall_fscore_support(truth, score > 0)
@@ -479,7 +479,7 @@ def test_first_of_three(status, first):
 
 def test_thesis_preset_is_the_thesiss(request_for, tmp_path, no_progress):
     request = request_for("thesis")
-    trained = train(request, tmp_path, no_progress)
+    trained = fit_and_measure(request, tmp_path, no_progress)
     svc = trained.pipeline.named_steps["svc"]
     assert list(trained.pipeline.named_steps) == ["svc"]  # unscaled
     assert (svc.C, svc.random_state) == (100.0, 42)
@@ -501,7 +501,7 @@ def test_thesis_preset_is_the_thesiss(request_for, tmp_path, no_progress):
 def test_thesis_images_of_the_dataset_are_both_left_out(request_for, tiny, tmp_path, no_progress):
     ocean, other = (tiny.path / "Left" / f"tiny_L_{number}.png" for number in (2, 5))
     request = request_for("thesis", ocean_image=ocean, other_image=other)
-    trained = train(request, tmp_path, no_progress)
+    trained = fit_and_measure(request, tmp_path, no_progress)
     left_out = trained.request.dataset.patches.frame[trained.held_out.fold < 0]
     assert set(left_out) == {2, 5}
     assert "ocean = tiny_L_2.png and other = tiny_L_5.png" in trained.metrics["split"]
@@ -514,7 +514,7 @@ def test_thesis_weights_are_linearsvcs_own(request_for, tiny, tmp_path, no_progr
     cv2.imwrite(str(other), noise)
     ocean = tiny.path / "Left" / "tiny_L_2.png"
     request = request_for("thesis", ocean_image=ocean, other_image=other)
-    trained = train(request, tmp_path / "cache", no_progress)
+    trained = fit_and_measure(request, tmp_path / "cache", no_progress)
     grid = request.dataset.grid
     pictures = (cv2.imread(str(ocean), cv2.IMREAD_UNCHANGED), noise)
     rows = np.vstack([request.extractor.describe(picture, grid) for picture in pictures])
@@ -528,7 +528,7 @@ def test_thesis_preset_needs_whole_frames_and_two_sides(fabricate, tmp_path, no_
     made.block_frames = None
     settings = settings_named("thesis")
     request = TrainRequest(made, "m", extractor_for("lbp", "thesis"), "lbp", settings, Split(2, 0))
-    refuses("folder of patches", train, request, tmp_path, no_progress)
+    refuses("folder of patches", fit_and_measure, request, tmp_path, no_progress)
 
 
 def test_best_widens_the_plain_names_and_plain_does_not():
@@ -577,7 +577,7 @@ def test_of_several_dives_best_is_water_without_colours_where_there_are_none(tin
 
 
 def test_best_trains_better_than_plain_on_its_own_ground(request_for, tmp_path, no_progress):
-    best = train(request_for("best"), tmp_path, no_progress)
+    best = fit_and_measure(request_for("best"), tmp_path, no_progress)
     assert best.metrics["converged"]
     assert best.metrics["patch"]["f1"] > 0.9
     assert best.choice.penalty in PRESETS["best"].penalties
@@ -753,13 +753,19 @@ def test_a_class_in_too_few_blocks_is_named_before_the_features(fabricate, tmp_p
     made = fabricate(labels, [f"dive#{n // 10:03d}" for n in range(100)])
     lbp = extractor_named("lbp")
     request = TrainRequest(made, "m", lbp, "lbp", PLAIN, Split(4, 1))
-    refuses("reef is in a single group of frames only", train, request, tmp_path / "cache", quiet)
+    refuses(
+        "reef is in a single group of frames only",
+        fit_and_measure,
+        request,
+        tmp_path / "cache",
+        quiet,
+    )
     assert not (tmp_path / "cache").exists()
 
 
 def test_early_refusal_comes_before_the_features(request_for, tmp_path, no_progress):
     request = replace(request_for("plain"), split=Split(30, 1))
-    refuses("too few for 30 folds", train, request, tmp_path / "cache", no_progress)
+    refuses("too few for 30 folds", fit_and_measure, request, tmp_path / "cache", no_progress)
     assert not (tmp_path / "cache").exists()
 
 

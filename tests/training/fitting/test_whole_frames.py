@@ -23,7 +23,7 @@ from tokt.training.fitting.classifier import decision_values, fit_rows
 from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.drift_limits import NOVEL_RATE, novelty_limit
 from tokt.training.fitting.presets import Hyperparameters, settings_named
-from tokt.training.fitting.train import TrainRequest, train
+from tokt.training.fitting.train import TrainRequest, fit_and_measure
 from tokt.training.fitting.whole_frames import WholeFrames, judged
 
 LBP = extractor_named("lbp_24_8")
@@ -100,7 +100,7 @@ def test_in_a_fold_it_moves_by_frame_and_by_little(trained, tmp_path):
     for name, moving in (("moving", True), ("fixed", False)):
         settings = replace(MOVING, moving_boundary=moving)
         request = TrainRequest(dataset, "m", LBP, "lbp_24_8", settings, Split(3, 1))
-        made = train(request, tmp_path, quiet, jobs=1, stress=("gain_0.5",))
+        made = fit_and_measure(request, tmp_path, quiet, jobs=1, stress=("gain_0.5",))
         assert (made.operating_point.water is not None) == moving
         held[name] = made.held_out
     frames = dataset.patches.groupby(["mission", "camera", "frame"]).ngroup()

@@ -11,7 +11,7 @@ from tests.calls import refuses
 from tests.tiers import scaled
 from tokt.cli.options import read_calibration_file
 from tokt.inference.stereo.calibration import check_calibration
-from tokt.training.rig.calibrate.matlab_file import matlab_numbers, read_matlab_numbers
+from tokt.training.matlab_file import matlab_numbers, read_matlab_numbers
 
 K_LEFT = np.array([[600.0, 0, 319.5], [0, 601.0, 239.25], [0, 0, 1]])
 K_RIGHT = np.array([[605.0, 0, 310.5], [0, 606.0, 243.25], [0, 0, 1]])

@@ -28,7 +28,7 @@ from tokt.models.store.store import Store
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt.studies.speed.stamped_receiver import StampedReceiver
 from tokt.training.compare.bootstrap import compare_f1
-from tokt.training.datasets.dataset import build_dataset
+from tokt.training.datasets.dataset import write_dataset
 from tokt.training.datasets.mission_source import (
     LabelledMission,
     labels_of_mission,
@@ -41,12 +41,12 @@ from tokt.training.datasets.splits import (
     block_of,
     every_nth_block,
 )
-from tokt.training.evaluation.evaluate import evaluate, score_mission
+from tokt.training.evaluation.evaluate import evaluate_missions, score_mission
 from tokt.training.fitting.classifier import decision_values
 from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import extractor_for, settings_named
 from tokt.training.fitting.tracking import log_and_register
-from tokt.training.fitting.train import TrainRequest, train
+from tokt.training.fitting.train import TrainRequest, fit_and_measure
 
 from .report import DemoRun, Say, write_report
 
@@ -144,7 +144,7 @@ def _build(run: DemoRun, workspace: Path, progress: Progress) -> None:
     plan, _ = plan_from_missions(
         "demo", "binary", mine, run.taxonomy, frames=frames, block_frames=run.block_frames
     )
-    run.dataset = build_dataset(plan, workspace / "datasets", progress)
+    run.dataset = write_dataset(plan, workspace / "datasets", progress)
 
 
 def _train_all(run: DemoRun, workspace: Path, registry: Registry, progress: Progress) -> None:
@@ -152,7 +152,7 @@ def _train_all(run: DemoRun, workspace: Path, registry: Registry, progress: Prog
         chosen, settings = extractor_for(extractor, preset), settings_named(preset)
         split = Split(FOLDS, run.embargo_frames)
         request = TrainRequest(run.dataset, name, chosen, extractor, settings, split)
-        run.trained[name] = train(request, workspace / "cache", progress)
+        run.trained[name] = fit_and_measure(request, workspace / "cache", progress)
         log_and_register(run.trained[name], registry)
         run.bundles[name] = registry.bundle(name)
 
@@ -248,7 +248,7 @@ def run_demo(
             scored = score_mission(bundle, run.mission, progress, run.held_frames)
             labelled = LabelledMission(run.mission, run.records)
             run.scored[name] = scored
-            run.evaluations[name] = evaluate(
+            run.evaluations[name] = evaluate_missions(
                 bundle, [labelled], run.taxonomy, progress, scored=scored
             )
     say("-- write the report")

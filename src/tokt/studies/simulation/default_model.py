@@ -28,14 +28,14 @@ from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt.studies.simulation.scene.closed_loop_world import World
 from tokt.studies.simulation.scene.rig import SyntheticRig
 from tokt.studies.simulation.scene.water import Water
-from tokt.training.datasets.dataset import build_dataset
+from tokt.training.datasets.dataset import write_dataset
 from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions, read_labels
 from tokt.training.datasets.splits import EMBARGO_FRAMES, FOLDS
 from tokt.training.fitting.choose_operating_point import FalseStatusTarget
 from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import extractor_for, settings_named
 from tokt.training.fitting.tracking import log_and_register
-from tokt.training.fitting.train import TrainRequest, train
+from tokt.training.fitting.train import TrainRequest, fit_and_measure
 
 NAME = "closed-loop"
 EXTRACTOR, PRESET = "haralick", "best"
@@ -73,12 +73,12 @@ def train_default_model(out: Path, width: int, progress: Progress, say: Say, job
             records = read_labels([mission / "labels.csv"], taxonomy, DEFAULT_GRID)
             labelled.append(LabelledMission(open_mission(mission), records))
         plan, _ = plan_from_missions(NAME, "binary", labelled, taxonomy)
-        dataset = build_dataset(plan, folder / "datasets", progress)
+        dataset = write_dataset(plan, folder / "datasets", progress)
         extractor, settings = extractor_for(EXTRACTOR, PRESET), settings_named(PRESET)
         split, target = Split(FOLDS, EMBARGO_FRAMES), FalseStatusTarget(FALSE_STATUS_RATE)
         request = TrainRequest(dataset, NAME, extractor, EXTRACTOR, settings, split, target=target)
         registry = Registry(folder / "workspace", create=True, own=True)
-        log_and_register(train(request, folder / "cache", progress, jobs), registry)
+        log_and_register(fit_and_measure(request, folder / "cache", progress, jobs), registry)
         bundle = registry.bundle(NAME)
     atomic.write_bytes(out, bundle.data)
     return bundle

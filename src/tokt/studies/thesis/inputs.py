@@ -20,8 +20,8 @@ from tokt.studies.baselines.thesis_models import ThesisModel, TrainingImage, the
 from tokt.studies.baselines.thesis_texture import DESCRIBE, GRID
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.train import rendered_other_image
+from tokt.training.matlab_file import read_matlab_numbers
 from tokt.training.rig.calibrate.frame_selection import MIN_SHARE, evenly_spaced, texture
-from tokt.training.rig.calibrate.matlab_file import read_matlab_numbers
 from tokt.training.rig.calibrate.self_calibration import BASELINE_MM, plain_start, self_calibrate
 
 from .patch_scores import Truth

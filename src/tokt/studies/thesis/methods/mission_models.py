@@ -34,7 +34,7 @@ from tokt.studies.speed.models import (
     fit_extractor_pair,
 )
 from tokt.studies.thesis.inputs import StudyInputs
-from tokt.training.datasets.dataset import DatasetVersion, build_dataset
+from tokt.training.datasets.dataset import DatasetVersion, write_dataset
 from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions
 from tokt.training.datasets.splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
 from tokt.training.fitting.choose_operating_point import DEFAULT_TARGET, choose_frame_rule
@@ -116,7 +116,7 @@ def _dataset(
     plan, _ = plan_from_missions(
         "reproduce", "binary", mine, inputs.taxonomy, GRID, labelled, block
     )
-    dataset = build_dataset(plan, folder, inputs.progress)
+    dataset = write_dataset(plan, folder, inputs.progress)
     return dataset, Split(FOLDS, EMBARGO_FRAMES * block // BLOCK_FRAMES)
 
 

@@ -1,0 +1,59 @@
+"""The notebooks of the documentation run from their first cell to their last."""
+
+import re
+import time
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+import tokt
+
+NOTEBOOKS = Path(__file__).resolve().parents[2] / "docs" / "notebooks"
+MAX_CELLS = 12
+OURS = ("import tokt", "import tempfile", "import matplotlib.pyplot as plt", "import pandas as pd",
+        "import cv2", "from pathlib import Path")  # fmt: skip
+
+pytestmark = pytest.mark.study
+
+
+@pytest.fixture(scope="module", params=sorted(NOTEBOOKS.glob("*.ipynb")), ids=lambda one: one.stem)
+def notebook(request):
+    """A notebook as it is committed."""
+    return nbformat.read(request.param, as_version=4)
+
+
+def code(notebook):
+    return [cell for cell in notebook.cells if cell.cell_type == "code"]
+
+
+def test_there_are_three():
+    names = [file.stem for file in sorted(NOTEBOOKS.glob("*.ipynb"))]
+    assert names == ["compare_models", "label_to_model", "read_a_log"]
+
+
+def test_a_notebook_is_small_and_has_no_outputs(notebook):
+    nbformat.validate(notebook)
+    assert len(notebook.cells) <= MAX_CELLS
+    assert [cell.outputs for cell in code(notebook)] == [[]] * len(code(notebook))
+    assert {cell.execution_count for cell in code(notebook)} == {None}
+
+
+def test_a_notebook_uses_the_public_names_alone(notebook):
+    text = "\n".join(cell.source for cell in code(notebook))
+    assert set(re.findall(r"^(?:import|from) .*", text, re.MULTILINE)) <= {*OURS}
+    assert set(re.findall(r"\btokt\.(\w+)", text)) <= {*tokt.__all__}
+
+
+def test_a_notebook_runs(notebook, tmp_path, monkeypatch):
+    # Its temporary folders are this test's.
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    began = time.monotonic()
+    NotebookClient(notebook, timeout=300, kernel_name="python3").execute()
+    print(f"{time.monotonic() - began:.0f} s")
+    faults = [out for cell in code(notebook) for out in cell.outputs if out.output_type == "error"]
+    assert faults == [] and any(cell.outputs for cell in code(notebook))
+    shown = [out for cell in code(notebook) for out in cell.outputs if "data" in out]
+    assert any("image/png" in out.data for out in shown)
+    assert any("text/html" in out.data for out in shown)

@@ -1,0 +1,260 @@
+"""The public names: all there and documented, loaded late, and the same work as the commands'."""
+
+import inspect
+import json
+from importlib import import_module
+
+import pytest
+
+import tokt
+from tests.calls import refused, refuses, run_python, succeeds
+from tests.conftest import BUILD_TINY, LABEL_COLUMNS, TRAIN_TINY, write_labels
+from tokt.features.common.extras import EXTRAS, MissingExtraError
+from tokt.models.bundle.bundle import read_bundle
+from tokt.models.store.store import Store
+from tokt.training.options import takes
+
+WITHOUT = "import sys; sys.modules.update(dict.fromkeys({modules!r})); "
+TRAINING = (
+    *("CompareOptions", "Comparison", "DatasetOptions", "DatasetVersion", "EvaluateOptions"),
+    *("TrainOptions", "TrainedVersion", "build_dataset", "compare", "evaluate", "train"),
+)
+RUNTIME = sorted({*tokt.__all__} - {*TRAINING})
+COMMANDS = [
+    ("dataset", "build", tokt.DatasetOptions, tokt.build_dataset),
+    ("train", "train", tokt.TrainOptions, tokt.train),
+    ("compare", "compare", tokt.CompareOptions, tokt.compare),
+    ("compare", "evaluate", tokt.EvaluateOptions, tokt.evaluate),
+]
+
+
+def python(program, *arguments, without=()):
+    ran = run_python("-c", WITHOUT.format(modules=without) + program, *arguments)
+    assert ran.returncode == 0, ran.stderr
+    return ran.stdout
+
+
+@pytest.mark.parametrize("name", tokt.__all__)
+def test_a_public_name_is_what_it_is_called_and_says_what_it_is(name):
+    found = getattr(tokt, name)
+    assert found.__name__ == name and name in dir(tokt)
+    assert len(inspect.getdoc(found)) > 20
+    assert not inspect.getdoc(found).startswith(f"{name}(")  # a dataclass's own
+
+
+@pytest.mark.parametrize("name", ["build_dataset", "train", "evaluate", "compare", "load_model"])
+def test_what_users_call_is_documented_as_numpy_does(name):
+    text = inspect.getdoc(getattr(tokt, name))
+    for section in ("Parameters", "Returns", "Raises", "Examples"):
+        assert f"\n{section}\n{'-' * len(section)}\n" in text, section
+
+
+def test_a_name_that_is_not_there():
+    assert not hasattr(tokt, "nonsense")
+    with pytest.raises(ImportError):
+        exec("from tokt import nonsense")
+
+
+def test_import_tokt_brings_nothing():
+    """The runtime imports it at each start."""
+    heavy = {"numpy", "cv2", "typer", "ast", "pathlib", "importlib.metadata"}
+    program = (
+        f"import tokt; print([one for one in {heavy} if one in sys.modules and one not in own])"
+    )
+    assert python(f"own = set(sys.modules); {program}") == "[]\n"
+
+
+def test_the_runtimes_pieces_need_no_extra(tiny_bundle, tiny):
+    """A plain install judges frames by the public names alone."""
+    program = """
+import tokt
+pieces = [getattr(tokt, name) for name in sys.argv[3:]]
+policy = tokt.SinglePolicy(tokt.TextureDetector(tokt.load_model(sys.argv[1])))
+print([policy.judge(frame).verdict.status for frame in tokt.open_source(sys.argv[2])])
+print(len(tokt.Labels.read(f"{sys.argv[2]}/labels.csv")))
+"""
+    said = python(program, tiny_bundle, tiny.path, *RUNTIME, without=tuple(EXTRAS)).splitlines()
+    assert {*json.loads(said[0])} == {0, 1} and said[1] == "4000"
+
+
+@pytest.mark.parametrize(
+    ("wanted", "without", "words"),
+    [
+        ("tokt.train", "sklearn", "tokt.train needs sklearn: install tokt[train]"),
+        ("tokt.build_dataset", "pandas", "tokt.build_dataset needs pandas: install tokt[train]"),
+        ("tokt.load_model('m')", "mlflow", "the model m needs mlflow: install tokt[train]"),
+        ("tokt.Labels(()).to_pandas()", "pandas", "Labels.to_pandas needs pandas"),
+    ],
+)
+def test_a_missing_extra_is_named(wanted, without, words):
+    program = f"""
+import tokt
+try:
+    {wanted}
+except ImportError as error:
+    print(isinstance(error, tokt.ToktError), error)
+"""
+    assert python(program, without=(without,)).startswith(f"True {words}")
+
+
+def test_a_missing_package_of_no_extra_is_no_users_mistake(monkeypatch):
+    monkeypatch.setitem(import_module("sys").modules, "tokt.inference.verdict", None)
+    monkeypatch.delitem(vars(tokt), "Verdict", raising=False)
+    with pytest.raises(ModuleNotFoundError) as caught:
+        tokt.Verdict
+    assert not isinstance(caught.value, MissingExtraError)
+
+
+@pytest.mark.parametrize(("module", "command", "options", "function"), COMMANDS)
+def test_a_field_is_an_option_and_an_option_is_a_field(module, command, options, function):
+    declared = inspect.signature(getattr(import_module(f"tokt.cli.{module}"), command)).parameters
+    asked = {name: one.default for name, one in declared.items() if name != "json"}
+    defaults = {name: one.default for name, one in inspect.signature(options).parameters.items()}
+    assert defaults == asked
+    assert inspect.signature(function).parameters == inspect.signature(options).parameters
+
+
+@pytest.fixture(scope="module")
+def api_workspace(tiny, tmp_path_factory):
+    """The workspace of `trained`, made by the functions."""
+    workspace = tmp_path_factory.mktemp("api") / "ws"
+    block, (folds, embargo) = BUILD_TINY[1], TRAIN_TINY[1::2]
+    data = tokt.build_dataset(
+        "tiny", mission=str(tiny.path), labels=tiny.labels, block=block, workspace=workspace
+    )
+    options = tokt.TrainOptions(
+        *("tiny", "lbp", "plain"), folds=folds, embargo=embargo, workspace=workspace
+    )
+    steps = []
+
+    def progress(items, total, what):
+        steps.append(what)
+        return items
+
+    return workspace, data, tokt.train(options, progress=progress), steps
+
+
+def test_the_functions_make_what_the_commands_make(api_workspace, trained):
+    workspace, data, version, steps = api_workspace
+    said = json.loads(succeeds("dataset", "show", "tiny", "--json", "--workspace", trained).out)
+    assert (data.hash, data.label) == (said["hash"], said["label"])
+    assert repr(data).startswith("DatasetVersion('tiny@") and "patches in 40 frames" in repr(data)
+    shown = json.loads(succeeds("models", "show", "tiny-lbp", "--json", "--workspace", trained).out)
+    assert json.loads(json.dumps(version.metrics)) == shown["metrics"]
+    assert version.operating_point.to_json() == shown["operating_point"]
+    assert version.label == "tiny-lbp/1" and "F1 0." in repr(version) and steps
+    theirs, ours = tokt.load_model("tiny-lbp", trained), version.bundle()
+    assert repr(ours) == "Bundle('tiny-lbp/1': 12 features of a patch, grid 10x10@360)"
+    assert (ours.model.weights == theirs.model.weights).all()
+    assert tokt.load_model("tiny-lbp/1", str(workspace)).sha256 == ours.sha256
+
+
+def test_evaluate_and_compare_are_the_commands(trained, tiny, workspace):
+    where = {"mission": tiny.path, "labels": str(tiny.labels), "workspace": trained}
+    notes = []
+    model, figures = tokt.evaluate(
+        tokt.EvaluateOptions("tiny-lbp", frames="1-20", **where), notice=notes.append
+    )
+    about = ("--mission", tiny.path, "--labels", tiny.labels, "--workspace", trained, "--json")
+    ran = succeeds("evaluate", "tiny-lbp", *about, "--frames", "1-20")
+    assert json.loads(ran.out) == json.loads(json.dumps(figures))
+    assert model.label == "tiny-lbp/1"
+    assert ran.err.splitlines()[-1:] == notes and "learnt from 20 of these frames" in notes[0]
+    place = ("--workspace", workspace)
+    succeeds("train", "tiny", "--extractor", "haralick", "--preset", "plain", *TRAIN_TINY, *place)
+    names = ["tiny-lbp", "tiny-haralick"]
+    found = tokt.compare(names, workspace=workspace)
+    said = json.loads(succeeds("compare", *names, *place, "--json").out)
+    assert found.words == said["words"] and found.words[0] in repr(found)
+    table = found.to_pandas()
+    assert [*table.index] == said["ranking"]
+    assert table.f1.to_dict() == {one["model"]: one["patch"]["f1"] for one in said["models"]}
+    assert table.ocean_frames.max() > 0 and table.median_ms.min() > 0
+    assert found.html.startswith("<!DOCTYPE html>") or "<html" in found.html
+    assert len(found.log()) == 32
+
+
+def test_a_wrong_option_is_said_in_one_line(trained, tmp_path):
+    refuses("give either --mission DIR or --patches DIR", tokt.build_dataset, "x")
+    refuses("compare needs at least two models", tokt.compare, "tiny-lbp", workspace=trained)
+    refuses("--site is something like", tokt.train, "tiny", site="x", workspace=trained)
+    refuses("no dataset 'none'", tokt.train, "none", workspace=tmp_path)
+    where = {"max_samples": 5000, "preset": "thesis", "workspace": trained}
+    refuses("no --max-samples", tokt.train, "tiny", **where)
+    with pytest.raises(TypeError, match="presett"):
+        tokt.train("tiny", presett="best")
+
+
+def test_a_function_of_options_is_called_either_way():
+    @takes(tokt.DatasetOptions)
+    def name_and(options: tokt.DatasetOptions, *, more: str = "") -> str:
+        return f"{options.name} {options.task}{more}"
+
+    assert name_and("a", task="classes") == "a classes"
+    assert name_and(tokt.DatasetOptions("b"), more="!") == "b binary!"
+
+
+def test_a_model_is_loaded_from_registry_file_or_store(trained, tiny_bundle, tmp_path, monkeypatch):
+    bundle = read_bundle(tiny_bundle)
+    Store(tmp_path / "store").deploy(bundle, "test")
+    for reference in ("tiny-lbp", "tiny-lbp@challenger", "tiny-lbp/1", tiny_bundle,
+                      str(tiny_bundle), tmp_path / "store", str(tmp_path / "store")):  # fmt: skip
+        assert tokt.load_model(reference, trained).sha256 == bundle.sha256
+    # A folder of frames that is called as a model is no store.
+    (tmp_path / "tiny-lbp").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert tokt.load_model("tiny-lbp", trained).sha256 == bundle.sha256
+    ran = succeeds("models", "show", "store", "--json", "--workspace", tmp_path / "none")
+    assert json.loads(ran.out)["sha256"] == bundle.sha256
+    refuses("no model has been trained", tokt.load_model, "other", tmp_path / "none")
+
+
+def test_an_active_model_is_not_taken_for_a_signed_registration(tiny_bundle, tmp_path, trained):
+    """`--registered-by` vouches for what a registry holds: of a store nobody signed that."""
+    Store(tmp_path / "store").deploy(read_bundle(tiny_bundle), "test")
+    about = ("-o", tmp_path / "m.tokt", "--registered-by", tmp_path / "k.pub")
+    refused("goes with a registered model", "export", tmp_path / "store", *about)
+
+
+def test_labels_are_read_counted_written_and_stored(tiny, tmp_path, own_tiny):
+    labels = tokt.Labels.read(tiny.labels)
+    counts = labels.counts()
+    assert sum(counts.values()) == len(labels) == len([*labels]) == 4000
+    assert set(counts) == {"ocean", "subsea_installation", "unsure"}
+    assert repr(labels).startswith("Labels(4000 records: {'ocean': ")
+    table = labels.to_pandas()
+    assert table.label.value_counts().to_dict() == counts
+    assert {*LABEL_COLUMNS} < {*table} and set(table.grid) == {"10x10@360"}
+
+    lost = labels.write(tmp_path / "again.csv")
+    assert (tmp_path / "again.csv").read_bytes() == tiny.labels.read_bytes()
+    assert lost == ["4000 labels without annotator and time (--full keeps them)"]
+    about = {"mission_dir": own_tiny.path}
+    assert labels.write(tmp_path / "coco.json", format="coco", **about) is not None
+    again = tokt.Labels.read(tmp_path / "coco.json", **about)
+    assert again.counts() == counts and again.format == "coco"
+
+    workspace = tmp_path / "ws"
+    assert labels.add_to(workspace).new == 4000
+    said = json.loads(succeeds("labels", "stats", "--json", "--workspace", workspace).out)
+    assert said["annotators"][0]["counts"] == counts
+    assert tokt.Labels.stored(workspace).counts() == counts
+    assert len(tokt.Labels.stored(workspace, annotator="nobody")) == 0
+    refuses("no label store", tokt.Labels.stored, tmp_path / "none")
+
+
+def test_a_label_of_no_class_is_refused(tmp_path):
+    file = write_labels(tmp_path / "l.csv", [["m", "left", 1, 0, 0, "whale"]])
+    refuses("whale", tokt.Labels.read, file)
+
+
+def test_a_run_is_described_by_its_options(tiny_bundle, tiny, tmp_path):
+    options = {"source": str(tiny.path), "bundle": tiny_bundle, "log": tmp_path / "run.jsonl"}
+    summary = tokt.run(tokt.RunConfig.of(options))
+    frames = [line for line in tokt.read_log(tmp_path / "run.jsonl") if "frame" in line]
+    assert summary.frames == len(frames) == 40
+    assert sum(line["status"] == 1 for line in frames) == summary.obstacle > 0
+    model = tokt.load_model(tiny_bundle)
+    policy = tokt.SinglePolicy(tokt.TextureDetector(model))
+    judged = [policy.judge(frame).verdict for frame in tokt.open_source(tiny.path)]
+    assert [verdict.status for verdict in judged] == [line["status"] for line in frames]
