@@ -108,7 +108,10 @@ def patches_of(frames: Sequence[U8] | U8, grid: Grid | str = DEFAULT_GRID) -> Pa
     grid : Grid or str
         Such as ``"10x10@360"``.
 
-    Raises ToktError if that is no grid, or those are no frames.
+    Raises
+    ------
+    ToktError
+        If that is no grid, or those are no frames.
     """
     grid = Grid.parse(grid) if isinstance(grid, str) else grid
     try:

@@ -85,7 +85,9 @@ def compare(
 
     Parameters
     ----------
-    options, progress, notice
+    options : CompareOptions
+        Or its fields, as in the example.
+    progress, notice : callable, optional
         As for `build_dataset`.
 
     Returns

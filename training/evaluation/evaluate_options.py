@@ -73,7 +73,9 @@ def evaluate(
 
     Parameters
     ----------
-    options, progress, notice
+    options : EvaluateOptions
+        Or its fields, as in the example.
+    progress, notice : callable, optional
         As for `build_dataset`. `notice` is told of a model that learnt from what it is scored on.
 
     Returns

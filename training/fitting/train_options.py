@@ -122,7 +122,9 @@ def train(options: TrainOptions, *, progress: Progress = no_progress) -> Trained
 
     Parameters
     ----------
-    options, progress
+    options : TrainOptions
+        Or its fields, as in the example.
+    progress : callable, optional
         As for `build_dataset`.
 
     Returns
