@@ -41,7 +41,7 @@ from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import settings_named
-from tokt.training.fitting.train import TrainRequest, train
+from tokt.training.fitting.train import TrainRequest, fit_and_measure
 
 FRAMES = 40
 EXTRACTORS = {
@@ -181,7 +181,7 @@ def test_folds_and_decision_values_are_those_of_tokt_train(dataset, workspace, t
     split = Split.of(version, 4, 1)
     lbp = extractor_named("lbp_10_5_frame")
     request = TrainRequest(version, "m", lbp, "lbp", settings, replace(split, weight="patch"))
-    held_out = train(request, tmp_path, lambda items, *_: items, 1).held_out
+    held_out = fit_and_measure(request, tmp_path, lambda items, *_: items, 1).held_out
 
     X, y = load_dataset(version, return_X_y=True)
     cv = DiveSplit(n_splits=4, embargo_frames=1)

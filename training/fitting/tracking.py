@@ -233,11 +233,16 @@ def _log_model(client: MlflowClient, bundle: bytes, golden: Golden, model: Model
 
 def _register(
     registry: Registry, content: BundleContent, files: dict[str, bytes], tags: dict[str, str]
-) -> RegisteredVersion:
+) -> tuple[RegisteredVersion, str]:
     """Log the bundle under the next number and register it; again if MLflow gave another one.
 
     The number stands in the bundle, and MLflow says it afterwards. A version whose bundle has
     another number is never listed (`RegisteredVersion.own`), and is deleted.
+
+    Returns
+    -------
+    RegisteredVersion, str
+        And its card.
     """
     run_id, model_id = (content.provenance[f"mlflow_{what}_id"] for what in ("run", "model"))
     recipe, number = printable_json(files["recipe.json"]), registry.next_number(content.name)
@@ -252,8 +257,7 @@ def _register(
         uri = f"models:/{model_id}"
         registered = registry.register(content.name, uri, run_id, model_id, all_tags)
         if registered.own:
-            _log_card(registered, card, registry)
-            return registered
+            return registered, card
         registry.withdraw(registered)
         number = int(registered.version) + 1
 
@@ -276,8 +280,8 @@ def _log_figures(trained: Trained) -> None:
     if truth.any() and not truth.all():
         curve = plots.precision_recall({trained.request.name: (truth, score)})
         mlflow.log_figure(curve, "plots/precision_recall.png")
-    folds = pd.DataFrame(trained.metrics["folds"])[["frames", *_FOLD_FIGURES]]
-    mlflow.log_table(folds, "tables/folds.json")
+    folds = pd.DataFrame(trained.metrics["folds"])
+    mlflow.log_table(folds.filter(["frames", *_FOLD_FIGURES]), "tables/folds.json")
     confusion = trained.metrics["patch"]["confusion"]
     mlflow.log_dict(confusion, "plots/confusion.json")
     mlflow.log_figure(plots.confusion(confusion), "plots/confusion.png")
@@ -352,9 +356,10 @@ def log_and_register(
     if request.search:
         tags["search"] = request.search
     content = _content(trained, files["recipe.json"], run.info.run_id)
-    registered = _register(registry, content, files, tags)
+    registered, card = _register(registry, content, files, tags)
     if key is not None:
         registry.sign(registered, key)
+    _log_card(registered, card, registry)
     return registry.set_alias(registered.label, NEWEST_ALIAS)
 
 
