@@ -128,7 +128,7 @@ FIELDS = (
 MEANINGS = {
     "v": "version of the format: 2",
     "seq": "1 for a run's first datagram, then rising by one a datagram, heartbeats included",
-    "t": "since 1970, UTC, when the source delivered the frame; in a heartbeat the newest frame",
+    "t": "since 1970, UTC, when the frame came; in a heartbeat the newest frame; null before any",
     "status": "1 obstacle, 0 clear, -1 unknown",
     "x": "-(cx - width // 2) in pixels of the mask: the way to steer; null when unknown",
     "y": "-(cy - height // 2) in pixels of the mask: the way to steer; null when unknown",
