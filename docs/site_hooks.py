@@ -15,6 +15,7 @@ from typing import Any
 
 import nbformat
 from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
@@ -28,8 +29,12 @@ _EXTERNAL = re.compile(r'href="(https?://[^"]+)"')
 _external: dict[str, set[str]] = {}
 
 
+@event_priority(100)
 def on_config(config: MkDocsConfig) -> None:
-    """Show mkdocstrings the sources by the names they are imported by (mkdocs.yml, `paths`)."""
+    """Show mkdocstrings the sources by the names they are imported by (mkdocs.yml, `paths`).
+
+    Before its own step, which passes over paths that are not there yet.
+    """
     root = Path(config.config_file_path).parent
     tree = root / "build/tree/tokt"
     tree.mkdir(parents=True, exist_ok=True)

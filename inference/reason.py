@@ -90,10 +90,8 @@ class Reason(StrEnum):
         "Look at the picture, and whether something covers the lens.",
     )
     DAMAGED = (
-        *(
-            "damaged",
-            "a part of a picture is of one grey level, or rows repeat: damaged, or covered",
-        ),
+        "damaged",
+        "a part of a picture is of one grey level, or rows repeat: damaged, or covered",
         "Check the network for losses, and whether something covers the lens.",
     )
     FROZEN = (
@@ -102,10 +100,8 @@ class Reason(StrEnum):
         "Restart the camera or its encoder.",
     )
     WRONG_SIZE = (
-        *(
-            "wrong_size",
-            "a picture is unlike those the model learnt from, or the calibration is for",
-        ),
+        "wrong_size",
+        "a picture has not the size the model learnt from, or the calibration is for",
         "Set the camera as it was in training, or train and calibrate for it as it is.",
     )
     NO_COLOUR = (

@@ -371,7 +371,8 @@ def _words(told: dict[str, Any]) -> list[str]:
         if one["change"] <= -_SMALL
     )
     fell = f"WORSE: {worse}" if worse else f"F1 fell by {_SMALL} in none"
-    words.append(f"Elsewhere, {len(changes)} old dives, held out as before: {fell}.")
+    dives = f"{len(changes)} old dive{'' if len(changes) == 1 else 's'}"
+    words.append(f"Elsewhere, {dives}, held out as before: {fell}.")
     words.append(f"More labels: {_more(told['curve'])}.")
     if told["rate_unknown"]:
         words.append(f"Rate of false statuses in {name}: unknown.")
