@@ -253,7 +253,7 @@ def _register(
             model = Model(artifact_path="model", run_id=run_id, model_id=model_id)
             _log_model(registry.client, bundle, content.golden, model)
         hashed = files_tag(content.name, run_id, {**files, BUNDLE_FILE: bundle})
-        all_tags = {**tags, FILES_TAG: hashed, NUMBER_TAG: str(number)}
+        all_tags = {**tags, FILES_TAG: hashed, NUMBER_TAG: f"{content.name}/{number}"}
         uri = f"models:/{model_id}"
         registered = registry.register(content.name, uri, run_id, model_id, all_tags)
         if registered.own:
@@ -339,7 +339,7 @@ def log_and_register(
     experiment = registry.experiment_id()
     with (
         registry.reported(),
-        mlflow.start_run(experiment_id=experiment, run_name=request.name) as run,
+        mlflow.start_run(experiment_id=experiment, run_name=request.name, nested=True) as run,
     ):
         mlflow.log_params(logged)
         texts = {name: str(value) for name, value in logged.items()}
