@@ -237,7 +237,8 @@ def _register(
     """Log the bundle under the next number and register it; again if MLflow gave another one.
 
     The number stands in the bundle, and MLflow says it afterwards. A version whose bundle has
-    another number is never listed (`RegisteredVersion.own`), and is deleted.
+    another number is never listed (`RegisteredVersion.own`), and is deleted. One that others took
+    meanwhile is not tried: trainings at a time would take each other's numbers for ever.
 
     Returns
     -------
@@ -245,8 +246,9 @@ def _register(
         And its card.
     """
     run_id, model_id = (content.provenance[f"mlflow_{what}_id"] for what in ("run", "model"))
-    recipe, number = printable_json(files["recipe.json"]), registry.next_number(content.name)
+    recipe, least = printable_json(files["recipe.json"]), 1
     while True:
+        number = registry.next_number(content.name, least)
         card = model_card(f"{content.name}/{number}", recipe, content.provenance)
         bundle = bundle_bytes(replace(content, version=str(number), card=card))
         with registry.reported():
@@ -255,11 +257,13 @@ def _register(
         hashed = files_tag(content.name, run_id, {**files, BUNDLE_FILE: bundle})
         all_tags = {**tags, FILES_TAG: hashed, NUMBER_TAG: f"{content.name}/{number}"}
         uri = f"models:/{model_id}"
+        if registry.next_number(content.name, least) != number:
+            continue
         registered = registry.register(content.name, uri, run_id, model_id, all_tags)
         if registered.own:
             return registered, card
         registry.withdraw(registered)
-        number = int(registered.version) + 1
+        least = int(registered.version) + 1
 
 
 def _held_out_table(trained: Trained) -> pd.DataFrame:

@@ -35,6 +35,7 @@ from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes, read_bund
 from tokt.models.operating_point import MofNRule, OperatingPoint
 from tokt.models.registry.registration import NUMBER_TAG
 from tokt.models.registry.registry import BUNDLE_FILE, Registry
+from tokt.training.fitting import tracking
 
 pytestmark = pytest.mark.xdist_group("registry")  # what they share is made once
 TRAIN = ("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY)
@@ -363,6 +364,20 @@ def test_a_number_that_another_training_took(workspace, monkeypatch):
     _, model_id = ids(Registry(workspace).find("tiny-lbp"), Registry(workspace))
     logged = mlflow.MlflowClient().get_logged_model(model_id)
     assert len({(m.key, m.step) for m in logged.metrics}) == len(logged.metrics)
+
+
+def test_a_number_that_others_took_meanwhile_is_not_tried(workspace, monkeypatch):
+    """While the bundle was made: two trainings that each try would spoil each other's for ever."""
+    whole, taken = tracking._log_model, []
+
+    def slow(client, *rest):
+        whole(client, *rest)
+        if len(taken) < 3:
+            taken.append(client.create_model_version("tiny-lbp", "models:/tiny-lbp/1").version)
+
+    monkeypatch.setattr(tracking, "_log_model", slow)
+    monkeypatch.setattr(Registry, "withdraw", lambda *_: 1 / 0)
+    assert train_again(workspace)["version"] == "5" and len(taken) == 3
 
 
 def test_a_number_that_was_deleted_is_not_given_again(workspace):
