@@ -282,7 +282,7 @@ class WaterFeatures(_PatchTransformer):
 
     def _spec(self) -> Mapping[str, Any]:
         spec = extractor_named("water" if self.colour else "water_gray").spec
-        given = self.quietest
+        given: Any = self.quietest
         spec["parts"][0]["part"]["quietest"] = float(given) if isinstance(given, Real) else given
         return spec
 
@@ -301,8 +301,8 @@ class PatchFeatures(_PatchTransformer):
         self.spec = spec
 
     def _spec(self) -> Mapping[str, Any]:
-        is_spec = isinstance(self.spec, Mapping)
-        return self.spec if is_spec else extractor_named(str(self.spec)).spec
+        given = self.spec
+        return given if isinstance(given, Mapping) else extractor_named(str(given)).spec
 
 
 class DiveSplit(BaseCrossValidator):  # type: ignore[misc]

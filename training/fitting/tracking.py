@@ -40,6 +40,7 @@ from .train import Trained, parameters
 
 NEWEST_ALIAS = "challenger"
 _MAX_DESCRIPTION = 5000  # what MLflow's database keeps of one
+_MAX_KEY = 250  # characters that MLflow keeps of a metric's name
 _NOT_IN_A_NAME = re.compile(r"[^\w.\- ]")  # of a metric; missions are called as folders are
 _LIBRARIES = ("numpy", "opencv-python-headless", "scikit-learn", "mlflow")
 
@@ -160,7 +161,8 @@ def _flat_metrics(metrics: dict[str, Any]) -> dict[str, float]:
             for name, at in frames["first_detection"].items()
         },
     }
-    return {name: float(value) for name, value in figures.items() if isinstance(value, int | float)}
+    kept = {name[:_MAX_KEY]: value for name, value in figures.items()}
+    return {name: float(value) for name, value in kept.items() if isinstance(value, int | float)}
 
 
 _FOLD_FIGURES = ("f1", "precision", "recall", "average_precision")
