@@ -62,11 +62,7 @@ SIGNATURE = ModelSignature(
 
 def frames_array(frames: Iterable[Any]) -> NDArray[np.object_]:
     """Frames of any kind and size as one array of objects, shape (n,), which MLflow lets pass."""
-    listed = list(frames)
-    made = np.empty(len(listed), object)
-    for index, frame in enumerate(listed):
-        made[index] = frame
-    return made
+    return np.fromiter(frames, object)
 
 
 class TextureModel:
