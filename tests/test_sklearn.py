@@ -146,6 +146,10 @@ def test_refusals_are_what_scikit_learn_expects_too(one):
     refuses("a pipeline starts with LBP", np.asarray, one.data)
     refuses("4-64", LBP(points=2).fit, one.data)
     refuses("unknown extractor 'lbq'", PatchFeatures("lbq").fit, one.data)
+    refuses("unknown extractor 'None'", PatchFeatures(None).fit, one.data)
+    refuses("at most 1.0, not 'a'", WaterFeatures(quietest="a").fit, one.data)
+    assert len(WaterFeatures(quietest=np.float32(1)).fit(one.data).transform(one.data[:1])) == 1
+    refuses("one colour frame", patches_of, np.zeros((271, 360, 3), np.uint8))
     refuses("not a grid", patches_of, [], "ten")
 
 
@@ -158,8 +162,10 @@ def test_samples_are_indexed_like_an_array(one):
         part = X[rows]
         assert part.frame.tolist() == X.frame[mask].tolist()
         assert part.groups.equals(X.groups[mask])
-    with pytest.raises(IndexError):
-        X[len(X)]
+    assert len(X[[]]) == len(X[:0]) == 0 and X[[-1, 0]].frame.tolist() == [X.frame[-1], X.frame[0]]
+    for wrong in (len(X), (1, 2), None, np.array([[1, 2]]), np.array([True]), 1.5):
+        with pytest.raises(IndexError):
+            X[wrong]
 
 
 def test_a_dataset_is_that_of_tokt(one, workspace, tmp_path):
@@ -237,6 +243,8 @@ def test_groups_and_labels_that_are_missing_are_named(one):
     refuses("needs the mission, frame, group, site", DiveSplit().get_n_splits, table, y)
     refuses("needs the mission, frame, group, site", DiveSplit().get_n_splits, table, y, groups)
     refuses("a label for each of 10 patches", DiveSplit().get_n_splits, one.data[:10])
+    for wrong in ({"n_splits": 1}, {"n_splits": "5"}, {"embargo_frames": -1}, {"by": "site"}):
+        refuses("n_splits from 2", DiveSplit(**wrong).get_n_splits, one.data, one.target)
 
 
 def test_a_grid_search_over_extractors_by_dive_on_two_processes(workspace, tmp_path):

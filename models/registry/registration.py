@@ -7,7 +7,8 @@ version's number; whose signature counts is said by whoever exports, never by th
 each promotion ended stands in a tag of its own, which nothing covers.
 
 A version's number stands in its bundle, which is made before MLflow gives the number. A tag says
-which number that was: where MLflow gave another one, the version is none (`RegisteredVersion.own`).
+as what it was made: where MLflow gave another number, the version is none
+(`RegisteredVersion.own`).
 """
 
 import hashlib
@@ -48,8 +49,12 @@ class RegisteredVersion:
 
     @property
     def own(self) -> bool:
-        """Whether its bundle has its number: not where its training was ended too early."""
-        return self.tags.get(NUMBER_TAG, self.version) == self.version
+        """Whether its bundle has its number: not where its training was ended too early.
+
+        A copy under another name, or a new name, is for `check` to refuse.
+        """
+        made_as = self.tags.get(NUMBER_TAG, self.label)
+        return made_as == self.label or made_as.rpartition("/")[0] != self.name
 
     @property
     def hashed(self) -> bool:

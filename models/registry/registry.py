@@ -294,13 +294,13 @@ class Registry:
             )
         return self._listed(version)
 
-    def next_number(self, name: str) -> int:
+    def next_number(self, name: str, least: int = 1) -> int:
         """The number that MLflow gives next, unless the newest was deleted or others register."""
         with self.reported():
             newest = self.client.search_model_versions(
                 f"name = '{name}'", max_results=1, order_by=["version_number DESC"]
             )
-        return int(newest[0].version) + 1 if newest else 1
+        return max(int(newest[0].version) + 1 if newest else 1, least)
 
     def withdraw(self, version: RegisteredVersion) -> None:
         """Delete a version that was registered a moment ago."""

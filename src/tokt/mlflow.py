@@ -16,6 +16,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+# Before the first import of cv2: a kilobyte from the network can say that it has 2**30 pixels.
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", "100000000")
+
 import cv2
 import numpy as np
 import pandas as pd
@@ -27,8 +30,8 @@ from mlflow.types.schema import Array
 from numpy.typing import NDArray
 
 from tokt.features.common.arrays import U8
-from tokt.features.common.errors import FrameError, ToktError
-from tokt.features.frames.image_file import decode_image, read_image
+from tokt.features.common.errors import FrameError, ToktError, os_errors_as
+from tokt.features.frames.image_file import decode_image
 from tokt.inference.frame import Frame
 from tokt.inference.policy.policy import Judgement, SinglePolicy
 from tokt.inference.reason import NO_FAULT, Fault, Reason
@@ -59,11 +62,7 @@ SIGNATURE = ModelSignature(
 
 def frames_array(frames: Iterable[Any]) -> NDArray[np.object_]:
     """Frames of any kind and size as one array of objects, shape (n,), which MLflow lets pass."""
-    listed = list(frames)
-    made = np.empty(len(listed), object)
-    for index, frame in enumerate(listed):
-        made[index] = frame
-    return made
+    return np.fromiter(frames, object)
 
 
 class TextureModel:
@@ -86,6 +85,7 @@ class TextureModel:
         ----------
         model_input : array, pandas.DataFrame, list or mapping
             One frame, or an array of frames, shape (n, height, width) or (n, height, width, 3).
+            Colour is BGR: nothing here can tell RGB, whose verdicts are wrong.
             Or a list, an array of objects, or column ``frame`` of a table: frames of any kind.
         params : dict, optional
             With ``independent``: True each frame is a dive's only frame.
@@ -154,6 +154,8 @@ def _listed(model_input: Any) -> list[Any]:
         if COLUMN not in model_input:
             raise _wrong(f"there is no column {COLUMN!r}")
         model_input = model_input[COLUMN]
+    if isinstance(model_input, np.ndarray) and not model_input.ndim:
+        model_input = model_input.item()  # what the server makes of one text
     shape = model_input.shape if isinstance(model_input, np.ndarray) else ()
     if isinstance(model_input, str | bytes | Path) or (len(shape), *shape[2:]) in ((2,), (3, 3)):
         return [model_input]
@@ -172,8 +174,9 @@ def _picture(given: Any) -> tuple[U8 | None, Fault]:
         if isinstance(given, str) and "." not in given:
             return decode_image(_decoded(given), COLUMN), NO_FAULT
         if isinstance(given, str | Path):
-            place = given if isinstance(given, Path) else _permitted(given)
-            return read_image(place), NO_FAULT
+            with os_errors_as(str(given), FrameError):  # a caller far away learns no place
+                data = (given if isinstance(given, Path) else _permitted(given)).read_bytes()
+            return decode_image(data, str(given)), NO_FAULT
     except FrameError as error:
         return None, Fault(Reason.UNREADABLE, str(error))
     raise _wrong(f"{type(given).__name__} is no frame (an 8-bit array, a path or base64)")

@@ -22,12 +22,14 @@ Examples
 >>> model = make_pipeline(LBP(border="frame"), LinearSVC()).fit(X, y)
 >>> model.predict(X[99:101])
 array([1, 0])
+>>> from sklearn.model_selection import cross_val_score
 >>> X, y = load_dataset("tower", return_X_y=True)  # doctest: +SKIP
 >>> cross_val_score(model, X, y, cv=DiveSplit())  # doctest: +SKIP
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Any, NoReturn, Self
 
@@ -89,8 +91,9 @@ class Patches:
 
     def __getitem__(self, rows: Any) -> Self:
         """Some of the patches; scikit-learn asks for ``[rows, ...]``."""
-        rows = rows[0] if isinstance(rows, tuple) else rows
         kept = np.atleast_1d(np.arange(len(self))[rows])
+        if kept.ndim > 1:
+            raise IndexError("patches have one dimension")
         groups = None if self.groups is None else self.groups.iloc[kept]
         return type(self)(self.read, self.grid, self.frame[kept], self.cell[kept], groups)
 
@@ -114,6 +117,8 @@ def patches_of(frames: Sequence[U8] | U8, grid: Grid | str = DEFAULT_GRID) -> Pa
         If that is no grid, or those are no frames.
     """
     grid = Grid.parse(grid) if isinstance(grid, str) else grid
+    if isinstance(frames, np.ndarray) and frames.shape[2:] == (3,) and grid != PATCH_GRID:
+        raise SampleError(f"an array {frames.shape} is one colour frame: give a list of frames")
     try:
         sound = [check_frame(frame) for frame in frames]
     except (TypeError, ValueError) as error:
@@ -277,7 +282,8 @@ class WaterFeatures(_PatchTransformer):
 
     def _spec(self) -> Mapping[str, Any]:
         spec = extractor_named("water" if self.colour else "water_gray").spec
-        spec["parts"][0]["part"]["quietest"] = float(self.quietest)
+        given: Any = self.quietest
+        spec["parts"][0]["part"]["quietest"] = float(given) if isinstance(given, Real) else given
         return spec
 
 
@@ -295,11 +301,15 @@ class PatchFeatures(_PatchTransformer):
         self.spec = spec
 
     def _spec(self) -> Mapping[str, Any]:
-        return extractor_named(self.spec).spec if isinstance(self.spec, str) else self.spec
+        given = self.spec
+        return given if isinstance(given, Mapping) else extractor_named(str(given)).spec
 
 
 class DiveSplit(BaseCrossValidator):  # type: ignore[misc]
     """Cross-validation in the folds of ``tokt train``: whole dives, or blocks of frames.
+
+    Give it as `cv` everywhere: any other splitter tests on near copies of what was learnt. The
+    ``best_score_`` of a search is too good; score the search itself by `cross_val_score`.
 
     Parameters
     ----------
@@ -345,6 +355,11 @@ class DiveSplit(BaseCrossValidator):  # type: ignore[misc]
         targets = np.unique(y, return_inverse=True)[1]
         sites = {m: s for m, s in zip(groups.mission, groups.site, strict=True) if s}
         by = self.by or (DIVE if groups.mission.nunique() > 1 else BLOCK)
+        try:
+            split = Split(self.n_splits, self.embargo_frames, by, sites=sites)
+        except (TypeError, ValueError):
+            words = "n_splits from 2, embargo_frames from 0, by 'dive' or 'block'"
+            raise SampleError(f"DiveSplit takes {words}") from None
         if self.by == DIVE and not dive_folds(groups, targets, sites, self.n_splits, False):
             raise SampleError("by='dive' takes two dives with every class, and no common picture")
-        return Split(self.n_splits, self.embargo_frames, by, sites=sites).cut(groups, targets)
+        return split.cut(groups, targets)

@@ -40,6 +40,7 @@ from .train import Trained, parameters
 
 NEWEST_ALIAS = "challenger"
 _MAX_DESCRIPTION = 5000  # what MLflow's database keeps of one
+_MAX_KEY = 250  # characters that MLflow keeps of a metric's name
 _NOT_IN_A_NAME = re.compile(r"[^\w.\- ]")  # of a metric; missions are called as folders are
 _LIBRARIES = ("numpy", "opencv-python-headless", "scikit-learn", "mlflow")
 
@@ -160,7 +161,8 @@ def _flat_metrics(metrics: dict[str, Any]) -> dict[str, float]:
             for name, at in frames["first_detection"].items()
         },
     }
-    return {name: float(value) for name, value in figures.items() if isinstance(value, int | float)}
+    kept = {name[:_MAX_KEY]: value for name, value in figures.items()}
+    return {name: float(value) for name, value in kept.items() if isinstance(value, int | float)}
 
 
 _FOLD_FIGURES = ("f1", "precision", "recall", "average_precision")
@@ -237,7 +239,8 @@ def _register(
     """Log the bundle under the next number and register it; again if MLflow gave another one.
 
     The number stands in the bundle, and MLflow says it afterwards. A version whose bundle has
-    another number is never listed (`RegisteredVersion.own`), and is deleted.
+    another number is never listed (`RegisteredVersion.own`), and is deleted. One that others took
+    meanwhile is not tried: trainings at a time would take each other's numbers for ever.
 
     Returns
     -------
@@ -245,21 +248,24 @@ def _register(
         And its card.
     """
     run_id, model_id = (content.provenance[f"mlflow_{what}_id"] for what in ("run", "model"))
-    recipe, number = printable_json(files["recipe.json"]), registry.next_number(content.name)
+    recipe, least = printable_json(files["recipe.json"]), 1
     while True:
+        number = registry.next_number(content.name, least)
         card = model_card(f"{content.name}/{number}", recipe, content.provenance)
         bundle = bundle_bytes(replace(content, version=str(number), card=card))
         with registry.reported():
             model = Model(artifact_path="model", run_id=run_id, model_id=model_id)
             _log_model(registry.client, bundle, content.golden, model)
         hashed = files_tag(content.name, run_id, {**files, BUNDLE_FILE: bundle})
-        all_tags = {**tags, FILES_TAG: hashed, NUMBER_TAG: str(number)}
+        all_tags = {**tags, FILES_TAG: hashed, NUMBER_TAG: f"{content.name}/{number}"}
         uri = f"models:/{model_id}"
+        if registry.next_number(content.name, least) != number:
+            continue
         registered = registry.register(content.name, uri, run_id, model_id, all_tags)
         if registered.own:
             return registered, card
         registry.withdraw(registered)
-        number = int(registered.version) + 1
+        least = int(registered.version) + 1
 
 
 def _held_out_table(trained: Trained) -> pd.DataFrame:
@@ -339,7 +345,7 @@ def log_and_register(
     experiment = registry.experiment_id()
     with (
         registry.reported(),
-        mlflow.start_run(experiment_id=experiment, run_name=request.name) as run,
+        mlflow.start_run(experiment_id=experiment, run_name=request.name, nested=True) as run,
     ):
         mlflow.log_params(logged)
         texts = {name: str(value) for name, value in logged.items()}

@@ -35,6 +35,7 @@ from tokt.models.bundle.bundle import bundle_bytes, bundle_from_bytes, read_bund
 from tokt.models.operating_point import MofNRule, OperatingPoint
 from tokt.models.registry.registration import NUMBER_TAG
 from tokt.models.registry.registry import BUNDLE_FILE, Registry
+from tokt.training.fitting import tracking
 
 pytestmark = pytest.mark.xdist_group("registry")  # what they share is made once
 TRAIN = ("train", "tiny", "--extractor", "lbp", "--preset", "plain", *TRAIN_TINY)
@@ -169,12 +170,31 @@ def test_paths_as_text_are_of_one_folder_alone(model, tiny, tmp_path, monkeypatc
     )
 
 
-def test_what_cannot_be_read_is_unknown(model, frames, tmp_path):
+def test_what_cannot_be_read_is_unknown(model, frames, tmp_path, monkeypatch):
     bad = [tmp_path / "none.png", png(frames[0])[:-20], b"", base64.b64encode(b"no image").decode()]
     table = model.predict(frames_array([*bad, frames[1]]))
     assert table.reason.tolist() == ["unreadable"] * 4 + ["ok"]
     assert table.status.tolist()[:4] == [-1] * 4
     assert all(value is None for value in table.x[:4])
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    said = model.predict(pd.DataFrame({"frame": ["none.png"]})).health[0]
+    assert said == "none.png: No such file or directory"  # nor where the folder is
+
+
+def test_a_small_file_of_a_huge_picture_is_not_decoded(tiny_bundle):
+    """In a process of its own: OpenCV reads its limit as it is loaded."""
+    code = """
+import sys
+from tokt.mlflow import TextureModel, frames_array
+import cv2, numpy as np
+from tokt.models.bundle.bundle import read_bundle
+file = cv2.imencode(".webp", np.zeros((10001, 10000), np.uint8))[1].tobytes()
+assert len(file) < 100_000
+print(TextureModel(read_bundle(sys.argv[1])).predict(file).health[0])
+"""
+    command = [sys.executable, "-c", code, str(tiny_bundle)]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert "cannot be decoded (pixels <= CV_IO_MAX_IMAGE_PIXELS)" in said
 
 
 def test_what_is_no_frame_is_refused(model):
@@ -270,6 +290,7 @@ def test_another_models_bundle_in_its_place(workspace):
     mlflow.MlflowClient().copy_model_version("models:/tiny-lbp/2", "production")
     copy = mlflow.pyfunc.load_model("models:/production/1")
     assert copy.get_raw_model().label == "tiny-lbp/2"
+    refuses("production/1: its files were registered as 'tiny-lbp'", registry.bundle, "production")
     hold_row(
         "another model's bundle in the place of a registered one's",
         "refused: `is not the one that was registered`; by MLflow's loader where it is another "
@@ -306,6 +327,16 @@ def ids(version, registry):
     return version.run_id, registry.recipe(version)["provenance"]["mlflow_model_id"]
 
 
+def test_training_and_comparing_within_a_run_of_the_users(workspace, tmp_path):
+    """As in a notebook, where MLflow would refuse a second run that is not said to be nested."""
+    Registry(workspace)
+    with mlflow.start_run() as run:
+        assert train_again(workspace)["version"] == "2"
+        labels = ("tiny-lbp/1", "tiny-lbp/2")
+        succeeds("compare", *labels, "-o", tmp_path / "c.html", "--workspace", workspace)
+        assert mlflow.active_run().info.run_id == run.info.run_id
+
+
 def assert_numbers_fit(workspace):
     registry = Registry(workspace)
     for version in registry.versions():
@@ -322,7 +353,7 @@ def test_a_number_that_another_training_took(workspace, monkeypatch):
         if not taken:
             taken.append(1)
             run_id, model_id = ids(self.find("tiny-lbp/1"), self)
-            whole(self, name, f"models:/{model_id}", run_id, model_id, {NUMBER_TAG: "9"})
+            whole(self, name, f"models:/{model_id}", run_id, model_id, {NUMBER_TAG: "tiny-lbp/9"})
         return whole(self, name, *rest)
 
     monkeypatch.setattr(Registry, "register", raced)
@@ -333,6 +364,20 @@ def test_a_number_that_another_training_took(workspace, monkeypatch):
     _, model_id = ids(Registry(workspace).find("tiny-lbp"), Registry(workspace))
     logged = mlflow.MlflowClient().get_logged_model(model_id)
     assert len({(m.key, m.step) for m in logged.metrics}) == len(logged.metrics)
+
+
+def test_a_number_that_others_took_meanwhile_is_not_tried(workspace, monkeypatch):
+    """While the bundle was made: two trainings that each try would spoil each other's for ever."""
+    whole, taken = tracking._log_model, []
+
+    def slow(client, *rest):
+        whole(client, *rest)
+        if len(taken) < 3:
+            taken.append(client.create_model_version("tiny-lbp", "models:/tiny-lbp/1").version)
+
+    monkeypatch.setattr(tracking, "_log_model", slow)
+    monkeypatch.setattr(Registry, "withdraw", lambda *_: 1 / 0)
+    assert train_again(workspace)["version"] == "5" and len(taken) == 3
 
 
 def test_a_number_that_was_deleted_is_not_given_again(workspace):
@@ -422,7 +467,8 @@ def test_the_server_answers_as_the_runtime_judges(served, frames, expected, tiny
     alone = {"inputs": texts, "params": {"independent": True}}
     assert_same(asked(place, alone)[1]["predictions"], expected)  # by this model's frame rule
     file = tiny.path / "Left" / "tiny_L_1.png"
-    for wrong in ([str(file)], ["/etc/resolv.conf"], ["no base64!"], [[1, 2], [3, 4]]):
+    assert_same(asked(place, {"inputs": texts[0]})[1]["predictions"], expected[:1])
+    for wrong in ([str(file)], ["/etc/resolv.conf"], ["no base64!"], [[1, 2], [3, 4]], 3, None):
         status, answer = asked(place, {"inputs": wrong})
         assert status == 400 and "tokt: " in answer["message"], answer
         assert "stack_trace" not in answer

@@ -80,8 +80,10 @@ def test_the_card_is_kept_with_the_run_and_is_the_versions_description(
 
 def test_a_mission_may_be_called_as_a_folder_may(registry, version):
     metrics = registry.recipe(version)["metrics"]
-    frames = {**metrics["frames"], "first_detection": {"dive (2), port#1": 7, "Ærøy 3": 8}}
+    first = {"dive (2), port#1": 7, "Ærøy 3": 8, "m" * 250: 9}
+    frames = {**metrics["frames"], "first_detection": first}
     found = tracking._flat_metrics({**metrics, "frames": frames})
     assert found["cv_first_detection_dive _2__ port_1"] == 7
     for name in found:
         _validate_metric_name(name)  # what MLflow refuses a run for
+        assert len(name) <= 250  # that too, once all is trained
