@@ -7,7 +7,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.extras import needed_by
 
 from .datagrams import PEER_S
 from .vehicle import VehicleState
@@ -20,11 +20,8 @@ _STATION = 6
 
 def mavlink_dialect() -> ModuleType:
     """MAVLink's common messages, in version 2's framing; ToktError without pymavlink."""
-    try:
+    with needed_by("MAVLink"):
         return import_module("pymavlink.dialects.v20.common")
-    except ImportError:
-        wanted = "MAVLink needs the extra 'mavlink': pip install 'tokt[mavlink]'"
-        raise ToktError(wanted) from None
 
 
 class MavlinkReader:
