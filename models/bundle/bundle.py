@@ -284,11 +284,6 @@ def weights_bytes(model: LinearModel) -> bytes:
     return _npz(**arrays, **{name: np.asarray(value) for name, value in mapped.items()})
 
 
-def lineage_bytes(trained_on: U64) -> bytes:
-    """The ``lineage.npz`` member."""
-    return _npz(trained_on=np.sort(trained_on))
-
-
 def distribution_bytes(distribution: Distribution) -> bytes:
     """The ``distribution.npz`` member."""
     values = vars(distribution).items()
@@ -307,7 +302,7 @@ def bundle_bytes(content: BundleContent) -> bytes:
     members = {
         "weights.npz": weights_bytes(model),
         "golden.npz": golden_bytes(content.golden),
-        "lineage.npz": lineage_bytes(content.trained_on),
+        "lineage.npz": _npz(trained_on=np.sort(content.trained_on)),
         "card.md": content.card.encode("utf-8"),
     }
     if content.distribution is not None:

@@ -5,6 +5,7 @@ import shutil
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -20,6 +21,7 @@ from .output import print_line as print
 _FAULTY = 1
 _LITTLE_BYTES = 1e9
 _STYLES = {OK: "green", NOTE: "yellow", FAULT: "bold red"}
+_CAMERAS = "inference.sources.cameras"
 _EXTRAS = ("train", "label", "camera", "cluster")
 _REQUIREMENT = r"([A-Za-z0-9._-]+)(?:\[([^\]]*)\])?"
 _OF_EXTRA = r"""extra\s*==\s*["']([^"']+)["']"""
@@ -47,40 +49,23 @@ def _findings(store: Path | None, workspace: Path) -> list[Finding]:
     found: list[Finding] = []
     with _examined("installation", found):
         found.extend(_installation())
-    # The kernels come before all that needs them: see there what a wrong choice of them does.
-    with _examined("kernels", found):
-        from tokt.features.kernels.health import kernel_findings
-
-        found.extend(kernel_findings())
-    with _examined("extra video", found):
-        found.append(_video())
-    with _examined("camera driver", found):
-        from tokt.inference.sources.cameras.vimba.system import camera_driver_finding
-
-        found.append(camera_driver_finding())
-    with _examined("Vimba X", found):
-        from tokt.inference.sources.cameras.vimba.vimbax_system import vimbax_finding
-
-        found.append(vimbax_finding())
-    with _examined("genicam cameras", found):
-        from tokt.inference.sources.cameras.genicam.producers import genicam_finding
-
-        found.append(genicam_finding())
+    parts: list[tuple[str, str, str, tuple[Path, ...]]] = [
+        # The kernels come before all that needs them: see there what a wrong choice of them does.
+        ("kernels", "features.kernels.health", "kernel_findings", ()),
+        ("extra video", "cli.doctor", "_video", ()),
+        ("camera driver", f"{_CAMERAS}.vimba.system", "camera_driver_finding", ()),
+        ("Vimba X", f"{_CAMERAS}.vimba.vimbax_system", "vimbax_finding", ()),
+        ("genicam cameras", f"{_CAMERAS}.genicam.producers", "genicam_finding", ()),
+        ("workspace", "cli.doctor", "_disk", (workspace,)),
+        ("labels", "labels.store.health", "label_store_finding", (workspace,)),
+        ("registry", "models.registry.health", "registry_finding", (workspace,)),
+    ]
     if store is not None:
-        with _examined("store", found):
-            from tokt.models.store.health import store_findings
-
-            found.extend(store_findings(store))
-    with _examined("workspace", found):
-        found.append(_disk(workspace))
-    with _examined("labels", found):
-        from tokt.labels.store.health import label_store_finding
-
-        found.append(label_store_finding(workspace))
-    with _examined("registry", found):
-        from tokt.models.registry.health import registry_finding
-
-        found.append(registry_finding(workspace))
+        parts.insert(5, ("store", "models.store.health", "store_findings", (store,)))
+    for name, module, function, arguments in parts:
+        with _examined(name, found):
+            given = getattr(import_module(f"tokt.{module}"), function)(*arguments)
+            found.extend([given] if isinstance(given, Finding) else given)
     return found
 
 

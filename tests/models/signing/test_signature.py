@@ -401,7 +401,7 @@ def test_a_keys_file_that_cannot_be_read_or_is_of_a_newer_tokt(guarded, keys):
     file.rmdir()
     file.write_text('{"format_version": 2, "anything": 1}')
     for action in (guarded.active, lambda: guarded.trust(keys["other"].public, "other")):
-        refuses("newer tokt", action)
+        refuses("newer than this tokt reads", action)
 
 
 def test_a_lost_keys_file_does_not_open_the_store(guarded, keys, bundles):

@@ -22,6 +22,7 @@ from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.presets import DEFAULT_EXTRACTOR, extractor_for
+from tokt.training.options import Notice, Progress
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
 from .cases import BestFrame, Case, HaralickKernel, LbpKernel, Picture, WholeFrame, textured_frame
@@ -36,7 +37,7 @@ from .models import (
 from .paired_timing import SPREAD_IS, Result, single_thread
 from .process_cases import measure_extraction, measure_latency, measure_start
 from .report import chart_png
-from .stereo_cases import Progress, Say, measure_stereo, stereo_input
+from .stereo_cases import measure_stereo, stereo_input
 
 LABEL_FILE = "labels.csv"
 EMBEDDED_FRAMES = 16
@@ -102,7 +103,7 @@ def measure_in_process(
     best: ModelPair,
     size: BenchSize,
     progress: Progress,
-    say: Say,
+    say: Notice,
 ) -> tuple[list[Result], int, int]:
     """Kernels and frames: compared on all frames, then timed on a few of them."""
     numbers = mission.frames()
@@ -149,7 +150,7 @@ def _most_obstacles(mission: Mission, models: ModelPair, count: int) -> int:
 
 
 def _outside(
-    mission: Mission, models: Sequence[ModelPair], size: BenchSize, folder: Path, say: Say
+    mission: Mission, models: Sequence[ModelPair], size: BenchSize, folder: Path, say: Notice
 ) -> list[Result]:
     """Feature tables from files, and whole processes."""
     files = []
@@ -176,7 +177,7 @@ def _measure(
     size: BenchSize,
     folder: Path,
     progress: Progress,
-    say: Say,
+    say: Notice,
 ) -> Bench:
     first = mission.read(mission.frames()[0])
     examples = _examples(mission, labels)
@@ -213,7 +214,7 @@ def run_bench(
     calibration: StereoCalibration | None,
     size: BenchSize,
     progress: Progress,
-    say: Say,
+    say: Notice,
 ) -> Bench:
     """Measure all cases and write ``bench.json`` and ``bench.png`` into `out`.
 

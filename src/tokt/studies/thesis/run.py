@@ -11,6 +11,7 @@ from tokt import __version__
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
+from tokt.training.options import Notice, Progress
 
 from .exhibits.centre_figures import centre_and_box
 from .exhibits.curve_figures import curve_figures
@@ -24,7 +25,7 @@ from .exhibits.superpixel_figure import superpixel_figure
 from .exhibits.synchrony_figure import synchrony_figure
 from .exhibits.training_image_figures import training_images
 from .exhibits.trend_figure import trend_exhibit
-from .inputs import Progress, ReproduceRequest, Say
+from .inputs import ReproduceRequest
 from .page import write_thesis_page
 from .report import FORMAT, exhibit_json, report_html
 
@@ -97,7 +98,10 @@ EXHIBITS: tuple[Planned, ...] = (
 
 
 def run_reproduce(
-    request: ReproduceRequest, say: Say, progress: Progress, exhibits: Sequence[Planned] = EXHIBITS
+    request: ReproduceRequest,
+    say: Notice,
+    progress: Progress,
+    exhibits: Sequence[Planned] = EXHIBITS,
 ) -> dict[str, Any]:
     """Make every exhibit and write them into the request's folder; give what results.json holds.
 
@@ -137,7 +141,7 @@ def run_reproduce(
     return results
 
 
-def _write_page(results: dict[str, Any], out: Path, say: Say) -> None:
+def _write_page(results: dict[str, Any], out: Path, say: Notice) -> None:
     """The page from the thesis to this code; it quotes figures that not every mission has."""
     try:
         write_thesis_page(results, out / PAGE)
