@@ -45,6 +45,16 @@ def check_format(version: Any, newest: int, what: str) -> None:
 
 
 @contextmanager
+def naming(where: object) -> Iterator[None]:
+    """Say where it is, such as in which file, before what a ToktError says is wrong there."""
+    try:
+        yield
+    except ToktError as error:
+        error.args = ToktError(f"{where}: {error}").args  # whatever kind of error it is
+        raise
+
+
+@contextmanager
 def os_errors_as(what: str, kind: type[ToktError] = ToktError) -> Iterator[None]:
     """Turn what the system refuses into an error of one line: ``WHAT: No such file``."""
     try:

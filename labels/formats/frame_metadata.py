@@ -14,12 +14,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, naming
 from tokt.features.common.extras import needed_by
 from tokt.features.frames.mission import Mission
 
 from .images import FrameKey, MissionImages
-from .text_file import finite, naming, of_kind, read_json, read_utf8, utc_time
+from .text_file import finite, of_kind, read_json, read_utf8, utc_time
 
 HEADER, ITEMS = "image-set-header", "image-set-items"
 YAML = (".yaml", ".yml")

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from tokt import __version__
 from tokt.features.common import atomic
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.common.machine import machine
 from tokt.training.options import Notice, Progress
 
@@ -152,12 +152,10 @@ def _write_page(results: dict[str, Any], out: Path, say: Notice) -> None:
 def _check_folder(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise ToktError(f"{out} is not a folder; choose another with -o")
-    try:
+    with os_errors_as(f"cannot write in {out}"):
         out.mkdir(parents=True, exist_ok=True)
         atomic.write_text(out / ".writable", "")
         (out / ".writable").unlink()
-    except OSError as error:
-        raise ToktError(f"cannot write in {out}: {error.strerror or error}") from None
 
 
 def _check_inputs(context: StudyContext) -> None:
