@@ -7,7 +7,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
-from tokt.features.common.extras import needed_by
+from tokt.features.common.errors import ToktError
 
 from .datagrams import PEER_S
 from .vehicle import VehicleState
@@ -20,8 +20,11 @@ _STATION = 6
 
 def mavlink_dialect() -> ModuleType:
     """MAVLink's common messages, in version 2's framing; ToktError without pymavlink."""
-    with needed_by("MAVLink"):
+    try:
         return import_module("pymavlink.dialects.v20.common")
+    except ImportError:
+        wanted = "MAVLink needs the extra 'mavlink': pip install 'tokt[mavlink]'"
+        raise ToktError(wanted) from None
 
 
 class MavlinkReader:

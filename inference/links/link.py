@@ -13,7 +13,6 @@ from contextlib import closing
 
 from tokt.features.common.address import parse_address, resolve
 from tokt.features.common.errors import ToktError, os_words
-from tokt.features.common.extras import needed_by
 
 from .datagrams import READ_S, Heard, UdpLink
 
@@ -224,6 +223,9 @@ def open_link(text: str) -> Link:
     device, baud = match[1], int(match[2] or 115_200)
     if not 300 <= baud <= 12_000_000:
         raise ToktError(f"a serial port has 300 to 12000000 baud, not {baud}")
-    with needed_by("a serial port"):
+    try:
         import serial  # noqa: F401 - opened by a thread that could not say so
+    except ImportError:
+        wanted = "a serial port needs the extra 'mavlink': pip install 'tokt[mavlink]'"
+        raise ToktError(wanted) from None
     return StreamLink(lambda: _SerialChannel(device, baud))

@@ -348,7 +348,7 @@ def test_a_receiver_that_is_not_there_costs_nothing(closed_port):
 
 
 def test_without_pymavlink_the_extra_is_named(tmp_path):
-    (tmp_path / "pymavlink.py").write_text("raise ModuleNotFoundError(name='pymavlink')\n")
+    (tmp_path / "pymavlink.py").write_text("raise ImportError('not here')\n")
     program = (
         "from tokt.features.common.errors import ToktError\n"
         "from tokt.inference.clock import SYSTEM_CLOCK\n"
@@ -362,7 +362,7 @@ def test_without_pymavlink_the_extra_is_named(tmp_path):
     )
     paths = os.pathsep.join([str(tmp_path), *sys.path])
     done = run_python("-c", program, PYTHONPATH=paths)
-    assert done.stdout == "MAVLink needs pymavlink: install tokt[mavlink]\n"
+    assert done.stdout == "MAVLink needs the extra 'mavlink': pip install 'tokt[mavlink]'\n"
 
 
 def test_the_command_sends_what_the_frames_show(make_mission, bundle_file, receiver, closed_port):

@@ -3,11 +3,11 @@
 import json
 import os
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import joblib
 
@@ -70,20 +70,6 @@ class Bench:
     def to_json(self) -> dict[str, Any]:
         """The JSON object of ``tokt bench --json``."""
         return {"cases": [case.to_json() for case in self.results], **self.about}
-
-
-@contextmanager
-def _same_kernels_everywhere() -> Iterator[None]:
-    """Have every process started meanwhile use this one's kernels, or fail, but no others."""
-    before = os.environ.get(VARIABLE)
-    os.environ[VARIABLE] = KERNELS.name
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[VARIABLE]
-        else:
-            os.environ[VARIABLE] = before
 
 
 def _examples(mission: Mission, labels: Path | None) -> TrainingExamples:
@@ -182,7 +168,8 @@ def _measure(
     first = mission.read(mission.frames()[0])
     examples = _examples(mission, labels)
     stereo = stereo_input(mission, calibration)
-    with single_thread(), _same_kernels_everywhere():
+    # Every process started meanwhile uses this one's kernels, or fails, but no others.
+    with single_thread(), patch.dict(os.environ, {VARIABLE: KERNELS.name}):
         models = [texture.fit(examples, first) for texture in FEATURE_SETS]
         best = fit_extractor_pair("best", extractor_for(DEFAULT_EXTRACTOR, "best"), examples, first)
         results, compared, timed = measure_in_process(mission, models, best, size, progress, say)
