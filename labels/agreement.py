@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from tokt.features.common.errors import ToktError
+from tokt.features.common.extras import needed_by
 
 from .record import HUMAN, Cell, LabelRecord
 from .taxonomy import UNSURE, Taxonomy
@@ -163,10 +164,8 @@ def _by_cell(records: Iterable[LabelRecord]) -> dict[Cell, str]:
 
 
 def _kappa(pairs: Counter[tuple[str, str]]) -> float | None:
-    try:
+    with needed_by("agreement", "label"):
         from sklearn.metrics import cohen_kappa_score
-    except ModuleNotFoundError:
-        raise ToktError("agreement needs scikit-learn: pip install tokt[label]") from None
     if len({label for pair in pairs for label in pair}) < 2:
         return None
     of_a, of_b = zip(*pairs, strict=True)

@@ -11,7 +11,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, naming
 
 FORMAT = 2
 """Format of taxonomy files. Raise it when an older `tokt` would misread a newer file.
@@ -128,10 +128,8 @@ class Taxonomy:
         ToktError
             If `value` is not a taxonomy of a format this version reads.
         """
-        try:
+        with naming(where):
             return _parse(value)
-        except ToktError as error:
-            raise ToktError(f"{where}: {error}") from None
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form, as dataset versions embed it."""

@@ -31,6 +31,29 @@ class FrameError(ToktError):
     """One frame cannot be read. A mission goes on without it; the runtime calls it unknown."""
 
 
+def check_format(version: Any, newest: int, what: str) -> None:
+    """Check the version of a file's format; ValueError if it is none.
+
+    ToktError if a newer tokt wrote it.
+    """
+    if type(version) is not int or version < 1:
+        raise ValueError(f"{version!r} is no version of a format")
+    if version > newest:
+        raise ToktError(
+            f"{what} has format {version}, newer than this tokt reads ({newest}); update tokt"
+        )
+
+
+@contextmanager
+def naming(where: object) -> Iterator[None]:
+    """Say where it is, such as in which file, before what a ToktError says is wrong there."""
+    try:
+        yield
+    except ToktError as error:
+        error.args = ToktError(f"{where}: {error}").args  # whatever kind of error it is
+        raise
+
+
 @contextmanager
 def os_errors_as(what: str, kind: type[ToktError] = ToktError) -> Iterator[None]:
     """Turn what the system refuses into an error of one line: ``WHAT: No such file``."""

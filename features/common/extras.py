@@ -5,18 +5,20 @@ from contextlib import contextmanager
 
 from .errors import ToktError
 
-EXTRAS = {
-    "scipy": "train",
-    **dict.fromkeys(("mlflow", "sklearn", "pandas", "pyarrow", "joblib"), "train"),
-    **dict.fromkeys(("matplotlib", "jinja2", "skimage", "mahotas"), "train"),
-    **dict.fromkeys(("fastapi", "starlette", "pydantic", "uvicorn"), "label"),
-    "pymba": "camera",
-    "av": "video",
-    "vmbpy": "vimbax",
-    "cryptography": "sign",
-    **dict.fromkeys(("dask", "distributed", "psutil"), "cluster"),
-    "threadpoolctl": "train",
+_BROUGHT = {
+    "train": "mlflow sklearn scipy pandas pyarrow joblib threadpoolctl matplotlib jinja2 skimage "
+    "mahotas",
+    "label": "fastapi starlette pydantic uvicorn yaml",
+    "camera": "pymba",
+    "vimbax": "vmbpy",
+    "genicam": "harvesters genicam",
+    "video": "av aiortsp",
+    "mavlink": "pymavlink serial",
+    "metrics": "prometheus_client",
+    "sign": "cryptography",
+    "cluster": "dask distributed psutil",
 }
+EXTRAS = {package: extra for extra, brought in _BROUGHT.items() for package in brought.split()}
 """The extra that brings a package, by the name it is imported by."""
 
 
@@ -24,21 +26,26 @@ class MissingExtraError(ToktError, ImportError):
     """A package is missing that an extra of tokt brings."""
 
 
-def missing_extra(error: ModuleNotFoundError, who: str) -> MissingExtraError | None:
-    """What to install where `who` needs a package that is not there; None for any other package."""
+def missing_extra(
+    error: ModuleNotFoundError, who: str, extra: str | None = None
+) -> MissingExtraError | None:
+    """What to install where `who` needs a package that is not there; None for any other package.
+
+    `extra` is named where several bring the package.
+    """
     package = (error.name or "").partition(".")[0]
     if package not in EXTRAS:
         return None
-    return MissingExtraError(f"{who} needs {package}: install tokt[{EXTRAS[package]}]")
+    return MissingExtraError(f"{who} needs {package}: install tokt[{extra or EXTRAS[package]}]")
 
 
 @contextmanager
-def needed_by(who: str) -> Iterator[None]:
+def needed_by(who: str, extra: str | None = None) -> Iterator[None]:
     """Around imports that an extra may have to bring."""
     try:
         yield
     except ModuleNotFoundError as error:
-        missing = missing_extra(error, who)
+        missing = missing_extra(error, who, extra)
         if missing is None:
             raise
         raise missing from None

@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.common.errors import ToktError, naming, os_errors_as
 from tokt.features.kernels.quantization import FRAME, Quantization
 
 from .spec import build_extractor
@@ -87,7 +87,5 @@ def _from_file(path: Path) -> Extractor:
             spec = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise ToktError(f"{path}: not JSON ({str(error).splitlines()[0]})") from None
-    try:
+    with naming(path):
         return build_extractor(spec)
-    except ToktError as error:
-        raise ToktError(f"{path}: {error}") from None

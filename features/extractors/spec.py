@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, naming
 from tokt.features.kernels.checks import check_samples
 from tokt.features.kernels.quantization import Quantization
 
@@ -33,10 +33,8 @@ Outer = frozenset[str]
 def _image_from(spec: Spec) -> Quantization | None:
     if spec["image"] == PLAIN_IMAGE:
         return None
-    try:
+    with naming(f"extractor {spec['name']}"):
         return Quantization.from_json(spec["image"])
-    except ToktError as error:
-        raise ToktError(f"extractor {spec['name']}: {error}") from None
 
 
 def _lbp_from(spec: Spec, outer: Outer) -> Lbp:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F64, I64, U8
+from tokt.features.common.arrays import F64, U8
 from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
 from tokt.features.frames.grid import Grid
 
@@ -110,9 +110,11 @@ def compared(active: Kernels, other: Kernels) -> Finding:
     pixels = int(np.count_nonzero(gray != other.resized_gray(frame, _HEIGHT, 72)))
     pairs = zip(*(_integers(kernels, frame, gray, gray16) for kernels in both), strict=True)
     deep = sum(int(np.count_nonzero(one != two)) for one, two in pairs)
-    one, two = (_lbp_counts(kernels, gray) for kernels in both)
-    counts = int(np.abs(one - two).sum())
-    relative = _relative_difference(*(_haralick_features(kernels, gray) for kernels in both))
+    one, two = (np.hstack([each.lbp_counts(gray, _GRID, *lbp) for lbp in _LBP]) for each in both)
+    counts, zeros = int(np.abs(one - two).sum()), (False, True)
+    relative = _relative_difference(
+        *(np.vstack([each.haralick_features(gray, _GRID, no) for no in zeros]) for each in both)
+    )
     same = pixels == 0 and deep == 0 and counts == 0 and relative <= _RELATIVE
     text = (
         f"gray pixels that differ from {active.name}: {pixels}, 16-bit gray ones: {deep}, "
@@ -146,14 +148,6 @@ def _integers(
         # Of the picture and of itself moved by a few pixels.
         kernels.block_disparity(gray, np.roll(gray, -9, axis=1), _MATCHING, np.ones_like(gray)),
     ]
-
-
-def _lbp_counts(kernels: Kernels, gray: U8) -> I64:
-    return np.hstack([kernels.lbp_counts(gray, _GRID, *options) for options in _LBP])
-
-
-def _haralick_features(kernels: Kernels, gray: U8) -> F64:
-    return np.vstack([kernels.haralick_features(gray, _GRID, zeros) for zeros in (False, True)])
 
 
 def _relative_difference(one: F64, two: F64) -> float:

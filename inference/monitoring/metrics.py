@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
 from tokt.features.common.address import parse_address, resolve
-from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.common.errors import os_errors_as
+from tokt.features.common.extras import needed_by
 from tokt.inference.clock import Clock
 from tokt.inference.publisher import Sender
 
@@ -212,11 +213,8 @@ class Metrics:
     """
 
     def __init__(self, host: str, port: int, collector: RunCollector) -> None:
-        try:
+        with needed_by("--metrics"):
             from prometheus_client import CollectorRegistry, ProcessCollector, make_wsgi_app
-        except ModuleNotFoundError:
-            wanted = "pip install 'tokt[metrics]'"
-            raise ToktError(f"metrics need the extra 'metrics': {wanted}") from None
         registry = CollectorRegistry()
         registry.register(collector)
         ProcessCollector(registry=registry)

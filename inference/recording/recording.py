@@ -28,7 +28,7 @@ import cv2
 
 from tokt.features.common.arrays import U8
 from tokt.features.common.atomic import write_bytes
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, check_format
 
 from .log import LogGap, json_line, read_log
 
@@ -214,11 +214,10 @@ def read_recording(folder: Path, gaps: list[LogGap] | None = None) -> Iterator[d
         raise ToktError(f"{folder} holds no recording (there is no {FILE_NAME} in it)")
     lines = read_log(path, gaps)
     version = next(lines, {}).get("recording")
-    if type(version) is not int or version < 1:
-        raise ToktError(f"{path} does not begin as a recording does")
-    if version > RECORDING_FORMAT:
-        newer = f"newer than this tokt reads ({RECORDING_FORMAT}); update tokt"
-        raise ToktError(f"{path} has format {version}, {newer}")
+    try:
+        check_format(version, RECORDING_FORMAT, str(path))
+    except ValueError:
+        raise ToktError(f"{path} does not begin as a recording does") from None
     yield from lines
 
 

@@ -21,7 +21,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, check_format
 from tokt.features.frames.grid import Grid
 
 from .label_csv import AUDIT_COLUMNS, COLUMNS
@@ -113,14 +113,7 @@ def read_audit(file: Path) -> Audit:
     """Read what `write_audit` wrote; ToktError if the file is damaged or of a newer format."""
     try:
         value = json.loads(file.read_bytes())
-        version = value["format"]
-        if type(version) is int and version > FORMAT:
-            raise ToktError(
-                f"audit {file} has format {version}, newer than this tokt reads ({FORMAT}); "
-                "update tokt"
-            )
-        if type(version) is not int or version < 1:
-            raise ValueError(version)
+        check_format(value["format"], FORMAT, f"audit {file}")
         patches = tuple(_patch(item) for item in value["patches"])
         texts = (value["name"], value["of"], value["rule"], value.get("made", ""))
         if not all(isinstance(text, str) for text in texts):

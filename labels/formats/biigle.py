@@ -13,12 +13,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from tokt.features.common.errors import naming
 from tokt.labels.taxonomy import UNSURE
 
 from .box_attributes import carried_text, size_in, text_to_carry
 from .labels_and_boxes import FoundBox, FrameLabels, known_shape, short_names
 from .options import ReadOptions, Remarks, WriteOptions, label_of
-from .text_file import Rows, by_name, finite_list, naming, save_table, utc_time
+from .text_file import Rows, by_name, finite_list, save_table, utc_time
 
 TITLE = "BIIGLE"
 

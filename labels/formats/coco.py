@@ -9,14 +9,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, naming
 from tokt.labels.taxonomy import Taxonomy
 
 from .box_attributes import size_in, to_attributes
 from .boxes import Box, Shape
 from .labels_and_boxes import FoundBox, FrameLabels
 from .options import ReadOptions, Remarks, WriteOptions, label_of
-from .text_file import finite, finite_list, naming, objects, of_kind, save_json, whole
+from .text_file import finite, finite_list, objects, of_kind, save_json, whole
 
 TITLE = "COCO"
 

@@ -12,7 +12,7 @@ https://coralnet.ucsd.edu/pages/help/, "Upload annotations, CSV" and "Export ann
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, naming
 from tokt.labels.record import LabelRecord
 
 from .box_attributes import carried_text, text_to_carry
@@ -25,7 +25,7 @@ from .labels_and_boxes import (
     without_suggestions,
 )
 from .options import ReadOptions, Remarks, WriteOptions, label_of
-from .text_file import Rows, by_name, naming, save_table, utc_time, whole
+from .text_file import Rows, by_name, save_table, utc_time, whole
 
 TITLE = "CoralNet"
 

@@ -16,14 +16,14 @@ from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, naming
 from tokt.labels.taxonomy import Taxonomy
 
 from .box_attributes import size_in, to_attributes
 from .boxes import Box, Shape, found_shape
 from .labels_and_boxes import FoundBox, FrameLabels
 from .options import ReadOptions, Remarks, WriteOptions, label_of
-from .text_file import finite, naming, read_utf8, save_text
+from .text_file import finite, read_utf8, save_text
 
 TITLE = "CVAT"
 

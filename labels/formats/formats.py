@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, naming
 from tokt.labels.record import LabelRecord
 
 from . import (
@@ -37,7 +37,7 @@ from .labels_and_boxes import (
     without_suggestions,
 )
 from .options import ExportResult, ImportResult, ReadOptions, Remarks, WriteOptions, lines
-from .text_file import csv_rows, naming, read_json, read_rows, read_utf8
+from .text_file import csv_rows, read_json, read_rows, read_utf8
 
 _BY_ENDING = {".xml": CVAT, **dict.fromkeys(YAML, IFDO)}
 _ENDINGS = "{}: label files end in .csv, .json, .xml or .yaml, folders of patches have no ending"

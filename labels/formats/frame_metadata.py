@@ -14,11 +14,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, naming
+from tokt.features.common.extras import needed_by
 from tokt.features.frames.mission import Mission
 
 from .images import FrameKey, MissionImages
-from .text_file import finite, naming, of_kind, read_json, read_utf8, utc_time
+from .text_file import finite, of_kind, read_json, read_utf8, utc_time
 
 HEADER, ITEMS = "image-set-header", "image-set-items"
 YAML = (".yaml", ".yml")
@@ -115,10 +116,8 @@ def _time(value: Any, form: Any) -> str | None:
 
 def _read_yaml(path: Path) -> Any:
     """The value of a YAML file, where times stay text, as in JSON."""
-    try:
+    with needed_by(f"{path}: YAML"):
         import yaml
-    except ImportError:
-        raise ToktError(f"{path}: YAML needs PyYAML: pip install tokt[label]") from None
     loader: Any = type("_Loader", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {})
     loader.yaml_implicit_resolvers = {
         sign: [entry for entry in found if not entry[0].endswith(":timestamp")]

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 from uuid import UUID
 
+from tokt.features.common.errors import naming
 from tokt.labels.record import LabelRecord
 
 from .box_attributes import to_attributes
@@ -22,7 +23,7 @@ from .boxes import Box, Shape
 from .frame_metadata import HEADER, ITEMS, first_entry, ifdo_of, load_ifdo
 from .labels_and_boxes import FoundBox, FrameLabels, known_shape, short_names
 from .options import ReadOptions, Remarks, WriteOptions, label_of, mission_images
-from .text_file import finite, finite_list, naming, objects, of_kind, save_json, utc_time
+from .text_file import finite, finite_list, objects, of_kind, save_json, utc_time
 
 TITLE = "iFDO"
 

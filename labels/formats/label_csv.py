@@ -7,13 +7,13 @@ from functools import lru_cache
 from pathlib import Path
 from sys import intern
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, naming
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.labels.record import HUMAN, MODEL, SETTLED, LabelRecord, utc_now, utc_text
 from tokt.labels.taxonomy import Taxonomy, UnknownClassError
 
 from .options import Notes, Remarks, in_order
-from .text_file import naming, read_rows, save_table
+from .text_file import read_rows, save_table
 
 COLUMNS = ("mission", "camera", "frame", "row", "col", "label")
 MORE_COLUMNS = ("annotator", "time", "grid", "source", "model_version", "blind", "note")

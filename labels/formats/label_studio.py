@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, naming
 from tokt.features.frames.image_file import SUFFIXES
 from tokt.labels.record import HUMAN, MODEL, LabelRecord, utc_text
 
@@ -25,7 +25,7 @@ from .box_attributes import to_attributes
 from .boxes import Box, Shape, Size
 from .labels_and_boxes import FoundBox, FrameLabels
 from .options import ReadOptions, Remarks, WriteOptions, label_of, mission_images
-from .text_file import finite, naming, objects, of_kind, save_json, whole
+from .text_file import finite, objects, of_kind, save_json, whole
 
 TITLE = "Label Studio"
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any, TypeVar
 
-from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.common.errors import FrameError, ToktError, naming
 from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, utc_now
 from tokt.labels.taxonomy import UNSURE, UnknownClassError
 
@@ -30,7 +30,6 @@ from .options import (
     lines,
     mission_images,
 )
-from .text_file import naming
 
 T = TypeVar("T")
 _SHOWN = 100

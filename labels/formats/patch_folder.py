@@ -18,7 +18,7 @@ import numpy as np
 
 from tokt.features.common.arrays import I64, U8
 from tokt.features.common.atomic import publish_folder, scratch_folder
-from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.common.errors import ToktError, naming, os_errors_as
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import SUFFIXES
 from tokt.labels.record import LabelRecord
@@ -36,7 +36,7 @@ from .options import (
     lines,
     mission_images,
 )
-from .text_file import naming, of_kind, read_json
+from .text_file import of_kind, read_json
 
 TITLE = "folder of patches"
 

@@ -6,7 +6,6 @@ import json
 import math
 import re
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,16 +20,6 @@ _KINDS: dict[type, str] = {list: "a list", dict: "an object", str: "text"}
 _WHOLE = re.compile(r"(-?[0-9]{1,18})(?:\.0*)?")
 _MAX_EXACT = 2**53
 _LARGEST = 10**300  # what a float can hold, with room to calculate
-
-
-@contextmanager
-def naming(where: object) -> Iterator[None]:
-    """Say where it is, such as in which file, before what a ToktError says is wrong there."""
-    try:
-        yield
-    except ToktError as error:
-        error.args = ToktError(f"{where}: {error}").args  # whatever kind of error it is
-        raise
 
 
 def read_utf8(path: Path) -> str:

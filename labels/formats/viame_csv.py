@@ -19,14 +19,14 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, naming
 from tokt.labels.record import MODEL, LabelRecord
 
 from .box_attributes import carried_text, to_attributes
 from .boxes import Box, Shape
 from .labels_and_boxes import FoundBox, FrameLabels
 from .options import ReadOptions, Remarks, WriteOptions, label_of, mission_images
-from .text_file import Rows, finite, naming, save_table, whole
+from .text_file import Rows, finite, save_table, whole
 
 TITLE = "VIAME CSV"
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common.atomic import write_text
-from tokt.features.common.errors import FrameError, ToktError, os_errors_as
+from tokt.features.common.errors import FrameError, ToktError, check_format, os_errors_as
 from tokt.features.frames.mission import LEFT, FolderMission, Mission
 
 FILE_NAME = "missions.json"
@@ -120,13 +120,7 @@ def _mark(file: Path | None) -> str | None:
 def _read(file: Path) -> dict[str, _Entry]:
     try:
         value = json.loads(file.read_bytes())
-        version = value["format"]
-        if type(version) is int and version > FORMAT:
-            raise ToktError(
-                f"{file} has format {version}, newer than this tokt reads ({FORMAT}); update tokt"
-            )
-        if type(version) is not int or version < 1:
-            raise ValueError(version)
+        check_format(value["format"], FORMAT, str(file))
         return {name: _entry(entry) for name, entry in value["missions"].items()}
     except FileNotFoundError:
         return {}

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 from weakref import WeakSet
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, check_format
 from tokt.features.frames.grid import Grid
 from tokt.labels.record import HUMAN, MODEL, SETTLED, Cell, LabelRecord, NoLabelsError
 
@@ -537,12 +537,7 @@ class LabelStore:
                         )
                     create(self._connection)
                 upgrade(self._connection)
-        version = format_of(self._connection)
-        if version > FORMAT:
-            raise ToktError(
-                f"label store {self.path} has format {version}, newer than this tokt reads"
-                f" ({FORMAT}); update tokt"
-            )
+        check_format(format_of(self._connection), FORMAT, f"label store {self.path}")
         self._use_write_ahead_log()
 
     def _is_ours(self) -> bool:

@@ -48,7 +48,7 @@ from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F64, U8, U64, Bools
 from tokt.features.common.canonical import json_sha256, printable_json
-from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.common.errors import ToktError, check_format, os_errors_as
 from tokt.features.extractors.extractor import Extractor, build_extractor
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
@@ -284,11 +284,6 @@ def weights_bytes(model: LinearModel) -> bytes:
     return _npz(**arrays, **{name: np.asarray(value) for name, value in mapped.items()})
 
 
-def lineage_bytes(trained_on: U64) -> bytes:
-    """The ``lineage.npz`` member."""
-    return _npz(trained_on=np.sort(trained_on))
-
-
 def distribution_bytes(distribution: Distribution) -> bytes:
     """The ``distribution.npz`` member."""
     values = vars(distribution).items()
@@ -307,7 +302,7 @@ def bundle_bytes(content: BundleContent) -> bytes:
     members = {
         "weights.npz": weights_bytes(model),
         "golden.npz": golden_bytes(content.golden),
-        "lineage.npz": lineage_bytes(content.trained_on),
+        "lineage.npz": _npz(trained_on=np.sort(content.trained_on)),
         "card.md": content.card.encode("utf-8"),
     }
     if content.distribution is not None:
@@ -396,12 +391,11 @@ def _parse(data: bytes, where: str) -> tuple[dict[str, Any], Signature | None, d
 
 def _check_integrity(manifest: dict[str, Any], members: dict[str, bytes], where: str) -> None:
     """Act two, first half: the format is known, nothing is missing, added or edited."""
-    version = manifest.get("format_version")
-    if type(version) is not int or version < 1:
-        raise ToktError(f"{where}: the bundle has no format version")
-    if version > FORMAT_VERSION:
-        newer = f"newer than this tokt reads ({FORMAT_VERSION}); update tokt on this machine"
-        raise ToktError(f"{where}: bundle format {version} is {newer}")
+    version = manifest.get("format_version", 0)
+    try:
+        check_format(version, FORMAT_VERSION, f"{where}: the bundle")
+    except ValueError:
+        raise ToktError(f"{where}: the bundle has no format version") from None
     if set(manifest) != _MANIFEST_KEYS | (_SINCE_2 if version >= 2 else set()):
         raise ToktError(f"{where}: the bundle's manifest has unknown or missing entries")
     bare = {key: value for key, value in manifest.items() if key != "manifest_sha256"}

@@ -16,7 +16,7 @@ import json
 import re
 from dataclasses import dataclass
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, check_format
 
 FORMAT_VERSION = 1
 ALGORITHM = "ed25519"
@@ -59,15 +59,10 @@ def signature_from_bytes(data: bytes, where: str) -> Signature:
         raise damaged
     try:
         value = json.loads(data)
-    except (ValueError, RecursionError):
+        check_format(value["format_version"], FORMAT_VERSION, f"{where}: the signature")
+    except (ValueError, TypeError, KeyError, RecursionError):
         raise damaged from None
-    if not isinstance(value, dict) or type(value.get("format_version")) is not int:
-        raise damaged
-    if value["format_version"] > FORMAT_VERSION:
-        newer = f"newer than this tokt reads ({FORMAT_VERSION}); update tokt on this machine"
-        found = f"the signature is of format {value['format_version']}"
-        raise ToktError(f"{where}: {found}, {newer}")
-    if value["format_version"] < 1 or set(value) != _KEYS:
+    if set(value) != _KEYS:
         raise damaged
     if value["algorithm"] != ALGORITHM:
         raise ToktError(f"{where}: the signature is not of the algorithm {ALGORITHM}")

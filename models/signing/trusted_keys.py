@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from tokt.features.common.canonical import printable_json
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, check_format
 from tokt.models.bundle.bundle import signed_parts
 
 from .keys import PUBLIC_KEY_BYTES, PublicKey
@@ -133,13 +133,11 @@ def trusted_keys_from_bytes(data: bytes, where: str) -> TrustedKeys:
     damaged = DamagedKeysError(f"{where} is damaged: the store takes no bundle")
     try:
         value = printable_json(data)
-        version = value["format_version"]
-        if type(version) is int and version > FORMAT_VERSION:
-            raise ToktError(f"{where} was written by a newer tokt (format {version})")
+        check_format(value["format_version"], FORMAT_VERSION, where)
         events = tuple(KeyEvent(**item) for item in value["events"])
     except (ValueError, TypeError, KeyError, RecursionError):
         raise damaged from None
-    if type(version) is not int or version < 1 or set(value) != {"format_version", "events"}:
+    if set(value) != {"format_version", "events"}:
         raise damaged
     if not events or not _sound(events):
         raise damaged

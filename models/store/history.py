@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from tokt.features.common.canonical import printable_json
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, check_format
 from tokt.models.bundle.signature import KEY_ID_DIGITS
 
 FORMAT_VERSION = 2
@@ -65,12 +65,11 @@ def activation_from_bytes(text: bytes, where: str) -> Activation:
     try:
         value = printable_json(text)
         version = value.pop("format_version")
-        if type(version) is int and version > FORMAT_VERSION:
-            raise ToktError(f"{where} was written by a newer tokt (format {version})")
+        check_format(version, FORMAT_VERSION, where)
         entry = Activation(**value)
     except (AttributeError, ValueError, TypeError, KeyError, RecursionError):
         raise damaged from None
-    if type(version) is not int or version < 1 or (_SINCE_2 in value) != (version == 2):
+    if (_SINCE_2 in value) != (version == 2):
         raise damaged
     if any(type(getattr(entry, item.name)) is not item.type for item in fields(Activation)):
         raise damaged

@@ -38,7 +38,7 @@ from pathlib import Path
 
 from tokt.features.common import atomic
 from tokt.features.common.atomic import locked
-from tokt.features.common.errors import ToktError, os_errors_as, os_words
+from tokt.features.common.errors import ToktError, naming, os_errors_as, os_words
 from tokt.models.bundle.bundle import Bundle, bundle_file_bytes, bundle_from_bytes
 from tokt.models.signing.keys import PublicKey
 from tokt.models.signing.trusted_keys import (
@@ -411,10 +411,8 @@ class Store:
     def _goal(self, reading: StoreReading, to: str) -> Activation:
         """The entry whose model is to be active again."""
         if to:
-            try:
+            with naming(f"store {self.path}"):
                 goal = named_entry(reading.entries, to)
-            except ToktError as error:
-                raise ToktError(f"store {self.path}: {error}") from None
             if reading.active is not None and goal.sha256 == reading.active.sha256:
                 raise ToktError(f"store {self.path}: {goal.label} is the active model already")
             return goal

@@ -260,7 +260,7 @@ CASES = {
             ("empty", changed("m.tokt", lambda d: b""), "truncated|not a tokt bundle"),
             ("truncated", changed("m.tokt", lambda d: d[:9999]), "truncated|not a tokt bundle"),
             ("edited", rewritten(edit_card), "card.md in the bundle has been edited"),
-            ("newer", rewritten(newer_format), "format 99 is newer than this tokt reads"),
+            ("newer", rewritten(newer_format), "has format 99, newer than this tokt reads"),
             ("golden", rewritten(golden_mismatch), "golden frame 0 gives decision values"),
         )
         for command in (EVALUATE, "deploy m.tokt store", "models show m.tokt")

@@ -31,7 +31,7 @@ import pandas as pd
 from tokt.features.common import atomic
 from tokt.features.common.arrays import I64, U8, Bools
 from tokt.features.common.canonical import canonical_json
-from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.common.errors import ToktError, check_format, naming, os_errors_as
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.image_file import decode_image, pixel_sha256
@@ -90,9 +90,7 @@ class DatasetVersion:
         self.path = path
         try:
             self.info: dict[str, Any] = json.loads((path / "dataset.json").read_text("utf-8"))
-            version = int(self.info["format_version"])
-            if version > FORMAT_VERSION:
-                raise ToktError(f"dataset {path} was written by a newer tokt (format {version})")
+            check_format(self.info["format_version"], FORMAT_VERSION, f"dataset {path}")
             self.name = str(self.info["name"])
             self.hash = str(self.info["hash"])
             self.task = str(self.info["task"])
@@ -252,10 +250,8 @@ def _store_frames(
         data, suffix = source.load()
         name = f"{source.mission}, {source.camera} frame {source.frame}"
         image = decode_image(data, name)
-        try:
+        with naming(f"dataset {label}: {name}"):
             grid.patch_size(*grid.resized(*image.shape[:2]))
-        except ToktError as error:
-            raise ToktError(f"dataset {label}: {name}: {error}") from None
         digest = pixel_sha256(image)
         file = f"{digest}{suffix}"
         (folder / file).write_bytes(data)

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, naming
 from tokt.features.extractors.extractor import build_extractor
 from tokt.models.registry.registration import RegisteredVersion
 from tokt.models.registry.registry import Registry
@@ -137,10 +137,8 @@ def _check(request: SearchRequest) -> None:
         return
     for fold in split.cut(dataset.patches, dataset.targets()):
         part = part_of(dataset, fold.train)
-        try:
+        with naming("--nested splits each training part again"):
             check_split(part, split.inner)
-        except ToktError as error:
-            raise ToktError(f"--nested splits each training part again: {error}") from None
 
 
 @dataclass(frozen=True)

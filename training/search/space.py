@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common.canonical import canonical_json, json_sha256
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, naming
 from tokt.features.extractors.extractor import Extractor, build_extractor, extractor_named
 from tokt.training.datasets.augmentations import parse_augmentation
 from tokt.training.fitting.presets import TrainingSettings
@@ -85,10 +85,8 @@ def read_space(path: Path = BUILT_IN) -> Space:
         raise ToktError(f"{path}: {error.strerror}") from None
     except (ValueError, RecursionError) as error:  # not TOML, not UTF-8, 1,000 brackets
         raise ToktError(f"{path}: not a TOML file ({error})") from None
-    try:
+    with naming(path):
         return _space_from(content, path.parent)
-    except ToktError as error:
-        raise ToktError(f"{path}: {error}") from None
 
 
 def _space_from(content: dict[str, Any], folder: Path) -> Space:
@@ -156,14 +154,10 @@ def _changes(value: Any) -> tuple[str, ...]:
 
 
 def _named(name: str, value: Any, folder: Path) -> Extractor:
-    try:
+    with naming(f"extractor {name}"):
         if isinstance(value, str) and value.startswith(_FILE):
             return extractor_named(_FILE + str(folder / value.removeprefix(_FILE)))
-        if isinstance(value, str):
-            return extractor_named(value)
-        return build_extractor(value)
-    except ToktError as error:
-        raise ToktError(f"extractor {name}: {error}") from None
+        return extractor_named(value) if isinstance(value, str) else build_extractor(value)
 
 
 def _pictures(spec: Any) -> set[str]:

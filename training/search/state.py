@@ -26,7 +26,7 @@ from typing import Any, TypeVar
 from tokt.features.common import atomic
 from tokt.features.common.atomic import locked
 from tokt.features.common.canonical import json_sha256
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, check_format
 from tokt.training.fitting.presets import Hyperparameters
 
 from .score import BlockConfusion
@@ -71,8 +71,7 @@ def _read(path: Path, parsed: Callable[[dict[str, Any]], _T], remedy: str) -> _T
     """What `parsed` makes of a JSON file of this format, or None where there is none."""
     try:
         value = json.loads(path.read_text("utf-8"))
-        if value["format"] > STATE_FORMAT:
-            raise ToktError(f"{path} was written by a newer tokt")
+        check_format(value["format"], STATE_FORMAT, str(path))
         return parsed(value)
     except FileNotFoundError:
         return None

@@ -2,14 +2,13 @@
 
 import copy
 import time
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from tokt.features.common.arrays import I64
 from tokt.features.common.errors import ToktError
+from tokt.labels.formats.options import no_progress
 from tokt.training.datasets.dataset import DatasetVersion
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.fitting.cross_validation import BLOCKS, Split, cross_validate
@@ -51,7 +50,7 @@ def run_task(task: TrialTask) -> TrialOutcome:
     dataset, split = _dataset(task.dataset), task.split
     try:
         features, *augmented = (
-            cached_features(dataset, task.trial.spec, task.cache, _silent, 1, augmentation=name)
+            cached_features(dataset, task.trial.spec, task.cache, no_progress, 1, augmentation=name)
             for name in ("", *task.settings.changes)
         )
         if task.outer_fold is not None:
@@ -60,7 +59,7 @@ def run_task(task: TrialTask) -> TrialOutcome:
             augmented = [table[rows] for table in augmented]
             split = split.inner
         held_out = cross_validate(
-            dataset, features, task.settings, split, _silent, augmented=augmented
+            dataset, features, task.settings, split, no_progress, augmented=augmented
         )
     except ToktError as error:
         return TrialOutcome(task, fault=str(error))
@@ -74,10 +73,6 @@ def run_task(task: TrialTask) -> TrialOutcome:
 @lru_cache(maxsize=1)
 def _dataset(path: Path) -> DatasetVersion:
     return DatasetVersion(path)
-
-
-def _silent(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:
-    yield from items
 
 
 def part_of(dataset: DatasetVersion, rows: I64) -> DatasetVersion:

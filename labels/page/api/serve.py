@@ -17,7 +17,7 @@ import uvicorn
 from uvicorn.server import HANDLED_SIGNALS
 
 from tokt.features.common.address import LOOPBACK_NAMES
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.labels.page.state.session import Session
 
 from .access import AccessRules
@@ -67,12 +67,10 @@ def listen(host: str, port: int, token: str | None) -> Address:
 
 
 def _listening(host: str, port: int) -> socket.socket:
-    try:
+    with os_errors_as(f"--host {host}"):
         family, kind, proto, _, address = socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         )[0]
-    except OSError as error:
-        raise ToktError(f"--host {host}: {error.strerror or error}") from None
     listener = socket.socket(family, kind, proto)
     try:
         if os.name == "posix":  # elsewhere it would let two programs listen on one port

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tokt.features.common.arrays import F32, F64, I64
-from tokt.features.common.errors import ToktError
+from tokt.features.common.extras import needed_by
 from tokt.features.frames.mission import Mission
 from tokt.labels.taxonomy import UNSURE
 
@@ -166,13 +166,11 @@ def _cross_validated(own: _Samples, others: list[_Samples]) -> tuple[F64, int] |
 
     None where a classifier would see one class only. Also returns the number of folds.
     """
-    try:
+    with needed_by("the review sheet", "label"):
         from sklearn.model_selection import StratifiedGroupKFold
         from sklearn.pipeline import make_pipeline
         from sklearn.preprocessing import StandardScaler
         from sklearn.svm import LinearSVC
-    except ModuleNotFoundError:
-        raise ToktError("the review sheet needs scikit-learn: pip install tokt[label]") from None
     n = len(own.blocks)
     rest = np.concatenate([other.features for other in others])
     blocks = np.concatenate([own.blocks, *(other.blocks for other in others)])

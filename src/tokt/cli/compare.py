@@ -57,9 +57,7 @@ def compare(
     output: ReportOption = None,
     mission: MissionsOption = None,
     labels: LabelFilesOption = None,
-    frames: Annotated[
-        str | None, Option(help="Use these frames only, such as 1-99,132-246.")
-    ] = None,
+    frames: FramesOption = None,
     rate: RateOption = None,
     stopping_distance: StoppingOption = None,
     calibration: CalibrationOption = None,

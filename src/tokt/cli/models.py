@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.models.signing.passphrase import PASSPHRASE_VARIABLE, asked_passphrase, signing_key
 
 from .help import Commands
@@ -275,10 +275,8 @@ def export(
     if output.suffix != SUFFIX:
         raise ToktError(f"a bundle's name ends in {SUFFIX}, unlike {output}")
     bundle = shipped(model, workspace, taxonomy, sign, registered_by)
-    try:
+    with os_errors_as(str(output)):
         write_bytes(output, bundle.data)
-    except OSError as error:
-        raise ToktError(f"{output}: {error.strerror or error}") from None
     key_id = None if bundle.signature is None else bundle.signature.key_id
     if json:
         found = {"file": str(output), "model": bundle.label, "sha256": bundle.sha256}

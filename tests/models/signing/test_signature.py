@@ -227,7 +227,7 @@ def test_a_newer_signature_format(signed):
     members = unpack(signed["b"].data)
     value = {"format_version": 2, "of": "tomorrow"}
     data = pack({**members, "signature.json": json.dumps(value).encode()})
-    refuses("update tokt on this machine", bundle_from_bytes, data, "file")
+    refuses("update tokt", bundle_from_bytes, data, "file")
 
 
 def test_the_signature_stripped(guarded, signed):
@@ -401,7 +401,7 @@ def test_a_keys_file_that_cannot_be_read_or_is_of_a_newer_tokt(guarded, keys):
     file.rmdir()
     file.write_text('{"format_version": 2, "anything": 1}')
     for action in (guarded.active, lambda: guarded.trust(keys["other"].public, "other")):
-        refuses("newer tokt", action)
+        refuses("newer than this tokt reads", action)
 
 
 def test_a_lost_keys_file_does_not_open_the_store(guarded, keys, bundles):

@@ -213,7 +213,7 @@ def test_a_history_of_a_newer_tokt(store, bundles):
     with (store.path / "history.jsonl").open("a") as handle:
         handle.write('{"format_version": 9}\n')
     damage(store, bundles["c"])
-    refuses(r"not the one that was deployed.*newer tokt", load_running, store)
+    refuses(r"not the one that was deployed.*newer than this tokt", load_running, store)
 
 
 def test_a_bundle_that_is_sound_but_was_never_deployed_here(store, bundles, make_content):

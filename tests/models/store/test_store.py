@@ -335,13 +335,13 @@ def test_newer_format(store, bundles):
     history = (store.path / "history.jsonl").read_text()
     (store.path / "history.jsonl").write_text(history + newer + "\n")
     for action in (store.history, store.rollback, lambda: store.deploy(bundles["b"])):
-        refuses("history line 2 was written by a newer tokt", action)
+        refuses("history line 2 has format 3, newer than this tokt reads", action)
     (store.path / "active").write_text(newer)
     for action in (store.active, store.rollback, lambda: store.deploy(bundles["b"])):
-        refuses("newer tokt", action)
+        refuses("newer than this tokt reads", action)
     assert (store.path / "history.jsonl").read_text() == history + newer + "\n"
     (store.path / "active").write_text("{")
-    refuses("newer tokt", store.deploy, bundles["b"])
+    refuses("newer than this tokt reads", store.deploy, bundles["b"])
     assert (store.path / "active").read_text() == "{"
     assert not list(store.path.glob("*.damaged-*"))
     assert not store.bundle_file(bundles["b"].sha256).exists()

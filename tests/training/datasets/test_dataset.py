@@ -418,7 +418,7 @@ def test_a_format_1_dataset_opens(format_1):
 def test_a_newer_format_is_refused(format_1):
     path = open_dataset("old", format_1).path / "dataset.json"
     path.write_text(path.read_text("utf-8").replace('"format_version": 1', '"format_version": 2'))
-    refuses("newer tokt", open_dataset, "old", format_1)
+    refuses("newer than this tokt reads", open_dataset, "old", format_1)
 
 
 # --- folders of patches ------------------------------------------------------------------------

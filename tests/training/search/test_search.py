@@ -264,7 +264,7 @@ def test_a_trial_of_format_1_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("before", "after", "said"),
     [
-        ('"format": 1', '"format": 2', "newer tokt"),
+        ('"format": 1', '"format": 2', "newer than this tokt reads"),
         ("{", "", "damaged"),
         ('"folds": [0, 1]', '"folds": [0]', "damaged"),
         ('"blocks": [0, 2]', '"blocks": [0, 3]', "damaged"),
@@ -304,7 +304,7 @@ def test_state_of_a_newer_tokt_is_one_line(tmp_path):
         header = state.folder / "search.json"
     header.write_text(header.read_text().replace('"format": 1', '"format": 2'), "utf-8")
     again = opened_state(tmp_path, {}, "sea", fresh=False)
-    refuses("newer tokt", again.__enter__)
+    refuses("newer than this tokt reads", again.__enter__)
 
 
 # --- a whole search ------------------------------------------------------------------------------

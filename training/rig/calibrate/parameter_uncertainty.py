@@ -88,7 +88,8 @@ def parameter_uncertainty(fit: RigFit, test: Sequence[FrameMatches]) -> Paramete
     for name in _ALL:
         sigma, value, there = estimated.get(name), fit.rig.values[name], elsewhere.values[name]
         doubt = max(all_free[name], abs(there - value)) if sigma is None else sigma
-        verdict, held = _verdict(doubt / _tolerance(fit, name)), sigma is None
+        ratio, held = doubt / _tolerance(fit, name), sigma is None
+        verdict = FIXED if ratio <= 1 else WEAK if ratio <= _WEAK else NOT_FIXED
         parameters.append(
             Parameter(name, value, _unit(name), sigma, all_free[name], there, verdict, held)
         )
@@ -102,10 +103,6 @@ def parameter_uncertainty(fit: RigFit, test: Sequence[FrameMatches]) -> Paramete
 
 def _deviations(names: Sequence[str], covariance: F64) -> dict[str, float]:
     return dict(zip(names, map(float, np.sqrt(np.diag(covariance))), strict=True))
-
-
-def _verdict(ratio: float) -> str:
-    return FIXED if ratio <= 1 else WEAK if ratio <= _WEAK else NOT_FIXED
 
 
 def _unit(name: str) -> str:

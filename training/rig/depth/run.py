@@ -9,7 +9,7 @@ from typing import Any
 
 from tokt.features.common import atomic
 from tokt.features.common.arrays import U8
-from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.common.errors import FrameError, ToktError, os_errors_as
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames
 from tokt.inference.clock import SYSTEM_CLOCK
@@ -145,10 +145,8 @@ def _refuse_unwritable(folder: Path, option: str) -> None:
     there = next(at for at in (folder.absolute(), *folder.absolute().parents) if at.exists())
     if not there.is_dir():
         raise ToktError(f"{there} is not a folder; choose another with {option}")
-    try:
+    with os_errors_as(f"{option}: cannot write in {there}"):
         tempfile.TemporaryFile(dir=there).close()
-    except OSError as error:
-        raise ToktError(f"{option}: cannot write in {there}: {error.strerror}") from None
 
 
 def _to_draw(

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
+from tokt.features.common.extras import needed_by
 from tokt.inference.sources.cameras.messages import program
 
 PATH_VARIABLE = "GENICAM_GENTL64_PATH"
@@ -146,11 +147,9 @@ def opened_producers() -> Iterator[Producers]:
     ToktError if there is no producer, or harvesters is not installed.
     """
     files, refused = _sound(producer_files())
-    with warnings.catch_warnings():  # harvesters sets the filters of the whole process
-        try:
-            from harvesters.core import Harvester, ParameterKey, ParameterSet
-        except ModuleNotFoundError as error:
-            raise ToktError(f"a genicam camera needs {error.name}: install tokt[genicam]") from None
+    # harvesters sets the filters of the whole process
+    with warnings.catch_warnings(), needed_by("a genicam camera"):
+        from harvesters.core import Harvester, ParameterKey, ParameterSet
     complaints = deque[str](maxlen=_MAX_COMPLAINTS)  # harvesters raises for none of them
 
     def keep(record: logging.LogRecord) -> bool:

@@ -5,7 +5,6 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
@@ -47,16 +46,15 @@ from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import extractor_for, settings_named
 from tokt.training.fitting.tracking import log_and_register
 from tokt.training.fitting.train import TrainRequest, fit_and_measure
+from tokt.training.options import Notice, Progress
 
-from .report import DemoRun, Say, write_report
+from .report import DemoRun, write_report
 
 _MARK = "made-by-tokt-demo"
 _HOLD_BACK_EVERY = 3
 _MIN_BLOCKS = 12
 _CANDIDATES = (("tower-lbp", "lbp", "best"), ("tower-haralick", "haralick", "best"))
 _BASELINES = (("thesis-lbp", "lbp", "thesis"), ("thesis-haralick", "haralick", "thesis"))
-
-Progress = Callable[..., Any]
 
 
 def _empty_folder(out: Path, *kept: Path | None) -> None:
@@ -115,7 +113,7 @@ def _prepare(
     frames: int,
     width: int,
     progress: Progress,
-    say: Say,
+    say: Notice,
 ) -> DemoRun:
     start = time.perf_counter()
     rendered = mission is None
@@ -216,7 +214,7 @@ def run_demo(
     frames: int,
     width: int,
     progress: Progress,
-    say: Say,
+    say: Notice,
 ) -> dict[str, Any]:
     """Run the whole chain, and write workspace, store, log and ``report.html`` into `out`.
 

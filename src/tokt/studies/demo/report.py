@@ -2,7 +2,7 @@
 
 import platform
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,11 +26,10 @@ from tokt.training.evaluation.evaluate import ScoredMission
 from tokt.training.evaluation.pictures import beside_labels, jpeg_uri
 from tokt.training.evaluation.report import report_page
 from tokt.training.fitting.train import Trained
+from tokt.training.options import Notice
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
 _PICTURES = 8
-
-Say = Callable[[str], None]
 
 
 @dataclass
@@ -65,7 +64,7 @@ class DemoRun:
         return sum(entry["status"] == -1 for entry in self.log)
 
     @contextmanager
-    def stage(self, name: str, say: Say) -> Iterator[None]:
+    def stage(self, name: str, say: Notice) -> Iterator[None]:
         """Time one stage and say when it begins."""
         say(f"-- {name}")
         start = time.perf_counter()

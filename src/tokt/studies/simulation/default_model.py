@@ -7,9 +7,7 @@ distributions.
 """
 
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -36,6 +34,7 @@ from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import extractor_for, settings_named
 from tokt.training.fitting.tracking import log_and_register
 from tokt.training.fitting.train import TrainRequest, fit_and_measure
+from tokt.training.options import Notice, Progress
 
 NAME = "closed-loop"
 EXTRACTOR, PRESET = "haralick", "best"
@@ -48,11 +47,10 @@ DRIFT_FRAMES = 60
 FALSE_STATUS_RATE = 1e-5
 """An ocean frame's: a run in empty water has some 120 frames, and one in a hundred may alarm."""
 
-Progress = Callable[..., Any]
-Say = Callable[[str], None]
 
-
-def train_default_model(out: Path, width: int, progress: Progress, say: Say, jobs: int) -> Bundle:
+def train_default_model(
+    out: Path, width: int, progress: Progress, say: Notice, jobs: int
+) -> Bundle:
     """Render missions of a frame width in pixels, train on them, and write the bundle to a file.
 
     `jobs` are processes for cross-validation; -1 for all cores.

@@ -20,9 +20,10 @@ from tokt.studies.simulation.rendering.synthetic_mission import check_width
 from tokt.studies.simulation.report.maps import Chart
 from tokt.studies.simulation.report.outcome import FlightOutcome, outcome_of, table
 from tokt.studies.simulation.report.report import write_report
+from tokt.training.options import Notice, Progress
 from tokt.training.parallel import mapped
 
-from .default_model import Progress, Say, train_default_model
+from .default_model import train_default_model
 
 FIRST_TUNING_SEED = 1000
 """Planner and scenes were worked out on seeds from here on; those below are for what is reported.
@@ -94,7 +95,7 @@ class Studied:
         return [*lines, self.split_words(), f"report: {self.study.out / 'report.html'}"]
 
 
-def fly_study(study: Study, progress: Progress, say: Say) -> Studied:
+def fly_study(study: Study, progress: Progress, say: Notice) -> Studied:
     """Fly all runs and write ``model.tokt``, ``results.json`` and what `write_report` writes.
 
     Raises ToktError if something asked for does not exist, or the folder is there already.
@@ -141,7 +142,7 @@ def _fly(width: int, model: Path, flight: tuple[str, str, int]) -> Track:
     return fly(draw_scene(scene, seed, width), method, model if uses_model(method) else None)
 
 
-def _bundle(study: Study, folder: Path, progress: Progress, say: Say) -> Bundle | None:
+def _bundle(study: Study, folder: Path, progress: Progress, say: Notice) -> Bundle | None:
     """The model that flies, also in the study's folder; none is trained that nobody uses."""
     if not any(map(uses_model, study.methods)):
         return None

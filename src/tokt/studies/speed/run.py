@@ -3,11 +3,11 @@
 import json
 import os
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import joblib
 
@@ -22,6 +22,7 @@ from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.presets import DEFAULT_EXTRACTOR, extractor_for
+from tokt.training.options import Notice, Progress
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
 from .cases import BestFrame, Case, HaralickKernel, LbpKernel, Picture, WholeFrame, textured_frame
@@ -36,7 +37,7 @@ from .models import (
 from .paired_timing import SPREAD_IS, Result, single_thread
 from .process_cases import measure_extraction, measure_latency, measure_start
 from .report import chart_png
-from .stereo_cases import Progress, Say, measure_stereo, stereo_input
+from .stereo_cases import measure_stereo, stereo_input
 
 LABEL_FILE = "labels.csv"
 EMBEDDED_FRAMES = 16
@@ -71,20 +72,6 @@ class Bench:
         return {"cases": [case.to_json() for case in self.results], **self.about}
 
 
-@contextmanager
-def _same_kernels_everywhere() -> Iterator[None]:
-    """Have every process started meanwhile use this one's kernels, or fail, but no others."""
-    before = os.environ.get(VARIABLE)
-    os.environ[VARIABLE] = KERNELS.name
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[VARIABLE]
-        else:
-            os.environ[VARIABLE] = before
-
-
 def _examples(mission: Mission, labels: Path | None) -> TrainingExamples:
     """Learn from the label file given, from the one in the mission's folder, or from none."""
     beside = mission.path / LABEL_FILE
@@ -102,7 +89,7 @@ def measure_in_process(
     best: ModelPair,
     size: BenchSize,
     progress: Progress,
-    say: Say,
+    say: Notice,
 ) -> tuple[list[Result], int, int]:
     """Kernels and frames: compared on all frames, then timed on a few of them."""
     numbers = mission.frames()
@@ -149,7 +136,7 @@ def _most_obstacles(mission: Mission, models: ModelPair, count: int) -> int:
 
 
 def _outside(
-    mission: Mission, models: Sequence[ModelPair], size: BenchSize, folder: Path, say: Say
+    mission: Mission, models: Sequence[ModelPair], size: BenchSize, folder: Path, say: Notice
 ) -> list[Result]:
     """Feature tables from files, and whole processes."""
     files = []
@@ -176,12 +163,13 @@ def _measure(
     size: BenchSize,
     folder: Path,
     progress: Progress,
-    say: Say,
+    say: Notice,
 ) -> Bench:
     first = mission.read(mission.frames()[0])
     examples = _examples(mission, labels)
     stereo = stereo_input(mission, calibration)
-    with single_thread(), _same_kernels_everywhere():
+    # Every process started meanwhile uses this one's kernels, or fails, but no others.
+    with single_thread(), patch.dict(os.environ, {VARIABLE: KERNELS.name}):
         models = [texture.fit(examples, first) for texture in FEATURE_SETS]
         best = fit_extractor_pair("best", extractor_for(DEFAULT_EXTRACTOR, "best"), examples, first)
         results, compared, timed = measure_in_process(mission, models, best, size, progress, say)
@@ -213,7 +201,7 @@ def run_bench(
     calibration: StereoCalibration | None,
     size: BenchSize,
     progress: Progress,
-    say: Say,
+    say: Notice,
 ) -> Bench:
     """Measure all cases and write ``bench.json`` and ``bench.png`` into `out`.
 

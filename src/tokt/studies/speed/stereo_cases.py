@@ -1,6 +1,6 @@
 """Stereo pairs and the cases timed on them: the thesis's disparity pipeline against tokt's two."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -21,6 +21,7 @@ from tokt.inference.stereo.pushbroom import BAND, CELL_PX, PushbroomDetector
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
 from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
 from tokt.studies.baselines.thesis_texture import GRID
+from tokt.training.options import Notice, Progress
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
 from .cases import Case
@@ -31,9 +32,6 @@ COMPARED_PAIRS = 40
 """At most so many pairs are judged both ways: the thesis's way takes a tenth of a second."""
 MAX_DIFFERENT = 0.01
 """Part of the cells that both found whose depths may be further apart than a slice is deep."""
-
-Progress = Callable[..., Any]
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -238,7 +236,7 @@ def measure_stereo(
     timed: int,
     rounds: int,
     progress: Progress,
-    say: Say,
+    say: Notice,
 ) -> list[Result]:
     """Both cases: compared on pairs of the whole mission, then timed on a few of them.
 

@@ -1,10 +1,9 @@
 """Inputs of a study: frames, labels, the thesis's models, cameras; each read once."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from tokt.studies.baselines.thesis_texture import DESCRIBE, GRID
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.train import rendered_other_image
 from tokt.training.matlab_file import read_matlab_numbers
+from tokt.training.options import Notice, Progress
 from tokt.training.rig.calibrate.frame_selection import MIN_SHARE, evenly_spaced, texture
 from tokt.training.rig.calibrate.self_calibration import BASELINE_MM, plain_start, self_calibrate
 
@@ -29,9 +29,6 @@ from .patch_scores import Truth
 LABEL_FILE, CALIBRATION_FILE = "labels.csv", "calibration.yml"
 SURVEYED = 80
 """Pairs looked at for something in them, spread over the mission."""
-
-Progress = Callable[..., Any]
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -59,7 +56,7 @@ class StudyInputs:
     cannot be used.
     """
 
-    def __init__(self, request: ReproduceRequest, say: Say, progress: Progress) -> None:
+    def __init__(self, request: ReproduceRequest, say: Notice, progress: Progress) -> None:
         self.request = request
         self.say = say
         self.progress = progress

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 from tokt import __version__
 from tokt.features.common import atomic
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.common.machine import machine
+from tokt.training.options import Notice, Progress
 
 from .exhibits.centre_figures import centre_and_box
 from .exhibits.curve_figures import curve_figures
@@ -24,7 +25,7 @@ from .exhibits.superpixel_figure import superpixel_figure
 from .exhibits.synchrony_figure import synchrony_figure
 from .exhibits.training_image_figures import training_images
 from .exhibits.trend_figure import trend_exhibit
-from .inputs import Progress, ReproduceRequest, Say
+from .inputs import ReproduceRequest
 from .page import write_thesis_page
 from .report import FORMAT, exhibit_json, report_html
 
@@ -97,7 +98,10 @@ EXHIBITS: tuple[Planned, ...] = (
 
 
 def run_reproduce(
-    request: ReproduceRequest, say: Say, progress: Progress, exhibits: Sequence[Planned] = EXHIBITS
+    request: ReproduceRequest,
+    say: Notice,
+    progress: Progress,
+    exhibits: Sequence[Planned] = EXHIBITS,
 ) -> dict[str, Any]:
     """Make every exhibit and write them into the request's folder; give what results.json holds.
 
@@ -137,7 +141,7 @@ def run_reproduce(
     return results
 
 
-def _write_page(results: dict[str, Any], out: Path, say: Say) -> None:
+def _write_page(results: dict[str, Any], out: Path, say: Notice) -> None:
     """The page from the thesis to this code; it quotes figures that not every mission has."""
     try:
         write_thesis_page(results, out / PAGE)
@@ -148,12 +152,10 @@ def _write_page(results: dict[str, Any], out: Path, say: Say) -> None:
 def _check_folder(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise ToktError(f"{out} is not a folder; choose another with -o")
-    try:
+    with os_errors_as(f"cannot write in {out}"):
         out.mkdir(parents=True, exist_ok=True)
         atomic.write_text(out / ".writable", "")
         (out / ".writable").unlink()
-    except OSError as error:
-        raise ToktError(f"cannot write in {out}: {error.strerror or error}") from None
 
 
 def _check_inputs(context: StudyContext) -> None:
