@@ -54,6 +54,12 @@ def printable(text: str) -> str:
     return text if text.isprintable() else "".join(map(_printable, text))
 
 
+def counted(number: int, what: str) -> str:
+    """The number and what it counts: ``1 frame``, ``2 frames``, ``2 patches``."""
+    many = "es" if what.endswith("ch") else "s"
+    return f"{number} {what}{'' if number == 1 else many}"
+
+
 def _one_line(text: str) -> str:
     """The text as it may be printed, cut before it is escaped and, grown by that, after it."""
     return _cut(printable(" ".join(_cut(text).splitlines())))
