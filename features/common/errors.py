@@ -19,8 +19,8 @@ class ToktError(Exception):
     Parameters
     ----------
     message : str
-        Much of what it quotes comes out of files: what cannot be printed is escaped here, and
-        what is too long to be read is cut, so that no file moves a cursor or fills a log.
+        The one line. Much of what it quotes comes out of files: what cannot be printed is
+        escaped, and what is too long is cut. So no file moves a cursor or fills a log.
     """
 
     def __init__(self, message: str) -> None:
