@@ -1,21 +1,29 @@
 """Count the hand-written prose and list its long sentences: ``python docs/prose.py [PAGE...]``.
 
-Without a page the help texts and the texts that the program says are read as well.
+Without a page all that the program says is read as well.
 
 Prose is README, CONTRIBUTING, the pages and notebooks of docs/ and the thesis page's template.
-Tables, code blocks and pages made by a program are not counted. What the program says is every
-text in its modules that is no docstring: errors, reasons, findings, lines.
+Tables, code blocks and pages made by a program are not counted; the glossary's tables are, as
+they are all it has. In the cells of all tables the sentences are short, too.
+
+What the program says is its help, its HTML pages and the strings of their scripts. So is every
+text in its modules that is no docstring: errors, reasons, findings, lines. Of docstrings, those of
+public names are read: the site's reference shows them.
 
 A sentence ends at a full stop, a question mark or an exclamation mark, never at a colon or a
-semicolon. A heading, an item of a list and a paragraph are sentences of their own. A code span,
-a link's address left out, and a field of an f-string are each one word.
+semicolon. A heading, an item of a list, a cell and a paragraph are sentences of their own. A code
+span, a link's address left out, and a field of an f-string are each one word.
 """
 
 import ast
+import importlib
+import inspect
 import json
 import re
 import sys
+import textwrap
 from collections.abc import Iterable, Iterator
+from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,6 +33,9 @@ MAX_SENTENCE = 25
 TEMPLATE = "src/tokt/studies/thesis/page.md.in"
 MADE = ("docs/thesis.md",)
 """Made by a program from the template."""
+GLOSSARY = "docs/glossary.md"
+PUBLIC = ("tokt", "tokt.sklearn", "tokt.mlflow")
+"""Modules whose public docstrings the reference shows, as `generate_reference.py` has them."""
 BUDGETS = {
     "README.md": 350,
     "CONTRIBUTING.md": 800,
@@ -69,6 +80,20 @@ _NO_PROSE = re.compile(r"^\s*(\||$)|:::")
 """A table's row, an empty line, where the reference of a module goes."""
 _OPENER = re.compile(r"^\s*(!!!|\?\?\?\+?|===)\s+(\w+\s*)?(\"(?P<title>.*)\")?")
 """Material's admonitions and tabs: the title is prose, and so is what is indented below."""
+_ROW = re.compile(r"^\s*\|(?![\s:|-]+$)(.*)")
+_CELL = re.compile(r"(?<!\\)\|")
+_SECTION = re.compile(r"^\w+\n-{3,}$", re.MULTILINE)
+"""A heading in a numpy-style docstring, and the line below."""
+_SIGNATURE = re.compile(r"^\S.*$", re.MULTILINE)
+"""A parameter, a type or an error: what is said of it is indented."""
+_STRING = re.compile(r"\"(?:[^\"\\\n]|\\.)*\"|`(?:[^`\\]|\\.)*`")
+_JOINT = re.compile(r"[\"`]\s*\+\s*[\"`]")
+_COMMENT = re.compile(r"/\*.*?\*/|^\s*//[^\n]*", re.DOTALL | re.MULTILINE)
+_INSIDE = {"a", "abbr", "b", "code", "em", "i", "small", "span", "strong", "sub", "sup", "var"}
+"""Tags that end no sentence."""
+_READ_OUT = ("alt", "aria-label", "content", "placeholder", "title")
+_NO_HTML = r"\{% block style %\}.*?\{% endblock %\}|\{%.*?%\}|\{#.*?#\}"
+"""Of a template: its style, statements, comments."""
 _SQL = re.compile(r"\s*(CREATE|SELECT|INSERT|COALESCE)\b")
 _INLINE = (
     (r"\{%.*?%\}", " "),  # the template's
@@ -198,6 +223,94 @@ def page_texts(page: Path) -> Iterator[Text]:
             yield from paragraphs(f"{_name(page)}, cell {number}", "".join(cell["source"]))
 
 
+def cell_texts(page: Path) -> Iterator[Text]:
+    """The cells of a page's tables."""
+    if page.suffix == ".ipynb":
+        return
+    for number, line in enumerate(page.read_text(encoding="utf-8").splitlines(), 1):
+        for cell in _CELL.split(row[1]) if (row := _ROW.match(line)) else ():
+            if words(text := _plain(cell)):
+                yield Text(_name(page), number, text.strip())
+
+
+class _Html(HTMLParser):
+    """Gathers what a page shows, and what it has read out."""
+
+    def __init__(self, where: str) -> None:
+        super().__init__()
+        self.texts: list[Text] = []
+        self._where, self._said, self._line, self._silent = where, "", 1, False
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Begin anew at a block; attributes are texts of their own."""
+        self._silent = tag in ("style", "script")
+        if tag not in _INSIDE:
+            self.end()
+        for name, value in attrs:
+            if name in _READ_OUT and value:
+                self.texts += paragraphs(self._where, value, self.getpos()[0])
+
+    def handle_endtag(self, tag: str) -> None:
+        """End a block."""
+        self._silent = False
+        if tag not in _INSIDE:
+            self.end()
+
+    def handle_data(self, data: str) -> None:
+        """Go on with a block."""
+        if not self._silent:
+            self._line = self._line if words(self._said) else self.getpos()[0]
+            self._said += data
+
+    def end(self) -> None:
+        """What was gathered is a text."""
+        if words(self._said):
+            self.texts.append(Text(self._where, self._line, " ".join(self._said.split())))
+        self._said = ""
+
+
+def html_texts(where: str, source: str) -> list[Text]:
+    """What a page in HTML, or a template of one, shows."""
+    reader = _Html(where)
+    for pattern, instead in ((_NO_HTML, _blank_lines), (r"\{\{.*?\}\}", "field")):
+        source = re.sub(pattern, instead, source, flags=re.DOTALL)
+    reader.feed(source)
+    reader.end()
+    return reader.texts
+
+
+def script_texts(where: str, source: str) -> Iterator[Text]:
+    """The strings of a script; adjoining ones are one, and so is a word for each field."""
+    plain = _JOINT.sub("", _COMMENT.sub(_blank_lines, source))
+    for found in _STRING.finditer(plain):
+        text = re.sub(r"\$\{[^}]*\}", "field", found[0][1:-1])
+        yield from paragraphs(where, text, 1 + plain.count("\n", 0, found.start()))
+
+
+def docstring_texts(where: str, docstring: str) -> Iterator[Text]:
+    """The prose of a numpy-style docstring; its examples are left out."""
+    told = re.split(r"^Examples\n-+$", docstring, flags=re.MULTILINE)[0]
+    text, *sections = _SECTION.split(told)
+    listed = "\n".join(_SIGNATURE.sub("", section) for section in sections)
+    yield from paragraphs(where, f"{text}\n{textwrap.dedent(listed)}")
+
+
+def public_docstrings() -> Iterator[Text]:
+    """The docstrings that the reference of the site shows."""
+    for name in PUBLIC:
+        module = importlib.import_module(name)
+        yield from docstring_texts(name, inspect.getdoc(module) or "")
+        for public in getattr(module, "__all__", ()):
+            value = getattr(module, public)
+            if not (inspect.isclass(value) or inspect.isroutine(value)):
+                continue
+            yield from docstring_texts(f"{name}.{public}", inspect.getdoc(value) or "")
+            for member, of in vars(value).items() if inspect.isclass(value) else ():
+                if not member.startswith("_") and (callable(of) or hasattr(of, "__get__")):
+                    where = f"{name}.{public}.{member}"
+                    yield from docstring_texts(where, getattr(of, "__doc__", None) or "")
+
+
 def help_texts(command: Any, name: str = "tokt") -> Iterator[Text]:
     """What ``--help`` says: of a command of typer's, its options and arguments, its commands."""
     for text in (command.help, command.epilog):
@@ -239,7 +352,7 @@ def _said(node: ast.AST) -> str | None:
 
 
 def product_texts() -> Iterator[Text]:
-    """All that the program says: its help, and the texts in its modules."""
+    """All that the program says: help, pages, scripts, public docstrings, texts in modules."""
     from typer.main import get_command
 
     from tokt.cli.app import app
@@ -248,6 +361,11 @@ def product_texts() -> Iterator[Text]:
     for room in ROOMS:
         for module in sorted((ROOT / room).rglob("*.py")):
             yield from said_texts(_name(module), module.read_text(encoding="utf-8"))
+        for page in sorted((ROOT / room).rglob("*.html")):
+            yield from html_texts(_name(page), page.read_text(encoding="utf-8"))
+        for script in sorted((ROOT / room).rglob("*.js")):
+            yield from script_texts(_name(script), script.read_text(encoding="utf-8"))
+    yield from public_docstrings()
 
 
 def _name(page: Path) -> str:
@@ -256,15 +374,17 @@ def _name(page: Path) -> str:
 
 def counts() -> dict[str, int]:
     """Words of each page of prose."""
-    return {
-        _name(page): sum(len(words(text.text)) for text in page_texts(page)) for page in pages()
-    }
+    found = {}
+    for page in pages():
+        texts = [*page_texts(page), *(cell_texts(page) if _name(page) == GLOSSARY else ())]
+        found[_name(page)] = sum(len(words(text.text)) for text in texts)
+    return found
 
 
 def main(arguments: list[str]) -> int:
     """Print counts and long sentences, of some pages or of everything; 1 if there is too much."""
     asked = [page for page in pages() if _name(page).startswith(tuple(arguments or [""]))]
-    texts = [text for page in asked for text in page_texts(page)]
+    texts = [text for page in asked for text in (*page_texts(page), *cell_texts(page))]
     long = list(too_long(texts if arguments else [*texts, *product_texts()]))
     print(*long, sep="\n")
     found = counts()

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from tokt.features.common.errors import counted
 from tokt.inference.links.vehicle import VehiclePlace
 from tokt.inference.policy.policy import Judgement
 
@@ -57,7 +58,7 @@ def mark_overloaded(verdict: Verdict, left_out: int) -> Verdict:
     """The same verdict, which says how many frames before it there was no time for."""
     if left_out == 0:
         return verdict
-    frames = "1 frame" if left_out == 1 else f"{left_out} frames"
+    frames = counted(left_out, "frame")
     health = health_of(verdict.health, f"overload: no time for {frames} before this one")
     reason = Reason.OVERLOAD if verdict.reason is Reason.OK else verdict.reason
     return replace(verdict, health=health, reason=reason)

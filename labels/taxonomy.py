@@ -72,7 +72,7 @@ class Taxonomy:
     Raises
     ------
     ToktError
-        If two classes share a name or a key, or no class (or every class) is an obstacle; if a
+        If two classes share a name or a key, or no class (or every class) is an obstacle. If a
         class is its own ancestor, or is clear while its parent is an obstacle.
     """
 

@@ -162,7 +162,8 @@ def helps(tokt: Tokt, command: str = "") -> Entries:
     """The help text of a command and of every command below it."""
     text = tokt(f"{command} --help")
     yield f"help/tokt{command}", text
-    for name in re.findall(r"^  (\S+)  ", text.partition("\nCommands:\n")[2], re.MULTILINE):
+    commands = text if "COMMAND [ARGS]" in text else ""
+    for name in re.findall(r"^  ([a-z]+)  ", commands, re.MULTILINE):
         yield from helps(tokt, f"{command} {name}")
 
 

@@ -26,7 +26,12 @@ def found(prose, texts):
 
 
 def test_pages_have_no_long_sentence(prose):
-    texts = [text for page in prose.pages() for text in prose.page_texts(page)]
+    texts = [
+        text
+        for page in prose.pages()
+        for text in (*prose.page_texts(page), *prose.cell_texts(page))
+    ]
+    assert len(texts) > 1000
     assert not [str(each) for each in prose.too_long(texts)]
 
 
@@ -37,7 +42,13 @@ def test_pages_have_no_more_words_than_a_newcomer_reads(prose):
 
 
 def test_help_and_errors_have_no_long_sentence(prose):
-    assert not [str(each) for each in prose.too_long(prose.product_texts())]
+    texts = list(prose.product_texts())
+    kinds = {Path(text.where).suffix for text in texts if "/" in text.where}
+    assert kinds == {".py", ".html", ".js"}
+    assert {"tokt", "tokt run --source", "tokt.Grid", "tokt.Store.deploy", "tokt.sklearn.LBP"} <= {
+        text.where for text in texts
+    }
+    assert not [str(each) for each in prose.too_long(texts)]
 
 
 @pytest.mark.parametrize(
@@ -142,6 +153,61 @@ def test_a_long_sentence_that_is_said_is_found(prose, text):
     assert [line for line, _ in found(prose, prose.said_texts("module", source))] == [3]
     short = source.replace("word25", "").replace("word24", "").replace("word3", ". Word3")
     assert not found(prose, prose.said_texts("module", short))
+
+
+def test_a_long_sentence_in_a_table_is_found_and_only_the_glossary_counts_it(
+    prose, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(prose, "ROOT", tmp_path)
+    (tmp_path / "docs").mkdir()
+    table = f"Two words.\n\n| a | b |\n|---|---|\n| x | Short. {LONG} |\n"
+    pages = [tmp_path / "README.md", tmp_path / "docs" / "glossary.md"]
+    for page in pages:
+        page.write_text(table)
+        assert found(prose, prose.cell_texts(page)) == [(5, 26)]
+    monkeypatch.setattr(prose, "pages", lambda: pages)
+    assert prose.counts() == {"README.md": 2, "docs/glossary.md": 32}
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        f"<p>{LONG}</p>",
+        f"<p>Short.</p>\n<p>{LONG.replace('word3', '<b>word3</b>')}</p>",
+        f"<p>{LONG.replace('word3', '{{ word3 }}')}</p>",
+        f"<p>{LONG.replace('word3', '{% if a %}word3{% endif %}')}</p>",
+        f'<img alt="{LONG}">',
+    ],
+)
+def test_a_long_sentence_in_html_is_found(prose, page):
+    assert [count for _, count in found(prose, prose.html_texts("page", page))] == [26]
+    hidden = (
+        f"<style>{LONG}</style><script>{LONG}</script>{{% block style %}}{LONG}{{% endblock %}}"
+    )
+    short = page.replace("word20", "</p><p>word20") if "alt" not in page else "<p></p>"
+    assert not found(prose, prose.html_texts("page", hidden + short))
+
+
+@pytest.mark.parametrize(
+    ("script", "line"),
+    [
+        (f'say("{LONG}");', 1),
+        (f"say(`{LONG.replace('word3', '${a(b)}')}`);", 1),
+        (f'\nsay("{LONG[:79]}" +\n  "{LONG[79:]}");', 2),
+    ],
+)
+def test_a_long_sentence_in_a_script_is_found(prose, script, line):
+    assert found(prose, prose.script_texts("script", script)) == [(line, 26)]
+    assert not found(prose, prose.script_texts("script", f"// {script}"[: len(LONG)]))
+    assert not found(prose, prose.script_texts("script", script.replace("word20", "word. Word")))
+
+
+def test_a_long_sentence_in_a_docstring_is_found(prose):
+    parts = (
+        f"Short.\n\nParameters\n----------\nname : str\n    {{}}\n\nExamples\n--------\n{LONG}\n"
+    )
+    assert found(prose, prose.docstring_texts("name", parts.format(LONG))) == [(6, 26)]
+    assert not found(prose, prose.docstring_texts("name", parts.format("Short.")))
 
 
 def test_the_script_fails_where_there_is_too_much(prose, tmp_path, monkeypatch, capsys):

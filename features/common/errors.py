@@ -19,8 +19,8 @@ class ToktError(Exception):
     Parameters
     ----------
     message : str
-        Much of what it quotes comes out of files: what cannot be printed is escaped here, and
-        what is too long to be read is cut, so that no file moves a cursor or fills a log.
+        The one line. Much of what it quotes comes out of files: what cannot be printed is
+        escaped, and what is too long is cut. So no file moves a cursor or fills a log.
     """
 
     def __init__(self, message: str) -> None:
@@ -75,6 +75,12 @@ def printable(text: str) -> str:
     its escape, such as ``\x1b``: no name or reason out of a file looks like something else.
     """
     return text if text.isprintable() else "".join(map(_printable, text))
+
+
+def counted(number: int, what: str) -> str:
+    """The number and what it counts: ``1 frame``, ``2 frames``, ``2 patches``."""
+    many = "es" if what.endswith("ch") else "s"
+    return f"{number} {what}{'' if number == 1 else many}"
 
 
 def _one_line(text: str) -> str:

@@ -23,16 +23,16 @@ class Grid:
 
     All patches have the same size, ``frame // cells`` in each direction, as in the thesis: a
     1360x1024 frame becomes 360x271 and its 10x10 patches are 36x27. Where the division leaves a
-    remainder (here one row of pixels), that strip at the right and bottom edge belongs to no
-    patch; it is always narrower than the number of cells.
+    remainder, here one row of pixels, that strip at the right or bottom edge belongs to no patch.
+    It is always narrower than the number of patches.
 
     Parameters
     ----------
     rows, cols : int
         Number of patches down and across.
     width : int or None
-        Width in pixels that frames are resized to; ``None`` leaves a frame as it is (used for
-        folders of ready-cut patches, which are frames of a 1x1 grid).
+        Width in pixels that frames are resized to. ``None`` leaves a frame as it is: ready-cut
+        patches are frames of a 1x1 grid.
     """
 
     rows: int = 10

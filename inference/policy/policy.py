@@ -110,8 +110,8 @@ class SinglePolicy:
 def judge_image(scorer: Bundle, image: U8) -> Judgement:
     """Judge one picture in memory exactly as policy ``texture`` judges a source's only frame.
 
-    A frame rule that needs several alarms calls a picture that alarms unknown: for the frames of
-    a mission use one `TextureDetector` for all of them.
+    A frame rule of several frames calls a picture that alarms unknown. For the frames of a
+    mission use one `TextureDetector` for all of them.
 
     Parameters
     ----------

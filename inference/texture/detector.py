@@ -1,4 +1,4 @@
-"""The texture detector: a model's obstacle patches, by its M-of-N rule, become the mask."""
+"""The texture detector: a model's obstacle patches, by its frame rule, become the mask."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class MofNResult:
 
 
 class MofNRun(MofNState):
-    """The operating point's M-of-N rule over one run's frames, in their order."""
+    """The operating point's frame rule over one run's frames, in their order."""
 
     def result(self, scores: F64, patches: Bools, min_mask_patches: int) -> MofNResult:
         """What the frame that was begun comes to; of its patches, shape (n_patches,).

@@ -104,7 +104,9 @@ def check_model_name(name: str) -> None:
 def check_alias(alias: str) -> None:
     """Raise ToktError unless `alias` can be one."""
     if not _NAME.fullmatch(alias) or alias == "latest" or re.fullmatch(r"v\d+", alias):
-        raise ToktError(f"{alias!r} cannot be an alias")
+        raise ToktError(
+            f"{alias!r} cannot be an alias: give a word such as champion, unlike v2 or latest"
+        )
 
 
 def local_uri(workspace: Path) -> str:

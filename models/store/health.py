@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
+from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError, counted
 from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.models.signing.trusted_keys import TrustedKeys, keys_json
 
@@ -85,7 +85,7 @@ def store_findings(path: Path) -> Iterator[Finding]:
 
 
 def _history(store: Store) -> Found:
-    return OK, f"{store.path}: {_count(len(store.history()), 'activation')}", {}
+    return OK, f"{store.path}: {counted(len(store.history()), 'activation')}", {}
 
 
 def _active(store: Store) -> Found:
@@ -162,7 +162,7 @@ def _versions(store: Store) -> Found:
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         return FAULT, f"{len(faults)} of {len(folders)} cannot be used: {faults[0]}{more}", figures
     verified = ", every one verified" if folders else ""
-    text = f"{_count(len(folders), 'bundle')}{verified}"
+    text = f"{counted(len(folders), 'bundle')}{verified}"
     if unsigned:
         text += f"; without a signature asked for, and refused: {', '.join(unsigned)}"
     return NOTE if unsigned else OK, text, figures
@@ -175,10 +175,6 @@ def _version(folder: Path) -> Bundle:
     if bundle.sha256 != folder.name:
         raise ToktError(f"bundle {file}: the file is not the one that was deployed")
     return bundle
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 _LOOKS: dict[str, Callable[[Store], Found]] = {

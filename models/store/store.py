@@ -163,8 +163,8 @@ class Store:
     def active(self) -> Bundle:
         """The active bundle, checked whole.
 
-        Raises ToktError if the store is not there, holds no active model, or its bundle fails a
-        check, lacks a signature that the store asks for, or cannot judge frames.
+        Raises ToktError if the store is not there or holds no active model. Also if the bundle
+        fails a check, lacks a signature that the store asks for, or cannot judge frames.
         """
         self.check_folder()
         entry = self.active_entry()
@@ -221,8 +221,8 @@ class Store:
     def trusted_keys(self) -> TrustedKeys:
         """The keys whose signatures this store asks for.
 
-        Raises ToktError if they cannot be known: the file is damaged, cannot be read or was written
-        by a newer tokt, or is gone although the active model was activated by its signature.
+        Raises ToktError if they cannot be known. The file is damaged, cannot be read or was written
+        by a newer tokt; or it is gone, and the active model was activated by its signature.
         """
         where = f"store {self.path}: its keys file {self._keys_file.name}"
         try:
@@ -239,8 +239,8 @@ class Store:
     def history(self) -> list[Activation]:
         """Every activation, oldest first.
 
-        A line that a killed process left half-written at the end is passed over; a damaged line
-        elsewhere, a damaged pointer, or anything of a newer tokt, raises ToktError.
+        A line that a killed process left half-written at the end is passed over. Raises ToktError
+        at a damaged line elsewhere, a damaged pointer, or anything of a newer tokt.
         """
         reading = self.read()
         if reading.damage:
@@ -321,7 +321,7 @@ class Store:
         Raises
         ------
         ToktError
-            If the bundle cannot judge frames or lacks a signature that the store asks for, the
+            If the bundle cannot judge frames or lacks a signature that the store asks for. If the
             store's folder cannot be written, a newer tokt has written to it, or another process
             keeps writing to it.
         """
@@ -396,8 +396,8 @@ class Store:
         Raises
         ------
         ToktError
-            If the store is not there, there is no such model, it is active already or no longer
-            passes its checks; and without `to`, if the store is damaged.
+            If the store or the model is not there, or the model is active already or no longer
+            passes its checks. Without `to`, also if the store is damaged.
         """
         self.check_folder()
         self._goal(self.read(), to)  # refused without a trace, not even a lock file

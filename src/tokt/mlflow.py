@@ -3,10 +3,10 @@
 MLflow calls `_load_pyfunc` of this module, as the model's ``loader_module``. The bundle is read
 with all its checks; nothing is unpickled.
 
-A frame is one of these: an array of uint8, shape (height, width) or (height, width, 3) in BGR
-order; a `pathlib.Path`; the bytes of an image file; their base64; or a path as text. Text with a
-dot is a path, as base64 has none. A caller over the network can send text alone. So text is read
-as a path only below the folder that the environment variable ``TOKT_FRAMES`` names.
+A frame is an array of uint8, shape (height, width) or (height, width, 3) in BGR order. Or it is a
+`pathlib.Path`, the bytes of an image file, their base64, or a path as text. Text with a dot
+is a path, as base64 has none. A caller over the network can send text alone. So text is read as a
+path only below the folder that the environment variable ``TOKT_FRAMES`` names.
 """
 
 import base64

@@ -217,7 +217,7 @@ CASES = {
         "folder of patches none does not exist",
     ),
     "dataset unknown": (nothing, "dataset show x", r"no dataset 'x' \(there are: tiny\)"),
-    "dataset hash unknown": (nothing, "dataset show tiny@00ff", "0 versions of dataset"),
+    "dataset hash unknown": (nothing, "dataset show tiny@00ff", "no versions start with"),
     # training
     "train on nothing": (nothing, "train x --extractor lbp", "no dataset 'x'"),
     "fewer groups than folds": (nothing, f"{TRAIN} --folds 12", "11 groups.*too few for 12"),

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from tests.calls import run_python
 from tokt.cli import completion
 from tokt.cli.completion import complete, join_bash_words
 from tokt.features.extractors.named_extractors import extractor_named
@@ -75,8 +76,11 @@ def test_a_word_in_the_middle_stays_the_one_that_is_completed(monkeypatch):
 
 def test_bash_is_told_what_takes_the_place_of_the_last_part(workspace, monkeypatch):
     assert completed("MODEL", "reef@ch", workspace) == ["reef@champion"]
+    for words, put in ((["reef", "@", "ch"], "@champion"), (['"reef@ch'], "reef@champion")):
+        told = {"COMP_WORDS": "\n".join(["tokt", *words]), "COMP_CWORD": str(len(words))}
+        join_bash_words(told)
+        assert completed("MODEL", "reef@ch", workspace) == [put]
     monkeypatch.setattr(completion, "_parted", True)
-    assert completed("MODEL", "reef@ch", workspace) == ["@champion"]
     assert completed("MODEL", "ree", workspace)[0] == "reef"
 
 
@@ -94,10 +98,23 @@ def test_names_out_of_the_workspace(workspace):
 def test_the_workspace_is_the_default_one_and_files_are_models(workspace, tmp_path):
     assert not completed("MODEL", "")
     (tmp_path / "reef.tokt").touch()
+    (tmp_path / "re ef.tokt").touch()
     assert completed("MODEL", "re") == ["reef.tokt"]
     workspace.rename(tmp_path / ".tokt")
+    assert ".tokt" not in completed("MODEL", "")
     assert completed("DATASET", "r") == ["reef"]
     assert completed("MODEL", "reef.") == ["reef.tokt"]
+
+
+def test_a_workspace_on_the_line_is_asked(workspace):
+    for folder, names in ((workspace, "reef\ntower"), (workspace / "none", "")):
+        told = {
+            **{"_TOKT_COMPLETE": "complete_bash", "COMP_CWORD": "4"},
+            "COMP_WORDS": f"tokt\ntrain\n--workspace\n{folder}\n",
+        }
+        code = "import sys; from tokt.cli import main; sys.argv = ['tokt']; main()"
+        done = run_python("-c", code, **told)
+        assert (done.returncode, done.stdout.strip(), done.stderr) == (0, names, "")
 
 
 def test_choices_and_extractors():

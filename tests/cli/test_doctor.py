@@ -7,6 +7,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
+import tomllib
 from importlib.metadata import distribution
 from pathlib import Path
 
@@ -381,3 +382,12 @@ def test_the_extra_for_video_names_ffmpeg(monkeypatch):
     assert re.fullmatch(r"PyAV \d.* with FFmpeg \S+, aiortsp \d.*", doctor_module._video().text)
     monkeypatch.setattr(doctor_module, "missing_packages", lambda *_: ["av"])
     assert "pip install 'tokt[video]'" in doctor_module._video().text
+
+
+def test_each_extra_of_the_product_has_a_line(doctor):
+    """Two stand under their own names; those for who works on tokt are no user's."""
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())
+    extras = set(project["project"]["optional-dependencies"]) - {"all", "dev", "docs"}
+    found = doctor()[1]
+    named = {"vimbax": "Vimba X", "genicam": "genicam cameras"}
+    assert {named.get(extra, f"extra {extra}") for extra in extras} <= set(found)

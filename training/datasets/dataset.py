@@ -357,5 +357,5 @@ def open_dataset(reference: str, root: Path) -> DatasetVersion:
     found = [path.parent for path in home.glob(_VERSION_INFO)]
     fitting = [path for path in found if path.name.startswith(prefix[:_HASH_CHARS])]
     if len(fitting) != 1:
-        raise ToktError(f"{len(fitting)} versions of dataset {name!r} start with {prefix!r}")
+        raise ToktError(f"dataset {name!r}: {len(fitting) or 'no'} versions start with {prefix!r}")
     return DatasetVersion(fitting[0])

@@ -139,7 +139,7 @@ def frame_figures(
 
     An *ocean frame* has every patch labelled, all of them clear. An *obstacle frame* has a patch
     labelled as an obstacle. Frames with neither are not judged, but count among the last frames
-    of an M-of-N rule.
+    of a frame rule.
 
     Given are of each patch, (n_patches,), `LinearModel.obstacle_score` and the fold it was tested
     in, -1 for none, and of each fold a rule. Found are ocean_frames, false_status, obstacle_frames,

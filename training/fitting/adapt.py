@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from tokt.features.common.arrays import F64, I64, Bools
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, counted
 from tokt.labels.page.suggestions.queue import next_frames
 from tokt.labels.page.suggestions.suggester import suggestions
 from tokt.labels.page.suggestions.suggestion_table import MissionSuggestions
@@ -362,7 +362,8 @@ def _words(told: dict[str, Any]) -> list[str]:
         false, missed = (f"{was[key]} -> {now[key]}" for key in _FIGURES[-2:])
         words = [
             f"Gained on {name}: {f1}false patches {false}, missed {missed}, in "
-            f"{len(gained['frames'])} frames, each judged by a model that learnt of the others."
+            f"{counted(len(gained['frames']), 'frame')}, each judged by a model that learnt of the "
+            "others."
         ]
     changes = {dive: one for dive, one in lost.items() if one["change"] is not None}
     worse = ", ".join(
@@ -371,8 +372,7 @@ def _words(told: dict[str, Any]) -> list[str]:
         if one["change"] <= -_SMALL
     )
     fell = f"WORSE: {worse}" if worse else f"F1 fell by {_SMALL} in none"
-    dives = f"{len(changes)} old dive{'' if len(changes) == 1 else 's'}"
-    words.append(f"Elsewhere, {dives}, held out as before: {fell}.")
+    words.append(f"Elsewhere, {counted(len(changes), 'old dive')}, held out as before: {fell}.")
     words.append(f"More labels: {_more(told['curve'])}.")
     if told["rate_unknown"]:
         words.append(f"Rate of false statuses in {name}: unknown.")

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tokt.features.common.arrays import F32, F64, I64, Bools
+from tokt.features.common.errors import counted
 
 from .suggestion_table import MissionSuggestions
 
@@ -147,7 +148,7 @@ class _Queue:
 
     def _why(self, place: int, candidate: int) -> str:
         patches = (self._known.values[place] <= self._near).sum()
-        number = f"{patches or 'no'} patch{'' if patches == 1 else 'es'}"
+        number = counted(patches, "patch") if patches else "no patches"
         of_what = "of a second class" if self._known.several else "of the threshold"
         unsure = f"{number} within {self._near:g} {of_what}"
         nearest = int(self._nearest[candidate])

@@ -1,6 +1,7 @@
 """The `tokt` program: its commands, and how it ends when something is wrong."""
 
 import os
+import re
 import sys
 import tempfile
 import time
@@ -121,7 +122,8 @@ def _mistake(error: Exception) -> str | None:
     if isinstance(error, ToktError):
         return str(error)
     if isinstance(error, typer.TyperException):
-        return error.format_message()
+        words = re.sub("a valid int.*", "a whole number.", error.format_message())
+        return re.sub("a valid float.*", "a number.", words)
     if isinstance(error, ModuleNotFoundError):
         missing = missing_extra(error, "this command")
         return None if missing is None else str(missing)

@@ -52,7 +52,8 @@ LogOption = Annotated[
 
 def compare(
     models: Annotated[
-        list[str], Argument(help="Models: NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")
+        list[str],
+        Argument(help="Models: NAME, NAME@ALIAS, NAME/VERSION, a .tokt file or a store's folder."),
     ],
     output: ReportOption = None,
     mission: MissionsOption = None,

@@ -14,7 +14,6 @@ _parted = False
 def join_bash_words(environment: MutableMapping[str, str]) -> None:
     """Put together again what bash parted, such as NAME@ALIAS, in what it tells of its line."""
     global _parted
-    _parted = True
     words = environment["COMP_WORDS"].split("\n")
     current = last = int(environment["COMP_CWORD"])
     joined: list[str] = []
@@ -27,6 +26,7 @@ def join_bash_words(environment: MutableMapping[str, str]) -> None:
         else:
             joined.append(word)
         glue = is_break
+    _parted = not joined[current].startswith(('"', "'"))  # it parts nothing in quotes
     environment.update(COMP_WORDS="\n".join(joined), COMP_CWORD=str(current))
 
 
@@ -36,11 +36,13 @@ def complete(context: Any, param: Any, incomplete: str) -> list[str]:
     # Bash puts what it is told in the place of the last part alone, which an @ belongs to.
     last = max(0, incomplete.rfind("@"), incomplete.rfind(":") + 1, incomplete.rfind("=") + 1)
     cut = last if _parted else 0
-    return [value[cut:] for value in known if value.startswith(incomplete)]
+    # One with a blank would be two words: a shell completes a file's name itself, and quotes it.
+    whole = (value for value in known if " " not in value)
+    return [value[cut:] for value in whole if value.startswith(incomplete)]
 
 
 def _values(name: str, context: Any, incomplete: str) -> Iterator[str]:
-    workspace = context.params.get("workspace") or Path(".tokt")
+    workspace = Path(context.params.get("workspace") or ".tokt")  # a text as yet
     for kind in name.split("|"):
         if kind == "DATASET":
             latest = (workspace / "datasets").glob("*/latest")
@@ -50,7 +52,7 @@ def _values(name: str, context: Any, incomplete: str) -> Iterator[str]:
 
             yield from registered_names(workspace, REFERENCES if kind == "MODEL" else ALIASES)
             if kind == "MODEL":
-                yield from sorted(map(str, Path().glob("*.tokt")))
+                yield from sorted(map(str, Path().glob("?*.tokt")))
         elif kind == "EXTRACTOR":
             from tokt.features.extractors.named_extractors import NAMED
 

@@ -20,7 +20,8 @@ from .output import print_line as print
 _FAULTY = 1
 _LITTLE_BYTES = 1e9
 _STYLES = {OK: "green", NOTE: "yellow", FAULT: "bold red"}
-_EXTRAS = ("train", "label", "camera", "cluster")
+_EXTRAS = ("train", "label", "camera", "mavlink", "mcap", "metrics", "sign", "cluster")
+"""Those of which no other line tells."""
 _REQUIREMENT = r"([A-Za-z0-9._-]+)(?:\[([^\]]*)\])?"
 _OF_EXTRA = r"""extra\s*==\s*["']([^"']+)["']"""
 

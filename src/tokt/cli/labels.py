@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from tokt.features.common.errors import ToktError, printable
+from tokt.features.common.errors import ToktError, counted, printable
 from tokt.labels.formats import NAMES
 
 from .help import Commands
@@ -212,7 +212,7 @@ def audit_labels(
 
 
 def _print_audit(found: Audit, files: list[Path]) -> None:
-    print(f"{found.of}: {len(found.patches)} labels are contradicted")
+    print(f"{found.of}: {counted(len(found.patches), 'label')} contradicted")
     print(f"  {found.rule}")
     for patch in found.patches[:_SHOWN]:
         where = f"{patch.mission} {patch.camera} {patch.frame} row {patch.row} col {patch.col}"
@@ -227,9 +227,9 @@ def _print_audit(found: Audit, files: list[Path]) -> None:
 def import_labels(
     file: LabelFile,
     annotator: Annotated[
-        str | None, Option(help="Name of the annotator. Default: the name in the file.")
+        str | None, Option(help="Annotator, where the file names none. Default: the file's name.")
     ] = None,
-    grid: Annotated[str, Option(help="Grid of the file's rows and columns.")] = "10x10@360",
+    grid: Annotated[str, Option(help="Grid, where the file names none.")] = "10x10@360",
     file_format: FormatOption = None,
     mission_dir: MissionDirOption = None,
     mission: MissionOption = None,
@@ -275,10 +275,10 @@ def import_labels(
             {**where, "annotators": annotators, "labels": n, **counts, "lost": list(read.lost)}
         )
         return
-    more = f", {added.suggestions} suggestions" if added.suggestions else ""
+    more = f", {counted(added.suggestions, 'suggestion')}" if added.suggestions else ""
     more += f", {added.settled} settled" if added.settled else ""
     print(
-        f"{file}: {n} labels by {', '.join(annotators)}: {added.new} new,"
+        f"{file}: {counted(n, 'label')} by {', '.join(annotators)}: {added.new} new,"
         f" {added.changed} changed, {added.unchanged} known already{more}"
     )
     _say_lost(FORMATS[read.format].title, read.lost)

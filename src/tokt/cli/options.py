@@ -24,7 +24,7 @@ TaxonomyOption = Annotated[
 ]
 DatasetArgument = Annotated[str, Argument(help="Dataset: NAME or NAME@HASH.")]
 ModelArgument = Annotated[
-    str, Argument(help="Model: NAME, NAME@ALIAS, NAME/VERSION or a .tokt file.")
+    str, Argument(help="Model: NAME, NAME@ALIAS, NAME/VERSION, a .tokt file or a store's folder.")
 ]
 RegisteredModelArgument = Annotated[
     str, Argument(help="Registered model: NAME, NAME@ALIAS or NAME/VERSION.")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, counted
 
 from .options import JsonOption, LoggedRunOption, read_calibration_file
 from .output import answer, progress, say
@@ -107,7 +107,8 @@ def replay(
     for frame in progress(plan.frames(), logged.n_frames, "judged again"):
         tally.add(frame)
     if not tally.compared:
-        reasons = ", ".join(f"{n} frames: {why}" for why, n in tally.not_compared.items())
+        why_not = tally.not_compared.items()
+        reasons = ", ".join(f"{counted(n, 'frame')}: {why}" for why, n in why_not)
         raise ToktError(f"no frame of run {logged.run} can be compared ({reasons or 'no frames'})")
     by = other.label if other is not None else "the run's own"
     about = {"run": logged.run, "frames": logged.n_frames, "model": by, "notes": warnings}
@@ -178,24 +179,25 @@ def _software_warnings(logged: LoggedRun) -> list[str]:
 def _show_replay(plan: Replay, tally: Tally, by: str) -> None:
     logged = plan.run
     names = ", ".join(name.label for name in logged.models) or "no model"
-    print(f"run {logged.run}: {logged.n_frames} frames, policy {logged.start.policy}, {names}")
+    frames = counted(logged.n_frames, "frame")
+    print(f"run {logged.run}: {frames}, policy {logged.start.policy}, {names}")
     print(f"judged again by: {by}")
     _show_table("logged", "judged again", tally.statuses)
     if tally.compared == tally.same:
         print(f"all {tally.compared} frames compared are the same, to the last bit")
     else:
         print(
-            f"{tally.compared} frames compared: {tally.same} the same to the last bit, "
+            f"{counted(tally.compared, 'frame')} compared: {tally.same} the same to the last bit, "
             f"{tally.status_differs} with another status, {tally.figures_differ} with the same "
             "status and another figure"
         )
     for why, count in tally.not_compared.items():
-        print(f"{count} frames not compared: {why}")
+        print(f"{counted(count, 'frame')} not compared: {why}")
     if tally.alike_all_the_same:
         print(f"  ({tally.alike_all_the_same} of them came out the same)")
     if tally.gaps:
         what = "frames that were not recorded" if logged.recorded else "lines that are lost"
-        print(f"in {tally.gaps} places: {what}, which are in no figure here")
+        print(f"in {counted(tally.gaps, 'place')}: {what}, which are in no figure here")
     _show_stretches(tally.stretches, _replayed_words)
 
 
@@ -230,21 +232,22 @@ def _show_shadow(report: ShadowReport) -> None:
     print(f"champion {champions}, challenger {report.challenger['label']} (never sent)")
     _show_table("champion", "challenger", report.statuses)
     share = f" ({100 * report.agree / report.frames:.1f} %)" if report.frames else ""
-    print(f"{report.frames} frames compared: one status on {report.agree}{share}")
-    print(f"{report.dropped} frames left out: the challenger was busy, or not ready yet")
+    print(f"{counted(report.frames, 'frame')} compared: one status on {report.agree}{share}")
+    print(f"{counted(report.dropped, 'frame')} left out: the challenger was busy, or not ready yet")
     for side in ("champion", "challenger"):
         _show_side(report, side)
     leads = report.lead_frames()
     if leads:
         earlier, later = sum(lead > 0 for lead in leads), sum(lead < 0 for lead in leads)
         print(
-            f"of the champion's {len(leads)} shared episodes the challenger begins earlier in "
-            f"{earlier}, later in {later}, at the same frame in {len(leads) - earlier - later}"
+            f"of the champion's {counted(len(leads), 'shared episode')} the challenger begins "
+            f"earlier in {earlier}, later in {later}, "
+            f"at the same frame in {len(leads) - earlier - later}"
         )
     if report.fault:
         print(f"the challenger judged no more: {report.fault}")
     if report.lost_lines:
-        print(f"{report.lost_lines} places of the log cannot be read")
+        print(f"{counted(report.lost_lines, 'place')} of the log cannot be read")
     _show_stretches(
         report.stretches,
         lambda one: "champion {champion}, challenger {challenger}".format(**one.to_json()),
@@ -265,8 +268,9 @@ def _show_side(report: ShadowReport, side: str) -> None:
         else f"{latency['median']:.1f} ms median, {latency['p99']:.1f} ms p99"
     )
     print(
-        f"{side}: obstacle alone on {frames} frames in {stretches} stretches; {episodes} episodes, "
-        f"{shared} shared; unknown on {report.unknown(side)} frames; {took}"
+        f"{side}: obstacle alone on {counted(frames, 'frame')} in {counted(stretches, 'stretch')}; "
+        f"{counted(episodes, 'episode')}, {shared} shared; "
+        f"unknown on {counted(report.unknown(side), 'frame')}; {took}"
     )
 
 

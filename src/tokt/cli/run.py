@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 from typer import Option
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, counted
 from tokt.inference.config import OPTIONS, RunConfig, read_config
 
 from .options import is_written
@@ -118,4 +118,4 @@ def listen(
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
                 return
     if watch.lost:
-        say(f"{watch.lost} datagrams are missing")
+        say(f"missing: {counted(watch.lost, 'datagram')}")

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tokt.features.common.address import without_credentials
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, counted
 from tokt.features.frames.mission import parse_frames
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import (
@@ -177,14 +177,16 @@ class RunModel:
 def _words(summary: Summary, senders: Iterable[Sender]) -> str:
     """A run that has ended, in one line for people."""
     line = (
-        f"{summary.frames} frames in {summary.seconds:.1f} s: {summary.obstacle} obstacle, "
-        f"{summary.clear} clear, {summary.unknown} unknown; {summary.sent} datagrams sent"
+        f"{counted(summary.frames, 'frame')} in {summary.seconds:.1f} s: "
+        f"{summary.obstacle} obstacle, {summary.clear} clear, {summary.unknown} unknown; "
+        f"{counted(summary.sent, 'datagram')} sent"
     )
     if summary.send_failures:
         reasons = sorted({sender.last_error for sender in senders if sender.last_error})
         line += f", {summary.send_failures} refused ({', '.join(reasons)})"
     if summary.heartbeats or summary.dropped:
-        line += f"; {summary.heartbeats} heartbeats, no time for {summary.dropped} frames"
+        late = counted(summary.dropped, "frame")
+        line += f"; {counted(summary.heartbeats, 'heartbeat')}, no time for {late}"
     if summary.log_failures:
         line += f"; {summary.log_failures} log lines could not be written"
     return line

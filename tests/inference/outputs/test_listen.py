@@ -164,7 +164,7 @@ def test_the_command_tells_silence_and_loss(closed_port):
     assert [one["lost"] for one in heard] == [0, 2] and shown[-1]["silent_s"] >= 0.3
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=MAX_S)
-    assert (process.returncode, out, err) == (0, "", "2 datagrams are missing\n")
+    assert (process.returncode, out, err) == (0, "", "missing: 2 datagrams\n")
 
 
 def test_a_trend_is_shown_in_words():

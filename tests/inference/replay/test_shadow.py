@@ -99,6 +99,7 @@ def test_where_another_model_says_otherwise_is_found(make_mission, bundle_file, 
     shown = call_tokt("shadow", log)
     assert shown.code == 0
     assert "frame 8-9 (2 frames): champion obstacle, challenger clear" in shown.out
+    assert "in 3 stretches; 1 episode, 0 shared;" in shown.out
 
 
 def test_in_real_time_it_misses_frames_and_may_die_and_the_champion_goes_on(

@@ -338,6 +338,14 @@ def test_more_labels_in_words():
         assert "too few frames are labelled" in _more(few)
 
 
+def test_one_old_dive_is_no_dives():
+    figures = {"before": {"f1": 0.8}, "after": {"f1": 0.8}, "change": 0.0}
+    told = {"mission": "new", "gained": None, "curve": curve(2, 0.3), "rate_unknown": False}
+    for count, dives in ((1, "1 old dive,"), (2, "2 old dives,")):
+        words = adapt._words({**told, "lost": {str(number): figures for number in range(count)}})
+        assert any(f"Elsewhere, {dives} held out as before" in each for each in words)
+
+
 def test_a_damaged_run_is_said_to_be_one(three, monkeypatch):
     registry = Registry(three["workspace"])
     was = registry.parameters(registry.find("tower/1"))
