@@ -243,7 +243,10 @@ def log_comparison(
     labels = [model["model"] for model in result["models"]]
     ids = {item.label: _model_id(item.bundle, registry) for item in compared.models}
     experiment = registry.experiment_id()
-    with registry.reported(), mlflow.start_run(experiment_id=experiment, run_name=RUN_NAME) as run:
+    with (
+        registry.reported(),
+        mlflow.start_run(experiment_id=experiment, run_name=RUN_NAME, nested=True) as run,
+    ):
         mlflow.set_tags(
             {
                 "kind": "compare",

@@ -339,7 +339,7 @@ def log_and_register(
     experiment = registry.experiment_id()
     with (
         registry.reported(),
-        mlflow.start_run(experiment_id=experiment, run_name=request.name) as run,
+        mlflow.start_run(experiment_id=experiment, run_name=request.name, nested=True) as run,
     ):
         mlflow.log_params(logged)
         texts = {name: str(value) for name, value in logged.items()}
