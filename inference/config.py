@@ -90,6 +90,14 @@ class Option:
             kind = inner[0]
         return kind
 
+    def typed(self, value: Any) -> Any:
+        """A value as the field has it: a path may be text, a time a whole number."""
+        if value is None or self.kind in (bool, int):
+            return value
+        if self.many:
+            return [value] if isinstance(value, str) else [*value]
+        return self.kind(value)
+
 
 def option(default: Any, text: str, metavar: str = "", **more: Any) -> Any:
     """A section's field; the others are `Option`'s."""
@@ -319,12 +327,17 @@ class RunConfig:
 
     @classmethod
     def of(cls, *layers: Mapping[str, Any]) -> Self:
-        """A run of options by name; those of a later layer win, and others have their defaults."""
+        """A run of options by name; those of a later layer win, and others have their defaults.
+
+        A path may be text, and one receiver need be no list. Raises ToktError for an unknown name.
+        """
         values: dict[str, Any] = {}
         for layer in layers:
-            for name in layer:
+            for name, value in layer.items():
+                if name not in OPTIONS:
+                    raise ToktError(f"unknown option {_nearest(name, OPTIONS)}")
                 values.pop(OPTIONS[name].not_with, None)
-            values |= layer
+                values[name] = OPTIONS[name].typed(value)
         made = {
             section: kind(**{name: values[name] for name in values.keys() & kind.__annotations__})
             for section, kind in SECTIONS.items()
@@ -430,8 +443,7 @@ def _value(each: Option, value: Any, where: str) -> Any:
         raise ToktError(f"{where} is {words}, not {_WORDS.get(found, found.__name__)}")
     if any(abs(it) >= _TOO_LARGE if type(it) is int else "\0" in str(it) for it in items):
         raise ToktError(f"{where} is too large, or text with a NUL in it")
-    made = [kind(item) for item in items]
-    return made if each.many else made[0]
+    return each.typed(value)
 
 
 def _toml(value: Any) -> str:

@@ -46,7 +46,7 @@ class Labels:
         *,
         format: str | None = None,
         annotator: str | None = None,
-        grid: str = "10x10@360",
+        grid: Grid | str = "10x10@360",
         mission_dir: str | Path | None = None,
         mission: str | None = None,
         camera: str = LEFT,
@@ -77,7 +77,7 @@ class Labels:
         """
         known = load_taxonomy(Path(workspace), Path(taxonomy) if taxonomy else None)
         chosen = format_named(format) if format else format_to_read(Path(file))
-        cells, images = Grid.parse(grid), images_in(mission_dir, mission)
+        cells, images = Grid.parse(str(grid)), images_in(mission_dir, mission)
         options = ReadOptions(known, annotator, cells, images, classes or {}, camera)
         read = FORMATS[chosen].read(Path(file), options)
         return cls(tuple(read.records), known, chosen, tuple(read.lost))
@@ -110,7 +110,8 @@ class Labels:
         """One row a record: mission, camera, frame, grid (text), row, col, label, annotator, ..."""
         with needed_by("Labels.to_pandas"):
             import pandas as pd
-        return pd.DataFrame([{**vars(one), "grid": str(one.grid)} for one in self.records])
+        rows = [{**vars(one), "grid": str(one.grid)} for one in self.records]
+        return pd.DataFrame(rows, columns=[*LabelRecord.__match_args__])
 
     def add_to(self, workspace: str | Path, progress: Progress = no_progress) -> AddResult:
         """Add them to a workspace's label store, which is made where there is none."""

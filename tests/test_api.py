@@ -185,6 +185,50 @@ def test_a_wrong_option_is_said_in_one_line(trained, tmp_path):
         tokt.train("tiny", presett="best")
 
 
+@pytest.mark.parametrize(
+    ("function", "wrong", "words"),
+    [
+        (tokt.build_dataset, {"block": 0}, "--block is at least 1, not 0"),
+        (tokt.train, {"folds": 1}, "--folds is at least 2, not 1"),
+        (tokt.train, {"embargo": 0}, "--embargo is at least 1, not 0"),
+        (tokt.train, {"max_samples": 0}, "--max-samples is at least 1000, not 0"),
+    ],
+)
+def test_python_has_the_bounds_of_the_command_line(function, wrong, words, trained):
+    more = {"mission": "dive"} if function is tokt.build_dataset else {}
+    refuses(words, function, "tiny", workspace=trained, **more, **wrong)
+
+
+def test_a_grid_and_a_number_are_given_as_such(tiny, workspace):
+    """And what a command takes as text, as text."""
+    about = {"mission": tiny.path, "labels": tiny.labels, "workspace": workspace}
+    made = [tokt.build_dataset("grid", grid=one, **about) for one in (tokt.Grid(), "10x10")]
+    assert made[0].hash == made[1].hash
+    split = dict(zip(("folds", "embargo"), TRAIN_TINY[1::2], strict=True))
+    version = tokt.train("tiny", "lbp", "plain", **split, least_patches=2, workspace=workspace)
+    assert version.operating_point.rule.min_patches == 2
+    assert len(tokt.Labels.read(tiny.labels, grid=tokt.Grid())) == 4000
+    assert "label" in tokt.Labels(()).to_pandas()
+
+
+def test_a_users_own_mlflow_run_stays_theirs(workspace, tmp_path, monkeypatch):
+    import mlflow
+
+    place = (tmp_path / "own").resolve()
+    place.mkdir()
+    split = dict(zip(("folds", "embargo"), TRAIN_TINY[1::2], strict=True))
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{place}/mlflow.db")
+    mlflow.set_tracking_uri(f"sqlite:///{place}/mlflow.db")
+    with mlflow.start_run() as own:
+        version = tokt.train("tiny", "lbp", "plain", **split, workspace=workspace)
+        assert mlflow.active_run().info.run_id == own.info.run_id
+        monkeypatch.delenv("MLFLOW_TRACKING_URI")
+        refuses("run of another MLflow registry is active", tokt.load_model, "m", workspace)
+    logged = mlflow.get_run(version.registered.run_id)
+    assert logged.data.tags["mlflow.parentRunId"] == own.info.run_id
+    assert mlflow.get_run(own.info.run_id).info.status == "FINISHED"
+
+
 def test_a_function_of_options_is_called_either_way():
     @takes(tokt.DatasetOptions)
     def name_and(options: tokt.DatasetOptions, *, more: str = "") -> str:
@@ -249,7 +293,8 @@ def test_a_label_of_no_class_is_refused(tmp_path):
 
 
 def test_a_run_is_described_by_its_options(tiny_bundle, tiny, tmp_path):
-    options = {"source": str(tiny.path), "bundle": tiny_bundle, "log": tmp_path / "run.jsonl"}
+    options = {"source": tiny.path, "bundle": str(tiny_bundle), "log": str(tmp_path / "run.jsonl")}
+    options["udp"] = "127.0.0.1:1131"
     summary = tokt.run(tokt.RunConfig.of(options))
     frames = [line for line in tokt.read_log(tmp_path / "run.jsonl") if "frame" in line]
     assert summary.frames == len(frames) == 40
@@ -258,3 +303,5 @@ def test_a_run_is_described_by_its_options(tiny_bundle, tiny, tmp_path):
     policy = tokt.SinglePolicy(tokt.TextureDetector(model))
     judged = [policy.judge(frame).verdict for frame in tokt.open_source(tiny.path)]
     assert [verdict.status for verdict in judged] == [line["status"] for line in frames]
+    refuses("did you mean log_values", tokt.RunConfig.of, {"log-values": True})
+    refuses("for the command tokt run", tokt.run, tokt.RunConfig.of({"watchdog": True}))

@@ -6,12 +6,12 @@ from inspect import signature
 from pathlib import Path
 from typing import Any, ParamSpec, Protocol, TypeVar, cast, overload
 
+from tokt.features.common.errors import ToktError
+
 Fields = ParamSpec("Fields")
 Options = TypeVar("Options")
 Given = TypeVar("Given", contravariant=True)
 Result = TypeVar("Result", covariant=True)
-Progress = Callable[..., Any]
-"""``progress(items, total, what)`` passes the items through, showing how far it is."""
 Notice = Callable[[str], None]
 """Is told what a user should know of the work; `warnings.warn` unless something else is given."""
 PathOrText = Path | str
@@ -45,6 +45,14 @@ def takes(
         return cast(Taking[Fields, Options, Result], called)
 
     return decorated
+
+
+def at_least(options: object, **bounds: int) -> None:
+    """Raise ToktError where a field is below its bound, to which typer holds a command line."""
+    for name, least in bounds.items():
+        value = getattr(options, name)
+        if value is not None and value < least:
+            raise ToktError(f"--{name.replace('_', '-')} is at least {least}, not {value}")
 
 
 def paths(given: OneOrMore) -> list[Path]:

@@ -229,6 +229,9 @@ class Registry:
             if not create:
                 raise ToktError(f"no model has been trained in workspace {workspace} yet")
             _create_database(local)
+        if mlflow.active_run() is not None and mlflow.get_tracking_uri() != self.uri:
+            # It could not be ended any more.
+            raise ToktError("a run of another MLflow registry is active here: end it first")
         _use(self.uri)
         with self.reported():
             if _dialect(self.uri) in DATABASE_ENGINES and self._database is None:

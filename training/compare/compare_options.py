@@ -10,13 +10,13 @@ import pandas as pd
 
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
-from tokt.labels.formats.options import no_progress
+from tokt.labels.formats.options import Progress, no_progress
 from tokt.labels.taxonomy import load_taxonomy
 from tokt.models.registry.load import load_model
 from tokt.models.registry.registry import Registry
 from tokt.training.datasets.mission_source import labelled_missions
 from tokt.training.evaluation.evaluate_options import MissionOptions
-from tokt.training.options import Notice, PathOrText, Progress, paths, takes, texts
+from tokt.training.options import Notice, PathOrText, paths, takes, texts
 
 from .comparison import compare_models
 from .held_out_predictions import check_different, read_held_out

@@ -7,9 +7,9 @@ from pathlib import Path
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.mission import parse_frames
-from tokt.labels.formats.options import no_progress
+from tokt.labels.formats.options import Progress, no_progress
 from tokt.labels.taxonomy import load_taxonomy
-from tokt.training.options import Notice, OneOrMore, PathOrText, Progress, paths, takes
+from tokt.training.options import Notice, OneOrMore, PathOrText, at_least, paths, takes
 
 from .dataset import DatasetVersion, thin_classes, write_dataset
 from .mission_source import labelled_missions, plan_from_missions, plan_from_patch_folder
@@ -29,7 +29,7 @@ class DatasetOptions:
     patches: PathOrText | None = None
     task: str = "binary"
     frames: str | None = None
-    grid: str | None = None
+    grid: Grid | str | None = None
     block: int | None = None
     taxonomy: PathOrText | None = None
     workspace: PathOrText = Path(".tokt")
@@ -69,6 +69,7 @@ def build_dataset(
     """
     if bool(options.mission) == bool(options.patches):
         raise ToktError("give either --mission DIR or --patches DIR")
+    at_least(options, block=1)
     workspace = Path(options.workspace)
     classes = load_taxonomy(workspace, *paths(options.taxonomy))
     remarks: list[str] = []
@@ -81,7 +82,7 @@ def build_dataset(
         folder = Path(options.patches)
         plan = plan_from_patch_folder(options.name, options.task, folder, classes)
     else:
-        cells = Grid.parse(options.grid) if options.grid else DEFAULT_GRID
+        cells = Grid.parse(str(options.grid)) if options.grid else DEFAULT_GRID
         wanted = parse_frames(options.frames) if options.frames else None
         named = paths(options.mission), paths(options.labels)
         missions = labelled_missions(*named, workspace, classes, cells, notice)

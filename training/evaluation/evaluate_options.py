@@ -8,13 +8,13 @@ from typing import Any
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import parse_frames
-from tokt.labels.formats.options import no_progress
+from tokt.labels.formats.options import Progress, no_progress
 from tokt.labels.taxonomy import load_taxonomy
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.registry.load import load_model
 from tokt.training.calibration_file import read_calibration_file
 from tokt.training.datasets.mission_source import LabelledMission, labelled_missions
-from tokt.training.options import Notice, OneOrMore, PathOrText, Progress, paths, takes
+from tokt.training.options import Notice, OneOrMore, PathOrText, paths, takes
 
 from .approaches import AtSea, logged_distances
 from .evaluate import evaluate_missions, evaluate_patches

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common.errors import ToktError
-from tokt.labels.formats.options import no_progress
+from tokt.labels.formats.options import Progress, no_progress
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.operating_point import OperatingPoint
 from tokt.models.registry.registration import RegisteredVersion
@@ -14,7 +14,7 @@ from tokt.models.registry.registry import Registry, check_model_name
 from tokt.models.signing.passphrase import signing_key
 from tokt.training.datasets.augmentations import STRESS
 from tokt.training.datasets.dataset import DatasetVersion, open_dataset
-from tokt.training.options import PathOrText, Progress, takes, texts
+from tokt.training.options import PathOrText, at_least, takes, texts
 
 from .choose_operating_point import DEFAULT_TARGET, FalseStatusTarget
 from .cross_validation import Split
@@ -57,7 +57,7 @@ class TrainOptions:
     stress: bool = False
     false_status_rate: float = DEFAULT_TARGET.rate
     confidence: float = DEFAULT_TARGET.confidence
-    least_patches: str = AUTO
+    least_patches: int | str = AUTO
     frame_rule: str = AUTO
     ocean: PathOrText | None = None
     other: PathOrText | None = None
@@ -143,6 +143,7 @@ def train(options: TrainOptions, *, progress: Progress = no_progress) -> Trained
     >>> version.metrics["patch"]["f1"]  # doctest: +SKIP
     0.987
     """
+    at_least(options, folds=2, embargo=1, max_samples=1000)
     workspace = Path(options.workspace)
     data = open_dataset(options.dataset, workspace / "datasets")
     settings = _settings(options, preset_for(options.preset, data), data)
@@ -184,7 +185,7 @@ def _settings(options: TrainOptions, preset: str, data: DatasetVersion) -> Train
             what = "a folder of patches" if data.block_frames is None else f"preset {preset}"
             raise ToktError(f"--fixed-boundary is of no use: with {what} it is fixed anyway")
         settings = replace(settings, moving_boundary=False)
-    if options.max_samples:
+    if options.max_samples is not None:
         if settings.two_images:
             raise ToktError("preset thesis learns from two images: no --max-samples")
         settings = replace(settings, max_samples=options.max_samples)
@@ -199,7 +200,11 @@ def _file_name(extractor: str) -> str:
 
 
 def _target(options: TrainOptions) -> FalseStatusTarget:
-    rate, confidence, text = options.false_status_rate, options.confidence, options.least_patches
+    rate, confidence, text = (
+        options.false_status_rate,
+        options.confidence,
+        str(options.least_patches),
+    )
     least = None if text == AUTO else _number(text, "--least-patches", "2")
     if options.frame_rule == AUTO:
         return FalseStatusTarget(rate, confidence, least, None)

@@ -76,6 +76,8 @@ _END_S = 1.0
 
 def check(config: RunConfig) -> None:
     """Refuse options that contradict each other, and those that would do nothing."""
+    if config.monitoring.watchdog:
+        raise ToktError("--watchdog is for the command tokt run: it starts processes")
     given = [each for each in OPTIONS.values() if each.name in config.given]
     for each in given:
         if each.not_with in config.given:
@@ -208,11 +210,11 @@ def _as_json(config: RunConfig, model: Bundle | None, summary: Summary) -> dict[
 def run(config: RunConfig) -> Summary:
     """Run until the source ends or somebody stops it, and say what came of it.
 
-    Only for the main thread: Ctrl-C and SIGTERM end the run.
+    Only for the main thread: Ctrl-C and SIGTERM end the run. SIGTERM is ignored after either.
 
     Examples
     --------
-    >>> options = {"source": "dive", "bundle": Path("tower-lbp-1.tokt"), "log": Path("run.jsonl")}
+    >>> options = {"source": "dive", "bundle": "tower-lbp-1.tokt", "log": "run.jsonl"}
     >>> tokt.run(tokt.RunConfig.of(options)).frames  # doctest: +SKIP
     246
     """
