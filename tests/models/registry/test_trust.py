@@ -447,9 +447,14 @@ def test_a_signature_that_is_gone(pair, key_files):
 
 def test_a_signature_that_is_none(pair, key_files):
     update = "UPDATE model_version_tags SET value = ? WHERE key = ?"
-    for value in ("", "{}", '{"format_version": 9}'):
+    newer = "signature has format 9, newer than this tokt reads"
+    for value, words in (
+        ("", "signature is"),
+        ("{}", "signature is"),
+        ('{"format_version": 9}', newer),
+    ):
         change(pair, (update, value, SIGNATURE_TAG))
-        export_refused("signature is", pair, "tiny-haralick", "--sign", key_files["boat"])
+        export_refused(words, pair, "tiny-haralick", "--sign", key_files["boat"])
 
 
 # --- what training reads of a run -----------------------------------------------------------------

@@ -19,6 +19,7 @@ from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import LEFT, format_frames, open_mission
 from tokt.inference.outputs.udp import decode
 from tokt.labels.formats.label_csv import read_label_csv
+from tokt.labels.formats.options import Progress
 from tokt.labels.record import LabelRecord
 from tokt.labels.store.store import LabelStore
 from tokt.labels.taxonomy import UNSURE, Taxonomy
@@ -46,7 +47,7 @@ from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import extractor_for, settings_named
 from tokt.training.fitting.tracking import log_and_register
 from tokt.training.fitting.train import TrainRequest, fit_and_measure
-from tokt.training.options import Notice, Progress
+from tokt.training.options import Notice
 
 from .report import DemoRun, write_report
 

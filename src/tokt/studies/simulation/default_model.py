@@ -15,6 +15,7 @@ import numpy as np
 from tokt.features.common import atomic
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import open_mission
+from tokt.labels.formats.options import Progress
 from tokt.labels.taxonomy import Taxonomy
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.registry.registry import Registry
@@ -34,7 +35,7 @@ from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import extractor_for, settings_named
 from tokt.training.fitting.tracking import log_and_register
 from tokt.training.fitting.train import TrainRequest, fit_and_measure
-from tokt.training.options import Notice, Progress
+from tokt.training.options import Notice
 
 NAME = "closed-loop"
 EXTRACTOR, PRESET = "haralick", "best"

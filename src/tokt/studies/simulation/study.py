@@ -12,6 +12,7 @@ import pandas as pd
 
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
+from tokt.labels.formats.options import Progress
 from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.studies.simulation.loop.flight import METHODS, NONE, fly, uses_model
 from tokt.studies.simulation.loop.scenes import KINDS, draw_scene
@@ -20,7 +21,7 @@ from tokt.studies.simulation.rendering.synthetic_mission import check_width
 from tokt.studies.simulation.report.maps import Chart
 from tokt.studies.simulation.report.outcome import FlightOutcome, outcome_of, table
 from tokt.studies.simulation.report.report import write_report
-from tokt.training.options import Notice, Progress
+from tokt.training.options import Notice
 from tokt.training.parallel import mapped
 
 from .default_model import train_default_model

@@ -17,12 +17,13 @@ from tokt.features.common.machine import machine
 from tokt.features.frames.mission import Mission, open_mission
 from tokt.features.kernels.dispatch import KERNELS, LIBRARY, VARIABLE
 from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.labels.formats.options import Progress
 from tokt.labels.taxonomy import Taxonomy
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.presets import DEFAULT_EXTRACTOR, extractor_for
-from tokt.training.options import Notice, Progress
+from tokt.training.options import Notice
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
 from .cases import BestFrame, Case, HaralickKernel, LbpKernel, Picture, WholeFrame, textured_frame

@@ -19,9 +19,10 @@ from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.matching import Matches
 from tokt.inference.stereo.pushbroom import BAND, CELL_PX, PushbroomDetector
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
+from tokt.labels.formats.options import Progress
 from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.training.options import Notice, Progress
+from tokt.training.options import Notice
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
 from .cases import Case

@@ -12,6 +12,7 @@ from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.image_file import read_image
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, open_mission
 from tokt.inference.stereo.calibration import StereoCalibration, check_calibration, read_calibration
+from tokt.labels.formats.options import Progress
 from tokt.labels.merge import merge_annotators
 from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
@@ -20,7 +21,7 @@ from tokt.studies.baselines.thesis_texture import DESCRIBE, GRID
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.train import rendered_other_image
 from tokt.training.matlab_file import read_matlab_numbers
-from tokt.training.options import Notice, Progress
+from tokt.training.options import Notice
 from tokt.training.rig.calibrate.frame_selection import MIN_SHARE, evenly_spaced, texture
 from tokt.training.rig.calibrate.self_calibration import BASELINE_MM, plain_start, self_calibrate
 

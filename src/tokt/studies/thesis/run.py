@@ -11,7 +11,8 @@ from tokt import __version__
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.features.common.machine import machine
-from tokt.training.options import Notice, Progress
+from tokt.labels.formats.options import Progress
+from tokt.training.options import Notice
 
 from .exhibits.centre_figures import centre_and_box
 from .exhibits.curve_figures import curve_figures
