@@ -172,7 +172,7 @@ def test_lines_that_are_lost_leave_what_comes_after_unknown(logged, ruled, log):
     found = replayed(log, "--run", first)
     assert found["run"] == first and found["frames"] == 7
     assert found["gaps"] == 1 and found["notes"] == []
-    assert "in 1 places: lines that are lost" in call_tokt("replay", log).out
+    assert "in 1 place: lines that are lost" in call_tokt("replay", log).out
     assert found["compared"] == 5 and found["not_compared"] == {before: 2}
     # A damaged line before a run's first is none of its own.
     log.write_text('{"half of a\n' + "".join(both[10:]))
