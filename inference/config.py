@@ -333,11 +333,11 @@ class RunConfig:
         """
         values: dict[str, Any] = {}
         for layer in layers:
-            for name, value in layer.items():
+            for name in layer:
                 if name not in OPTIONS:
                     raise ToktError(f"unknown option {_nearest(name, OPTIONS)}")
                 values.pop(OPTIONS[name].not_with, None)
-                values[name] = OPTIONS[name].typed(value)
+            values |= {name: OPTIONS[name].typed(value) for name, value in layer.items()}
         made = {
             section: kind(**{name: values[name] for name in values.keys() & kind.__annotations__})
             for section, kind in SECTIONS.items()

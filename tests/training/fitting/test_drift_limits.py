@@ -87,14 +87,13 @@ def test_too_little_to_measure_on_is_no_distribution(block_frames):
     assert training_distribution(dataset, features, GAP) is None
 
 
-def test_it_is_kept_with_the_run_and_goes_into_the_bundle(trained):
+def test_its_summary_stands_in_the_recipe_and_it_goes_into_the_bundle(trained):
     registry = Registry(trained)
     version = registry.find("tiny-lbp/1")
     bundle, recipe = registry.bundle("tiny-lbp"), registry.recipe(version)
     assert bundle.distribution is not None
     assert recipe["distribution"] == bundle.distribution.summary()
-    (file,) = (trained / "mlartifacts").rglob(f"{version.run_id}/**/distribution.npz")
-    kept = distribution_from_bytes(file.read_bytes(), "run")
-    assert distribution_bytes(kept) == distribution_bytes(bundle.distribution)
+    kept = distribution_from_bytes(distribution_bytes(bundle.distribution), "bundle")
+    assert kept.summary() == bundle.distribution.summary()
     assert "Input drift" in bundle.content.card and "8 of these windows" in bundle.content.card
     assert registry.bundle("tiny-lbp").sha256 == bundle.sha256
