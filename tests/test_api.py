@@ -20,6 +20,7 @@ TRAINING = (
     *("TrainOptions", "TrainedVersion", "build_dataset", "compare", "evaluate", "train"),
 )
 RUNTIME = sorted({*tokt.__all__} - {*TRAINING})
+OF_TRAIN = "install the extra 'train'"
 COMMANDS = [
     ("dataset", "build", tokt.DatasetOptions, tokt.build_dataset),
     ("train", "train", tokt.TrainOptions, tokt.train),
@@ -80,9 +81,9 @@ print(len(tokt.Labels.read(f"{sys.argv[2]}/labels.csv")))
 @pytest.mark.parametrize(
     ("wanted", "without", "words"),
     [
-        ("tokt.train", "sklearn", "tokt.train needs sklearn: install tokt[train]"),
-        ("tokt.build_dataset", "pandas", "tokt.build_dataset needs pandas: install tokt[train]"),
-        ("tokt.load_model('m')", "mlflow", "the model m needs mlflow: install tokt[train]"),
+        ("tokt.train", "sklearn", f"tokt.train needs sklearn: {OF_TRAIN}"),
+        ("tokt.build_dataset", "pandas", f"tokt.build_dataset needs pandas: {OF_TRAIN}"),
+        ("tokt.load_model('m')", "mlflow", f"the model m needs mlflow: {OF_TRAIN}"),
         ("tokt.Labels(()).to_pandas()", "pandas", "Labels.to_pandas needs pandas"),
     ],
 )

@@ -172,7 +172,8 @@ def _on_cluster(
             raise ToktError(f"the dask scheduler {address} was lost during the work") from error
         except ModuleNotFoundError as error:
             raise ToktError(
-                f"a dask worker of {address} has no {error.name}: install tokt[train,cluster] there"
+                f"a dask worker of {address} has no {error.name}: install "
+                "the extras 'train' and 'cluster' there"
             ) from error
 
 

@@ -6,8 +6,8 @@ from contextlib import contextmanager
 from .errors import ToktError
 
 _BROUGHT = {
-    "train": "mlflow sklearn scipy pandas pyarrow joblib threadpoolctl matplotlib jinja2 skimage "
-    "mahotas",
+    "train": "mlflow sklearn scipy pandas pyarrow joblib threadpoolctl sqlalchemy matplotlib "
+    "jinja2 skimage mahotas",
     "label": "fastapi starlette pydantic uvicorn yaml",
     "camera": "pymba",
     "vimbax": "vmbpy",
@@ -16,7 +16,7 @@ _BROUGHT = {
     "mavlink": "pymavlink serial",
     "metrics": "prometheus_client",
     "sign": "cryptography",
-    "cluster": "dask distributed psutil",
+    "cluster": "dask distributed",
 }
 EXTRAS = {package: extra for extra, brought in _BROUGHT.items() for package in brought.split()}
 """The extra that brings a package, by the name it is imported by."""
@@ -36,7 +36,8 @@ def missing_extra(
     package = (error.name or "").partition(".")[0]
     if package not in EXTRAS:
         return None
-    return MissingExtraError(f"{who} needs {package}: install tokt[{extra or EXTRAS[package]}]")
+    wanted = extra or EXTRAS[package]
+    return MissingExtraError(f"{who} needs {package}: install the extra '{wanted}'")
 
 
 @contextmanager

@@ -23,7 +23,7 @@ def mavlink_dialect() -> ModuleType:
     try:
         return import_module("pymavlink.dialects.v20.common")
     except ImportError:
-        wanted = "MAVLink needs the extra 'mavlink': pip install 'tokt[mavlink]'"
+        wanted = "MAVLink needs the extra 'mavlink'"
         raise ToktError(wanted) from None
 
 

@@ -226,6 +226,6 @@ def open_link(text: str) -> Link:
     try:
         import serial  # noqa: F401 - opened by a thread that could not say so
     except ImportError:
-        wanted = "a serial port needs the extra 'mavlink': pip install 'tokt[mavlink]'"
+        wanted = "a serial port needs the extra 'mavlink'"
         raise ToktError(wanted) from None
     return StreamLink(lambda: _SerialChannel(device, baud))

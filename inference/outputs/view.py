@@ -83,7 +83,7 @@ class LiveView(Observer):
         if self.record is not None and self.record.suffix.lower() != ".mp4":
             raise ToktError(f"--view-record writes an .mp4 file, not {self.record.name!r}")
         if self.record is not None and find_spec("av") is None:
-            raise ToktError("--view-record needs the extra 'video': pip install 'tokt[video]'")
+            raise ToktError("--view-record needs the extra 'video'")
         self._part = None if self.record is None else new_video(self.record)
         # No lock: the loop would wait for whoever has it, should that be kept from the processor.
         self._newest: deque[ViewMoment] = deque(maxlen=1)

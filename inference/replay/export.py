@@ -60,7 +60,7 @@ def export_log(
     if kind not in (CSV, MCAP):
         raise ToktError(f"a log is exported as FILE.mcap or FILE.csv, not {target.name}")
     if kind == MCAP and not (find_spec("mcap") and find_spec("rosbags")):
-        raise ToktError("an MCAP file needs tokt[mcap]: pip install 'tokt[mcap]'")
+        raise ToktError("an MCAP file needs the extra 'mcap'")
     if kind == log.suffix.lower():  # it may be one of the log's own files
         raise ToktError(f"{target.name} would have the ending of the log: choose another")
     done, gaps = Exported(), list[LogGap]()

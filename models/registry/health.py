@@ -66,7 +66,7 @@ def _counted(workspace: Path, where: str, own: bool, files_of: Path | None = Non
     try:
         from .registry import Registry
     except ModuleNotFoundError as error:
-        text = f"{where}: not opened, {error.name} is not installed (tokt[train])"
+        text = f"{where}: not opened, {error.name} is not installed (extra 'train')"
         return Finding(NAME, NOTE, text)
     registry = Registry(workspace, own=own, files_of=files_of)
     versions = registry.versions()

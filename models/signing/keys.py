@@ -31,7 +31,7 @@ def _cryptography() -> Iterator[None]:
     try:
         yield
     except ImportError:
-        raise ToktError("signatures need the package cryptography: install tokt[sign]") from None
+        raise ToktError("signatures need cryptography: install the extra 'sign'") from None
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ def test_a_bundle_file_is_shown_without_mlflow(tiny_bundle, tmp_path, tokt_witho
     assert (card.returncode, card.stderr) == (0, "")
     assert card.stdout == read_bundle(tiny_bundle).content.card
     named = tokt_without(TRAINING_TOOLS, tmp_path, "models", "show", "tiny-lbp")
-    assert named.returncode == 2 and "tokt[train]" in named.stderr
+    assert named.returncode == 2 and "extra 'train'" in named.stderr
 
 
 def test_the_store_says_where_its_model_comes_from(tiny_bundle, tmp_path, tokt_without):

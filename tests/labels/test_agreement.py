@@ -127,7 +127,7 @@ except ToktError as error:
     print(error)
 """
     ran = run_python("-c", code)
-    assert ran.returncode == 0 and "tokt[label]" in ran.stdout
+    assert ran.returncode == 0 and "extra 'label'" in ran.stdout
 
 
 @pytest.mark.mission

@@ -82,7 +82,7 @@ print([policy.judge(frame).verdict.status for frame in tokt.open_source({str(mis
     ):
         refused = _run(slim_python, "-m", "tokt", *missing)
         assert refused.returncode == 2
-        assert refused.stderr.count("\n") == 1 and "tokt[train]" in refused.stderr, refused.stderr
+        assert refused.stderr.count("\n") == 1 and "extra 'train'" in refused.stderr, refused.stderr
 
     found = _run(slim_python, "-m", "tokt", "doctor", "--json", *space)
     findings = {item["name"]: item for item in json.loads(found.stdout)["findings"]}

@@ -18,7 +18,7 @@ def open_drivers(addresses: Sequence[VideoAddress], clock: Clock) -> list[Camera
     ToktError if what reads video is not installed.
     """
     if not (find_spec("av") and find_spec("aiortsp")):
-        raise ToktError("network video needs the extra 'video': pip install 'tokt[video]'")
+        raise ToktError("network video needs the extra 'video'")
     return [
         ProcessDriver("video", side, at.name, {"address": asdict(at.with_environment())}, clock)
         for side, at in enumerate(addresses)

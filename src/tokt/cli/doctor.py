@@ -20,8 +20,8 @@ from .output import print_line as print
 _FAULTY = 1
 _LITTLE_BYTES = 1e9
 _STYLES = {OK: "green", NOTE: "yellow", FAULT: "bold red"}
-_EXTRAS = ("train", "label", "camera", "mavlink", "mcap", "metrics", "sign", "cluster")
-"""Those of which no other line tells."""
+_NO_USER_S = {"all", "demo", "dev", "docs", "release"}
+"""Extras of the checkout, and the sum of all others."""
 _REQUIREMENT = r"([A-Za-z0-9._-]+)(?:\[([^\]]*)\])?"
 _OF_EXTRA = r"""extra\s*==\s*["']([^"']+)["']"""
 
@@ -53,8 +53,6 @@ def _findings(store: Path | None, workspace: Path) -> list[Finding]:
         from tokt.features.kernels.health import kernel_findings
 
         found.extend(kernel_findings())
-    with _examined("extra video", found):
-        found.append(_video())
     with _examined("camera driver", found):
         from tokt.inference.sources.cameras.vimba.system import camera_driver_finding
 
@@ -96,7 +94,7 @@ def _examined(name: str, found: list[Finding]) -> Iterator[None]:
 
 def _installation() -> Iterable[Finding]:
     """Versions and extras; an extra that was not asked for is no fault."""
-    from importlib.metadata import version
+    from importlib.metadata import metadata, version
 
     from tokt.features.common.machine import machine
 
@@ -106,7 +104,9 @@ def _installation() -> Iterable[Finding]:
     yield Finding("machine", OK, f"{about['system']}, {about['cpu']}, {about['cores']} cores")
     yield _imported("numpy")
     yield _imported("opencv", "cv2")
-    yield from map(_extra, _EXTRAS)
+    for extra in metadata("tokt").get_all("Provides-Extra", []):
+        if extra not in _NO_USER_S:
+            yield _video() if extra == "video" else _extra(extra)
 
 
 def _imported(name: str, module: str = "") -> Finding:
@@ -121,8 +121,7 @@ def _extra(extra: str) -> Finding:
     missing = missing_packages("tokt", extra)
     figures = {"missing": missing}
     if missing:
-        text = f"missing: {', '.join(missing)} (pip install 'tokt[{extra}]')"
-        return Finding(f"extra {extra}", NOTE, text, figures)
+        return Finding(f"extra {extra}", NOTE, f"missing: {', '.join(missing)}", figures)
     return Finding(f"extra {extra}", OK, "complete", figures)
 
 

@@ -322,7 +322,7 @@ def test_what_cannot_be_exported_is_refused_and_leaves_nothing(tmp_path, monkeyp
         export_log(log, target)
     assert list(target.parent.iterdir()) == []
     monkeypatch.setattr("tokt.inference.replay.export.find_spec", lambda _: None)
-    refused("tokt[mcap]", "replay", log, "--export", target)
+    refused("extra 'mcap'", "replay", log, "--export", target)
 
 
 KINDS = {

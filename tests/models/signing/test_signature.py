@@ -502,7 +502,7 @@ def test_without_cryptography_a_store_with_keys_refuses(guarded, signed, tmp_pat
     done = run_python("-c", WITHOUT, guarded.path, tmp_path / "b.tokt", tmp_path / "new")
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
-    assert lines == ["signatures need the package cryptography: install tokt[sign]"] * 5 + ["b/2"]
+    assert lines == ["signatures need cryptography: install the extra 'sign'"] * 5 + ["b/2"]
 
 
 # --- key files

@@ -112,7 +112,7 @@ def list_cameras(timeout_s: float = _TIMEOUT_S) -> Listing:
     """
     for package in ("harvesters", "genicam"):
         if find_spec(package) is None:
-            raise ToktError(f"a genicam camera needs {package}: install tokt[genicam]")
+            raise ToktError(f"a genicam camera needs {package}: install the extra 'genicam'")
     try:
         ran = subprocess.run(
             program("cameras.genicam"),
@@ -227,7 +227,7 @@ def genicam_finding() -> Finding:
     try:
         harvesters = f"harvesters {version('harvesters')} with genicam {version('genicam')}"
     except PackageNotFoundError as error:
-        return Finding(NAME, NOTE, f"no {error.name}; GenICam cameras need tokt[genicam]")
+        return Finding(NAME, NOTE, f"no {error.name}; GenICam cameras need the extra 'genicam'")
     try:
         producer_files()
     except ToktError as error:

@@ -13,7 +13,7 @@ from typing import Any
 from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError
 from tokt.features.common.machine import installed_version
 
-NO_PYMBA = "no pymba; live cameras need tokt[camera]"
+NO_PYMBA = "no pymba; live cameras need the extra 'camera'"
 WHAT_TO_SET = (
     "install Allied Vision's Vimba SDK and set GENICAM_GENTL64_PATH to the folder of its .cti "
     "file, as the SDK's own profile script does (on Windows: VIMBA_HOME)"

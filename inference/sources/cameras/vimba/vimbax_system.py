@@ -8,7 +8,7 @@ from tokt.features.common.machine import installed_version
 
 from .system import VimbaSystem, library_finding
 
-NO_VMBPY = "no vmbpy; cameras of Vimba X need tokt[vimbax]"
+NO_VMBPY = "no vmbpy; cameras of Vimba X need the extra 'vimbax'"
 NO_TRANSPORT = (
     "Vimba X finds no transport layer: install Vimba X and set GENICAM_GENTL64_PATH to the folder "
     "of its .cti files, as its own profile script does"

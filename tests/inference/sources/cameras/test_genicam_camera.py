@@ -208,4 +208,4 @@ def test_without_harvesters_doctor_says_what_to_install(monkeypatch):
     monkeypatch.setattr(genicam_producers, "version", version)
     found = genicam_producers.genicam_finding()
     assert found.state == "note"
-    assert found.text == "no harvesters; GenICam cameras need tokt[genicam]"
+    assert found.text == "no harvesters; GenICam cameras need the extra 'genicam'"

@@ -63,7 +63,7 @@ def test_a_library_without_a_symbol(monkeypatch, tmp_path, compiler):
 
 def test_no_pymba_names_the_extra(monkeypatch):
     monkeypatch.setattr(sys, "path", [entry for entry in sys.path if "site-packages" not in entry])
-    assert refusal() == "no pymba; live cameras need tokt[camera]"
+    assert refusal() == "no pymba; live cameras need the extra 'camera'"
 
 
 def test_doctor_and_the_simulator_in_another_process(vimba_environment, monkeypatch):

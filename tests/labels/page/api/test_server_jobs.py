@@ -88,7 +88,7 @@ def test_what_a_command_says_is_the_error(page_server, server, tmp_path, monkeyp
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(shadowed))
     server.kill()
     server.start().post("/api/job", what="model")
-    assert ended(server)["error"] == "this command needs mlflow: install tokt[train]"
+    assert ended(server)["error"] == "this command needs mlflow: install the extra 'train'"
     assert server.send("/api/job", {"what": "rm"}).status == 400
 
 
