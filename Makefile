@@ -3,7 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
+DEMO_READY := $(VENV)/demo-ready
 DOCS_READY := $(VENV)/docs-ready
+RELEASE_READY := $(VENV)/release-ready
 # mypy and import-linter do not see through an editable install's name mapping: they are shown
 # the same files under the names they are imported by.
 TREE := rm -rf $(VENV)/tree && mkdir -p $(VENV)/tree/tokt && \
@@ -11,9 +13,10 @@ TREE := rm -rf $(VENV)/tree && mkdir -p $(VENV)/tree/tokt && \
 	for part in features labels training models inference; do \
 	ln -s $(CURDIR)/$$part $(VENV)/tree/tokt/$$part; done
 
-.PHONY: demo docs test test-rest test-all check sanitize fuzz soak scale page-times effort video fingerprint format clean
+.PHONY: demo docs test test-rest test-all wheels test-wheels newest check sanitize fuzz soak scale page-times effort video fingerprint format clean
 
-demo: $(READY)
+# A checkout that tests run in has all that the demo needs.
+demo: $(if $(wildcard $(READY)),$(READY),$(DEMO_READY))
 	$(BIN)/tokt demo --out demo-out
 
 # The docs' site in build/site, with the notebooks run: any warning, such as a dead link, is an error.
@@ -43,10 +46,30 @@ test-%: $(READY)
 
 check: $(READY)
 	$(BIN)/ruff check .
+	$(BIN)/deptry features models labels inference training src
 	$(BIN)/ruff format --check .
 	$(TREE)
 	MYPYPATH=$(VENV)/tree $(BIN)/mypy
 	cd $(VENV)/tree && ../bin/lint-imports --config ../../pyproject.toml
+
+# What is published, in dist/. TOKT_REPOSITORY=https://... is where the links of its page lead.
+wheels: $(RELEASE_READY)
+	rm -rf dist
+	$(BIN)/python packaging/wheels.py build
+	$(BIN)/python packaging/wheels.py describe
+
+# Built again they are the same bytes; the tests of kernels, bundles and wheels pass on each of
+# them. PYTHON=python3.14 for another Python.
+test-wheels: $(RELEASE_READY)
+	rm -rf build/again
+	$(BIN)/python packaging/wheels.py build --out build/again
+	cd build/again && sha256sum --quiet --check --ignore-missing ../../dist/SHA256SUMS
+	$(BIN)/python packaging/wheels.py test dist/*_$(shell uname -m).whl dist/*-none-any.whl \
+		--python $(PYTHON)
+
+# Whether the newest versions of all dependencies break something: for a schedule, such as cron's.
+newest: $(READY)
+	$(BIN)/python packaging/newest.py
 
 # The compiled kernels with gcc's checks of memory and arithmetic, under a folder of their own.
 # Python itself is not built that way: the checks' library is loaded first, and what Python keeps
@@ -105,14 +128,29 @@ format: $(READY)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-$(READY): pyproject.toml setup.py constraints.txt $(wildcard features/kernels/native/*.h features/kernels/native/*.pyx)
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,dev]'
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+# What an older checkout compiled would be imported in place of the new extension.
+NEW_VENV := $(PYTHON) -m venv $(VENV) && rm -f features/kernels/_native.*.so
+SOURCES := pyproject.toml setup.py constraints.txt $(wildcard features/kernels/native/*.h features/kernels/native/*.pyx)
+
+$(READY): $(SOURCES)
+	$(NEW_VENV)
+	$(PIP) -e '.[all,dev]'
+	touch $@
+
+# Bytecode is written as it is needed: most of these packages is never imported.
+$(DEMO_READY): $(SOURCES)
+	$(NEW_VENV)
+	$(PIP) --no-compile -e '.[demo]'
 	touch $@
 
 $(DOCS_READY): $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(PIP) -e '.[docs]'
+	touch $@
+
+$(RELEASE_READY): $(READY)
+	$(PIP) -e '.[release]'
 	touch $@
 
 clean:
-	rm -rf $(VENV) demo-out bench-out build src/*.egg-info features/kernels/_native.*.so features/kernels/native/*.c
+	rm -rf $(VENV) demo-out bench-out build dist src/*.egg-info features/kernels/_native.*.so features/kernels/native/*.c

@@ -107,16 +107,25 @@ def git_files():
 
 
 @pytest.fixture(scope="session")
-def wheel(git_files, tmp_path_factory):
-    """tokt as a wheel, built from a copy: what an older build left behind would come along."""
-    source, built = ROOT, tmp_path_factory.mktemp("wheel")
-    if git_files:
-        source = tmp_path_factory.mktemp("copy")
+def sources(git_files, tmp_path_factory):
+    """A copy of what git holds: what an older build left behind does not come along."""
+    if not git_files:
+        return ROOT
+    copy = tmp_path_factory.mktemp("copy")
     for name in git_files:
-        (source / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(ROOT / name, source / name)
+        (copy / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / name, copy / name)
+    return copy
+
+
+@pytest.fixture(scope="session")
+def wheel(sources, tmp_path_factory):
+    """tokt as a wheel; `packaging/wheels.py test` names one that is built already."""
+    if "TOKT_WHEEL" in os.environ:
+        return Path(os.environ["TOKT_WHEEL"])
+    built = tmp_path_factory.mktemp("wheel")
     pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "wheel", "--quiet")
-    options = ("--no-build-isolation", "--no-deps", "--wheel-dir", built, source)
+    options = ("--no-build-isolation", "--no-deps", "--wheel-dir", built, sources)
     done = subprocess.run([*pip, *options], capture_output=True, text=True, check=False, cwd=built)
     assert done.returncode == 0, done.stderr
     return next(built.glob("tokt-*.whl"))

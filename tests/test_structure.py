@@ -21,7 +21,7 @@ def modules(*folders):
     return [path for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
 
 
-@pytest.mark.parametrize("folder", [*ROOMS, "tests", "docs"])
+@pytest.mark.parametrize("folder", [*ROOMS, "packaging", "tests", "docs"])
 def test_a_room_holds_at_most_some_twenty_files(folder):
     counts = Counter(
         (path.parent.relative_to(ROOT).as_posix(), path.suffix)

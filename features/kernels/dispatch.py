@@ -346,7 +346,7 @@ def load_kernels(name: str, why: str = "asked for") -> Kernels:
 
 def _reason(error: ImportError) -> str:
     if str(error).startswith("cannot import name '_native'"):
-        return "they were not built; install tokt again where there is a C compiler"
+        return "they were not built; install a platform's wheel, or where there is a C compiler"
     return str(error)
 
 

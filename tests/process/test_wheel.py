@@ -5,8 +5,10 @@ An editable install hides what a wheel lacks: it finds every file of the checkou
 
 import http.client
 import json
+import os
 import re
 import signal
+import subprocess
 import sys
 import tomllib
 import zipfile
@@ -14,7 +16,6 @@ from contextlib import closing
 from dataclasses import replace
 from fnmatch import fnmatch
 from pathlib import Path, PurePosixPath
-from sysconfig import get_config_var
 from urllib.parse import urljoin, urlsplit
 
 import psutil
@@ -61,22 +62,43 @@ def product(git_files):
 def packed(wheel):
     """The wheel's files, but for what it says of itself."""
     with zipfile.ZipFile(wheel) as archive:
-        names = [name for name in archive.namelist() if ".dist-info/" not in name]
+        files = [name for name in archive.namelist() if not name.endswith("/")]
+        names = [name for name in files if ".dist-info/" not in name]
         return {name: archive.read(name) for name in names}
 
 
-def test_the_wheel_holds_what_git_holds(product, packed):
+def test_the_wheel_holds_what_git_holds(wheel, product, packed):
     missing = sorted(product.keys() - packed.keys())
     assert [name for name in missing if not name.endswith(EXTENSION_SOURCES)] == []
     assert {"tokt/py.typed", "tokt/__init__.pyi"} <= packed.keys()  # users' type checkers read them
-    compiled = {
-        module["name"].replace(".", "/") + get_config_var("EXT_SUFFIX")
-        for module in SETUPTOOLS["ext-modules"]
-    }
-    assert sorted(packed.keys() - product.keys() - compiled) == []
+    suffix = ".pyd" if sys.platform == "win32" else ".abi3.so"
+    modules = [module["name"].replace(".", "/") for module in SETUPTOOLS["ext-modules"]]
+    compiled = set() if "-none-any" in wheel.name else {name + suffix for name in modules}
+    assert packed.keys() - product.keys() == compiled
     both = sorted(product.keys() & packed.keys())
     assert len(both) > 100
     assert [name for name in both if product[name].read_bytes() != packed[name]] == []
+
+
+def test_without_a_compiler_a_wheel_is_for_all_platforms(wheel, sources, tmp_path):
+    """Though one with compiled kernels was built before in the same folder."""
+    command = (sys.executable, "-m", "pip", "wheel", "--verbose", "--no-build-isolation")
+    where = ("--no-deps", "--wheel-dir", tmp_path, sources)
+    environ = {**os.environ, "CC": "false", "TOKT_REPOSITORY": "https://example.org/tokt"}
+    done = subprocess.run([*command, *where], env=environ, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "no compiler: the wheel has numpy's kernels alone" in done.stdout + done.stderr
+    (made,) = tmp_path.glob("*.whl")
+    assert made.name.endswith("-py3-none-any.whl")
+    with zipfile.ZipFile(made) as archive:
+        assert not [name for name in archive.namelist() if name.endswith((".so", ".pyd"))]
+        (about,) = (name for name in archive.namelist() if name.endswith("/METADATA"))
+        page = archive.read(about).decode()
+    assert "![" in page and "](https://example.org/tokt/raw/HEAD/docs/pictures/" in page
+    links = re.findall(r"\]\(([^)]+)\)", page)
+    files = [link.removeprefix("https://example.org/tokt/").split("/", 2)[2] for link in links]
+    assert len(files) > 10 and all((ROOT / file).is_file() for file in files)
+    assert "Project-URL: Changelog, https://example.org/tokt/blob/HEAD/CHANGELOG.md" in page
 
 
 @pytest.fixture(scope="module")

@@ -42,7 +42,8 @@ NEWEST_ALIAS = "challenger"
 _MAX_DESCRIPTION = 5000  # what MLflow's database keeps of one
 _MAX_KEY = 250  # characters that MLflow keeps of a metric's name
 _NOT_IN_A_NAME = re.compile(r"[^\w.\- ]")  # of a metric; missions are called as folders are
-_LIBRARIES = ("numpy", "opencv-python-headless", "scikit-learn", "mlflow")
+_LIBRARIES = ("numpy", "opencv-python-headless", "scikit-learn")
+_MLFLOW = f"mlflow {mlflow.__version__}"  # of mlflow or mlflow-skinny
 
 
 def code_version() -> str:
@@ -128,7 +129,7 @@ def _recipe(trained: Trained, model_id: str) -> dict[str, Any]:
             **({"search": request.search} if request.search else {}),
             "code_version": code_version(),
             "mlflow_model_id": model_id,
-            "libraries": ", ".join(f"{name} {version(name)}" for name in _LIBRARIES),
+            "libraries": ", ".join([f"{x} {version(x)}" for x in _LIBRARIES] + [_MLFLOW]),
             "kernels": KERNELS.name,
         },
     }

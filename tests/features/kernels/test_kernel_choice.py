@@ -98,7 +98,7 @@ def test_load_kernels_refuses_unknown_names():
 def test_numpy_where_nothing_is_compiled(without_extension):
     code, out, err = run("-c", f"{DESCRIBE}; {NAME_AND_WHY}", path=without_extension)
     assert (code, err) == (0, "")
-    assert out.startswith("numpy | no compiled ones: they were not built; install tokt again")
+    assert out.startswith("numpy | no compiled ones: they were not built; install a platform's")
 
 
 def test_compiled_asked_for_but_not_there(without_extension, tiny_bundle, tmp_path):
