@@ -68,7 +68,9 @@ def test_make_test_has_the_proof_and_the_rest_is_run_after_it():
     (everything,) = re.findall(r"^test-all:.*\n\t(.*)$", MAKEFILE, re.MULTILINE)
     assert everything == "$(PYTEST)"
     landing = re.findall(r"^make .*$", (ROOT / ".ci" / "run").read_text("utf-8"), re.MULTILINE)
-    assert landing == ["make test EXAMPLES=full", "make docs", "make test-rest", "make check"]
+    tests = ["make test EXAMPLES=full", "make docs", "make test-rest"]
+    rest = ["make wheels", "make test-wheels", "make check"]
+    assert landing == ["make demo VENV=build/demo-venv", *tests, *rest]
 
 
 def test_a_run_of_the_missions_tests_leaves_none_of_their_files_out():

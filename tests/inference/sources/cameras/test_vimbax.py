@@ -335,7 +335,7 @@ def test_the_doctor_tries_the_library_in_another_process(program, state, words, 
 
 def test_no_vmbpy_names_the_extra(monkeypatch):
     monkeypatch.setattr(vimbax_system, "installed_version", lambda _: None)
-    refuses(r"tokt\[vimbax\]", open_drivers, [RED], SourceConfig(), SYSTEM_CLOCK, True)
+    refuses("extra 'vimbax'", open_drivers, [RED], SourceConfig(), SYSTEM_CLOCK, True)
     monkeypatch.setattr(sys, "path", [entry for entry in sys.path if "site-packages" not in entry])
     assert vimbax_finding().state == "note"
 
