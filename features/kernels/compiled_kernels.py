@@ -23,7 +23,7 @@ from . import _native, numpy_pictures
 from .block_matching import PADDING, BlockMatching, padded
 from .checks import over_rows
 from .lbp_points import lbp_points, nearest_points, pattern_codes
-from .numpy_pictures import overlaps, sign_tiles
+from .numpy_pictures import SUMS_AS_X86, area_weights, is_area_sum, overlaps, sign_tiles
 from .quantization import (
     FRAME,
     MIN_AROUND,
@@ -34,7 +34,7 @@ from .quantization import (
     gray16_step,
 )
 
-_INTERFACE = 7
+_INTERFACE = 8
 if getattr(_native, "INTERFACE", None) != _INTERFACE:
     raise ImportError("the extension was built from other sources; install tokt again")
 
@@ -44,8 +44,8 @@ _LOG2_TABLE = 1 << 16  # counts; larger ones are rare, and their logarithm is ta
 _MAX_POINTS_IN_TABLE = 12  # 4 kB of pattern codes; a larger table pushes out what it indexes
 _INVERSE_DIFFERENCE = 1.0 / (1.0 + np.arange(256.0) ** 2)
 _MAX_REDUCTION = 64.0  # beyond it so many values are near ties that OpenCV is as fast
-# OpenCV's sums are known to be formed this way on x86; elsewhere its own resize is called.
-_OWN_RESIZE = platform.machine().lower() in ("x86_64", "amd64")
+# The bits that OpenCV gives on x86, where models are trained; ARM has no others.
+_KNOWN_ORDER = SUMS_AS_X86 or platform.machine().lower() in ("aarch64", "arm64")
 
 
 class _Scratch(threading.local):
@@ -118,33 +118,12 @@ def haralick_features(gray: U8, grid: Grid, ignore_zeros: bool, threads: int = 1
 
 @lru_cache(maxsize=16)
 def _area_tables(source: int, target: int) -> Any:
-    """Which of `source` pixels make up each of `target`, and with what weight.
-
-    Rounded as OpenCV rounds: positions in double precision, weights in single, and a share under
-    a thousandth of a pixel is left out.
-    """
-    scale = 1.0 / (target / source)
-    first, sources, weights = [0], [], []
-    for index in range(target):
-        start, end = index * scale, index * scale + scale
-        whole = min(scale, source - start)
-        last = min(int(np.floor(end)), source - 1)
-        begin = min(int(np.ceil(start)), last)
-        before = [(begin - start) / whole] if begin - start > 1e-3 else []
-        after = [min(end - last, 1.0, whole) / whole] if end - last > 1e-3 else []
-        sources.append(begin - len(before))
-        weights += before + [1.0 / whole] * (last - begin) + after
-        first.append(len(weights))
-    return _native.AreaTables(
-        np.array(first, np.int32), np.array(sources, np.int32), np.array(weights, np.float32)
-    )
+    return _native.AreaTables(*area_weights(source, target))
 
 
 def _is_own_area(shape: tuple[int, ...], height: int, width: int) -> bool:
-    """Whether this is a reduction by area that OpenCV has no shorter way for."""
-    down = shape[0] / height, shape[1] / width
-    whole = all(scale.is_integer() for scale in down)
-    return _OWN_RESIZE and min(down) >= 1 and max(down) <= _MAX_REDUCTION and not whole
+    down = max(shape[0] / height, shape[1] / width)
+    return _KNOWN_ORDER and down <= _MAX_REDUCTION and is_area_sum(shape, height, width)
 
 
 def _near_tie(shape: tuple[int, ...], height: int, width: int) -> float:

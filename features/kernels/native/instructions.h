@@ -22,9 +22,12 @@
 #define TOKT_BODY static inline
 #endif
 
-enum { PLAIN = 0, AVX2 = 1, AVX512 = 2 };
+/* From the plainest up to what the platform's best processors have. */
+enum { PLAIN = 0, AVX2 = 1, AVX512 = 2, NEON = 1 };
 
 #if defined(__GNUC__) && defined(__x86_64__)
+
+static const char *const instructions_names[] = {"plain", "avx2", "avx512"};
 
 static int instructions_best(void) {
     __builtin_cpu_init();
@@ -64,8 +67,35 @@ static int instructions_used = PLAIN;
             name##_plain arguments;                                                          \
     }
 
+#elif defined(__GNUC__) && defined(__aarch64__)
+
+/* Every such processor has NEON: the plain variant is there to hold the other one against. clang
+ * does not know the attribute, and makes both alike. */
+static const char *const instructions_names[] = {"plain", "neon"};
+static int instructions_best(void) { return NEON; }
+static int instructions_used = PLAIN;
+
+#if defined(__clang__)
+#define TOKT_SCALAR
+#else
+#define TOKT_SCALAR __attribute__((optimize("no-tree-loop-vectorize", "no-tree-slp-vectorize")))
+#endif
+
+#define TOKT_VARIANTS(name, declaration, arguments)                                          \
+    TOKT_SCALAR static void name##_plain declaration { name##_body arguments; }              \
+    static void name##_neon declaration { name##_body arguments; }                           \
+    static void name declaration {                                                           \
+        if (instructions_used == NEON)                                                       \
+            name##_neon arguments;                                                           \
+        else                                                                                 \
+            name##_plain arguments;                                                          \
+    }
+#define TOKT_VARIANTS_TO_AVX2(name, declaration, arguments) \
+    TOKT_VARIANTS(name, declaration, arguments)
+
 #else
 
+static const char *const instructions_names[] = {"plain"};
 static int instructions_best(void) { return PLAIN; }
 static int instructions_used = PLAIN;
 #define TOKT_VARIANTS(name, declaration, arguments) \

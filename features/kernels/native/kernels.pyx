@@ -10,6 +10,7 @@ from libc.stdint cimport int16_t, int32_t, int64_t, uint8_t, uint16_t, uint32_t,
 
 
 cdef extern from "instructions.h" nogil:
+    const char *const instructions_names[3]
     int instructions_used
     int instructions_best()
 
@@ -176,11 +177,11 @@ cdef extern from "match.h" nogil:
                      int16_t *out)
 
 
-INTERFACE = 7
+INTERFACE = 8
 """To be raised here and in compiled_kernels.py with any change of what they call each other with:
 a checkout whose extension was built before must fall back, and say so."""
 
-INSTRUCTIONS = ("plain", "avx2", "avx512")[:instructions_best() + 1]
+INSTRUCTIONS = tuple([instructions_names[i].decode() for i in range(instructions_best() + 1)])
 """Instruction sets this processor can run, the best one last."""
 
 

@@ -5,10 +5,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tokt.features.kernels.dispatch import Kernels
+from tokt.features.kernels.numpy_pictures import SUMS_AS_X86, is_area_sum, summed_as_x86
 
 from .drawn import Image, examples, paint, painted
 from .each_kernel import COMPILED_KERNELS, fast, needs_compiled
@@ -20,8 +21,10 @@ SIDES = st.integers(3, 60) | st.integers(3, 1500)
 
 
 def opencv(frame: Image, height: int, width: int) -> Image:
-    """Resized by area unless it has that size, then gray."""
-    if frame.shape[:2] != (height, width):
+    """Resized by area, as on x86, unless it has that size, then gray."""
+    if not SUMS_AS_X86 and is_area_sum(frame.shape, height, width):
+        frame = summed_as_x86(frame, height, width)
+    elif frame.shape[:2] != (height, width):
         frame = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA)
     return np.asarray(frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY))
 
@@ -43,6 +46,18 @@ def targets(draw: st.DrawFn, side: int) -> int:
         | st.sampled_from((side, max(1, side // 2), max(1, side // 3), max(1, side // 4)))
         | st.integers(side, 2 * side)
     )
+
+
+@pytest.mark.skipif(not SUMS_AS_X86, reason="OpenCV adds up in another order here")
+@examples(300)
+@given(data=st.data())
+def test_what_other_processors_add_up_is_what_opencv_gives_on_x86(data):
+    high, wide = data.draw(SIDES), data.draw(SIDES)
+    height, width = data.draw(st.integers(1, high)), data.draw(st.integers(1, wide))
+    assume(is_area_sum((high, wide), height, width))
+    frame = data.draw(painted((high, wide, *data.draw(st.sampled_from(((), (3,)))))))
+    resized = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA)
+    assert np.array_equal(summed_as_x86(frame, height, width), resized)
 
 
 @fast
