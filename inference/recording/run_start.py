@@ -11,7 +11,7 @@ from typing import Any, Self
 import cv2
 import numpy as np
 
-from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.common.errors import ToktError, check_format, os_errors_as
 from tokt.features.common.machine import installed_version
 from tokt.features.kernels.dispatch import KERNELS
 from tokt.inference.config import Limits, RunConfig
@@ -117,10 +117,8 @@ class RunStart:
         ToktError
             If it is not that, or of a newer tokt.
         """
-        found = value.get("format_version")
-        if type(found) is int and found > FORMAT_VERSION:
-            raise ToktError(f"{where}: the log is of a newer tokt (format {found})")
         try:
+            check_format(value.get("format_version"), FORMAT_VERSION, f"{where}: the log")
             return _read(value)
         except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
             detail = f"{type(error).__name__}: {error}"

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, check_format
 from tokt.inference.recording.log import LogGap, read_log
 from tokt.inference.verdict import OBSTACLE, STATUS_WORDS, UNKNOWN, status_table
 
@@ -177,10 +177,8 @@ def read_shadow(path: Path, run: str | None = None) -> ShadowReport:
     gaps: list[LogGap] = []
     reports: dict[str, ShadowReport] = {}
     for line in read_log(path, gaps):
-        version = line.get("format_version", SHADOW_FORMAT)
-        if type(version) is not int or version > SHADOW_FORMAT:
-            raise ToktError(f"{path} is of a newer tokt (format {version})")
         try:
+            check_format(line.get("format_version", SHADOW_FORMAT), SHADOW_FORMAT, str(path))
             _take(line, reports)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             detail = f"{type(error).__name__}: {error}"

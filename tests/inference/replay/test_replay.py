@@ -421,7 +421,7 @@ def begin_with(log: Path, **fields: object) -> None:
         (lambda log: write_lines(log, [{**lines(log)[0], "left": 3}]), "lacks what a replay needs"),
         (lambda log: write_lines(log, [{**lines(log)[0], "seq": "1"}]), "no 'seq'"),
         (lambda log: write_lines(log, []), "no frames"),
-        (lambda log: begin_with(log, format_version=99), "newer tokt"),
+        (lambda log: begin_with(log, format_version=99), "newer than this tokt"),
         (lambda log: begin_with(log, limits=1), "start event cannot be read"),
     ],
 )

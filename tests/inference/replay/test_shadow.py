@@ -255,7 +255,7 @@ def test_what_is_no_shadow_log_is_one_clear_line(tmp_path):
         ("is no shadow log", [START, {**line(1, 0, 0), "champion": 3}]),
         ("is no shadow log", [START, {**line(1, 0, 0), "frame": "1"}]),
         ("no status 9", [START, line(1, 0, 9)]),
-        ("newer tokt", [{**START, "format_version": 2}]),
+        ("newer than this tokt", [{**START, "format_version": 2}]),
     ):
         if values:
             write_lines(path, values)

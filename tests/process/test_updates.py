@@ -1,0 +1,133 @@
+"""What 0.1.0 left on ships and in labs is opened; what a newer tokt leaves is refused in words."""
+
+import json
+import shutil
+import sqlite3
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.calls import call_tokt, refused, succeeds
+
+KEPT = Path(__file__).with_name("files_of_0_1_0.tar.xz")
+WORK = ("--workspace", "work")
+
+
+@pytest.fixture
+def old(tmp_path, monkeypatch):
+    """The files that make_files_of_0_1_0.sh made, and the folder that they are in."""
+    shutil.unpack_archive(KEPT, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def members(bundle):
+    with zipfile.ZipFile(bundle) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def lines(log):
+    return [json.loads(line) for line in log.read_text().splitlines()]
+
+
+def test_its_labels_and_datasets_are_read(old):
+    written = (old / "dive" / "labels.csv").read_text().splitlines()
+    succeeds("labels", "export", "labels.csv", *WORK)
+    assert len((old / "labels.csv").read_text().splitlines()) == len(written)
+    (found,) = json.loads(succeeds("dataset", "list", "--json", *WORK).out)["datasets"]
+    assert found["name"] == "tower"
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_its_models_are_exported_as_they_were(old, number):
+    """The card's words have changed, and with them what the manifest says of it."""
+    succeeds("export", f"tower/{number}", "-o", "again.tokt", *WORK)
+    before, after = members(old / f"tower-{number}.tokt"), members(old / "again.tokt")
+    arrays = {name for name in before if name.endswith(".npz")}
+    assert len(arrays) > 2 and all(after[name] == before[name] for name in arrays)
+    one, two = (json.loads(found["manifest.json"]) for found in (before, after))
+    assert {key for key in one | two if one.get(key) != two.get(key)} == {
+        *("format_version", "manifest_sha256", "members"),
+        *(("signed_by",) if "signed_by" in one else ()),
+    }
+
+
+def test_its_champion_is_compared_with_a_model_of_today(old):
+    split = ("--folds", 3, "--embargo", 1)
+    succeeds("train", "tower", "--extractor", "lbp", "--name", "tower", *split, *WORK)
+    said = json.loads(succeeds("models", "list", "--json", *WORK).out)
+    assert "champion" in json.dumps(said) and {"1", "2", "3"} <= {
+        str(one["version"]) for one in said["models"]
+    }
+    succeeds("compare", "tower@champion", "tower/3", "--json", *WORK)
+
+
+def test_its_store_runs_and_judges_as_it_did(old):
+    succeeds("run", "--store", "store", "--source", "dive", "--log", "now.jsonl", "--log-values")
+    before, after = lines(old / "run.jsonl"), lines(old / "now.jsonl")
+    assert [line["status"] for line in after] == [line["status"] for line in before]
+    one, two = ([line["decision_values"] for line in log] for log in (before, after))
+    np.testing.assert_allclose(np.array(two), np.array(one), rtol=1e-9, atol=1e-9)
+
+
+def test_its_store_goes_on(old):
+    refused("not signed", "rollback", "store")
+    succeeds("deploy", "tower-2.tokt", "store", "--reason", "again")
+    found = json.loads(succeeds("store", "store", "--json").out)
+    assert [entry["number"] for entry in found["history"]] == [1, 2, 3]
+    assert call_tokt("doctor", "--store", "store", *WORK).code == 0
+
+
+@pytest.mark.parametrize("source", [(), ("--source", "dive")], ids=["recording", "log"])
+def test_its_runs_are_judged_again(old, source):
+    (recording,) = (old / "rec").glob("run-*")
+    succeeds("replay", "run.jsonl" if source else recording, "--store", "store", *source)
+
+
+def newer_json(path, key, line=-1):
+    texts = path.read_text().splitlines() if path.suffix == ".jsonl" else [path.read_text()]
+    value = json.loads(texts[line])
+    value[key] += 90
+    texts[line] = json.dumps(value)
+    path.write_text("\n".join(texts) + "\n")
+
+
+def newer_labels(path):
+    with sqlite3.connect(path) as connection:
+        connection.execute("PRAGMA user_version = 90")
+    connection.close()
+
+
+@pytest.mark.parametrize(
+    ("change", "command"),
+    [
+        (lambda: newer_json(Path("store/history.jsonl"), "format_version"), "store store"),
+        (
+            lambda: newer_json(Path("store/keys.json"), "format_version"),
+            "deploy tower-2.tokt store",
+        ),
+        (
+            lambda: newer_json(
+                next(Path("work/datasets/tower").glob("*/dataset.json")), "format_version"
+            ),
+            "train tower --extractor lbp --workspace work",
+        ),
+        (lambda: newer_labels(Path("work/labels.db")), "labels stats --workspace work"),
+        (
+            lambda: newer_json(next(Path("rec").glob("*/recording.jsonl")), "recording", 0),
+            "replay rec/RUN --store store",
+        ),
+        (
+            lambda: newer_json(Path("run.events.jsonl"), "format_version", 0),
+            "replay run.jsonl --source dive --store store",
+        ),
+    ],
+    ids=["history", "keys", "dataset", "labels", "recording", "log"],
+)
+def test_what_a_newer_tokt_wrote_is_refused_in_words(old, change, command):
+    change()
+    words = command.replace("RUN", next(Path("rec").glob("run-*")).name).split()
+    said = refused("newer", *words)
+    assert "update tokt" in said
