@@ -14,7 +14,7 @@ from typer import Option
 from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError, printable
 
 from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
-from .output import answer
+from .output import answer, say
 from .output import print_line as print
 
 _FAULTY = 1
@@ -28,15 +28,36 @@ _OF_EXTRA = r"""extra\s*==\s*["']([^"']+)["']"""
 
 def doctor(
     store: Annotated[Path | None, Option(help="Store to check as well.")] = None,
+    support: Annotated[
+        Path | None,
+        Option(metavar="FILE", help="Pack what a colleague needs to see into this zip file."),
+    ] = None,
+    config: Annotated[
+        Path | None, Option(help="Pack this run's configuration, logs and store as well.")
+    ] = None,
+    frames: Annotated[
+        bool, Option("--frames", help="Pack the last recorded frames as well.")
+    ] = False,
     workspace: WorkspaceOption = DEFAULT_WORKSPACE,
     json: JsonOption = False,
 ) -> None:
     """Check versions, kernels, camera drivers, store and registry.
 
     Every line is ok, a note (worth knowing, perhaps as intended) or a fault. Exit code 1: a fault.
-    Nothing on disk is changed.
+    Nothing on disk is changed but the file of --support. It holds no keys, tokens or passwords.
     """
+    if support is None and (config or frames):
+        raise ToktError("--config and --frames go with --support")
+    if frames and config is None:
+        raise ToktError("--frames needs --config, which names the recording")
     findings = _findings(store, workspace)
+    if support is not None:
+        from .support import write_support
+
+        packed = write_support(support, findings, store, config, frames)
+        say(f"{support} holds {', '.join(packed.names)}")
+        for fault in packed.faults:
+            say(f"not in it: {fault}")
     ok = all(finding.state != FAULT for finding in findings)
     value = {"ok": ok, "findings": [finding.to_json() for finding in findings]}
     answer(json, value, lambda: _print(findings))
