@@ -1,5 +1,6 @@
 """Time as the runtime sees it, so that a test can replace it."""
 
+import sys
 import time
 from collections.abc import Callable
 from typing import Protocol, TypeVar
@@ -39,7 +40,9 @@ class SystemClock:
 
     def monotonic(self) -> float:
         """Time since the computer was started, on Linux."""
-        return time.monotonic() if _BOOTTIME is None else time.clock_gettime(_BOOTTIME)
+        if sys.platform == "win32" or _BOOTTIME is None:
+            return time.monotonic()
+        return time.clock_gettime(_BOOTTIME)
 
     def suspended(self) -> float:
         """How far the two clocks are apart."""

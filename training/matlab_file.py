@@ -1,5 +1,6 @@
 """MATLAB's binary files with a stereo calibration: Bouguet's toolbox, Computer Vision Toolbox."""
 
+import sys
 import zlib
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
@@ -57,11 +58,11 @@ def read_matlab_numbers(path: Path | str) -> CalibrationNumbers:
 
 
 def _limit_memory() -> None:
-    """For the process that reads; where the system has no such limit, there is none."""
-    try:
-        import resource
-    except ImportError:
+    """For the process that reads; Windows has no such limit."""
+    if sys.platform == "win32":
         return
+    import resource
+
     _, most = resource.getrlimit(resource.RLIMIT_AS)
     if most == resource.RLIM_INFINITY or most > _MAX_MEMORY:
         resource.setrlimit(resource.RLIMIT_AS, (_MAX_MEMORY, most))

@@ -7,6 +7,7 @@ import os
 import secrets
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -39,7 +40,7 @@ class Notifier:
         self._sockets: list[tuple[socket.socket, bytes]] = []
         self._alive_at: float | None = None
         path = environ.get(SYSTEMD_VARIABLE, "")
-        if path:
+        if path and sys.platform != "win32":
             # A leading @ is a name in Linux's abstract namespace: sd_notify(3).
             self._open(socket.AF_UNIX, "\0" + path[1:] if path.startswith("@") else path, b"")
         port, _, rest = environ.get(WATCHDOG_VARIABLE, "").partition(":")

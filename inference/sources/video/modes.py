@@ -15,16 +15,18 @@ def describe_camera(device: str) -> tuple[str, list[str]]:
 
     OSError if it cannot be opened, or is no such device.
     """
-    from fcntl import ioctl
+    if sys.platform != "linux":
+        raise OSError("Video4Linux is Linux's")
+    import fcntl
 
     opened, formats = os.open(device, os.O_RDWR | os.O_NONBLOCK), []
     try:
-        about = ioctl(opened, _QUERYCAP, bytes(104))
+        about = fcntl.ioctl(opened, _QUERYCAP, bytes(104))
         if int.from_bytes(about[88:92], sys.byteorder) & _CAPTURE:
             with suppress(OSError):  # there is no more
                 for index in range(_MAX_LISTED):
                     asked = struct.pack("=II56x", index, 1)  # V4L2_BUF_TYPE_VIDEO_CAPTURE
-                    code = ioctl(opened, _ENUM_FMT, asked)[44:48]
+                    code = fcntl.ioctl(opened, _ENUM_FMT, asked)[44:48]
                     formats.append(_NAMES.get(code) or code.decode("ascii", "replace"))
     finally:
         os.close(opened)

@@ -46,7 +46,7 @@ def live_without_terminal() -> None:
     waiting. One that is closed sends SIGHUP, which would end the process. Not on Windows.
     """
     global _real_stderr
-    if os.name != "posix":
+    if sys.platform == "win32":
         return
     for number in (signal.SIGHUP, signal.SIGTTOU):
         signal.signal(number, signal.SIG_IGN)
