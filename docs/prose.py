@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
-MAX_WORDS = 15_000
+MAX_WORDS = 15_500
 MAX_SENTENCE = 25
 TEMPLATE = "src/tokt/studies/thesis/page.md.in"
 MADE = ("docs/thesis.md",)

@@ -5,6 +5,7 @@ import gzip
 import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -46,8 +47,7 @@ def build(out: Path) -> None:
         pack_again(sdist, out / sdist.name, int(when))
         for environ in ({}, NO_COMPILER):
             with tempfile.TemporaryDirectory(dir=folder) as sources:
-                with tarfile.open(out / sdist.name) as archive:
-                    archive.extractall(sources, filter="data")
+                shutil.unpack_archive(out / sdist.name, sources)
                 (unpacked,) = Path(sources).iterdir()
                 run(*pack, "--wheel", unpacked, SOURCE_DATE_EPOCH=when, **environ)
         for wheel in folder.glob("*.whl"):
