@@ -1,6 +1,7 @@
 """`tokt doctor --support`: what a colleague needs, whatever is broken, and no secrets."""
 
 import json
+import tomllib
 import zipfile
 
 import pytest
@@ -90,6 +91,49 @@ def test_what_is_broken_is_said_and_the_rest_is_there(ship, broken, said):
     assert "machine.json" in parts and "doctor.json" in parts
     assert said in parts["not_read.txt"] + parts["doctor.json"] + parts.get("store.json", "")
     assert "Traceback" not in done.err
+
+
+LINES = [
+    {"left": "http://10.0.0.9:8554/main", "model": "tower@champion", "mean": 0.5},
+    {"left": f"rtsp://10.0.0.9/main?password={SECRET}", "status": 1},
+    {"left": f"rtsp:/pilot:{SECRET}@10.0.0.9/main", "status": 1},
+    {"left": f"rtsp:pilot:{SECRET}@10.0.0.9/main", "status": 1},
+    {"words": f'at "rtsp://pilot:a"{SECRET}@10.0.0.9/main"', "status": 1},
+]
+
+
+def test_what_stands_beside_an_address_is_kept(ship):
+    cut = f'{{"words": "a", "left": "rtsp://pilot:{SECRET}@10.0.0.9/ma'
+    whole = "".join(json.dumps(line) + "\n" for line in LINES)
+    (ship / "dive.jsonl").write_text(whole + cut + "\n")
+    _, parts = packed(ship, "--config", "dive.toml")
+    assert SECRET not in "".join(parts.values())
+    *lines, last = parts["logs/dive.jsonl"].splitlines()
+    found = [json.loads(line) for line in lines]
+    assert found[0] == LINES[0] and last.endswith("rtsp://10.0.0.9/ma")
+    assert [line.get("status") for line in found[1:]] == [1] * 4
+    source = tomllib.loads(parts["config.toml"])["source"]["source"]
+    assert source == "rtsp://10.0.0.9:8554/main?password=..."
+
+
+def test_a_frame_that_went_away_is_said_and_the_others_are_there(ship):
+    (ship / "rec" / "run" / "left_2.png").symlink_to(ship / "away.png")
+    _, parts = packed(ship, "--config", "dive.toml", "--frames")
+    assert parts["frames/run/left_1.png"] == "picture"
+    assert "frames/run/left_2.png: " in parts["not_read.txt"]
+
+
+def test_a_log_that_cannot_be_looked_for_is_said(ship):
+    config = (ship / "dive.toml").read_text().replace("dive.jsonl", f"{'d' * 300}.jsonl")
+    (ship / "dive.toml").write_text(config)
+    _, parts = packed(ship, "--config", "dive.toml")
+    assert "too long" in parts["not_read.txt"] and "store.json" in parts
+
+
+def test_it_says_what_is_left_out(ship):
+    said = "left out: keys, tokens, passwords in addresses"
+    assert f"{said}, frames\n" in packed(ship)[0].err
+    assert f"{said}\n" in packed(ship, "--config", "dive.toml", "--frames")[0].err
 
 
 def test_options_that_would_do_nothing_are_refused(ship):

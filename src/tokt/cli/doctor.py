@@ -58,6 +58,7 @@ def doctor(
         say(f"{support} holds {', '.join(packed.names)}")
         for fault in packed.faults:
             say(f"not in it: {fault}")
+        say(f"left out: keys, tokens, passwords in addresses{'' if frames else ', frames'}")
     ok = all(finding.state != FAULT for finding in findings)
     value = {"ok": ok, "findings": [finding.to_json() for finding in findings]}
     answer(json, value, lambda: _print(findings))

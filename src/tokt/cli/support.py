@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import re
 import tempfile
 import zipfile
 from collections.abc import Callable, Iterable, Iterator
@@ -20,6 +21,8 @@ _MAX_LOG_BYTES = 1_000_000
 _MAX_FRAMES = 20
 _PICTURES = (".png", ".jpg")
 _NOT_READ = "not_read.txt"
+_PIECES = re.compile(r'"(?:[^"\\]|\\.)*"|[^"]+')
+"""A text in quotes, or what stands between two of them."""
 
 
 class SupportFile:
@@ -42,7 +45,8 @@ class SupportFile:
             self.faults.append(f"{name}: {' '.join(str(error).split())}")
             return
         if isinstance(data, str):
-            data = "\n".join(map(without_credentials, data.split("\n"))).encode(errors="replace")
+            shown = without_credentials if name.endswith(".txt") else _without_credentials
+            data = "\n".join(map(shown, data.split("\n"))).encode(errors="replace")
         # Without a time: the same parts are the same file.
         self._zip.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED)
         self.names.append(name)
@@ -94,6 +98,17 @@ def write_support(
     return support
 
 
+def _without_credentials(line: str) -> str:
+    """A line of JSON or TOML, which stays one: what is beside an address is no part of it."""
+    pieces = _PIECES.findall(line)
+    if "".join(pieces) != line:  # cut off in a text
+        return without_credentials(line)
+    return "".join(
+        f'"{without_credentials(piece[1:-1])}"' if piece[0] == '"' else without_credentials(piece)
+        for piece in pieces
+    )
+
+
 def _packages() -> str:
     found = {f"{one.metadata['Name']}=={one.version}\n" for one in distributions()}
     return "".join(sorted(found, key=str.lower))
@@ -113,8 +128,10 @@ def _logs(log: Path | None) -> Iterator[Path]:
     from tokt.inference.recording.log import older_file
     from tokt.inference.recording.run_log import events_path
 
+    events = events_path(log)
+    more = (older_file(log, 1), events, older_file(events, 1))
     yield log
-    yield from (file for file in (older_file(log, 1), events_path(log)) if file.exists())
+    yield from (file for file in more if _written_at(file))
 
 
 def _end_of(file: Path) -> str:
@@ -129,4 +146,12 @@ def _end_of(file: Path) -> str:
 
 def _last_frames(record: Path) -> list[Path]:
     pictures = chain.from_iterable(record.rglob(f"*{ending}") for ending in _PICTURES)
-    return sorted(pictures, key=lambda file: (file.stat().st_mtime, file))[-_MAX_FRAMES:]
+    return sorted(pictures, key=lambda file: (_written_at(file), file))[-_MAX_FRAMES:]
+
+
+def _written_at(file: Path) -> float:
+    """When it was written; 0 of what is not there: a recorder takes old frames away meanwhile."""
+    try:
+        return file.stat().st_mtime
+    except OSError:
+        return 0.0
