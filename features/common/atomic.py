@@ -17,7 +17,11 @@ from .errors import ToktError
 ABANDONED_S = 24 * 3600.0
 """A partial file or folder that old has no writer any more."""
 
+OPEN_S = 2.0 if sys.platform == "win32" else 0.0
+"""How long a rename waits for whoever has the file open: Windows refuses it meanwhile."""
+
 _PARTIAL = ".partial-"
+_POLL_S = 0.02
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 
 
@@ -34,6 +38,19 @@ def fsync_folder(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def rename(old: Path, new: Path) -> None:
+    """Give a file or a folder its name; a file that has it is replaced."""
+    until = time.monotonic() + OPEN_S
+    while True:
+        try:
+            old.replace(new)
+            return
+        except PermissionError:
+            if time.monotonic() >= until:
+                raise
+        time.sleep(_POLL_S)
 
 
 def write_bytes(target: Path, data: bytes, spare: Path | None = None, mode: int = 0o666) -> None:
@@ -62,7 +79,7 @@ def write_bytes(target: Path, data: bytes, spare: Path | None = None, mode: int 
             handle.truncate()
             handle.flush()
             os.fsync(handle.fileno())
-        spare.replace(target)
+        rename(spare, target)
         fsync_folder(target.parent)
 
 
@@ -81,7 +98,7 @@ def new_file(target: Path, mode: int = 0o666) -> Iterator[BinaryIO]:
             yield handle
             handle.flush()
             os.fsync(handle.fileno())
-        partial.replace(target)
+        rename(partial, target)
     finally:
         partial.unlink(missing_ok=True)
     fsync_folder(target.parent)
@@ -120,7 +137,7 @@ def publish_folder(folder: Path, target: Path) -> None:
         if path.is_file():
             with path.open("r+b") as handle:  # Windows syncs no file that is open for reading
                 os.fsync(handle.fileno())
-    folder.rename(target)
+    rename(folder, target)
     fsync_folder(target.parent)
 
 
@@ -173,8 +190,6 @@ if sys.platform == "win32":
     import msvcrt
 else:
     import fcntl
-
-_POLL_S = 0.02
 
 
 def _take(handle: int) -> None:

@@ -40,7 +40,7 @@ def back_up(store: LabelStore, target: Path) -> int:
                 found = written.execute("PRAGMA integrity_check(1)").fetchone()[0], _events(written)
             if found != ("ok", events):
                 raise ToktError(f"{target}: the copy is damaged ({found[0]}); nothing was written")
-            copy.replace(target)
+            atomic.rename(copy, target)
             atomic.fsync_folder(target.parent)
     except sqlite3.DatabaseError as error:
         raise ToktError(f"{target}: {error}; nothing was written") from None

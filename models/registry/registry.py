@@ -155,7 +155,7 @@ def _create_database(path: Path) -> None:
         fresh = folder / path.name
         atomic.write_bytes(fresh, _empty_database())
         if not path.exists():
-            fresh.replace(path)
+            atomic.rename(fresh, path)
 
 
 @cache

@@ -172,4 +172,4 @@ def _compute(
         digest = hashlib.sha256(table.data).hexdigest()
         del table
         atomic.write_text(path.with_suffix(".sha256"), digest)
-        (folder / path.name).replace(path)
+        atomic.rename(folder / path.name, path)
