@@ -22,6 +22,8 @@ WATCHDOG_VARIABLE = "TOKT_WATCHDOG"
 """``PORT:TOKEN:PID``: a port on loopback, what each datagram to it begins with, and whose it is."""
 
 READY, ALIVE, STOPPING = b"READY=1", b"WATCHDOG=1", b"STOPPING=1"
+END = b"END=1"
+"""What the watchdog answers to have the process end, where there is no SIGTERM (Windows)."""
 
 EVERY_S = 0.2
 """Seconds between two signs of life, however fast the loop goes."""
@@ -81,18 +83,29 @@ class Notifier:
         self._tell(STOPPING)
 
     @property
-    def orphaned(self) -> bool:
-        """Whether ``tokt run --watchdog`` started this process and has died.
+    def dismissed(self) -> bool:
+        """Whether ``tokt run --watchdog`` started this process and wants it to end, or has died.
 
         Another one may have been started since, and two loops would contradict each other.
         """
-        return self._parent is not None and os.getppid() != self._parent
+        if self._parent is not None and os.getppid() != self._parent:
+            return True
+        return any(start and _says_end(opened, start) for opened, start in self._sockets)
 
     def close(self) -> None:
         """Close the sockets."""
         for opened, _ in self._sockets:
             opened.close()
         self._sockets.clear()
+
+
+def _says_end(opened: socket.socket, start: bytes) -> bool:
+    try:
+        return opened.recv(_MAX_DATAGRAM) == start + END
+    except BlockingIOError:
+        return False
+    except ConnectionError:
+        return True  # nobody listens any more
 
 
 START_S, HANG_S, STOP_S = 60.0, 2.0, 5.0
@@ -123,6 +136,7 @@ class Watchdog:
         self._asked_to_stop = False
         self._was_ready = False
         self._finished = False
+        self._where: tuple[str, int] | None = None  # from which port the runtime speaks
 
     def stop(self) -> None:
         """End the runtime and then this; may be called from a signal handler."""
@@ -157,7 +171,7 @@ class Watchdog:
     def _one_life(self, signs: socket.socket) -> tuple[int, str]:
         """Run the command once; its exit code, and why it ended."""
         # A new token each time: what the one before said last may still wait to be read.
-        token = secrets.token_hex(8)
+        token, self._where = secrets.token_hex(8), None
         try:
             child = self._start(f"{signs.getsockname()[1]}:{token}:{os.getpid()}")
         except OSError as error:  # such as no memory, for which the last one may have died
@@ -194,9 +208,9 @@ class Watchdog:
         while not ended or sign is not None:
             # Looked at before the signs are: what it said last is heard.
             ended = child.poll() is not None
-            sign = _next_sign(signs, token)
+            sign = self._next_sign(signs, token)
             if self._asked_to_stop and not asked:
-                child.terminate()
+                self._ask_to_end(child, signs, token)
                 asked, until = True, time.monotonic() + STOP_S
             elif sign in (READY, ALIVE) and not asked:
                 ready = ready or sign == READY
@@ -219,11 +233,21 @@ class Watchdog:
             self._was_ready = True
             self.notifier.ready()
 
+    def _next_sign(self, signs: socket.socket, token: bytes) -> bytes | None:
+        """What the runtime said in the next moment, empty for what somebody else did, or None."""
+        try:
+            data, where = signs.recvfrom(_MAX_DATAGRAM)
+        except (TimeoutError, ConnectionResetError):
+            return None  # the latter: Windows reports another socket's ICMP answer here
+        if not data.startswith(token):
+            return b""
+        self._where = where
+        return data.removeprefix(token)
 
-def _next_sign(signs: socket.socket, token: bytes) -> bytes | None:
-    """What the runtime said within the next moment, empty for what somebody else did, or None."""
-    try:
-        data = signs.recv(_MAX_DATAGRAM)
-    except (TimeoutError, ConnectionResetError):
-        return None  # the latter: Windows reports another socket's ICMP answer here
-    return data.removeprefix(token) if data.startswith(token) else b""
+    def _ask_to_end(
+        self, child: subprocess.Popen[bytes], signs: socket.socket, token: bytes
+    ) -> None:
+        if self._where is not None:
+            signs.sendto(token + END, self._where)
+        if os.name == "posix" or self._where is None:  # elsewhere this kills
+            child.terminate()

@@ -188,7 +188,10 @@ def stop_on_signal(stop: Callable[[], None]) -> Iterator[list[int]]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         stop()
 
-    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if sys.platform == "win32":
+        numbers.append(signal.SIGBREAK)  # Ctrl-Break, and what a service manager may send
+    before = {number: signal.signal(number, handle) for number in numbers}
     try:
         yield came
     finally:

@@ -254,7 +254,7 @@ def run(config: RunConfig) -> Summary:
 
         def alive() -> None:
             notifier.alive()
-            if notifier.orphaned:
+            if notifier.dismissed:
                 source.stop()
 
         runtime = Runtime(

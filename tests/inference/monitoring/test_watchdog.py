@@ -1,12 +1,12 @@
 """The watchdog with real child processes, and the words it goes by with real sockets."""
 
 import os
-import signal
 import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -101,11 +101,12 @@ def test_a_runtime_that_is_killed_is_back_at_once(keep):
     for life in (1, 2, 3):
         kept.wait_for(life)
         kept.wait_until_ready()
-        os.kill(kept.lives()[-1][0], signal.SIGKILL)
+        psutil.Process(kept.lives()[-1][0]).kill()
         kept.wait_for(life + 1)
         assert bool(kept.clock.slept) == (life > 1)  # those that cannot stay up start more slowly
     assert [restarts for _, restarts in kept.lives()] == [0, 1, 2, 3]
-    assert "signal 9; started again (1)" in kept.lines[0]
+    how = "signal 9" if os.name == "posix" else "exit code 15"
+    assert f"{how}; started again (1)" in kept.lines[0]
     assert kept.end() == 0
 
 
@@ -155,6 +156,18 @@ def test_one_that_has_done_its_work_and_cannot_end_is_not_started_again(keep):
     until(lambda: kept.dog._finished)
     kept.pass_time(lambda: not kept.thread.is_alive())
     assert kept.codes == [0] and len(kept.lives()) == 1
+
+
+def test_one_that_knows_no_sigterm_is_told_to_end(keep):
+    """Windows has none: there it would kill, with a log half written."""
+    kept = keep(
+        "signal.signal(signal.SIGTERM, signal.SIG_IGN)\ntell('READY=1')\n"
+        "said.touch() if signs.recv(100) == f'{token} END=1'.encode() else None"
+    )
+    kept.wait_until_ready()
+    kept.dog.stop()
+    until(lambda: not kept.thread.is_alive())
+    assert kept.codes == [0] and kept.said.exists() and not kept.lines
 
 
 def test_what_the_one_before_said_is_no_sign_of_the_next(keep):
@@ -265,10 +278,35 @@ def test_without_anyone_to_tell_nothing_is_told(hand_clock):
 
 @pytest.mark.skipif(os.name != "posix", reason="who the parent is tells it on POSIX only")
 def test_a_runtime_whose_watchdog_died_while_it_started_knows_it(hand_clock):
-    for pid, orphaned in ((os.getppid(), False), (os.getpid(), True)):
+    for pid, dismissed in ((os.getppid(), False), (os.getpid(), True)):
         notifier = Notifier(hand_clock, {"TOKT_WATCHDOG": f"9:x:{pid}"})
-        assert notifier.orphaned is orphaned
+        assert notifier.dismissed is dismissed
         notifier.close()
+
+
+def test_a_runtime_that_is_told_to_end_or_that_nobody_hears_knows_it(hand_clock):
+    """What tells it where a parent that has died goes on being named (Windows)."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as heard:
+        heard.bind(("127.0.0.1", 0))
+        heard.settimeout(MAX_S)
+        port = heard.getsockname()[1]
+        with closing(Notifier(hand_clock, {"TOKT_WATCHDOG": f"{port}:x:"})) as notifier:
+            notifier.ready()
+            _, where = heard.recvfrom(100)
+            for words in (b"guessed END=1", b"x READY=1"):
+                heard.sendto(words, where)
+                assert not notifier.dismissed
+            heard.sendto(b"x END=1", where)
+            until(lambda: notifier.dismissed)
+            assert not notifier.dismissed
+            heard.close()
+
+            def noticed():
+                hand_clock.now += EVERY_S
+                notifier.alive()
+                return notifier.dismissed
+
+            until(noticed)
 
 
 def test_a_runtime_whose_watchdog_has_died_knows_it():
@@ -282,10 +320,10 @@ from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.monitoring import watchdog
 from tokt.inference.monitoring.watchdog import Notifier
 notifier = Notifier(SYSTEM_CLOCK)
-print(notifier.orphaned, flush=True)
+print(notifier.dismissed, flush=True)
 sys.stdin.read()
-while not notifier.orphaned: time.sleep(0.01)
-print(notifier.orphaned, flush=True)
+while not notifier.dismissed: time.sleep(0.01)
+print(notifier.dismissed, flush=True)
 '''], stdin=sys.stdin)
 sys.stdin.close()
 import time; time.sleep(60)
