@@ -79,6 +79,6 @@ class Installed:
         return Started(process, words)
 
     def processes(self) -> list[psutil.Process]:
-        """What runs on this environment's Python."""
+        """What runs on this environment's Python, be it by an emulator."""
         named = [(one, one.info["cmdline"] or [""]) for one in psutil.process_iter(["cmdline"])]
-        return [one for one, command in named if command[0] == str(self.python)]
+        return [one for one, command in named if str(self.python) in command]
