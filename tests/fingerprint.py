@@ -49,7 +49,7 @@ VARIES = (
     (r'"(t|texture_s|seconds|\w+_ms(_mean|_max)?)": ?[-+.\de]+', r'"\1"'),
     (r"\d{4}-\d\d-\d\dT[\d:.]+(Z|\+00:00)", "TIME"),
     (r"(time per frame</th>).*", r"\1"),
-    (r"\btokt \d+\.\d+\.\d+(, \d+ s)?", "tokt"),
+    (r"\btokt \d+\.\d+\.\d+(\.dev\d+)?(, \d+ s)?", "tokt"),
     # Ids of runs: tokt's own and MLflow's.
     (r"run-\d{8}-\d{6}-[0-9a-f]{6}", "RUN"),
     (r"\b(m-)?[0-9a-f]{32}\b", "ID"),
