@@ -37,7 +37,9 @@ def ship(tiny_bundle, tmp_path, monkeypatch):
     (tmp_path / "rec" / "run" / "left_1.png").write_bytes(b"picture")
     traces = tmp_path / "tmp"
     traces.mkdir()
-    (traces / "tokt-traceback-1.txt").write_text(f"Error: http://me:{SECRET}@host/\n")
+    (traces / "tokt-traceback-1.txt").write_text(
+        f"Error: http://me:{SECRET}@host/\nPASSWORD={SECRET}\nAuthorization: Bearer {SECRET}\n"
+    )
     monkeypatch.setattr("tempfile.tempdir", str(traces))
     for name in ("TOKT_KEY_PASSPHRASE", "TOKT_SOURCE_PASSWORD", "MLFLOW_TRACKING_PASSWORD"):
         monkeypatch.setenv(name, SECRET)

@@ -23,6 +23,9 @@ _PICTURES = (".png", ".jpg")
 _NOT_READ = "not_read.txt"
 _PIECES = re.compile(r'"(?:[^"\\]|\\.)*"|[^"]+')
 """A text in quotes, or what stands between two of them."""
+_SECRET = re.compile(
+    r"((?:passw\w*|passphrase|secret|token)\w*\s*[=:](?!=)\s*|bearer\s+)[^\s,;&]+", re.IGNORECASE
+)
 
 
 class SupportFile:
@@ -45,7 +48,7 @@ class SupportFile:
             self.faults.append(f"{name}: {' '.join(str(error).split())}")
             return
         if isinstance(data, str):
-            shown = without_credentials if name.endswith(".txt") else _without_credentials
+            shown = _masked if name.endswith(".txt") else _masked_by_string
             data = "\n".join(map(shown, data.split("\n"))).encode(errors="replace")
         # Without a time: the same parts are the same file.
         self._zip.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED)
@@ -98,14 +101,18 @@ def write_support(
     return support
 
 
-def _without_credentials(line: str) -> str:
+def _masked(text: str) -> str:
+    """A text without the credentials of an address, and without what a word calls a secret."""
+    return _SECRET.sub(r"\1...", without_credentials(text))
+
+
+def _masked_by_string(line: str) -> str:
     """A line of JSON or TOML, which stays one: what is beside an address is no part of it."""
     pieces = _PIECES.findall(line)
     if "".join(pieces) != line:  # cut off in a text
-        return without_credentials(line)
+        return _masked(line)
     return "".join(
-        f'"{without_credentials(piece[1:-1])}"' if piece[0] == '"' else without_credentials(piece)
-        for piece in pieces
+        f'"{_masked(piece[1:-1])}"' if piece[0] == '"' else _masked(piece) for piece in pieces
     )
 
 
