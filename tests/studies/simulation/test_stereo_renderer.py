@@ -32,8 +32,9 @@ from tokt.studies.simulation.rendering.snow import Snow
 from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
 from tokt.studies.simulation.rendering.synthetic_mission import JPEG, MissionScene, simulate_mission
 from tokt.studies.simulation.rendering.trajectory import CameraPose
-from tokt.studies.simulation.scene.closed_loop_world import Placed, World, one_tower, trap
+from tokt.studies.simulation.scene.closed_loop_world import Placed, World
 from tokt.studies.simulation.scene.fish_and_dust import DustCloud, Puffs, School
+from tokt.studies.simulation.scene.obstacles import one_tower, trap
 from tokt.studies.simulation.scene.surfaces import STALK_MATERIAL, Materials, Surfaces
 from tokt.studies.simulation.scene.tower import Tower, upright
 from tokt.studies.simulation.scene.water import Water
@@ -131,7 +132,7 @@ def test_the_same_bytes_whatever_was_asked_before(scene, tower):
     asked = [(t, place(0.1, 0.3, -5.0 + t), 0.03 * t, AHEAD) for t in (0.0, 0.25, 2.0)]
     frames = [first.left(*one) for one in asked]
     pairs = [second.pair(*one) for one in reversed(asked)][::-1]
-    assert second.sees_solid(*asked[0][1:3], 20.0)
+    assert second.sees_solid(*asked[0][:3], 20.0)
     for frame, (left, right) in zip(frames, pairs, strict=True):
         assert frame.dtype == np.uint8 and frame.shape == (271, WIDTH, 3) == right.shape
         assert np.array_equal(frame, left)
@@ -217,7 +218,7 @@ def test_fish_swim_where_the_school_is_and_are_nothing_to_hit(scene):
     # One by one they leave: also when only a corner's rim is in the picture.
     for t in np.arange(1.0, 9.0, 0.25):
         with_fish.left(t, origin, 0.0, STILL)
-    assert not with_fish.sees_solid(origin, 0.0, 100.0)
+    assert not with_fish.sees_solid(0.0, origin, 0.0, 100.0)
     assert np.isinf(world.clearance_m(school.at(0.0))).all()
 
 

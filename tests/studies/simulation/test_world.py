@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
-from tokt.studies.simulation.scene.closed_loop_world import Placed, World, one_tower, trap
+from tokt.studies.simulation.scene.closed_loop_world import Placed, World
 from tokt.studies.simulation.scene.fish_and_dust import DustCloud, School
+from tokt.studies.simulation.scene.obstacles import one_tower, trap
 from tokt.studies.simulation.scene.tower import GREY, Cuboid, Frustum, Tower, panels
 from tokt.studies.simulation.scene.water import Water
 

@@ -24,6 +24,7 @@ class Mode(StrEnum):
     AVOID = "avoid"
     BACK_OFF = "back off"
     HOLD = "hold"
+    PILOT = "pilot"
 
 
 @dataclass(frozen=True)

@@ -12,16 +12,21 @@ takes more than `tokt.inference.policy.policy.MAX_TEXTURE_S`. What a verdict's w
 put in as `LATENCY_S`.
 """
 
+import math
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tokt.features.common.arrays import U8
+import numpy as np
+
+from tokt.features.common.arrays import F64, U8
 from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
 
-from .autopilot import STEP_S, Autopilot
+from .autopilot import STEP_S, Autopilot, Setpoint
+from .labview import AVOID_S, LabviewPlanner
 from .planner import Planner
 from .runtime_process import RuntimeProcess
 from .scenes import KINDS, LoopScene
@@ -40,12 +45,27 @@ STEPS_A_FRAME = 5
 LATENCY_S = 0.1
 """From a frame to its verdict at the planner. Source: `tokt bench` on the mission's frames, 5 to
 7 ms at the 99th percentile, and a camera's exposure and transfer, assumed."""
-MAX_S = 150.0
+MAX_S = 240.0
 """A run that takes longer has not arrived; straight there takes under 30 s."""
+PILOT_M = (2.0, 0.5)
+"""How far back and up the pilot steers, from where he has taken over."""
 STEREO_SCALE = "1.0"
 """Of the views matched: frames are rendered as wide as the grid's picture, and are not halved."""
 EPOCH_S = 1_461_149_301.0
 """The simulated clock's time at the start, UTC: the sea trial's day."""
+
+
+_SEA_TRIAL_RAD = (math.pi, math.pi / 2)
+"""Where the way led, by seed: with the fault the waypoint is behind the vehicle or the obstacle."""
+PLANNERS: dict[str, Callable[[LoopScene], Planner | LabviewPlanner]] = {
+    "tokt": lambda scene: Planner(scene.goal, end_m=scene.end_m),
+    "labview": lambda scene: LabviewPlanner(scene.goal),
+    "labview-timed": lambda scene: LabviewPlanner(scene.goal, avoid_s=AVOID_S),
+    "sea-trial": lambda scene: LabviewPlanner(
+        scene.goal, heading_rad=_SEA_TRIAL_RAD[scene.seed % 2]
+    ),
+}
+"""Ours; the thesis's rule, till the obstacle is out of view or for a time; its fault at sea."""
 
 
 def uses_model(method: str) -> bool:
@@ -53,13 +73,13 @@ def uses_model(method: str) -> bool:
     return method not in ("disparity", NONE)
 
 
-def fly(scene: LoopScene, method: str, model: Path | None = None) -> Track:
-    """Fly to the goal, into something, or until time is up, by one of `METHODS`.
+def fly(scene: LoopScene, method: str, model: Path | None = None, planner: str = "tokt") -> Track:
+    """Fly to the goal, into something, or until time is up, by one of `METHODS` and `PLANNERS`.
 
     A `ToktError` says that the runtime ended, hung or answered with anything but verdicts.
     """
     with _runtime(scene, method, model) as runtime:
-        return _Run(scene, method, runtime).fly()
+        return _Run(scene, method, runtime, planner).fly()
 
 
 @contextmanager
@@ -82,13 +102,17 @@ def _runtime(scene: LoopScene, method: str, model: Path | None) -> Iterator[Runt
 class _Run:
     """The state of one run."""
 
-    def __init__(self, scene: LoopScene, method: str, runtime: RuntimeProcess | None) -> None:
+    def __init__(
+        self, scene: LoopScene, method: str, runtime: RuntimeProcess | None, planner: str
+    ) -> None:
         self._scene, self._method, self._runtime = scene, method, runtime
         self._pairs = method in _OF_PAIRS
         self._renderer = StereoRenderer(scene.world, scene.rig, scene.seed)
         self._vehicle = Vehicle(scene.start, scene.world.current)
         self._autopilot = Autopilot()
-        self._planner = Planner(scene.goal, deaf=runtime is None)
+        deaf = runtime is None
+        self._planner = Planner(scene.goal, deaf) if deaf else PLANNERS[planner](scene)
+        self._piloted: F64 | None = None  # where the pilot steers to
         self._steps: list[Step] = []
         self._frames: list[SaidOfFrame] = []
         self._said: tuple[float, dict[str, Any]] | None = None
@@ -102,8 +126,8 @@ class _Run:
             if self._said is not None and t_s >= self._said[0] + LATENCY_S - STEP_S / 2:
                 heard, self._said = self._said[1], None
             state = self._vehicle.state
-            target = self._planner.target(t_s, state, heard)
-            clearance = float(self._scene.world.clearance_m(state.position[None])[0])
+            target = self._at_altitude(self._planner.target(t_s, state, heard, self._pilot(t_s)))
+            clearance = float(self._scene.world.clearance_m(state.position[None], t_s)[0])
             self._steps.append((t_s, state, target.mode, clearance))
             if self._planner.reached or clearance < HULL_RADIUS_M:
                 break
@@ -114,6 +138,27 @@ class _Run:
             self._frames, planner.avoidances, planner.reached,
         )  # fmt: skip
 
+    def _pilot(self, t_s: float) -> F64 | None:
+        """Where the pilot steers to while he flies: back the way it came, and up."""
+        flown = self._scene.pilot_s
+        if flown is None or not flown[0] <= t_s < flown[1]:
+            return None
+        if self._piloted is None:
+            state, (back, up) = self._vehicle.state, PILOT_M
+            sine, cosine = math.sin(state.heading_rad), math.cos(state.heading_rad)
+            self._piloted = state.position - np.array([back * sine, up, back * cosine])
+        return self._piloted
+
+    def _at_altitude(self, target: Setpoint) -> Setpoint:
+        """The same at the altitude that is to be held, where one is."""
+        floor, wanted_m = self._scene.world.floor, self._scene.altitude_m
+        if floor is None or wanted_m is None:
+            return target
+        own = self._vehicle.state.position
+        east, _, north = target.position
+        down = own[1] + floor.altitude_m(own) - wanted_m
+        return replace(target, position=np.array([east, down, north]))
+
     def _frame(self, number: int, t_s: float) -> None:
         """Take a frame, have it judged, and keep the verdict for when it arrives."""
         if self._runtime is None:
@@ -122,7 +167,7 @@ class _Run:
         said = self._runtime.judge(number, EPOCH_S + t_s, left, right)
         self._said = (t_s, said)
         state = self._vehicle.state
-        in_view = self._renderer.sees_solid(state.camera, state.heading_rad, IN_VIEW_M)
+        in_view = self._renderer.sees_solid(t_s, state.camera, state.heading_rad, IN_VIEW_M)
         self._frames.append((t_s, said["status"], in_view))
 
     def _look(self, t_s: float) -> tuple[U8 | None, U8 | None]:

@@ -107,6 +107,11 @@ class Manoeuvre:
         # A tenth of a metre more is noise of the mask's centre, not another obstacle.
         self.settled = 0 if self.edge(own[0]) > before + 0.1 else self.settled + 1
 
+    def suppose_wall(self) -> None:
+        """Take something wide for granted ahead, of which nothing was seen."""
+        places = (NEAR_M, 0.0), (FAR_M, 0.0)
+        self.seen.append(ObstacleSighting(0.0, WIDE_HALF_M, NEAR_M + DEPTH_M, places))
+
     def clear(self, nav: State, within: float) -> None:
         """Count a clear verdict: in a glance, or where what was seen should be in view.
 

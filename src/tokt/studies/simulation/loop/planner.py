@@ -14,8 +14,15 @@ body-fixed frame; back to the goal when it is reached. Added here, and why:
 - *One side.* The side of the first verdict is kept until the obstacle is passed.
 - *Back off.* A large mean value, a small distance or a short time to contact: first straight back
   the way it came, as sideways is where a trap (thesis figure 6.2) has its walls.
+- *Wait.* Before it avoids it stops and looks, as fish swim on. What is near, or comes nearer
+  while it stands, is avoided at once.
 - *Hold.* Unknown verdicts, and silence, which is v1's only word for them: the vehicle keeps its
-  station until something is known again.
+  station until something is known again. Where it goes on to be unknown (too near to a wall to be
+  matched), it goes back the way it came, step by step.
+- *Stuck.* Without progress it backs off and tries the other side (thesis, figure 6.2; paper, part
+  2).
+- *Pilot.* The pilot can take over at any time: first the vehicle keeps its station, and so it does
+  after him until something is known.
 - *Dismiss.* What is not seen any more though it should be in view (a fish, a false alarm) is
   forgotten.
 
@@ -23,7 +30,7 @@ Time comes from the caller: seconds of any clock that does not step back.
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,6 +41,18 @@ from .autopilot import CRUISE_M_S, Mode, Setpoint
 from .manoeuvre import HALF_VIEW, MASK_WIDTH, Manoeuvre, bearing
 from .vehicle import State, turn
 
+WAIT_S = 6.0
+"""How long it stands and looks before it avoids."""
+PASSED_FRAMES = 4
+"""Clear verdicts in a row, while it stands, after which it goes on."""
+NEARER_M = 1.0
+"""What has come so much nearer while it stands is on its way here."""
+PATIENCE_S, RETREAT_M = 10.0, 1.5
+"""How long it holds its station before it goes back, and how far each time."""
+STUCK_S, PROGRESS_M = 60.0, 0.5
+"""It is stuck if for so long it has not come so much nearer to the goal."""
+AT_REST_M_S = 0.1
+"""Slower than this it keeps its station."""
 STOPPING_S = 0.6
 """Metres to a stop, a metre a second of speed: of `MINERVA` with its autopilot, about."""
 REACHED_M, ARRIVED_M = 0.25, 0.4
@@ -65,36 +84,62 @@ BACK_OFF_M, BACK_OFF_MOST_M = 3.0, 6.0
 """How far back at least, and at most, from where it was nearest."""
 
 
+class Wait(NamedTuple):
+    """A stop before an obstacle: since when (s), where, and how far off it was (m)."""
+
+    since_s: float
+    place: F64
+    heading: float
+    distance_m: float
+
+
 class Planner:
     """One transit to one goal, a world place (3,) in metres.
 
-    A `deaf` one ignores every datagram, and silence: the control that avoids nothing.
+    It ends at the goal, or on station within `end_m` of it. A `deaf` one ignores every datagram,
+    and silence: the control that avoids nothing.
     """
 
-    def __init__(self, goal: F64, deaf: bool = False) -> None:
+    def __init__(self, goal: F64, deaf: bool = False, end_m: float | None = None) -> None:
         self.goal = np.asarray(goal, np.float64)
         self.reached = False  # whether the vehicle was at the goal at the last `target`
         self.avoidances: list[float] = []  # when each manoeuvre began, s
-        self._deaf = deaf
+        self._deaf, self._end_m = deaf, end_m
         self._heard_s: float | None = None
         self._known = False
         self._manoeuvre: Manoeuvre | None = None
-        self._held: tuple[F64, float] | None = None
+        self._held: tuple[float, F64, float] | None = None  # since when (s), where, which way
+        self._wait: Wait | None = None
+        self._clear = 0  # verdicts in a row while it waits
+        self._handed_over = False  # to the pilot
+        self._best: tuple[float, float] | None = None  # least distance to the goal, and when
 
-    def target(self, t_s: float, nav: State, heard: dict[str, Any] | None = None) -> Setpoint:
+    def target(
+        self, t_s: float, nav: State, heard: dict[str, Any] | None = None,
+        pilot: F64 | None = None,
+    ) -> Setpoint:  # fmt: skip
         """The setpoint for now, from the vehicle's navigation and a datagram that has come.
 
-        The datagram is as `tokt.inference.outputs.udp.decode` gives it.
+        The datagram is as `tokt.inference.outputs.udp.decode` gives it. `pilot` is the world place
+        (3,) that a pilot who has taken over steers to.
         """
         if self._deaf:
             return self._transit(nav)
+        if pilot is not None:
+            return self._piloted(t_s, nav, pilot)
         if heard is not None:
             self._heard_s = t_s
             self._take_in(t_s, heard, nav)
+        if self._handed_over or self._ends(nav):
+            self._handed_over = self._handed_over and heard is None
+            return self._hold(t_s, nav)
         silent = self._heard_s is None or t_s - self._heard_s > SILENCE_S
         if silent or not self._known:
-            return self._hold(nav)
+            return self._hold(t_s, nav, patient=silent)
         self._held = None
+        self._unstick(t_s, nav)
+        if self._wait is not None:
+            return Setpoint(self._wait.place, self._wait.heading, Mode.HOLD)
         if self._manoeuvre is not None and self._manoeuvre.glances >= GLANCE_FRAMES:
             self._manoeuvre = None
         if self._manoeuvre is None:
@@ -108,24 +153,44 @@ class Planner:
         self._known = status != UNKNOWN
         if status == OBSTACLE:
             self._take_in_obstacle(t_s, datagram, nav)
-        elif self._manoeuvre is not None and self._known:
+            return
+        self._clear = self._clear + 1 if self._known else 0
+        if self._clear >= PASSED_FRAMES:
+            self._wait = None
+        if self._manoeuvre is not None and self._known:
             self._manoeuvre.clear(nav, WELL_INSIDE * HALF_VIEW)
             if self._manoeuvre.absent >= DISMISS_FRAMES:
                 self._manoeuvre = None
 
     def _take_in_obstacle(self, t_s: float, datagram: dict[str, Any], nav: State) -> None:
+        self._clear = 0
+        wide = self._is_wide(datagram)
+        near = self._too_near(datagram, wide)
         if self._manoeuvre is None:
+            if not near and self._waits(t_s, datagram, nav):
+                return
+            self._wait = None
             self.avoidances.append(t_s)
             self._manoeuvre = self._new_manoeuvre(datagram, nav)
-        wide = self._is_wide(datagram)
         glanced = self._manoeuvre.glance is not None
         self._manoeuvre.see(datagram, nav, wide)
         if glanced and self._passed(self._manoeuvre, nav):
             # It is beside, and not on the way past: on the way back the camera will face it.
             self._manoeuvre = None
             return
-        if self._too_near(datagram, wide):
+        if near:
             self._manoeuvre.back_off(nav, BACK_OFF_M, BACK_OFF_MOST_M)
+
+    def _waits(self, t_s: float, datagram: dict[str, Any], nav: State) -> bool:
+        """Whether it goes on to stand and look before it avoids what a verdict says."""
+        distance_m = datagram.get("distance_m")
+        far = math.inf if distance_m is None else float(distance_m)
+        if self._wait is None:
+            place = nav.position + STOPPING_S * nav.velocity_world
+            self._wait = Wait(t_s, place, nav.heading_rad, far)
+            return True
+        nearer = math.isfinite(self._wait.distance_m) and self._wait.distance_m - far > NEARER_M
+        return t_s - self._wait.since_s < WAIT_S and not nearer
 
     def _new_manoeuvre(self, datagram: dict[str, Any], nav: State) -> Manoeuvre:
         """A manoeuvre that begins here, beside the way on which the vehicle is."""
@@ -170,19 +235,58 @@ class Planner:
         """How far along to go: past what is remembered, and no farther than the goal."""
         return min(manoeuvre.end() + PAST_M, manoeuvre.place(self.goal)[0])
 
-    def _hold(self, nav: State) -> Setpoint:
+    def _hold(self, t_s: float, nav: State, patient: bool = True) -> Setpoint:
+        """On station; one that is not patient goes back the way it came after a while."""
         if self._held is None:
-            self._held = nav.position + STOPPING_S * nav.velocity_world, nav.heading_rad
-        return Setpoint(*self._held, Mode.HOLD)
+            place = nav.position + STOPPING_S * nav.velocity_world
+            self._held = t_s, place, nav.heading_rad
+        since_s, place, heading = self._held
+        steps = 0 if patient else int((t_s - since_s) / PATIENCE_S)
+        back = min(steps * RETREAT_M, BACK_OFF_MOST_M)
+        ahead = np.array([math.sin(heading), 0.0, math.cos(heading)])
+        mode = Mode.BACK_OFF if back else Mode.HOLD
+        return Setpoint(place - back * ahead, heading, mode)
+
+    def _piloted(self, t_s: float, nav: State, wanted: F64) -> Setpoint:
+        """On station first, then where the pilot steers to.
+
+        What was avoided has to be seen anew.
+        """
+        self._wait = self._manoeuvre = self._best = None
+        held = self._hold(t_s, nav)
+        self._handed_over |= float(np.linalg.norm(nav.velocity_body)) < AT_REST_M_S
+        if not self._handed_over:
+            return held
+        self._held = None
+        return Setpoint(wanted, nav.heading_rad, Mode.PILOT)
+
+    def _ends(self, nav: State) -> bool:
+        """Whether it is near enough to end, on station."""
+        if self._end_m is None or float(np.linalg.norm(self.goal - nav.position)) > self._end_m:
+            return False
+        self.reached = float(np.linalg.norm(nav.velocity_body)) < AT_REST_M_S
+        return True
+
+    def _unstick(self, t_s: float, nav: State) -> None:
+        """Without progress: back off, and try the other side of what may be ahead."""
+        far = float(np.linalg.norm(self.goal - nav.position))
+        if self._best is None or far < self._best[0] - PROGRESS_M:
+            self._best = far, t_s
+        if t_s - self._best[1] < STUCK_S:
+            return
+        self._best = far, t_s
+        side = -1 if self._manoeuvre is None else -self._manoeuvre.side
+        self._wait = None
+        self.avoidances.append(t_s)
+        self._manoeuvre = Manoeuvre(nav.position, self._course(nav), side, 0.0)
+        self._manoeuvre.suppose_wall()
+        self._manoeuvre.back_off(nav, BACK_OFF_M, BACK_OFF_MOST_M)
 
     def _transit(self, nav: State) -> Setpoint:
-        """To the goal, looking where it goes: turned first, where the goal is not ahead."""
+        """To the goal."""
         way = self.goal - nav.position
         self.reached = float(np.linalg.norm(way)) < ARRIVED_M
-        heading = self._course(nav)
-        off = abs(turn(heading - nav.heading_rad))
-        speed = CRUISE_M_S * max(0.0, 1.0 - off / HALF_VIEW)
-        return Setpoint(self.goal, heading, Mode.TRANSIT, speed)
+        return steered(nav, self.goal, Mode.TRANSIT, self._course(nav))
 
     def _avoid(self, manoeuvre: Manoeuvre, nav: State) -> Setpoint:
         """Back, then beside, then past."""
@@ -218,6 +322,15 @@ class Planner:
     ) -> Setpoint:
         place = manoeuvre.world(along, beside, float(self.goal[1]))
         return Setpoint(place, manoeuvre.look, mode)
+
+
+def steered(nav: State, place: F64, mode: Mode, heading: float | None = None) -> Setpoint:
+    """To a place, looking where it goes (or along `heading`): turned first, where that is aside."""
+    if heading is None:
+        east, _, north = place - nav.position
+        heading = math.atan2(east, north)
+    off = abs(turn(heading - nav.heading_rad))
+    return Setpoint(place, heading, mode, CRUISE_M_S * max(0.0, 1.0 - off / HALF_VIEW))
 
 
 def _stopping_m(nav: State) -> float:

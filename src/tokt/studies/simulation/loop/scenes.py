@@ -18,8 +18,16 @@ from typing import NamedTuple
 import numpy as np
 
 from tokt.features.common.arrays import F64
-from tokt.studies.simulation.scene.closed_loop_world import World, one_tower, trap
+from tokt.studies.simulation.scene.closed_loop_world import World
 from tokt.studies.simulation.scene.fish_and_dust import DustCloud, School
+from tokt.studies.simulation.scene.obstacles import (
+    cable,
+    net,
+    one_tower,
+    other_vehicle,
+    sea_floor,
+    trap,
+)
 from tokt.studies.simulation.scene.rig import SyntheticRig
 from tokt.studies.simulation.scene.water import Water
 
@@ -38,6 +46,16 @@ SECOND_M = 6.5
 CURRENT_M_S = 0.2
 THICK_SNOW = 4
 """Times the snow of the mission."""
+FLOOR_M = 2.3
+"""The sea floor at the tower, below its collar: where its feet are."""
+ALTITUDE_M = 2.0
+"""Above the sea floor, to be held by the DVL (thesis, chapter 4)."""
+STRUCTURE_M = 5.0
+"""The mission at sea ended so near to the structure, on station (paper, part 1)."""
+PILOT_S = 15.0
+"""How long the pilot flies."""
+ON_WAY_M_S = 0.6
+"""About what the vehicle goes: who crosses its way straight on meets it."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +69,9 @@ class LoopScene:
     start: State
     goal: F64  # (3,), world coordinates, m
     blind_s: tuple[float, float] | None = None  # between which the cameras give no picture
+    pilot_s: tuple[float, float] | None = None  # between which a pilot flies
+    altitude_m: float | None = None  # to be held above the sea floor; None: the goal's depth
+    end_m: float | None = None  # so near to the goal it ends, on station; None: at the goal
 
 
 class SceneKind(NamedTuple):
@@ -95,6 +116,50 @@ def _blind(rng: Rng, scene: LoopScene) -> LoopScene:
     return replace(scene, blind_s=(start, start + 6.0))
 
 
+def _floor(rng: Rng, scene: LoopScene) -> LoopScene:
+    floor, ground = sea_floor(rng, FLOOR_M)
+    scene = _tower(rng, scene)
+    scene = _with(scene, floor=floor, things=(*scene.world.things, ground))
+    above = ALTITUDE_M - floor.altitude_m(scene.start.position)
+    start = scene.start.position - np.array([0.0, above, 0.0])
+    under = ALTITUDE_M - floor.altitude_m(scene.goal)
+    goal = scene.goal - np.array([0.0, under, 0.0])
+    start = replace(scene.start, position=start)
+    return replace(scene, start=start, goal=goal, altitude_m=ALTITUDE_M)
+
+
+def _structure(rng: Rng, scene: LoopScene) -> LoopScene:
+    scene = _tower(rng, scene)
+    east, _, north = scene.world.things[0].at
+    goal = np.array([east, scene.goal[1], north])
+    return replace(scene, goal=goal, end_m=STRUCTURE_M)
+
+
+def _pilot(rng: Rng, scene: LoopScene) -> LoopScene:
+    start = float(rng.uniform(3.0, 14.0))
+    return replace(_tower(rng, scene), pilot_s=(start, start + PILOT_S))
+
+
+def _vehicle(rng: Rng, scene: LoopScene) -> LoopScene:
+    """It crosses the way, or comes along it, and looks at nothing."""
+    meets = float(rng.uniform(-6.0, 0.0))
+    at_s = (meets - START_M) / ON_WAY_M_S
+    # Half of them across, half towards us, and up to 20 degrees off that.
+    heading = float(rng.choice([-0.5, 0.5, 1.0, 1.0])) * np.pi + float(rng.uniform(-0.35, 0.35))
+    speed = float(rng.uniform(0.2, 0.5))
+    velocity = (speed * float(np.sin(heading)), 0.0, speed * float(np.cos(heading)))
+    at = (-at_s * velocity[0], scene.start.position[1], meets - at_s * velocity[2])
+    return _with(scene, things=(other_vehicle(rng, at, velocity, heading),))
+
+
+def _cable(rng: Rng, scene: LoopScene) -> LoopScene:
+    return _with(scene, things=(cable(rng, (_offset(rng), scene.start.position[1], 0.0)),))
+
+
+def _net(rng: Rng, scene: LoopScene) -> LoopScene:
+    return _with(scene, things=(net(rng, (_offset(rng), scene.start.position[1], 0.0)),))
+
+
 def _fish(rng: Rng, scene: LoopScene) -> LoopScene:
     side = float(rng.choice([-1.0, 1.0]))
     through = (0.0, scene.start.position[1], float(rng.uniform(-4.0, 0.0)))
@@ -120,6 +185,12 @@ KINDS = {
     "trap": SceneKind("a dead end (thesis, figure 6.2)", _trap),
     "current": SceneKind("one tower in a current", _current),
     "blind": SceneKind("one tower, no pictures for 6 s", _blind),
+    "floor": SceneKind("one tower, altitude held over a sea floor that rises and falls", _floor),
+    "structure": SceneKind("the goal is the tower: ends within 5 m of it", _structure),
+    "pilot": SceneKind("one tower, the pilot takes over for 15 s", _pilot),
+    "vehicle": SceneKind("another vehicle, which does not look", _vehicle),
+    "cable": SceneKind("a cable across the way", _cable),
+    "net": SceneKind("a lost fishing net", _net),
     "empty": SceneKind("empty water with marine snow", lambda rng, scene: scene),
     "snow": SceneKind(f"empty water, {THICK_SNOW} times the snow", _snow),
     "fish": SceneKind("a school of fish, nothing to hit", _fish),

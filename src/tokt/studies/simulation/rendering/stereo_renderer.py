@@ -41,7 +41,7 @@ class StereoRenderer:
         self._snow = Snow(np.random.default_rng([world.seed, _SNOW]), world.water)
         clouds = np.random.default_rng([seed, _CLOUDS])
         self._clouds = cloud_bank(clouds, rig.height, rig.width)
-        self._seen = (b"", np.inf)
+        self._seen = ((0.0, b""), np.inf)
         self._kept: dict[int, tuple[ViewMaps, SensorNoise]] = {}
 
     def _camera(self, side: int) -> tuple[ViewMaps, SensorNoise]:
@@ -66,33 +66,33 @@ class StereoRenderer:
         cameras = self._cameras(position, heading_rad)
         return self._see(0, t_s, cameras, velocity), self._see(1, t_s, cameras, velocity)
 
-    def sees_solid(self, position: F64, heading_rad: float, within_m: float) -> bool:
+    def sees_solid(self, t_s: float, position: F64, heading_rad: float, within_m: float) -> bool:
         """Whether the left camera's frame shows something solid nearer than `within_m`, no fish."""
         left, _ = self._cameras(position, heading_rad)
-        if self._seen[0] != _pose(left):
-            self._solids(0, left)
+        if self._seen[0] != (t_s, _pose(left)):
+            self._solids(0, t_s, left)
         return self._seen[1] < within_m
 
     def _cameras(self, position: F64, heading_rad: float) -> tuple[Camera, Camera]:
         """Both cameras, level, with the left one at `position`."""
         return self._rig.cameras(upright(heading_rad), np.asarray(position, np.float64))
 
-    def _solids(self, side: int, camera: Camera) -> Hits:
+    def _solids(self, side: int, t_s: float, camera: Camera) -> Hits:
         """Surfaces without fish; the left camera's nearest depth is kept for `sees_solid`."""
         maps, _ = self._camera(side)
         hits = Hits(camera, maps.rays, maps.lamp)
         if self._world.things:
-            origins = np.array([thing.at for thing in self._world.things], np.float64)
+            origins = np.stack([thing.place(t_s) for thing in self._world.things])
             hits.add_solids(self._surfaces, origins)
         if side == 0:
-            self._seen = _pose(camera), float(hits.depth.min())
+            self._seen = (t_s, _pose(camera)), float(hits.depth.min())
         return hits
 
     def _see(self, side: int, t_s: float, cameras: tuple[Camera, Camera], velocity: F64) -> U8:
         world, own = self._world, cameras[side]
         maps, sensor = self._camera(side)
         micros = round(t_s * 1e6)
-        hits = self._solids(side, own)
+        hits = self._solids(side, t_s, own)
         if world.fish is not None:
             hits.add_fish(world.fish, t_s)
         moment = np.random.default_rng([self._seed, _MOMENT, micros])

@@ -34,6 +34,7 @@ _COLORS = {
     Mode.AVOID: "#e08a1e",
     Mode.BACK_OFF: "#8e44ad",
     Mode.HOLD: "#7f8c8d",
+    Mode.PILOT: "#16a085",
 }
 _RED, _GREEN = "#cc1f2f", "#1c8a4a"
 _SOLID, _SOLID_EDGE, _WATER = "#c9d1d6", "#5d6b76", "#1f7a8c"
@@ -68,12 +69,12 @@ class Chart:
     current_m_s: tuple[float, float, float]  # the water's velocity: east, down, north
 
     @classmethod
-    def of(cls, scene: LoopScene) -> Chart:
-        """A scene's, at 0 s: the outline of each solid is its convex hull from above."""
+    def of(cls, scene: LoopScene, t_s: float) -> Chart:
+        """A scene's at a time: the outline of each solid is its convex hull from above."""
         outlines = []
         for thing in scene.world.things:
             for solid in thing.shape.solids:
-                points = (thing.at + _corners(solid))[:, _EAST_NORTH].astype(np.float32)
+                points = (thing.place(t_s) + _corners(solid))[:, _EAST_NORTH].astype(np.float32)
                 outlines.append(np.asarray(cv2.convexHull(points)[:, 0], np.float64))
         return cls(outlines, scene.goal, scene.world.current)
 

@@ -94,6 +94,9 @@ class Cuboid:
     material: Material
 
 
+Solid = Frustum | Cuboid
+
+
 @dataclass(frozen=True)
 class Stalk:
     """Something thin that grows out of the tower; a line of a given half-width in metres."""
@@ -108,7 +111,7 @@ class Stalk:
 class Tower:
     """All solids and stalks, and the texture that is fixed to the solids."""
 
-    solids: tuple[Frustum | Cuboid, ...]
+    solids: tuple[Solid, ...]
     stalks: tuple[Stalk, ...]
     # (TEXTURE_SIZE, TEXTURE_SIZE, 2): relative brightness and rust of a texel, both 0..1; then each
     # is the one before it at half the detail, for surfaces farther away.
@@ -167,7 +170,7 @@ def _head(rng: np.random.Generator) -> list[Frustum]:
 
 def _braces(legs: list[Frustum], rng: np.random.Generator) -> list[Frustum | Cuboid]:
     """Bars between neighbouring legs, and one anode plate on each leg."""
-    parts: list[Frustum | Cuboid] = []
+    parts: list[Solid] = []
     for number, leg in enumerate(legs):
         following = legs[(number + 1) % len(legs)]
         for along in (0.45, 0.85):
