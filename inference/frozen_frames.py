@@ -85,6 +85,15 @@ slowly was frozen by its own texture before: 17 of 24 frames of a drawn reef. Me
 picture and more, close to the tower; of that reef 0.1."""
 _FAR_PX, _TILE_PX = 16, 64
 
+NOISY_TIMES = 1.5
+"""Noise is also compared only where a row's finest differences are at most so many times those of
+the camera's quietest picture (medians). A finely textured wall before a vehicle on station was
+frozen by its texture before. Measured: in nine tenths of water at most 1.5 times, on rendered walls
+2 times and more. Where lamps make all water noisier at once, copies with noise on top are not told
+for a while."""
+_FORGOTTEN = 1.002
+"""The quietest picture's differences count so many times as much from picture to picture."""
+
 _NONE, _ALL = np.uint64(0), np.uint64(2**64 - 1)  # of a tile's pixels
 _INSIDE = np.full(8, 2 ** (_BLOCK - _LAG) - 1, np.uint8).view(np.uint64)
 """Those that do not reach into the next JPEG block."""
@@ -122,22 +131,27 @@ def _look(picture: U8) -> _Look:
     return _Look(rows, hashes, signs, int(np.bitwise_count(signs).sum()) / max(inside, 1))
 
 
-def _quiet(rows: U8) -> U64:
-    """Where rows show noise alone: they change no more over some pixels than over `_LAG`."""
+def _quiet(rows: U8, noise: float) -> tuple[U64, float]:
+    """Where rows show noise alone, and the median of their finest differences.
+
+    They change no more over some pixels than over `_LAG`, and there no more than by `NOISY_TIMES`
+    of `noise`, such a median, or their own.
+    """
     wide = max(rows.shape[1] - _LAG, 0) // _TILE_PX * _TILE_PX  # of whole tiles
     earlier, later = rows[:, :wide], rows[:, _LAG : wide + _LAG]
     if not earlier.size:
-        return np.zeros((len(rows), 0), np.uint64)
+        return np.zeros((len(rows), 0), np.uint64), noise
     far = np.zeros(earlier.shape, np.uint8)
     far[:, _FAR_PX:] = cv2.absdiff(earlier[:, _FAR_PX:], earlier[:, :-_FAR_PX])
     near, over = (
         cv2.reduce(each.reshape(-1, _TILE_PX), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)
         for each in (cv2.absdiff(earlier, later), far)
     )
-    tiles = over <= QUIET * near
+    level = float(np.median(near))
+    tiles = (over <= QUIET * near) & (near <= NOISY_TIMES * min(level, noise))
     if np.count_nonzero(tiles) < QUIET_PART * len(tiles):
         tiles[:] = False
-    return np.where(tiles, _ALL, _NONE).reshape(len(rows), -1)
+    return np.where(tiles, _ALL, _NONE).reshape(len(rows), -1), level
 
 
 def _plane(picture: U8) -> U8:
@@ -192,6 +206,7 @@ class _Camera:
         self._place = 0
         self._signs: deque[U64] = deque(maxlen=COMPARED)  # of the last pictures with noise
         self._compared = np.zeros((0, 0, 0, 0), np.uint64)  # the same, as one array
+        self._noise = math.inf  # finest differences of the quietest picture
         self._middles: tuple[U64, U64] | None = None
         self._new: _Look | None = None  # the last one's, until it is prepared for
 
@@ -202,7 +217,7 @@ class _Camera:
         if last is None or last.shape != picture.shape:
             self._known = np.zeros((REMEMBERED, *look.hashes.shape), np.uint64)
             self._signs.clear()
-            self._middles = None
+            self._middles, self._noise = None, math.inf
         elif self._is_last(last, picture, look):
             return self._repeated(frame, limits)
         elif words := self._old(last, picture, look):
@@ -222,7 +237,9 @@ class _Camera:
         if min(self._picture.shape[:2]) >= 2 * _WORD:
             self._middles = _middles(_plane(self._picture))
         if look.noise > NOISY:
-            self._signs.append(look.signs & _quiet(look.rows))
+            quiet, level = _quiet(look.rows, self._noise)
+            self._noise = min(_FORGOTTEN * self._noise, level)
+            self._signs.append(look.signs & quiet)
         none = np.zeros((0, *look.signs.shape), np.uint64)
         self._compared = np.stack(self._signs) if self._signs else none
 

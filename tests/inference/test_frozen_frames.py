@@ -115,6 +115,28 @@ def test_buffers_that_go_round_are_told_where_each_picture_is_changed_as_well(bu
     assert not any(told[: 4 + buffers]) and all(told[4 + buffers : -1]) and not told[-1]
 
 
+def on_station(first, last):
+    """A finely textured wall that comes into view, and before which the vehicle then keeps station.
+
+    It passes by until its texture is twice the noise, then drifts by a tenth of a pixel a picture.
+    """
+    texture = cv2.GaussianBlur(RNG.normal(0, 1, (HEIGHT + 60, WIDTH + 60)), (0, 0), 0.7)
+    texture *= 2.0 / texture.std()
+    for number in range(first, last):
+        by = 2.5 * min(number, 10) + 0.1 * number
+        shift = np.float64([[1, 0, -by], [0, 1, -by / 2]])
+        wall = cv2.warpAffine(texture, shift, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC)
+        yield water(LIGHT + min(number / 10, 1.0) * wall)
+
+
+def test_a_wall_before_a_vehicle_on_station_is_no_frozen_picture():
+    before = [water(LIGHT) for _ in range(12)]
+    wall = list(on_station(0, 40))
+    assert faults([*before, *wall]) == [""] * 52
+    again = faults([*before, *wall, wall[-3], wall[-2]])
+    assert not any(again[:-2]) and all("earlier picture again" in words for words in again[-2:])
+
+
 def test_a_picture_repeated_within_the_limits_is_no_ring():
     pictures = [water(LIGHT) for _ in range(20)]
     assert not any(faults([one for one in pictures for _ in range(1 + Limits().frozen_repeats)]))
