@@ -7,6 +7,8 @@ distributions.
 """
 
 import tempfile
+from dataclasses import replace
+from itertools import cycle
 from pathlib import Path
 
 import cv2
@@ -45,6 +47,8 @@ FRAMES = 100
 DRIFT_SEEDS = (900_101, 900_102, 900_103, 900_104, 900_105, 900_106, 900_107, 900_108)
 DRIFT_FRAMES = 60
 """Of the open water learnt from."""
+DRIFT_SNOW = (1, 2, 1, 4)
+"""Times the snow of the mission, in one sequence after the other."""
 FALSE_STATUS_RATE = 1e-5
 """An ocean frame's: a run in empty water has some 120 frames, and one in a hundred may alarm."""
 
@@ -64,9 +68,9 @@ def train_default_model(
         missions = [folder / f"rendered-{seed}" for seed in SEEDS]
         for mission, seed in zip(missions, SEEDS, strict=True):
             simulate_mission(mission, seed=seed, n_frames=FRAMES, width=width)
-        for seed in DRIFT_SEEDS:
+        for seed, snow in zip(DRIFT_SEEDS, cycle(DRIFT_SNOW)):
             missions.append(folder / f"open-water-{seed}")
-            write_drift(missions[-1], seed, DRIFT_FRAMES, width)
+            write_drift(missions[-1], seed, DRIFT_FRAMES, width, snow)
         labelled = []
         for mission in missions:
             records = read_labels([mission / "labels.csv"], taxonomy, DEFAULT_GRID)
@@ -88,13 +92,16 @@ WAYS_M_S = ((0.0, 0.0, 0.6), (0.35, 0.0, 0.0), (0.02, 0.01, 0.02), (-0.1, 0.0, 0
 _TURN_RAD_S = 0.02
 
 
-def write_drift(folder: Path, seed: int, frames: int, width: int) -> None:
+def write_drift(folder: Path, seed: int, frames: int, width: int, snow: int = 1) -> None:
     """Render one sequence as a mission of left frames, all of its patches labelled ocean.
 
-    The new folder's name is the mission's; the seed is that of water, rig, snow and noise.
+    The new folder's name is the mission's; the seed is that of water, rig, snow and noise; there
+    is `snow` times as much snow as the seed has.
     """
     water, rig = (np.random.default_rng([seed, part]) for part in range(2))
-    renderer = StereoRenderer(World(Water.draw(water), seed=seed), SyntheticRig(rig, width), seed)
+    drawn = Water.draw(water)
+    drawn = replace(drawn, snow_per_frame=snow * drawn.snow_per_frame)
+    renderer = StereoRenderer(World(drawn, seed=seed), SyntheticRig(rig, width), seed)
     (folder / "Left").mkdir(parents=True)
     place, step_s = np.zeros(3), STEP_S * STEPS_A_FRAME
     for index in range(frames):

@@ -60,6 +60,7 @@ class Manoeuvre:
     look: float  # its heading then, which it keeps, and that of the frame; rad
     side: int  # passed on: port (-1) or starboard (1)
     hold_along: float  # where along the vehicle goes sideways
+    oncoming: bool = False  # whether what was seen comes towards the vehicle
     retreat: float | None = None  # where to back off to, along and beside
     retreat_beside: float = 0.0
     nearest: float = -math.inf  # the farthest along at which it had to back off

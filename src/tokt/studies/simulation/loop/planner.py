@@ -14,8 +14,8 @@ body-fixed frame; back to the goal when it is reached. Added here, and why:
 - *One side.* The side of the first verdict is kept until the obstacle is passed.
 - *Back off.* A large mean value, a small distance or a short time to contact: first straight back
   the way it came, as sideways is where a trap (thesis figure 6.2) has its walls.
-- *Wait.* Before it avoids it stops and looks, as fish swim on. What is near, or comes nearer
-  while it stands, is avoided at once.
+- *Wait.* Before it avoids it stops and looks. What keeps its place in the view is avoided; what
+  moves across, as fish do, is waited for. What comes near meanwhile is backed off from.
 - *Hold.* Unknown verdicts, and silence, which is v1's only word for them: the vehicle keeps its
   station until something is known again. Where it goes on to be unknown (too near to a wall to be
   matched), it goes back the way it came, step by step.
@@ -30,6 +30,7 @@ Time comes from the caller: seconds of any clock that does not step back.
 """
 
 import math
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -41,12 +42,17 @@ from .autopilot import CRUISE_M_S, Mode, Setpoint
 from .manoeuvre import HALF_VIEW, MASK_WIDTH, Manoeuvre, bearing
 from .vehicle import State, turn
 
-WAIT_S = 6.0
-"""How long it stands and looks before it avoids."""
+STEADY_S, STEADY_PX = 3.0, 25
+"""What stays for so long within so many columns, seen by a vehicle at rest, stands still or comes
+straight on."""
+GROWS = 1.4
+"""What is so many times as large in the view as when the vehicle came to rest comes towards it."""
+STEADY_GAP_S = 1.0
+"""What is away for longer is not steady."""
+WAIT_S = 15.0
+"""The longest that it stands and looks before it avoids."""
 PASSED_FRAMES = 4
 """Clear verdicts in a row, while it stands, after which it goes on."""
-NEARER_M = 1.0
-"""What has come so much nearer while it stands is on its way here."""
 PATIENCE_S, RETREAT_M = 10.0, 1.5
 """How long it holds its station before it goes back, and how far each time."""
 STUCK_S, PROGRESS_M = 60.0, 0.5
@@ -78,6 +84,9 @@ BACK_OFF_WIDE_M = 5.5
 entered yet."""
 BACK_OFF_DISTANCE_M, BACK_OFF_CONTACT_S = 2.2, 3.0
 """Distance and time to contact below which it backs off."""
+HURRY_M = 1.5
+"""A vehicle on its way does not stop to look what it is that is so near: a stop takes 0.4 m, and its
+hull begins 0.3 m before the camera."""
 SURE_TREND = 0.8
 """Confidence below which the time to contact by expansion does not count."""
 BACK_OFF_M, BACK_OFF_MOST_M = 3.0, 6.0
@@ -85,12 +94,46 @@ BACK_OFF_M, BACK_OFF_MOST_M = 3.0, 6.0
 
 
 class Wait(NamedTuple):
-    """A stop before an obstacle: since when (s), where, and how far off it was (m)."""
+    """A stop before an obstacle: since when (s), where, and what was seen at rest."""
 
     since_s: float
     place: F64
     heading: float
-    distance_m: float
+    seen: list[tuple[float, int, float]]  # when (s), the column from the middle, the mean value
+
+    def keeps_its_place(self, t_s: float) -> bool:
+        """Whether what is seen has kept its place in the view, ever since."""
+        times = [at_s for at_s, _, _ in self.seen]
+        columns = [x for _, x, _ in self.seen]
+        if not times or t_s - times[0] < STEADY_S:
+            return False
+        gap = max(later - earlier for earlier, later in pairwise([*times, t_s]))
+        return gap <= STEADY_GAP_S and max(columns) - min(columns) <= STEADY_PX
+
+    def grows(self) -> bool:
+        """Whether what is seen comes here: it has grown while the vehicle stood."""
+        return bool(self.seen) and self.seen[-1][2] > GROWS * self.seen[0][2]
+
+
+class Progress:
+    """How near the goal was come to, and for how long no nearer; time on station does not count."""
+
+    def __init__(self) -> None:
+        self._best_m, self._stalled_s = math.inf, 0.0
+        self._asked_s: float | None = None
+
+    def hold(self) -> None:
+        """The vehicle is on station now."""
+        self._asked_s = None
+
+    def stuck(self, t_s: float, to_goal_m: float) -> bool:
+        """Whether there was none for `STUCK_S`; then it begins anew."""
+        self._stalled_s += 0.0 if self._asked_s is None else t_s - self._asked_s
+        self._asked_s = t_s
+        stuck = self._stalled_s > STUCK_S
+        if stuck or to_goal_m < self._best_m - PROGRESS_M:
+            self._best_m, self._stalled_s = to_goal_m, 0.0
+        return stuck
 
 
 class Planner:
@@ -112,7 +155,7 @@ class Planner:
         self._wait: Wait | None = None
         self._clear = 0  # verdicts in a row while it waits
         self._handed_over = False  # to the pilot
-        self._best: tuple[float, float] | None = None  # least distance to the goal, and when
+        self._progress = Progress()
 
     def target(
         self, t_s: float, nav: State, heard: dict[str, Any] | None = None,
@@ -151,6 +194,8 @@ class Planner:
     def _take_in(self, t_s: float, datagram: dict[str, Any], nav: State) -> None:
         status = datagram["status"]
         self._known = status != UNKNOWN
+        if self._wait is not None and not self._known:
+            self._wait.seen.clear()
         if status == OBSTACLE:
             self._take_in_obstacle(t_s, datagram, nav)
             return
@@ -165,32 +210,30 @@ class Planner:
     def _take_in_obstacle(self, t_s: float, datagram: dict[str, Any], nav: State) -> None:
         self._clear = 0
         wide = self._is_wide(datagram)
-        near = self._too_near(datagram, wide)
         if self._manoeuvre is None:
-            if not near and self._waits(t_s, datagram, nav):
+            if not self._hurries(datagram, nav) and self._waits(t_s, datagram, nav):
                 return
-            self._wait = None
             self.avoidances.append(t_s)
             self._manoeuvre = self._new_manoeuvre(datagram, nav)
+            self._wait = None
         glanced = self._manoeuvre.glance is not None
         self._manoeuvre.see(datagram, nav, wide)
         if glanced and self._passed(self._manoeuvre, nav):
             # It is beside, and not on the way past: on the way back the camera will face it.
             self._manoeuvre = None
             return
-        if near:
+        # What comes straight on is not outrun backwards.
+        if self._too_near(datagram, wide) and not self._manoeuvre.oncoming:
             self._manoeuvre.back_off(nav, BACK_OFF_M, BACK_OFF_MOST_M)
 
     def _waits(self, t_s: float, datagram: dict[str, Any], nav: State) -> bool:
         """Whether it goes on to stand and look before it avoids what a verdict says."""
-        distance_m = datagram.get("distance_m")
-        far = math.inf if distance_m is None else float(distance_m)
         if self._wait is None:
             place = nav.position + STOPPING_S * nav.velocity_world
-            self._wait = Wait(t_s, place, nav.heading_rad, far)
-            return True
-        nearer = math.isfinite(self._wait.distance_m) and self._wait.distance_m - far > NEARER_M
-        return t_s - self._wait.since_s < WAIT_S and not nearer
+            self._wait = Wait(t_s, place, nav.heading_rad, [])
+        if float(np.linalg.norm(nav.velocity_body)) < AT_REST_M_S:
+            self._wait.seen.append((t_s, datagram["x"] or 0, datagram["mean"] or 0.0))
+        return t_s - self._wait.since_s < WAIT_S and not self._wait.keeps_its_place(t_s)
 
     def _new_manoeuvre(self, datagram: dict[str, Any], nav: State) -> Manoeuvre:
         """A manoeuvre that begins here, beside the way on which the vehicle is."""
@@ -199,7 +242,8 @@ class Planner:
         seen = turn(nav.heading_rad - look) + bearing(-(datagram["x"] or 0))
         # Away from it; the thesis's program goes left where it is right ahead.
         side = 1 if seen < 0 else -1
-        return Manoeuvre(nav.position, look, side, _stopping_m(nav))
+        oncoming = self._wait is not None and self._wait.grows()
+        return Manoeuvre(nav.position, look, side, _stopping_m(nav), oncoming)
 
     def _course(self, nav: State) -> float:
         """The heading that transit goes on: to the goal; close to it, as it is."""
@@ -220,12 +264,25 @@ class Planner:
         distance_m = datagram.get("distance_m")
         if wide and (distance_m is None or distance_m < BACK_OFF_WIDE_M):
             return True
+        near = distance_m is not None and distance_m < BACK_OFF_DISTANCE_M
+        return near or self._contact_is_near(datagram)
+
+    def _hurries(self, datagram: dict[str, Any], nav: State) -> bool:
+        """Whether there is no time to stand and look.
+
+        What is wide may swim on; what is near stays so, where the vehicle stops well before it.
+        """
+        distance_m = datagram.get("distance_m")
+        ahead = float(nav.velocity_body[0]) > AT_REST_M_S
+        near = ahead and distance_m is not None and distance_m < HURRY_M
+        return near or self._contact_is_near(datagram)
+
+    def _contact_is_near(self, datagram: dict[str, Any]) -> bool:
         # By expansion alone, in frames with few patches: only where it is sure.
         sure = (datagram.get("trend_confidence") or 0.0) >= SURE_TREND
         expansion_s = datagram.get("expansion_contact_s") if sure else None
         contacts = (datagram.get("contact_s"), expansion_s)
-        near = distance_m is not None and distance_m < BACK_OFF_DISTANCE_M
-        return near or any(one is not None and one < BACK_OFF_CONTACT_S for one in contacts)
+        return any(one is not None and one < BACK_OFF_CONTACT_S for one in contacts)
 
     def _passed(self, manoeuvre: Manoeuvre, nav: State) -> bool:
         """Whether all that is remembered is behind, or the goal is beside."""
@@ -237,6 +294,7 @@ class Planner:
 
     def _hold(self, t_s: float, nav: State, patient: bool = True) -> Setpoint:
         """On station; one that is not patient goes back the way it came after a while."""
+        self._progress.hold()
         if self._held is None:
             place = nav.position + STOPPING_S * nav.velocity_world
             self._held = t_s, place, nav.heading_rad
@@ -252,7 +310,8 @@ class Planner:
 
         What was avoided has to be seen anew.
         """
-        self._wait = self._manoeuvre = self._best = None
+        self._wait = self._manoeuvre = None
+        self._progress = Progress()
         held = self._hold(t_s, nav)
         self._handed_over |= float(np.linalg.norm(nav.velocity_body)) < AT_REST_M_S
         if not self._handed_over:
@@ -269,12 +328,8 @@ class Planner:
 
     def _unstick(self, t_s: float, nav: State) -> None:
         """Without progress: back off, and try the other side of what may be ahead."""
-        far = float(np.linalg.norm(self.goal - nav.position))
-        if self._best is None or far < self._best[0] - PROGRESS_M:
-            self._best = far, t_s
-        if t_s - self._best[1] < STUCK_S:
+        if not self._progress.stuck(t_s, float(np.linalg.norm(self.goal - nav.position))):
             return
-        self._best = far, t_s
         side = -1 if self._manoeuvre is None else -self._manoeuvre.side
         self._wait = None
         self.avoidances.append(t_s)
