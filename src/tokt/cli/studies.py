@@ -23,7 +23,7 @@ ProcessesOption = Annotated[
 ]
 _NOT_EXACT = 1
 _FOR_MISSIONS = ("frames",)
-_FOR_CLOSED_LOOP = ("scenes", "methods", "runs", "model")
+_FOR_CLOSED_LOOP = ("scenes", "methods", "runs", "model", "planner")
 
 
 def demo(
@@ -49,7 +49,9 @@ def demo(
 
 def simulate(
     context: typer.Context,
-    folder: Annotated[Path, Argument(help="New folder to write.")],
+    folder: Annotated[
+        Path, Argument(help="New folder to write, or one of a closed loop to go on with.")
+    ],
     seed: Annotated[
         int,
         Option(
@@ -76,12 +78,20 @@ def simulate(
     model: Annotated[
         Path | None, Option(help="Model to fly. Default: one trained on rendered missions.")
     ] = None,
+    planner: Annotated[
+        str,
+        Option(
+            help="tokt, or the thesis's rule: labview (till the obstacle is out of view), "
+            "labview-timed, sea-trial (with its fault: the waypoint in the wrong frame)."
+        ),
+    ] = "tokt",
     jobs: ProcessesOption = None,
     json: JsonOption = False,
 ) -> None:
     """Render a synthetic mission, or fly the closed loop.
 
-    A mission has exact labels, masks and depth.
+    A mission has exact labels, masks and depth. A closed loop that was cut short goes on in its
+    folder, and what is flown there later joins it.
     """
     for name in _FOR_MISSIONS if closed_loop else _FOR_CLOSED_LOOP:
         if is_written(context, name):
@@ -106,6 +116,7 @@ def simulate(
         width=WIDTH if width is None else width,
         model=model,
         jobs=-1 if jobs is None else jobs,
+        planner=planner,
     )
     came = fly_study(study, progress, say)
     answer(json, came.to_json(), lambda: list(map(print, came.words())))

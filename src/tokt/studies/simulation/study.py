@@ -1,8 +1,12 @@
-"""A whole study: the model, all runs, what they came to, and the folder that tells it."""
+"""A whole study: the model, all runs, what they came to, and the folder that tells it.
+
+The folder keeps each run as it is flown. A study that was cut short goes on where it stopped, and
+one of other scenes, methods or seeds joins what is there: the report is of all runs in the folder.
+"""
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -10,11 +14,12 @@ from typing import Any
 
 import pandas as pd
 
+from tokt import __version__
 from tokt.features.common import atomic
-from tokt.features.common.errors import ToktError
+from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.labels.formats.options import Progress
 from tokt.models.bundle.bundle import Bundle, read_bundle
-from tokt.studies.simulation.loop.flight import METHODS, NONE, fly, uses_model
+from tokt.studies.simulation.loop.flight import METHODS, NONE, OURS, PLANNERS, fly, uses_model
 from tokt.studies.simulation.loop.scenes import KINDS, draw_scene
 from tokt.studies.simulation.loop.track import Track
 from tokt.studies.simulation.rendering.synthetic_mission import check_width
@@ -36,34 +41,42 @@ REPORTED_SEEDS = range(201, 301)
 """Frozen with the scenes, before the planner was tuned on them."""
 RESULTS_FORMAT = 1
 """Version of results.json; a change of meaning or a key taken away raises it."""
-MODEL_FILE = "model.tokt"
+MODEL_FILE, FLIGHTS = "model.tokt", "flights"
 
 
 @dataclass(frozen=True)
 class Study:
     """The study that is asked for: a run of each scene and method for each seed."""
 
-    out: Path  # new folder
+    out: Path  # new folder, or one that holds a study
     scenes: Sequence[str]
     methods: Sequence[str]
     seeds: Sequence[int]
     width: int  # of the frames, px
-    model: Path | None  # the bundle; None trains one, if one of the methods uses it
+    model: Path | None  # the bundle; None: the folder's, or trains one, if a method uses it
     jobs: int  # runs at a time; -1 for one a core
+    planner: str = "tokt"  # of `PLANNERS`
 
 
 @dataclass(frozen=True)
 class Studied:
-    """The outcomes of a study, by scene, method and seed as asked, and the model that was flown."""
+    """The outcomes of all runs in a study's folder, and the model that was flown."""
 
     study: Study
     outcomes: list[FlightOutcome]
     model: str | None  # the bundle's ``name/version`` with its hash; None where no method uses one
+    versions: list[str]  # of tokt, that flew them
 
     @property
     def table(self) -> pd.DataFrame:
         """A row for each scene and method."""
         return table(self.outcomes)
+
+    @property
+    def seeds(self) -> tuple[int, int]:
+        """The first and the last seed."""
+        seeds = [outcome.seed for outcome in self.outcomes]
+        return min(seeds), max(seeds)
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form: the table and every run."""
@@ -71,8 +84,9 @@ class Studied:
         return {
             "format": RESULTS_FORMAT,
             "model": self.model,
+            "versions": self.versions,
             "width": self.study.width,
-            "seeds": [min(self.study.seeds), max(self.study.seeds)],
+            "seeds": list(self.seeds),
             "tuned_on_seeds_from": FIRST_TUNING_SEED,
             "table": rows,
             "runs": [outcome.to_json() for outcome in self.outcomes],
@@ -80,7 +94,7 @@ class Studied:
 
     def split_words(self) -> str:
         """Which seeds these are, and which ones were looked at before."""
-        first, last = min(self.study.seeds), max(self.study.seeds)
+        first, last = self.seeds
         words = (
             f"Seeds {first} to {last}; planner and scenes were worked out on seeds from "
             f"{FIRST_TUNING_SEED} on."
@@ -92,7 +106,7 @@ class Studied:
     def words(self) -> list[str]:
         """Lines for people: one for each scene and method, the seeds, and where the report is."""
         lines = [
-            f"{row.scene:8} {row.method:10} collisions {row.collided:3d} of {row.runs}, "
+            f"{row.scene:9} {row.method:10} collisions {row.collided:3d} of {row.runs}, "
             f"arrived {row.reached:3d}, false avoidance in {row.false_avoidance:3d}"
             for row in self.table.itertuples(index=False)
         ]
@@ -100,35 +114,65 @@ class Studied:
 
 
 def fly_study(study: Study, progress: Progress, say: Notice) -> Studied:
-    """Fly all runs and write ``model.tokt``, ``results.json`` and what `write_report` writes.
+    """Fly the runs that the folder lacks, and write its ``results.json`` and `write_report`.
 
-    Raises ToktError if something asked for does not exist, or the folder is there already.
+    Raises ToktError if something asked for does not exist, or the folder is another's.
     """
     _check(study)
-    with atomic.new_folder(study.out) as folder:
-        bundle = _bundle(study, folder, progress, say)
-        flights = list(product(study.scenes, study.methods, study.seeds))
-        flown = mapped(partial(_fly, study.width, folder / MODEL_FILE), flights, study.jobs)
-        tracks = list(progress(flown, len(flights), "closed loop"))
-        model = None if bundle is None else f"{bundle.label}, sha256 {bundle.sha256}"
-        studied = Studied(study, [outcome_of(track) for track in tracks], model)
-        results = json.dumps(studied.to_json(), indent=1, allow_nan=False)
-        (folder / "results.json").write_text(results + "\n", encoding="utf-8")
-        where = [_chart(track, study.width) for track in tracks]
-        write_report(folder, tracks, where, _about(studied))
+    with os_errors_as(f"cannot write in {study.out}"):
+        (study.out / FLIGHTS).mkdir(parents=True, exist_ok=True)
+    bundle = _bundle(study, progress, say)
+    asked = product(study.scenes, study.methods, study.seeds)
+    missing = [flight for flight in asked if not _file(study, *flight).exists()]
+    flown = mapped(partial(_fly, study), missing, study.jobs)
+    for _ in progress(flown, len(missing), "closed loop"):
+        pass
+    tracks, versions = _flown(study)
+    model = None if bundle is None else f"{bundle.label}, sha256 {bundle.sha256}"
+    studied = Studied(study, [outcome_of(track) for track in tracks], model, versions)
+    results = json.dumps(studied.to_json(), indent=1, allow_nan=False)
+    atomic.write_text(study.out / "results.json", results + "\n")
+    where = [_chart(track, study.width) for track in tracks]
+    write_report(study.out, tracks, where, _about(studied))
     return studied
+
+
+def _file(study: Study, scene: str, method: str, seed: int) -> Path:
+    """Where a run is kept."""
+    return study.out / FLIGHTS / f"{scene}-{_label(method, study.planner)}-{seed}.npz"
+
+
+def _label(method: str, planner: str) -> str:
+    """What a method is called in tables; who listens to nothing has no planner."""
+    return method if planner == OURS or method == NONE else f"{method}-{planner}"
+
+
+def _flown(study: Study) -> tuple[list[Track], list[str]]:
+    """All runs of the folder in the order of scenes, methods and seeds, and who flew them."""
+    read = [Track.from_bytes(file.read_bytes()) for file in (study.out / FLIGHTS).glob("*.npz")]
+    for track, about in read:
+        if about["width"] != study.width:
+            words = f"{track.scene}, seed {track.seed}, is of frames {about['width']} px wide"
+            raise ToktError(f"{study.out}: {words}, not {study.width}; choose another folder")
+    scenes, methods = list(KINDS), [_label(m, p) for p in PLANNERS for m in METHODS]
+    tracks = [track for track, _ in read]
+    tracks.sort(key=lambda one: (scenes.index(one.scene), methods.index(one.method), one.seed))
+    return tracks, sorted({about["version"] for _, about in read})
 
 
 def _check(study: Study) -> None:
     """Find what is wrong before minutes of rendering."""
-    if study.out.exists():
+    if study.out.exists() and not (study.out / FLIGHTS).is_dir():
         raise ToktError(f"{study.out} is there already; give the name of a new folder")
     check_width(study.width)
     if study.model is not None and not any(map(uses_model, study.methods)):
         raise ToktError(f"no model is used by {', '.join(study.methods)}: leave it out")
+    if study.model is not None:
+        read_bundle(study.model)
     for what, asked, known in (
         ("scene", study.scenes, tuple(KINDS)),
         ("method", study.methods, METHODS),
+        ("planner", [study.planner], tuple(PLANNERS)),
     ):
         for name in asked:
             if name not in known:
@@ -137,9 +181,13 @@ def _check(study: Study) -> None:
             raise ToktError(f"name each {what} once, and at least one")
 
 
-def _fly(width: int, model: Path, flight: tuple[str, str, int]) -> Track:
+def _fly(study: Study, flight: tuple[str, str, int]) -> None:
     scene, method, seed = flight
-    return fly(draw_scene(scene, seed, width), method, model if uses_model(method) else None)
+    model = study.out / MODEL_FILE if uses_model(method) else None
+    track = fly(draw_scene(scene, seed, study.width), method, model, study.planner)
+    track = replace(track, method=_label(method, study.planner))
+    about = {"width": study.width, "version": __version__}
+    atomic.write_bytes(_file(study, *flight), track.to_bytes(about))
 
 
 def _chart(track: Track, width: int) -> Chart:
@@ -148,25 +196,29 @@ def _chart(track: Track, width: int) -> Chart:
     return Chart.of(scene, float(track.t_s[track.nearest]))
 
 
-def _bundle(study: Study, folder: Path, progress: Progress, say: Notice) -> Bundle | None:
-    """The model that flies, also in the study's folder; none is trained that nobody uses."""
+def _bundle(study: Study, progress: Progress, say: Notice) -> Bundle | None:
+    """The model that flies, kept in the study's folder; none is trained that nobody uses."""
+    path = study.out / MODEL_FILE
+    if study.model is not None:
+        bundle = read_bundle(study.model)
+        if path.exists() and path.read_bytes() != bundle.data:
+            raise ToktError(f"{study.out} was flown with another model; choose another folder")
+        atomic.write_bytes(path, bundle.data)
+        return bundle
+    if path.exists():
+        return read_bundle(path)
     if not any(map(uses_model, study.methods)):
         return None
-    path = folder / MODEL_FILE
-    if study.model is None:
-        return train_default_model(path, study.width, progress, say, study.jobs)
-    bundle = read_bundle(study.model)
-    path.write_bytes(bundle.data)
-    return bundle
+    return train_default_model(path, study.width, progress, say, study.jobs)
 
 
 def _about(studied: Studied) -> list[str]:
     """What stands over the report's table."""
     study = studied.study
-    trained = "; trained on rendered missions of other seeds" if study.model is None else ""
-    model = "No model." if studied.model is None else f"Model {studied.model}{trained}."
+    model = "No model." if studied.model is None else f"Model {studied.model}."
+    versions = ", ".join(studied.versions)
     return [
-        f"{model} Frames {study.width} px wide.",
+        f"{model} Frames {study.width} px wide. Flown by tokt {versions}.",
         studied.split_words(),
         f"Each verdict comes from a process of tokt run by UDP v2; {NONE} is a planner that does "
         "not listen. Time is simulated: however busy the machine is, a seed is the same run.",

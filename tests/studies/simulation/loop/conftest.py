@@ -160,7 +160,7 @@ def fly(sea, seed, deaf=False, most_s=240.0):
             break
         vehicle.step(STEP_S, autopilot.forces(vehicle.state, target))
     said = (steps, frames, planner.avoidances, planner.reached)
-    return Track("stand-in", sea.name, "stand-in", seed, *said)
+    return Track.recorded("stand-in", sea.name, "stand-in", seed, *said)
 
 
 def _turned(sea):

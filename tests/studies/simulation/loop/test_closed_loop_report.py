@@ -28,7 +28,7 @@ def recorded(corners, clearances, frames=None, avoidances=(), reached=True, **ab
         for second, ((east, north), away) in enumerate(zip(corners, clearances, strict=True))
     ]
     scene, method = about.get("scene", "tower"), about.get("method", "m")
-    return Track("a scene", scene, method, 3, steps, frames or (), avoidances, reached)
+    return Track.recorded("a scene", scene, method, 3, steps, frames or (), avoidances, reached)
 
 
 STRAIGHT = [(0.0, 0.0), (0.0, 4.0), (0.0, 8.0)]
@@ -103,7 +103,7 @@ def track(modes, status, least_m, seed=1, method="m"):
         clearance_m = max(least_m, abs(5 - step * 0.25))
         steps.append((step * 0.05, state, modes[step // 20], clearance_m))
     frames = [(step * 0.05, status, True) for step in range(0, count, 5)]
-    return Track("one <tower>", "tower", method, seed, steps, frames, (), True)
+    return Track.recorded("one <tower>", "tower", method, seed, steps, frames, (), True)
 
 
 @pytest.fixture(scope="session")

@@ -2,13 +2,17 @@
 
 import json
 
+import numpy as np
 import pandas as pd
 import pytest
 
-from tests.calls import refused, succeeds
+from tests.calls import refused, refuses, succeeds
+from tokt import __version__
 from tokt.studies.simulation import default_model, study
 from tokt.studies.simulation.default_model import train_default_model
 from tokt.studies.simulation.loop import flight, scenes
+from tokt.studies.simulation.loop import track as loop_track
+from tokt.studies.simulation.loop.track import Track
 
 pytestmark = pytest.mark.xdist_group("closed_loop")
 
@@ -49,6 +53,7 @@ def test_a_study(model, tmp_path, monkeypatch):
     assert avoided["avoidances"] >= 1 and deaf["avoidances"] == deaf["frames"] == 0
     assert deaf["clearance_m"] < 0 < avoided["clearance_m"]
     assert (out / "model.tokt").read_bytes() == model.read_bytes()
+    assert said["versions"] == [__version__]
     assert list(pd.read_csv(out / "runs.csv").collided) == [False, True]
     assert said["tuned_on_seeds_from"] == 1000
     page = (out / "report.html").read_text()
@@ -77,6 +82,7 @@ def test_methods_without_a_model_need_none_and_the_seeds_are_said(tmp_path, monk
         (["--scenes", "reef"], "unknown scene 'reef' (choose from tower,"),
         (["--scenes", "tower,tower"], "name each scene once"),
         (["--scenes", ","], "name each scene once, and at least one"),
+        (["--planner", "helm"], "unknown planner 'helm' (choose from tokt, labview,"),
         (["--methods", "sonar"], "unknown method 'sonar' (choose from texture,"),
         (["--runs", 0], "at least one run is needed, not 0"),
         (["--seed", -1], "a seed is 0 or more, not -1"),
@@ -95,6 +101,42 @@ def test_a_folder_that_is_there(tmp_path):
     refused("is there already", "simulate", tmp_path, "--closed-loop")
 
 
-@pytest.mark.parametrize("name", ["scenes", "methods", "runs", "model"])
+def test_a_study_goes_on_where_it_stopped_and_others_join_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(flight, "MAX_S", 0.5)
+    out, flown = tmp_path / "out", []
+    real = study.fly
+
+    def counted(scene, *how):
+        flown.append((scene.name, scene.seed))
+        return real(scene, *how)
+
+    monkeypatch.setattr(study, "fly", counted)
+    command = ["simulate", out, "--closed-loop", "--methods", "none", "--jobs", 1, "--json"]
+    succeeds(*command, "--scenes", "empty", "--runs", 2)
+    assert flown == [("empty", 1), ("empty", 2)]
+    (out / "flights" / "empty-none-2.npz").unlink()
+    (out / "results.json").unlink()
+    said = json.loads(succeeds(*command, "--scenes", "empty,snow", "--runs", 2).out)
+    assert flown[2:] == [("empty", 2), ("snow", 1), ("snow", 2)]
+    assert [row["scene"] for row in said["table"]] == ["empty", "snow"]
+    # A later command's report is of all that is there.
+    said = json.loads(succeeds(*command, "--scenes", "snow", "--runs", 1).out)
+    assert len(flown) == 5 and len(said["runs"]) == 4
+    refused("360 px wide, not 400", *command[:-1], "--scenes", "snow", "--width", 400)
+
+
+def test_a_track_of_yesterday_is_read_and_of_tomorrow_refused():
+    track = flight.fly(scenes.draw_scene("snow", 3, 360), "none")
+    data = track.to_bytes({"width": 360})
+    again, about = Track.from_bytes(data)
+    assert about == {"width": 360} and again.seed == 3 and again.title == track.title
+    assert np.array_equal(again.position, track.position) and again.reached == track.reached
+    assert again.to_bytes(about) == data
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(loop_track, "TRACK_FORMAT", 2)
+        refuses("of another format than 2", Track.from_bytes, data)
+
+
+@pytest.mark.parametrize("name", ["scenes", "methods", "runs", "model", "planner"])
 def test_options_of_the_closed_loop_alone(name, tmp_path):
     refused(f"--{name} is for --closed-loop", "simulate", tmp_path / "out", f"--{name}", 3)

@@ -57,8 +57,9 @@ EPOCH_S = 1_461_149_301.0
 
 _SEA_TRIAL_RAD = (math.pi, math.pi / 2)
 """Where the way led, by seed: with the fault the waypoint is behind the vehicle or the obstacle."""
+OURS = "tokt"
 PLANNERS: dict[str, Callable[[LoopScene], Planner | LabviewPlanner]] = {
-    "tokt": lambda scene: Planner(scene.goal, end_m=scene.end_m),
+    OURS: lambda scene: Planner(scene.goal, end_m=scene.end_m),
     "labview": lambda scene: LabviewPlanner(scene.goal),
     "labview-timed": lambda scene: LabviewPlanner(scene.goal, avoid_s=AVOID_S),
     "sea-trial": lambda scene: LabviewPlanner(
@@ -73,7 +74,7 @@ def uses_model(method: str) -> bool:
     return method not in ("disparity", NONE)
 
 
-def fly(scene: LoopScene, method: str, model: Path | None = None, planner: str = "tokt") -> Track:
+def fly(scene: LoopScene, method: str, model: Path | None = None, planner: str = OURS) -> Track:
     """Fly to the goal, into something, or until time is up, by one of `METHODS` and `PLANNERS`.
 
     A `ToktError` says that the runtime ended, hung or answered with anything but verdicts.
@@ -133,7 +134,7 @@ class _Run:
                 break
             self._vehicle.step(STEP_S, self._autopilot.forces(state, target))
         scene, planner = self._scene, self._planner
-        return Track(
+        return Track.recorded(
             KINDS[scene.name].title, scene.name, self._method, scene.seed, self._steps,
             self._frames, planner.avoidances, planner.reached,
         )  # fmt: skip

@@ -30,7 +30,7 @@ Time comes from the caller: seconds of any clock that does not step back.
 """
 
 import math
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,8 +45,9 @@ from .vehicle import State, turn
 STEADY_S, STEADY_PX = 3.0, 25
 """What stays for so long within so many columns, seen by a vehicle at rest, stands still or comes
 straight on."""
-GROWS = 1.4
-"""What is so many times as large in the view as when the vehicle came to rest comes towards it."""
+GROWS_S, GROWS = 2.0, 1.4
+"""What has grown in the view of a vehicle at rest for so long, to so many times its size, comes
+towards it; what swims into the view is not all in it meanwhile."""
 STEADY_GAP_S = 1.0
 """What is away for longer is not steady."""
 WAIT_S = 15.0
@@ -85,12 +86,21 @@ entered yet."""
 BACK_OFF_DISTANCE_M, BACK_OFF_CONTACT_S = 2.2, 3.0
 """Distance and time to contact below which it backs off."""
 HURRY_M = 1.5
-"""A vehicle on its way does not stop to look what it is that is so near: a stop takes 0.4 m, and its
-hull begins 0.3 m before the camera."""
+"""A vehicle on its way does not stop to look what it is that is so near: a stop takes 0.4 m, and
+its hull begins 0.3 m before the camera."""
 SURE_TREND = 0.8
 """Confidence below which the time to contact by expansion does not count."""
 BACK_OFF_M, BACK_OFF_MOST_M = 3.0, 6.0
 """How far back at least, and at most, from where it was nearest."""
+
+
+class Look(NamedTuple):
+    """What one verdict shows to a vehicle at rest."""
+
+    t_s: float
+    column: int  # of its middle, from the frame's, px
+    mean: float
+    whole: bool  # whether all of it is in the view, as far as its box says
 
 
 class Wait(NamedTuple):
@@ -99,20 +109,23 @@ class Wait(NamedTuple):
     since_s: float
     place: F64
     heading: float
-    seen: list[tuple[float, int, float]]  # when (s), the column from the middle, the mean value
+    seen: list[Look]
 
     def keeps_its_place(self, t_s: float) -> bool:
         """Whether what is seen has kept its place in the view, ever since."""
-        times = [at_s for at_s, _, _ in self.seen]
-        columns = [x for _, x, _ in self.seen]
+        times = [look.t_s for look in self.seen]
+        columns = [look.column for look in self.seen]
         if not times or t_s - times[0] < STEADY_S:
             return False
         gap = max(later - earlier for earlier, later in pairwise([*times, t_s]))
         return gap <= STEADY_GAP_S and max(columns) - min(columns) <= STEADY_PX
 
-    def grows(self) -> bool:
-        """Whether what is seen comes here: it has grown while the vehicle stood."""
-        return bool(self.seen) and self.seen[-1][2] > GROWS * self.seen[0][2]
+    def comes_here(self) -> bool:
+        """Whether what is seen has grown of late, with all of it in the view."""
+        lately = list(takewhile(lambda look: look.whole, reversed(self.seen)))
+        if not lately or lately[0].t_s - lately[-1].t_s < GROWS_S:
+            return False
+        return lately[0].mean > GROWS * lately[-1].mean
 
 
 class Progress:
@@ -173,8 +186,8 @@ class Planner:
         if heard is not None:
             self._heard_s = t_s
             self._take_in(t_s, heard, nav)
+        self._handed_over = self._handed_over and heard is None
         if self._handed_over or self._ends(nav):
-            self._handed_over = self._handed_over and heard is None
             return self._hold(t_s, nav)
         silent = self._heard_s is None or t_s - self._heard_s > SILENCE_S
         if silent or not self._known:
@@ -194,8 +207,8 @@ class Planner:
     def _take_in(self, t_s: float, datagram: dict[str, Any], nav: State) -> None:
         status = datagram["status"]
         self._known = status != UNKNOWN
-        if self._wait is not None and not self._known:
-            self._wait.seen.clear()
+        if not self._known:
+            self._wait = None
         if status == OBSTACLE:
             self._take_in_obstacle(t_s, datagram, nav)
             return
@@ -232,8 +245,13 @@ class Planner:
             place = nav.position + STOPPING_S * nav.velocity_world
             self._wait = Wait(t_s, place, nav.heading_rad, [])
         if float(np.linalg.norm(nav.velocity_body)) < AT_REST_M_S:
-            self._wait.seen.append((t_s, datagram["x"] or 0, datagram["mean"] or 0.0))
-        return t_s - self._wait.since_s < WAIT_S and not self._wait.keeps_its_place(t_s)
+            box = datagram.get("box")
+            whole = box is not None and box[0] > 0 and box[0] + box[2] < MASK_WIDTH
+            look = Look(t_s, datagram["x"] or 0, datagram["mean"] or 0.0, whole)
+            self._wait.seen.append(look)
+        if self._wait.keeps_its_place(t_s) or self._wait.comes_here():
+            return False
+        return t_s - self._wait.since_s < WAIT_S
 
     def _new_manoeuvre(self, datagram: dict[str, Any], nav: State) -> Manoeuvre:
         """A manoeuvre that begins here, beside the way on which the vehicle is."""
@@ -242,7 +260,7 @@ class Planner:
         seen = turn(nav.heading_rad - look) + bearing(-(datagram["x"] or 0))
         # Away from it; the thesis's program goes left where it is right ahead.
         side = 1 if seen < 0 else -1
-        oncoming = self._wait is not None and self._wait.grows()
+        oncoming = self._wait is not None and self._wait.comes_here()
         return Manoeuvre(nav.position, look, side, _stopping_m(nav), oncoming)
 
     def _course(self, nav: State) -> float:

@@ -1,10 +1,17 @@
 """The record of one flight: the vehicle's path, the planner's modes, the verdicts heard."""
 
+from __future__ import annotations
+
+import io
+import json
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from tokt.features.common.arrays import F64
+from tokt.features.common.arrays import F64, I64, Bools
+from tokt.features.common.errors import ToktError
 
 from .autopilot import Mode
 from .vehicle import State
@@ -18,31 +25,71 @@ IN_VIEW_M = 10.0
 """What is solid and farther off, along the camera's axis, counts as nothing to see."""
 
 
+TRACK_FORMAT = 1
+"""Version of a track's file."""
+_ARRAYS = (
+    *("t_s", "position", "heading", "mode", "clearance_m"),
+    *("frame_t_s", "frame_status", "frame_in_view", "avoidances_s"),
+)
+
+
+@dataclass(frozen=True, eq=False)
 class Track:
-    """One run, as it was recorded: arrays of n control steps, m frames and k avoidances.
+    """One run, as it was recorded: arrays of n control steps, m frames and k avoidances."""
 
-    It has the scene in words, its name, what judged the frames, and whether it came to the goal.
-    """
+    title: str  # the scene in words
+    scene: str
+    method: str  # what judged the frames
+    seed: int
+    reached: bool  # whether it came to the goal
+    t_s: F64  # (n,), from the start
+    position: F64  # (n, 3): the vehicle's centre, east, down, north, m
+    heading: F64  # (n,), rad
+    mode: np.ndarray[Any, np.dtype[np.str_]]  # (n,): the planner's `Mode`
+    clearance_m: F64  # (n,): from that centre to the nearest solid; infinite where there is none
+    frame_t_s: F64  # (m,): when frames were taken
+    frame_status: I64  # (m,): 1 obstacle, 0 clear, -1 unknown or nothing said
+    frame_in_view: Bools  # (m,): something solid, within `IN_VIEW_M`
+    avoidances_s: F64  # (k,): when the planner began to avoid
 
-    def __init__(
-        self, title: str, scene: str, method: str, seed: int, steps: Sequence[Step],
+    @classmethod
+    def recorded(
+        cls, title: str, scene: str, method: str, seed: int, steps: Sequence[Step],
         frames: Sequence[SaidOfFrame], avoidances_s: Sequence[float], reached: bool,
-    ) -> None:  # fmt: skip
-        self.title, self.scene, self.method, self.seed = title, scene, method, seed
+    ) -> Track:  # fmt: skip
+        """The track of a run's steps and frames."""
         times, states, modes, clearances = zip(*steps, strict=True)
         said = np.array(frames, np.float64).reshape(-1, 3)
-        self.t_s = np.array(times)  # (n,), from the start
-        # (n, 3): the vehicle's centre, east, down, north, m
-        self.position = np.stack([state.position for state in states])
-        self.heading = np.array([state.heading_rad for state in states])  # (n,), rad
-        self.mode = np.array([str(mode) for mode in modes])  # (n,): the planner's `Mode`
-        # (n,): from the vehicle's centre to the nearest solid; infinite where there is none
-        self.clearance_m = np.array(clearances)
-        self.frame_t_s = said[:, 0]  # (m,): when frames were taken
-        self.frame_status = said[:, 1].astype(np.int64)  # 1 obstacle, 0 clear, -1 unknown, nothing
-        self.frame_in_view = said[:, 2].astype(np.bool_)  # something solid, within `IN_VIEW_M`
-        self.avoidances_s = np.array(avoidances_s, np.float64)  # when the planner began to avoid
-        self.reached = reached
+        return cls(
+            title, scene, method, seed, reached,
+            t_s=np.array(times),
+            position=np.stack([state.position for state in states]),
+            heading=np.array([state.heading_rad for state in states]),
+            mode=np.array([str(mode) for mode in modes]),
+            clearance_m=np.array(clearances),
+            frame_t_s=said[:, 0],
+            frame_status=said[:, 1].astype(np.int64),
+            frame_in_view=said[:, 2].astype(np.bool_),
+            avoidances_s=np.array(avoidances_s, np.float64),
+        )  # fmt: skip
+
+    def to_bytes(self, about: dict[str, Any]) -> bytes:
+        """An npz file's content; `about` (plain JSON) says how it was flown."""
+        names = {key: getattr(self, key) for key in ("title", "scene", "method", "seed", "reached")}
+        words = json.dumps({"format": TRACK_FORMAT, "about": about, **names})
+        file = io.BytesIO()
+        np.savez_compressed(file, words=words, **{key: getattr(self, key) for key in _ARRAYS})
+        return file.getvalue()
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> tuple[Track, dict[str, Any]]:
+        """The same again, with `about`. Raises ToktError for a file of another format."""
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            words = json.loads(str(file["words"]))
+            if words.pop("format") != TRACK_FORMAT:
+                raise ToktError(f"a track of another format than {TRACK_FORMAT}")
+            about = words.pop("about")
+            return cls(**words, **{key: file[key] for key in _ARRAYS}), about
 
     def at(self, t_s: F64) -> F64:
         """(k, 3) Where the vehicle was at these times, k of them."""

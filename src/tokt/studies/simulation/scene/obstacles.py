@@ -62,12 +62,12 @@ def other_vehicle(
         Cuboid(np.array([0.0, 0.12, 0.0]), axes, np.array([0.30, 0.18, 0.55]), GREY),
     ]
     for side in (-0.38, 0.38):
-        # Skids below, and the posts of the frame.
-        ends = np.array([[side, 0.40, -0.66], [side, 0.40, 0.66]]) @ axes
-        solids.append(Frustum(*ends, 0.03, 0.03, GREY))
-        for along in (-0.6, 0.6):
-            post = np.array([[side, -0.1, along], [side, 0.40, along]]) @ axes
-            solids.append(Frustum(*post, 0.025, 0.025, GREY))
+        # A skid below, and the posts of the frame.
+        bars = [((side, 0.40, -0.66), (side, 0.40, 0.66), 0.03)]
+        bars += [((side, -0.1, along), (side, 0.40, along), 0.025) for along in (-0.6, 0.6)]
+        for start, end, radius in bars:
+            ends = np.array(start) @ axes, np.array(end) @ axes
+            solids.append(Frustum(*ends, radius, radius, GREY))
     return Placed(Tower(tuple(solids), (), surface_textures(rng)), at, velocity)
 
 
