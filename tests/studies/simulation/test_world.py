@@ -9,7 +9,14 @@ import pytest
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt.studies.simulation.scene.closed_loop_world import Placed, World
 from tokt.studies.simulation.scene.fish_and_dust import DustCloud, School
-from tokt.studies.simulation.scene.obstacles import one_tower, trap
+from tokt.studies.simulation.scene.obstacles import (
+    cable,
+    net,
+    one_tower,
+    other_vehicle,
+    sea_floor,
+    trap,
+)
 from tokt.studies.simulation.scene.tower import GREY, Cuboid, Frustum, Tower, panels
 from tokt.studies.simulation.scene.water import Water
 
@@ -122,3 +129,41 @@ def test_dust_drifts_spreads_and_thins():
     mass = [(puffs.density * puffs.size**3).sum() for puffs in (start, later)]
     assert mass[1] / mass[0] == pytest.approx(np.exp(-30.0 / 90.0))
     assert (later.density < start.density * np.exp(-30.0 / 90.0)).all()
+
+
+def test_another_vehicle_is_where_it_has_moved_to():
+    rng = np.random.default_rng(4)
+    world = World(Water(), (other_vehicle(rng, (-5.0, 0.0, 3.0), (0.5, 0.0, 0.0), np.pi / 2),))
+    # Its length lies along its way: 0.66 m from its middle to its end.
+    far, near, gone = (world.clearance_m(np.array([[0.0, -0.2, 3.0]]), t) for t in (0, 6, 20))
+    assert far[0] == pytest.approx(5.0 - 0.66, abs=0.01)
+    assert near[0] == pytest.approx(2.0 - 0.66, abs=0.01)
+    assert gone[0] == pytest.approx(5.0 - 0.66, abs=0.01)
+
+
+def test_a_cable_hangs_right_through_the_water_and_a_net_has_meshes():
+    rng = np.random.default_rng(5)
+    for _ in range(5):
+        line = World(Water(), (cable(rng, (0.3, -0.1, 2.0)),))
+        assert line.clearance_m(np.array([[0.3, -0.1, 2.0]]))[0] == 0.0
+        ends = line.clearance_m(np.array([[0.3, down, 2.0] for down in (-6.0, 6.0)]))
+        assert (ends < 1.5).all()
+    web = World(Water(), (net(rng, (0.0, 0.0, 2.0)),))
+    rows = np.linspace(-1.2, 1.2, 200)
+    away = web.clearance_m(np.array([[0.02, down, 2.0] for down in rows]))
+    assert away.max() < 0.11 and (away > 0.03).any(), "through a mesh, never far from its twine"
+    assert web.clearance_m(np.array([[0.0, 0.0, 5.0]]))[0] > 2.0
+
+
+def test_the_altitude_is_down_to_the_ground_that_is_drawn():
+    floor, ground = sea_floor(np.random.default_rng(6), 2.3)
+    world = World(Water(), (ground,), floor=floor)
+    assert floor.altitude_m(np.zeros(3)) == pytest.approx(2.3)
+    for north in np.linspace(-20, 20, 41):
+        above = np.array([1.0, 0.5, north])
+        altitude = floor.altitude_m(above)
+        just_over = above + np.array([0.0, altitude - 0.01, 0.0])
+        under = above + np.array([0.0, altitude + 0.05, 0.0])
+        assert 0 < world.clearance_m(just_over[None])[0] <= 0.0101
+        assert world.clearance_m(under[None])[0] < 0.002, north
+    assert np.ptp(floor.down_m) > 0.2, "it rises and falls"

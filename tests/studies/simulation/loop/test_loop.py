@@ -14,6 +14,7 @@ from tokt.studies.simulation.loop.scenes import KINDS, draw_scene
 from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
 from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
 from tokt.studies.simulation.scene import tower
+from tokt.studies.simulation.scene.closed_loop_world import Floor
 
 WIDTH = 360
 SEED = 1005  # of those that were tuned on: 1 to 100 are for what is reported
@@ -88,6 +89,30 @@ def test_without_pictures_it_keeps_its_station(monkeypatch):
     assert np.linalg.norm(places - places.mean(axis=0), axis=1).max() < 0.15
     # Until enough frames are known again to see what is faint in them.
     assert (track.mode[track.t_s > end + 2.0] != Mode.HOLD).any()
+
+
+def test_the_altitude_is_held_over_a_floor_and_the_depth_is_not(monkeypatch):
+    monkeypatch.setattr(flight, "MAX_S", 14.0)
+    scene = draw_scene("floor", SEED, WIDTH)
+    floor = Floor((-11.0, -9.0, -4.0), (2.4, 2.4, 1.6))
+    start = replace(scene.start, position=np.array([0.0, 0.4, -11.0]))
+    world = replace(scene.world, things=(), floor=floor)
+    track = fly(replace(scene, start=start, world=world), NONE)
+    altitude = [floor.altitude_m(place) for place in track.position]
+    assert track.position[-1, 2] > -4.5, "it has come up the slope"
+    assert np.abs(np.subtract(altitude, scene.altitude_m)).max() < 0.25
+    assert np.ptp(track.position[:, 1]) > 0.6
+
+
+def test_the_pilot_flies_back_and_the_planner_goes_on(monkeypatch):
+    scene = replace(draw_scene("empty", SEED, WIDTH), pilot_s=(2.0, 10.0))
+    monkeypatch.setattr(flight, "MAX_S", 20.0)
+    track = fly(scene, "disparity")
+    flown = track.mode == Mode.PILOT
+    assert flown.any() and 2.0 < track.t_s[flown].min() < 6.0 and track.t_s[flown].max() < 10.0
+    taken, back = track.position[flown][0], track.position[flown][-1]
+    assert back[2] < taken[2] - 1.0 and back[1] < taken[1] - 0.25, "back, and up"
+    assert track.mode[track.t_s > 12.0][-1] == Mode.TRANSIT
 
 
 @pytest.fixture

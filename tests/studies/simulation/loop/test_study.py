@@ -1,6 +1,8 @@
 """`tokt simulate --closed-loop` from the command to its folder."""
 
+import importlib.util
 import json
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -17,6 +19,7 @@ from tokt.studies.simulation.loop.track import Track
 pytestmark = pytest.mark.xdist_group("closed_loop")
 
 
+ROOT = Path(__file__).parents[4]
 SMALL = {
     **{"SEEDS": (900_001, 900_002), "FRAMES": 30, "DRIFT_SEEDS": (900_101,), "DRIFT_FRAMES": 8},
     **{"FOLDS": 2, "EMBARGO_FRAMES": 2, "PRESET": "plain"},
@@ -123,6 +126,27 @@ def test_a_study_goes_on_where_it_stopped_and_others_join_it(tmp_path, monkeypat
     said = json.loads(succeeds(*command, "--scenes", "snow", "--runs", 1).out)
     assert len(flown) == 5 and len(said["runs"]) == 4
     refused("360 px wide, not 400", *command[:-1], "--scenes", "snow", "--width", 400)
+
+
+def test_the_page_has_the_study_s_figures_and_keeps_its_words(tmp_path, monkeypatch):
+    monkeypatch.setattr(flight, "MAX_S", 0.5)
+    page, path = tmp_path / "page.md", ROOT / "docs" / "make_closed_loop_page.py"
+    spec = importlib.util.spec_from_file_location("make_closed_loop_page", path)
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    assert script.PAGE.read_text(encoding="utf-8").count(script.BEGIN) == 1
+    out = tmp_path / "out"
+    command = ["simulate", out, "--closed-loop", "--scenes", "empty", "--jobs", 1, "--runs", 2]
+    succeeds(*command, "--methods", "disparity,none")
+    monkeypatch.setattr(script, "PAGE", page)
+    monkeypatch.setattr(script, "DEFAULT", "disparity")
+    page.write_text(f"Before.\n{script.BEGIN}old\n{script.END}After.\n", encoding="utf-8")
+    for _ in range(2):
+        script.main(out)
+        text = page.read_text(encoding="utf-8")
+        assert text.startswith("Before.\n") and text.endswith("After.\n") and "old" not in text
+        assert "| 0 of 2 (0.0 to 84.2 %) |" in text and "| 0, 0, 0 of 2 |" in text
+        assert f"Seeds from 1 to 2, of frames 360 pixels wide. tokt {__version__} flew" in text
 
 
 def test_a_track_of_yesterday_is_read_and_of_tomorrow_refused():

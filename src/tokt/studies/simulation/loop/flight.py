@@ -62,9 +62,7 @@ PLANNERS: dict[str, Callable[[LoopScene], Planner | LabviewPlanner]] = {
     OURS: lambda scene: Planner(scene.goal, end_m=scene.end_m),
     "labview": lambda scene: LabviewPlanner(scene.goal),
     "labview-timed": lambda scene: LabviewPlanner(scene.goal, avoid_s=AVOID_S),
-    "sea-trial": lambda scene: LabviewPlanner(
-        scene.goal, heading_rad=_SEA_TRIAL_RAD[scene.seed % 2]
-    ),
+    "sea-trial": lambda scene: LabviewPlanner(scene.goal, AVOID_S, _SEA_TRIAL_RAD[scene.seed % 2]),
 }
 """Ours; the thesis's rule, till the obstacle is out of view or for a time; its fault at sea."""
 

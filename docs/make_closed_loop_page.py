@@ -1,0 +1,113 @@
+"""Put a study's results into its page: ``python docs/make_closed_loop_page.py OUT``.
+
+OUT is a folder of ``tokt simulate --closed-loop``. The page's tables stand between two marks; the
+picture is pictures/sea_trial.jpg.
+"""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from tokt.studies.simulation.loop.scenes import KINDS, draw_scene
+from tokt.studies.simulation.loop.track import Track
+from tokt.studies.simulation.report.maps import Chart, still
+
+DOCS = Path(__file__).parent
+PAGE, PICTURE = DOCS / "explanation" / "closed_loop.md", DOCS / "pictures" / "sea_trial.jpg"
+BEGIN, END = "<!-- results -->\n", "<!-- end of results -->\n"
+DEFAULT = "fallback"
+MAPS = (
+    ("tower-fallback-labview-timed-201", "the thesis's rule"),
+    ("tower-fallback-sea-trial-202", "the waypoint behind the vehicle"),
+    ("tower-fallback-sea-trial-201", "the waypoint behind the obstacle"),
+)
+HEIGHT_PX = 640
+
+
+def main(out: Path) -> None:
+    """Write the tables and the picture."""
+    results = json.loads((out / "results.json").read_text(encoding="utf-8"))
+    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
+    _, after = rest.split(END)
+    tables = "\n".join([*about(results), "", *default_rows(results), "", *other_rows(results), ""])
+    PAGE.write_text(f"{before}{BEGIN}\n{tables}\n{END}{after}", encoding="utf-8")
+    if all((out / "flights" / f"{name}.npz").exists() for name, _ in MAPS):
+        cv2.imwrite(str(PICTURE), picture(out, results["width"]), [cv2.IMWRITE_JPEG_QUALITY, 85])
+
+
+def about(results: dict[str, Any]) -> list[str]:
+    """What was flown, and with what."""
+    first, last = results["seeds"]
+    versions = ", ".join(results["versions"])
+    model, _, sha256 = (results["model"] or "none").partition(", sha256 ")
+    with_model = f" with the model {model} ({sha256[:12]})" if sha256 else ""
+    return [
+        f"Seeds from {first} to {last}, of frames {results['width']} pixels wide. tokt {versions} "
+        f"flew them{with_model}."
+    ]
+
+
+def default_rows(results: dict[str, Any]) -> list[str]:
+    """The default policy, scene by scene."""
+    head = ("scene", "collisions", "goal reached", "false avoidance", "least clearance", "detour")
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    for row in results["table"]:
+        if row["method"] == DEFAULT:
+            clearance, detour = row["clearance_min_m"], row["detour_median"]
+            cells = [
+                KINDS[row["scene"]].title,
+                *(rate(row, name) for name in ("collided", "reached", "false_avoidance")),
+                "" if clearance is None else f"{clearance:.2f} m",
+                "" if detour is None else f"{detour:.0%}",
+            ]
+            lines.append(f"| {' | '.join(cells)} |")
+    return lines
+
+
+def rate(row: dict[str, Any], name: str) -> str:
+    """How often, of how many runs, and the bounds of the rate in percent."""
+    low, high = 100 * row[f"{name}_low"], 100 * row[f"{name}_high"]
+    return f"{row[name]} of {row['runs']} ({low:.1f} to {high:.1f} %)"
+
+
+def other_rows(results: dict[str, Any]) -> list[str]:
+    """The other methods: collisions, goals reached and false avoidance of so many runs."""
+    rows = {(row["scene"], row["method"]): row for row in results["table"]}
+    methods = [name for name in dict.fromkeys(name for _, name in rows) if name != DEFAULT]
+    lines = [f"| collided, arrived, falsely avoided | {' | '.join(methods)} |"]
+    lines.append("|" + "---|" * (1 + len(methods)))
+    for scene in dict.fromkeys(name for name, _ in rows):
+        cells = [shown(rows.get((scene, method))) for method in methods]
+        if any(cells):
+            lines.append(f"| {KINDS[scene].title} | {' | '.join(cells)} |")
+    return lines if methods else []
+
+
+def shown(row: dict[str, Any] | None) -> str:
+    """Counts of one scene and method."""
+    if row is None:
+        return ""
+    return f"{row['collided']}, {row['reached']}, {row['false_avoidance']} of {row['runs']}"
+
+
+def picture(out: Path, width: int) -> Any:
+    """The sea trial's fault: maps side by side."""
+    maps = []
+    for name, words in MAPS:
+        track, _ = Track.from_bytes((out / "flights" / f"{name}.npz").read_bytes())
+        chart = Chart.of(draw_scene(track.scene, track.seed, width), 0.0)
+        drawn = cv2.imdecode(np.frombuffer(still(track, chart), np.uint8), cv2.IMREAD_COLOR)
+        size = (round(drawn.shape[1] * HEIGHT_PX / len(drawn)), HEIGHT_PX)
+        small = cv2.resize(drawn, size, interpolation=cv2.INTER_AREA)
+        small = cv2.copyMakeBorder(small, 30, 0, 0, 0, cv2.BORDER_CONSTANT, value=(255,) * 3)
+        cv2.putText(small, words, (60, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (40, 40, 40), 1, 16)
+        maps.append(small)
+    return np.hstack(maps)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
