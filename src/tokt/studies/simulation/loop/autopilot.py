@@ -47,7 +47,7 @@ STEP_S = 0.05
 _POSITION, _VELOCITY, _INTEGRAL = 0.5, 1.2, 0.25
 _HEADING, _YAW_RATE, _YAW_INTEGRAL = 0.8, 2.0, 0.4
 _MAX_SWAY_M_S = 0.35
-"""The fastest it goes sideways, or back."""
+"""The fastest it goes sideways, back, up or down."""
 _MAX_YAW_RAD_S = 0.35
 """The fastest it turns."""
 
@@ -71,11 +71,13 @@ class Autopilot:
         east, down, north = (target.position - state.position).tolist()
         sine, cosine = math.sin(state.heading_rad), math.cos(state.heading_rad)
         surge, sway = north * cosine + east * sine, east * cosine - north * sine
-        speed, whole = target.speed_m_s, _POSITION * math.hypot(surge, sway, down)
-        aside = (_POSITION * error / _MAX_SWAY_M_S for error in (-surge, abs(sway), abs(down)))
-        # One factor for all: the way stays straight.
+        speed, whole = target.speed_m_s, _POSITION * math.hypot(surge, sway)
+        aside = (_POSITION * error / _MAX_SWAY_M_S for error in (-surge, abs(sway)))
+        # One factor for both: the way stays straight. Depth has its own: over a slope the altitude
+        # is held, however far it is to go.
         gain = _POSITION / max(whole / speed if speed > 0 else math.inf, *aside, 1.0)
-        return gain * surge, gain * sway, gain * down
+        heave = min(max(_POSITION * down, -_MAX_SWAY_M_S), _MAX_SWAY_M_S)
+        return gain * surge, gain * sway, heave
 
     def _force(self, axis: int, wanted: float, have: float) -> float:
         gain, integral = (_VELOCITY, _INTEGRAL) if axis < 3 else (_YAW_RATE, _YAW_INTEGRAL)
