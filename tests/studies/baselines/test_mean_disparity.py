@@ -49,24 +49,19 @@ def pair_with(x: int, width: int, depth_m: float) -> Frame:
         (250, 300, 3.0, 1, -1),  # centre and right: go left
         (160, 260, 3.0, 1, 1),  # left and centre: go right
         (480, 180, 3.0, 0, 0),  # at the right only: the way is free
-        (250, 180, 8.0, 0, 0),  # in the centre, and far
+        (250, 180, 8.0, 1, -1),  # in the centre, and far: a mean knows no distance
     ],
 )
 def test_the_centre_decides_and_the_emptier_side_is_the_way(x, width, depth_m, status, side):
     judged = Thirds(PLAIN).judge(pair_with(x, width, depth_m))
     assert judged.verdict.status == status
     assert np.sign(judged.verdict.x) == side
-    near = judged.mask is not None and judged.mask.any()
-    assert near == (depth_m < 6)
+    assert judged.mask is not None and judged.mask.any()
 
 
-@pytest.mark.parametrize(
-    ("near_m", "blocked", "status"), [(4.0, 0.01, 0), (5.0, 0.01, 1), (5.0, 0.99, 0)]
-)
-def test_near_is_a_distance(near_m, blocked, status, monkeypatch):
-    monkeypatch.setattr(mean_disparity, "NEAR_M", near_m)
-    monkeypatch.setattr(mean_disparity, "BLOCKED", blocked)
-    assert Thirds(PLAIN).judge(pair_with(250, 180, 4.5)).verdict.status == status
+def test_a_few_matches_by_chance_bar_no_way(monkeypatch):
+    monkeypatch.setattr(mean_disparity, "LEAST_PX", 1000.0)
+    assert Thirds(PLAIN).judge(pair_with(250, 180, 4.5)).verdict.status == 0
 
 
 def test_half_a_pair_and_a_wrong_one_are_never_clear():

@@ -11,7 +11,7 @@ from skimage.segmentation import slic
 
 from tokt.features.common.errors import ToktError
 from tokt.studies.baselines import slic as slic_module
-from tokt.studies.baselines.lab_colour import LabColour, labelled_example
+from tokt.studies.baselines.lab_colour import LabColour, _features, labelled_example
 from tokt.studies.baselines.slic import SlicTexture, outline_boxes, resized_bgr, superpixels
 from tokt.studies.baselines.thesis_models import thesis_classifier
 from tokt.studies.baselines.thesis_texture import GRID, describe_haralick, describe_lbp_10_5
@@ -162,6 +162,18 @@ def test_colour_learnt_from_two_images():
     assert (mask[:, :160] == 0).all()
     assert (mask[:, 200:] == 255).all()
     assert mask.dtype == np.uint8
+
+
+def test_the_features_are_of_a_and_b_alone():
+    """Four numbers: of a, then of b, its standard deviation and normalised SSD."""
+    rng = np.random.default_rng(3)
+    lab = rng.integers(90, 170, (68, 90, 3)).astype(float)
+    cut = np.arange(68 * 90).reshape(68, 90) // 680
+    features = _features(lab[..., 1:], cut, np.array([120.0, 110.0]))
+    assert features.shape == (9, 4)
+    a = lab[..., 1][cut == 4]
+    ssd = ((a - 120.0) ** 2).sum() / np.sqrt((a**2).sum() * (120.0**2 * a.size))
+    assert features[4, :2] == pytest.approx([a.std(), ssd])
 
 
 def test_colour_examples_that_teach_nothing_are_refused():

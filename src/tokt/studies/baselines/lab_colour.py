@@ -1,14 +1,12 @@
 """The colour of superpixels and the nearest example: Rodriguez-Teiles and others on water.
 
-As the method is known: the frame is cut into SLIC superpixels, each is described by its colour in
-the Lab space, and a nearest-neighbour classifier that was given examples of water and of anything
-else says which it is.
+As the thesis tells it (section 2.11): the frame is cut into SLIC superpixels, each is described by
+two feature vectors of the channels a and b of Lab, their standard deviation and their normalised
+sum of squared differences (SSD), and Euclidean distance to examples says which class it is.
 
-Ours, because the paper's text is not at hand: the colour is a histogram of each of the three
-channels (`BINS` bins over all a channel can be, each summing to 1), examples and superpixels are
-compared by the sum of squared differences, and the superpixels are cut as for the thesis's
-method (`superpixels`) rather than with the paper's own changed SLIC. What follows in the paper,
-joining superpixels of water to a way that is free, is left out: the status is that of the mask.
+Ours, because that is all it tells: the SSD is against the mean colour of the examples' water and
+divided by the root of both sums of squares, all four numbers are scaled to the examples' spread,
+and the nearest example decides. The superpixels are those of the thesis's own method.
 
 References
 ----------
@@ -25,6 +23,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.neighbors import KNeighborsClassifier
+from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.preprocessing import StandardScaler
 
 from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.common.errors import ToktError
@@ -32,9 +32,6 @@ from tokt.features.common.errors import ToktError
 from .slic import resized_bgr, superpixels
 from .thesis_texture import GRID
 
-BINS = 32
-"""Bins a channel: 8 steps of Lab in OpenCV's 0..255."""
-_LEVELS = 256
 _MOSTLY = 0.5
 """Part of a superpixel that must be obstacle for an example to be one."""
 
@@ -52,14 +49,17 @@ def labelled_example(frame: U8, patches: NDArray[np.int8]) -> Example:
 
 
 class LabColour:
-    """Judge frames by the colour of their superpixels; `classifier` predicts 1 for an obstacle."""
+    """Judge frames by the colour of their superpixels.
+
+    `water` is the mean a and b of open water; `classifier` predicts 1 for an obstacle.
+    """
 
     name = "lab_colour"
     title = "SLIC superpixels, Lab colour"
     source = "Rodriguez-Teiles and others 2014"
 
-    def __init__(self, classifier: KNeighborsClassifier) -> None:
-        self._classifier = classifier
+    def __init__(self, classifier: Pipeline, water: F64) -> None:
+        self._classifier, self._water = classifier, water
 
     @classmethod
     def train(cls, examples: Iterable[Example]) -> LabColour:
@@ -68,22 +68,27 @@ class LabColour:
         A superpixel of which half or more is not known is left out. Raises ToktError if the
         examples do not show both obstacles and clear water.
         """
-        rows: list[F64] = []
-        flags: list[Bools] = []
+        cuts: list[tuple[F64, I64]] = []
+        flags: list[I64] = []
         for frame, truth in examples:
-            picture = resized_bgr(frame)
-            cut = _counted(superpixels(picture))
+            colours, cut = _cut(frame)
             size = cut.shape[1], cut.shape[0]
             small = cv2.resize(truth, size, interpolation=cv2.INTER_NEAREST)
-            known = _means(small >= 0, cut) > _MOSTLY
-            rows.append(_colours(picture, cut)[known])
-            flags.append((_means(small == 1, cut) >= _MOSTLY)[known])
-        targets = np.concatenate(flags) if flags else np.zeros(0, bool)
-        if targets.all() or not targets.any():
+            obstacle = _means(small == 1, cut) >= _MOSTLY
+            cuts.append((colours, cut))
+            flags.append(np.where(_means(small >= 0, cut) > _MOSTLY, obstacle, -1))
+        targets = np.concatenate(flags) if flags else np.zeros(0, np.int64)
+        if not {0, 1} <= set(targets.tolist()):
             raise ToktError("the colour examples do not show both obstacles and clear water")
-        classifier = KNeighborsClassifier(n_neighbors=1, algorithm="brute")
-        classifier.fit(np.concatenate(rows), targets.astype(int))
-        return cls(classifier)
+        clear = [
+            colours[(flag == 0)[cut]] for (colours, cut), flag in zip(cuts, flags, strict=True)
+        ]
+        water = np.concatenate(clear).mean(axis=0)
+        rows = np.concatenate([_features(*one, water) for one in cuts])
+        nearest = KNeighborsClassifier(n_neighbors=1, algorithm="brute")
+        classifier = make_pipeline(StandardScaler(), nearest)
+        classifier.fit(rows[targets >= 0], targets[targets >= 0])
+        return cls(classifier, water)
 
     @classmethod
     def train_on_two(cls, ocean: U8, other: U8) -> LabColour:
@@ -95,32 +100,31 @@ class LabColour:
 
     def mask(self, frame: U8) -> U8:
         """255 where a decoded frame shows an obstacle, at the grid's width."""
-        picture = resized_bgr(frame)
-        cut = _counted(superpixels(picture))
-        obstacle = self._classifier.predict(_colours(picture, cut)) == 1
+        colours, cut = _cut(frame)
+        obstacle = self._classifier.predict(_features(colours, cut, self._water)) == 1
         return np.where(obstacle[cut], 255, 0).astype(np.uint8)
 
 
-def _counted(cut: I64) -> I64:
-    """The superpixels counted from 0 without gaps."""
-    return np.unique(cut, return_inverse=True)[1].reshape(cut.shape)
+def _cut(frame: U8) -> tuple[F64, I64]:
+    """A frame's a and b, (height, width, 2), and its superpixels, counted without gaps."""
+    picture = resized_bgr(frame)
+    cut = superpixels(picture)
+    lab = cv2.cvtColor(picture, cv2.COLOR_BGR2LAB)[..., 1:].astype(np.float64)
+    return lab, np.unique(cut, return_inverse=True)[1].reshape(cut.shape)
 
 
-def _means(values: Bools, cut: I64) -> F64:
-    """Part of each superpixel that is true, (n,)."""
+def _means(values: F64 | Bools, cut: I64) -> F64:
+    """Mean of the values, (height, width), over each superpixel, (n,)."""
     total = np.bincount(cut.ravel(), values.ravel())
     return np.asarray(total / np.bincount(cut.ravel()), np.float64)
 
 
-def _colours(picture: U8, cut: I64) -> F64:
-    """Histograms of the channels of Lab over each superpixel, (n, 3 * `BINS`)."""
-    lab = cv2.cvtColor(picture, cv2.COLOR_BGR2LAB)
-    places = cut.ravel()
-    n = int(places.max()) + 1
-    sizes = np.bincount(places)[:, None]
-    channels = []
-    for channel in range(3):
-        levels = lab[..., channel].ravel().astype(np.int64) * BINS // _LEVELS
-        counts = np.bincount(places * BINS + levels, minlength=n * BINS).reshape(n, BINS)
-        channels.append(counts / sizes)
-    return np.concatenate(channels, axis=1)
+def _features(colours: F64, cut: I64, water: F64) -> F64:
+    """Standard deviation and normalised SSD of a and b over each superpixel, (n, 4)."""
+    columns = []
+    for channel, level in zip(np.moveaxis(colours, -1, 0), water, strict=True):
+        squares = _means(channel * channel, cut)
+        spread = np.sqrt(np.maximum(squares - _means(channel, cut) ** 2, 0.0))
+        differences = _means((channel - level) ** 2, cut)
+        columns += [spread, differences / np.sqrt(np.maximum(squares, 1.0) * level**2)]
+    return np.stack(columns, axis=1)

@@ -1,14 +1,12 @@
 """Left, centre and right of the disparity map: Kostavelis and others' rule for a ground robot.
 
-As the method is known: the disparity map is cut into three windows side by side. In the centre
-window the pixels whose disparity is above a threshold are counted; where they are at most a given
-part of the window the way is free. Otherwise the side whose mean disparity is smaller, which is
-the one with less in it or with what is farther away, is the way to go.
+As the thesis tells it: the means of the disparity map's left, centre and right window; what is
+dominant there is the obstacle, and the exit is to the side of the smaller mean.
 
-Ours, because the paper's text and its numbers are not at hand: the map is that of
-`tokt.inference.stereo.disparity` (rectified, checked left to right), pixels without a match count
-as disparity 0, the threshold is given as a distance, and the part as `BLOCKED`. A frame in which
-the stereo detector itself cannot judge is unknown.
+Ours, because that is all it tells: the map is that of `tokt.inference.stereo.disparity`
+(rectified, checked left to right), a pixel without a match counts as disparity 0, and the way is
+barred where the centre's mean is the largest, and above `LEAST_PX`. A frame in which the stereo
+detector itself cannot judge is unknown.
 
 References
 ----------
@@ -32,11 +30,8 @@ from tokt.inference.verdict import CLEAR, OBSTACLE, verdict_from_mask
 from .baseline import NO_PICTURE, BaselineResult, not_judged
 from .thesis_texture import GRID
 
-NEAR_M = 6.0
-"""A matched pixel nearer than this counts: ten seconds at 0.6 m/s."""
-BLOCKED = 0.01
-"""Part of the centre window that must be near: a lattice tower covers little of what it stands
-in, and what is matched by chance is less."""
+LEAST_PX = 0.5
+"""Mean disparity below which a few matches by chance are all that there is."""
 
 
 class Thirds:
@@ -58,16 +53,14 @@ class Thirds:
         return self._decide(seen.matches, seen.detection.mask.shape)
 
     def _decide(self, matches: Matches, size: tuple[int, ...]) -> BaselineResult:
-        rectifier = self._detector.rectifier
         disparity = np.where(matches.valid, matches.disparity_px, 0.0)
-        near = disparity > rectifier.focal_baseline_px_m / NEAR_M
-        centre = _mean_of_third(near, matches.searched, 1)
-        left, right = (_mean_of_third(disparity, matches.searched, side) for side in (0, 2))
-        mask = rectifier.to_left(near.astype(np.uint8) * 255, size[0], size[1])
+        left, centre, right = (_mean_of_third(disparity, matches.searched, i) for i in range(3))
+        matched = matches.valid.astype(np.uint8) * 255
+        mask = self._detector.rectifier.to_left(matched, size[0], size[1])
+        barred = centre > LEAST_PX and centre >= max(left, right)
+        turn = (1 if right < left else -1) * (size[1] // 3) if barred else 0
         verdict = verdict_from_mask(mask, self.name)
-        blocked = centre > BLOCKED
-        turn = (1 if right < left else -1) * (size[1] // 3) if blocked else 0
-        verdict = replace(verdict, status=OBSTACLE if blocked else CLEAR, x=turn, y=0)
+        verdict = replace(verdict, status=OBSTACLE if barred else CLEAR, x=turn, y=0)
         return BaselineResult(verdict, mask)
 
 
@@ -79,4 +72,4 @@ def _mean_of_third(values: NDArray[Any], searched: Bools, which: int) -> float:
     """
     columns = np.array_split(np.arange(values.shape[1]), 3)[which]
     seen = searched[:, columns]
-    return float(values[:, columns][seen].mean()) if seen.any() else float("inf")
+    return float(values[:, columns][seen].mean()) if seen.any() else 0.0

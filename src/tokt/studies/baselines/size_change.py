@@ -1,17 +1,15 @@
 """Keypoints that grow: Mori and Scherer's test for something ahead that comes nearer.
 
-As the method is known: keypoints of a frame are matched with those of a frame before; of matches
-whose size grew, the picture around the earlier keypoint is enlarged step by step, to 1.5 times,
-and held against the picture around the later one. It is an obstacle's where an enlargement of at
-least 1.2 fits clearly better than none: its difference is less than 0.8 of that of none.
+As the thesis tells it: keypoints (SURF) of a frame are matched with those of one before, and by
+template matching the picture around each is held against the other at several relative sizes.
+What grew comes nearer.
 
-Ours, because the paper's text is not at hand (of others' programs of the method two have the same
-1.2, one has 0.8 and one 0.7, and some compare frames that lie apart, too): SIFT in place of SURF,
-which free builds of OpenCV do not have; the local contrast is made even first, as the frames are
-nearly black; a frame is held against the one `BACK` judged frames before, because a slow vehicle's
-frames change by a few per cent from one to the next; and `MIN_KEYPOINTS` keypoints are needed. A
-thing that keeps its size, or shrinks, is no obstacle to this method: it says nothing of a tower
-that the vehicle backs away from, and a frame with none before is unknown.
+Ours: the sizes tried (`SCALES`), when one fits clearly better than none (`GROWN`, `CLEARLY`), and
+how many keypoints make an obstacle; SIFT in place of SURF, which free builds of OpenCV do not have;
+the local contrast is made even first, as the frames are nearly black; a frame is held against the
+one `BACK` judged frames before, as a slow vehicle's frames change by a few per cent from one to
+the next. What keeps its size, or shrinks, is no obstacle to it. A frame with none before is
+unknown.
 
 References
 ----------
