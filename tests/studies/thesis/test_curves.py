@@ -230,7 +230,7 @@ def test_a_left_camera_alone_in_gray_without_labels(
     assert list(context.curves.mean.index) == [12, 13]
     assert context.labels is None and context.calibration is None
     assert context.structure_frame in (12, 13)
-    assert {claim.agreement for claim in exhibit.claims} == {ClaimAgreement.UNCOMPARABLE}
+    assert {claim.agreement for claim in exhibit.claims} == {ClaimAgreement.UNAVAILABLE}
     left_out = " ".join(context.curves.left_out)
     assert "no right frames" in left_out and "no labels" in left_out
     assert len(exhibit.plots) >= 3

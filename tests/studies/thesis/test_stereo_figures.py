@@ -206,7 +206,7 @@ def test_right_rows_of_other_frames_tell_no_offset():
     mixed = rows._replace(right=np.random.default_rng(2).permutation(rows.right))
     found = offset_of(mixed)
     pair = dict.fromkeys((synchrony_figure.AS_IT_IS, synchrony_figure.ON_PURPOSE), found)
-    assert synchrony_figure.claim_of(pair).agreement is ClaimAgreement.UNCOMPARABLE
+    assert synchrony_figure.claim_of(pair).agreement is ClaimAgreement.UNAVAILABLE
     with pytest.raises(ToktError, match="3 frames have points"):
         offset_of(rows.only(rows.frame < 3))
 

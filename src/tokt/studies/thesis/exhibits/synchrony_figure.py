@@ -288,7 +288,7 @@ def claim_of(found: dict[str, Offset]) -> Claim:
     """What the offsets `AS_IT_IS` and `ON_PURPOSE` come to."""
     own, shifted = found[AS_IT_IS], found[ON_PURPOSE]
     largest = abs(own.frames) + own.half_width
-    agreement = ClaimAgreement.UNCOMPARABLE
+    agreement = ClaimAgreement.UNAVAILABLE
     if abs(shifted.frames - SHIFTED - own.frames) > SYNCHRONOUS_FRAMES:
         why = "these frames do not tell: the control on purpose is not measured as what it is"
     elif own.half_width > SYNCHRONOUS_FRAMES:

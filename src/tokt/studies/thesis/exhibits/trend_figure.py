@@ -271,7 +271,7 @@ def _distance_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
     ranks = {name: one["rank_correlation"] for name, one in scores.items()}
     given = [value for value in ranks.values() if value is not None]
     if not given:
-        agreement, why = ClaimAgreement.UNCOMPARABLE, "too few frames have a mean and a depth"
+        agreement, why = ClaimAgreement.UNAVAILABLE, "too few frames have a mean and a depth"
     else:
         agreement = agreement_of_worst(-value for value in given)
         why = {
@@ -303,7 +303,7 @@ def _sign_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
         signed += both
     ours = [one for name, one in scores.items() if name in (TOKT_TEXTURE, DISPARITY)]
     if not signed:
-        agreement, why = ClaimAgreement.UNCOMPARABLE, "no frame has a sign in both"
+        agreement, why = ClaimAgreement.UNAVAILABLE, "no frame has a sign in both"
     else:
         agreement = agreement_of_worst(one["sign_agreement"] or 0.0 for one in ours)
         why = {
