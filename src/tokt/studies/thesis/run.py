@@ -14,12 +14,14 @@ from tokt.features.common.machine import machine
 from tokt.labels.formats.options import Progress
 from tokt.training.options import Notice
 
+from .exhibits.calibration_figures import calibration_figures
 from .exhibits.centre_figures import centre_and_box
 from .exhibits.curve_figures import curve_figures
 from .exhibits.dark_figures import bad_lighting, given_picture
 from .exhibits.disparity_figures import disparity_figures
 from .exhibits.dot_figures import prediction_dots
 from .exhibits.exhibit import Exhibit, StudyContext
+from .exhibits.margin_figures import margin_figures
 from .exhibits.patch_figures import patch_histograms
 from .exhibits.runtime_tables import runtime_tables
 from .exhibits.superpixel_figure import superpixel_figure
@@ -44,10 +46,22 @@ class Planned(NamedTuple):
 
 EXHIBITS: tuple[Planned, ...] = (
     Planned(
+        "figure-3.1-to-3.7",
+        "Calibration: straight lines, and rows that agree",
+        "figures 3.1 to 3.7",
+        calibration_figures,
+    ),
+    Planned(
         "figure-3.8-to-3.10",
-        "Disparity map, margin and point cloud",
+        "Disparity map and point cloud",
         "figures 3.8 to 3.10",
         disparity_figures,
+    ),
+    Planned(
+        "figure-3.9",
+        "Block matching: false line, number of disparities, cut margin",
+        "figures 3.8 and 3.9, sections 3.1.6, 3.1.7 and 6.1.1",
+        margin_figures,
     ),
     Planned(
         "figure-3.11-3.12",

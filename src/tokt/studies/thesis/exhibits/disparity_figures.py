@@ -30,12 +30,12 @@ from tokt.studies.baselines.thesis_stereo import (
     cropped,
     disparity_map,
     in_thesis_view,
-    margin_of,
     searched,
     thesis_cloud,
 )
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.inputs import StudyInputs
+from tokt.studies.thesis.patch_scores import Truth
 from tokt.training.evaluation.pictures import raise_contrast
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 from tokt.training.rig.calibrate.matching import match_frame
@@ -43,17 +43,17 @@ from tokt.training.rig.depth.cloud import PointCloud, cloud_of
 from tokt.training.rig.depth.pair_depths import measure_depths
 from tokt.training.rig.depth.picture import DepthPicture
 
-from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import SHOWN, new_figure, png_of
 
-EXCHANGED_FRAMES, MATCHED_FRAMES, OPEN_FRAMES = 8, 4, 3
-"""Pairs that the control is made on, that points are matched in, and that the margin is looked at
-in open water."""
+EXCHANGED_FRAMES, MATCHED_FRAMES = 8, 4
+"""Pairs that the control is made on, and that points are matched in."""
 COLLAPSED = 0.003
 """Part of the view that may be matched by chance with a wrong right frame. Source: the control of
 the mission's own measurements, 23 % to at most 0.3 % at frame 180."""
 _SAME = 0.02
 _FEW_FOUND, _MAX_FOUND = 0.05, 0.5
+_MIN_RANK, _IN_PLACE = -0.5, 0.8
 OWN, ANOTHER, TURNED = "its own", "another frame's", "its own, upside down"
 KINDS = (OWN, ANOTHER, TURNED)
 _VIEW = (680, 512)
@@ -89,10 +89,6 @@ def disparity_figures(context: StudyContext) -> Exhibit:
     rows = exchange(context, frames)
     own = rows[rows.right == OWN].set_index("frame")
     best = int(own.ours_matched.idxmax())
-    margins = pd.DataFrame(
-        margin_of(_map(context.left(number), _right_of(context, number)))
-        for number in evenly_spaced(context.open_water_pairs, OPEN_FRAMES)
-    )
     disparity, covered = _searched(context, evenly_spaced(frames, MATCHED_FRAMES))
     shown = _shown(context, best, _partners(frames)[best])
     nearest, farthest = own.near_m.min(), own.far_m.max()
@@ -102,19 +98,13 @@ def disparity_figures(context: StudyContext) -> Exhibit:
     picture = DepthPicture(DisparityDetector(calibration, GRID).rectifier, *ends)
     numbers = {
         **_control(rows),
-        **margins.mean().add_prefix("open_water_").to_dict(),
-        **_cloud_numbers(shown),
+        **_cloud_numbers(shown, context.truth(best)),
         "matched_points": len(disparity),
         "points_searched": float(covered.mean()) if len(covered) else 0.0,
     }
     return Exhibit(
         words=_words(context, frames, best),
-        claims=(
-            _search_claim(disparity, covered),
-            _exchange_claim(numbers),
-            _margin_claim(numbers, len(margins)),
-            _cloud_claim(numbers),
-        ),
+        claims=(map_claim(numbers), cloud_claim(numbers)),
         tables=(_table(rows), _cloud_table(shown)),
         plots=_plots(shown, picture, ends),
         numbers=numbers,
@@ -136,8 +126,9 @@ def exchange(inputs: StudyInputs, frames: Sequence[int]) -> pd.DataFrame:
     there are none); of the thesis's cropped map the part with a disparity, its mean (0..255), and
     the part of its pixels that changed between matched and not against the frame's own right frame.
     """
-    lefts = {number: inputs.left(number) for number in frames}
-    own = {number: _right_of(inputs, number) for number in frames}
+    pairs_of = {number: pair_of(inputs, number) for number in frames}
+    lefts = {number: pair[0] for number, pair in pairs_of.items()}
+    own = {number: pair[1] for number, pair in pairs_of.items()}
     rights = {
         OWN: own,
         ANOTHER: {number: own[other] for number, other in _partners(frames).items()},
@@ -148,7 +139,7 @@ def exchange(inputs: StudyInputs, frames: Sequence[int]) -> pd.DataFrame:
     for kind, right in rights.items():
         pairs = (Frame(number, float(number), lefts[number], right[number]) for number in frames)
         for ours in measure_depths(DisparityDetector(inputs.needed_calibration(), GRID), pairs):
-            now = cropped(_map(lefts[ours.frame], right[ours.frame]))
+            now = cropped(thesis_map(lefts[ours.frame], right[ours.frame]))
             with_its_own = white.setdefault(ours.frame, now > 0)
             rows.append(
                 {
@@ -166,20 +157,31 @@ def exchange(inputs: StudyInputs, frames: Sequence[int]) -> pd.DataFrame:
     return pd.DataFrame(rows).astype({"near_m": float, "far_m": float})
 
 
-def _right_of(inputs: StudyInputs, number: int) -> U8:
-    """A right frame. Raises ToktError where it cannot be read."""
+def pair_of(inputs: StudyInputs, number: int) -> tuple[U8, U8]:
+    """Both pictures of a frame. Raises ToktError where the right one cannot be read."""
     right = inputs.right(number)
     if right is None:
         raise ToktError(f"right frame {number} cannot be read")
-    return right
+    return inputs.left(number), right
 
 
-def _map(left: U8, right: U8) -> U8:
+def thesis_map(left: U8, right: U8) -> U8:
     """The thesis's map of a pair, at the size that its settings in pixels are for."""
-    small, other = (
-        cv2.resize(one, THESIS_FRAME_SIZE, interpolation=cv2.INTER_CUBIC) for one in (left, right)
+    return disparity_map(at_thesis_size(left), at_thesis_size(right))
+
+
+def at_thesis_size(picture: U8) -> U8:
+    """A picture at the size that the thesis's settings in pixels are for."""
+    return np.asarray(
+        cv2.resize(picture, THESIS_FRAME_SIZE, interpolation=cv2.INTER_CUBIC), np.uint8
     )
-    return disparity_map(np.asarray(small, np.uint8), np.asarray(other, np.uint8))
+
+
+def in_map(patches: Truth) -> Bools:
+    """Where patches (n_patches,) that are 1 lie in the thesis's map, which is undistorted."""
+    there = (patches == 1).reshape(GRID.rows, GRID.cols).astype(np.uint8) * 255
+    mask = cv2.resize(there, THESIS_FRAME_SIZE, interpolation=cv2.INTER_NEAREST)
+    return np.asarray(cv2.undistort(mask, *LEFT_CAMERA) > 127)
 
 
 def _searched(context: StudyContext, frames: Sequence[int]) -> tuple[F64, Bools]:
@@ -200,11 +202,11 @@ def _searched(context: StudyContext, frames: Sequence[int]) -> tuple[F64, Bools]
 def _shown(context: StudyContext, number: int, other: int) -> _Shown:
     """One pair matched in every pixel, with the three right frames, and its cloud."""
     detector = DisparityDetector(context.needed_calibration(), GRID, step=1)
-    left, right = context.left(number), _right_of(context, number)
-    rights = (right, _right_of(context, other), np.ascontiguousarray(right[::-1]))
+    left, right = pair_of(context, number)
+    rights = (right, pair_of(context, other)[1], np.ascontiguousarray(right[::-1]))
     words = (OWN, f"that of frame {other}", TURNED)
     panels = [
-        _Panel(f"right frame: {what}", _map(left, one), detector.match(left, one))
+        _Panel(f"right frame: {what}", thesis_map(left, one), detector.match(left, one))
         for what, one in zip(words, rights, strict=True)
     ]
     cloud = cloud_of(detector.rectifier, panels[0].matches, left)
@@ -255,111 +257,72 @@ def _control(rows: pd.DataFrame) -> dict[str, Any]:
     }
 
 
-def _cloud_numbers(shown: _Shown) -> dict[str, Any]:
-    depth = shown.cloud.points_m[:, 2]
+def _cloud_numbers(shown: _Shown, truth: Truth) -> dict[str, Any]:
     said = shown.panels[0].stretched
+    white = cropped(said) > 0
+    on_it = white & cropped(in_map(truth))
+    labelled = (truth == 1).any() and white.any()
     return {
         "shown_frame": shown.number,
-        "cloud_points": len(depth),
-        "thesis_cloud_points": int((said > 0).sum()),
-        "thesis_cloud_depths": len(np.unique(said[said > 0])),
         "rank_correlation": shown.rank_correlation,
-        "cloud_median_m": float(np.median(depth)) if len(depth) else None,
+        "thesis_cloud_spread": _spread(-thesis_cloud(cropped(said))[0][:, 2]),
+        "cloud_spread": _spread(shown.cloud.points_m[:, 2]),
+        "in_place": float(on_it.sum() / white.sum()) if labelled else None,
     }
 
 
-def _search_claim(disparity: F64, covered: Bools) -> Claim:
+def _spread(depth: F64) -> float:
+    """From the 5th to the 95th percentile, over the median; 0 of nothing."""
+    if not len(depth):
+        return 0.0
+    low, middle, high = np.percentile(depth, [5, 50, 95])
+    return float((high - low) / middle)
+
+
+def map_claim(numbers: dict[str, Any]) -> Claim:
+    """Whether the map's values are disparities of the pair."""
     last = MIN_DISPARITY_PX + N_DISPARITIES_PX - 1
-    what = "the values of the map are disparities"
-    printed = (
-        f"block matching searches disparities {MIN_DISPARITY_PX} to {last} px along rows (its "
-        f"program's settings; the figure's text is {NOT_KNOWN})"
-    )
-    if not len(disparity):
-        why = "no points of the frames were matched, so that the true disparities are not known"
-        return Claim(what, printed, "no matched points", why)
-    share = float(np.mean(covered))
-    if share > _MAX_FOUND:
+    share, same = numbers["points_searched"], numbers["thesis_pixels_changed_most"] <= _SAME
+    if share > _MAX_FOUND and not same:
         agreement = ClaimAgreement.YES
     else:
         agreement = ClaimAgreement.PARTLY if share > _FEW_FOUND else ClaimAgreement.NO
-    found = (
-        f"{100 * share:.0f} % of {len(disparity)} points matched in both pictures have a "
-        f"disparity and a row that it can find; they are at {np.min(disparity):.0f} to "
-        f"{np.max(disparity):.0f} px"
-    )
-    why = (
-        "judged by points matched without a calibration (SIFT, one geometry a frame), where the "
-        "thesis's own undistortion puts them. The pair is not rectified"
-    )
-    return Claim(what, printed, found, why, agreement=agreement)
-
-
-def _exchange_claim(numbers: dict[str, Any]) -> Claim:
-    same = numbers["thesis_pixels_changed_most"] <= _SAME
-    found = (
-        f"{numbers['wrong_pairs']} wrong right frames. The thesis's status stays the same in "
-        f"{numbers['thesis_status_kept']}; at most "
-        f"{100 * numbers['thesis_pixels_changed_most']:.2f} % of its pixels change, its mean value "
-        f"by {100 * numbers['thesis_mean_change_median']:.0f} % (median). Ours matches at most "
-        f"{100 * numbers['ours_matched_wrong_most']:.2f} % of the view, and "
-        f"{100 * numbers['ours_matched_own_median']:.1f} % with the true frame (median). It says "
-        f"obstacle in {numbers['ours_obstacle_wrong']}, clear in {numbers['ours_clear_wrong']}, "
-        "unknown in the others"
-    )
-    why = (
-        "the left picture's texture alone decides where the map is white: it works as an "
-        "obstacle detector, not as stereo"
-        if same
-        else "where the map is white changes with the right frame on these frames"
-    )
     return Claim(
-        "the map needs both pictures",
-        f"a disparity map of a stereo pair; a control is {NOT_KNOWN}",
-        found,
-        why,
-        agreement=ClaimAgreement.NO if same else ClaimAgreement.PARTLY,
+        "the map shows disparities of the two pictures",
+        f"table 3.5 searches {MIN_DISPARITY_PX} to {last} px; figure 3.8",
+        f"{100 * share:.0f} % of {numbers['matched_points']} matched points are in its search; "
+        f"of {numbers['wrong_pairs']} wrong right frames {numbers['thesis_status_kept']} keep its "
+        f"status, and {100 * numbers['thesis_pixels_changed_most']:.2f} % of its pixels change",
+        "agrees where the search has half of the points (SIFT, at its undistorted places) and the "
+        "map changes with the right frame; in part from a twentieth of the points on",
+        agreement=agreement,
     )
 
 
-def _margin_claim(numbers: dict[str, Any], frames: int) -> Claim:
-    what = "the margin that is cut off holds errors"
-    printed = (
-        f"{CROP_PX} px are cut off at the left and at the right, against errors that its "
-        "documentation puts down to the calibration"
-    )
-    if not frames:
-        why = "the mission has no pair of open water to look at"
-        return Claim(what, printed, "not measured", why)
-    margin, inside = numbers["open_water_matched_margin"], numbers["open_water_matched_inside"]
+def cloud_claim(numbers: dict[str, Any]) -> Claim:
+    """Whether the cloud's places are usable, and its distances not."""
+    what = "the point cloud's places are usable, its distances are not"
+    printed = "figure 3.10: fits from the front, is drawn out in depth"
+    rank, spread = numbers["rank_correlation"], numbers["thesis_cloud_spread"]
     found = (
-        f"white in {frames} pairs of open water: {100 * margin:.2f} % of the margin, "
-        f"{100 * inside:.2f} % of the rest. Mean value {numbers['open_water_mean_whole']:.2f} with "
-        f"the margin, {numbers['open_water_mean_inside']:.2f} without (threshold "
-        f"{STATUS_MEAN_THRESHOLD})"
+        f"rank correlation with true depths {rank:.2f}; depths spread over {spread:.1f} of "
+        f"their median, ours over {numbers['cloud_spread']:.1f}"
     )
-    if margin > inside:
-        why = (
-            "the white is the picture's edge, bent inwards by an undistortion about a corner. "
-            "Cutting it off is right, and hides the cause"
-        )
-        return Claim(what, printed, found, why, agreement=ClaimAgreement.YES)
-    why = "on these frames the margin is no whiter than the rest"
-    return Claim(what, printed, found, why, agreement=ClaimAgreement.NO)
-
-
-def _cloud_claim(numbers: dict[str, Any]) -> Claim:
-    found = (
-        f"frame {numbers['shown_frame']}. The thesis's cloud has no unit and "
-        f"{numbers['thesis_cloud_depths']} depths; rank correlation with our depths: "
-        f"{numbers['rank_correlation']:.2f} (-1: disparities, 0: nothing to do with it). "
-        f"Ours: {numbers['cloud_points']} points"
+    no_distance = rank > _MIN_RANK and spread > numbers["cloud_spread"]
+    if numbers["in_place"] is None:
+        why = "the frame has no labels, so that places cannot be judged"
+        return Claim(what, printed, found, why)
+    in_place = numbers["in_place"] >= _IN_PLACE
+    agreement = ClaimAgreement.PARTLY if in_place or no_distance else ClaimAgreement.NO
+    return Claim(
+        what,
+        printed,
+        f"frame {numbers['shown_frame']}: {numbers['in_place']:.0%} of the map's white lies on "
+        f"labelled patches; {found}",
+        f"agrees where {_IN_PLACE:.0%} lies there, the correlation is above {_MIN_RANK} (-1: "
+        "disparities) and the depths spread wider than ours; in part where one holds",
+        agreement=ClaimAgreement.YES if in_place and no_distance else agreement,
     )
-    if numbers["cloud_median_m"] is not None:
-        found += f", median {numbers['cloud_median_m']:.2f} m away"
-    why = "the figure is not at hand. Our depths are checked against true ones on rendered missions"
-    printed = f"figure 3.10, a point cloud from the disparity; its numbers are {NOT_KNOWN}"
-    return Claim("point cloud", printed, found, why)
 
 
 def _words(context: StudyContext, frames: Sequence[int], best: int) -> tuple[str, ...]:

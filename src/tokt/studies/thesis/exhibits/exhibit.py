@@ -29,7 +29,7 @@ class ClaimAgreement(StrEnum):
     YES = "agrees"
     PARTLY = "agrees in part"
     NO = "does not agree"
-    UNCOMPARABLE = "cannot be compared"
+    UNAVAILABLE = "cannot be had from these frames"
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Claim:
     what: str
     printed: str
     found: str
-    agreement: ClaimAgreement = field(default=ClaimAgreement.UNCOMPARABLE, kw_only=True)
+    agreement: ClaimAgreement = field(default=ClaimAgreement.UNAVAILABLE, kw_only=True)
     why: str
 
 
