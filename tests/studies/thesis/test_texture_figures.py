@@ -16,20 +16,37 @@ from tokt.features.common.errors import ToktError
 from tokt.inference.verdict import verdict_from_mask
 from tokt.studies.baselines.thesis_centre import leaves_frame, thesis_centre
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.exhibits import dark_figures, training_image_figures
-from tokt.studies.thesis.exhibits.centre_figures import both_ways, centre_and_box
+from tokt.studies.thesis.exhibits import (
+    centre_figures,
+    dark_figures,
+    patch_figures,
+    training_image_figures,
+)
+from tokt.studies.thesis.exhibits.centre_figures import (
+    both_ways,
+    box_claim,
+    centre_and_box,
+    fineness_claim,
+)
 from tokt.studies.thesis.exhibits.dark_figures import DarkPicture, DarkScene, bad_lighting
-from tokt.studies.thesis.exhibits.dot_figures import prediction_dots
-from tokt.studies.thesis.exhibits.exhibit import Exhibit, StudyContext
+from tokt.studies.thesis.exhibits.dot_figures import (
+    alike_claim,
+    dot_claim,
+    prediction_dots,
+    said_by_patches,
+)
+from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, Exhibit, StudyContext
 from tokt.studies.thesis.exhibits.patch_figures import patch_histograms
 from tokt.studies.thesis.exhibits.training_image_figures import (
     BinKind,
+    Image,
     bin_kinds,
-    chi_square,
-    confused,
     described,
     hellinger,
+    spike_claim,
+    structure_claim,
     training_images,
+    variety_claim,
 )
 from tokt.studies.thesis.methods.curves import THESIS, Curves, Method
 from tokt.studies.thesis.methods.mission_models import (
@@ -140,13 +157,6 @@ def test_distances_of_histograms():
     assert hellinger(left, left)[0, 0] == 0
     assert hellinger(left, right)[0, 0] == pytest.approx(1)
     assert hellinger(left, np.array([[0.25, 0.75, 0]]))[0, 0] == pytest.approx(np.sqrt(0.5))
-    assert chi_square(left[0], left[0]) == 0
-    assert chi_square(left[0], right[0]) == pytest.approx(1)
-    apart = np.repeat(left, 5, axis=0), np.repeat(right, 5, axis=0)
-    assert confused(*apart) == 0
-    assert confused(apart[0], apart[0]) == 1
-    mixed = np.vstack([apart[0], right])
-    assert confused(mixed, apart[1]) == pytest.approx(1 / 11)
 
 
 def test_scores_of_patches_leave_out_what_is_not_sure():
@@ -208,13 +218,6 @@ def test_the_thesiss_box_starts_no_farther_right_than_the_frame_is_high():
     assert (empty.cx, empty.cy, empty.box, empty.contours) == (0, 0, None, 0)
 
 
-def test_contours_without_area_are_counted_before_the_dilation():
-    """A line one pixel wide has no area; the program's dilation gives it some."""
-    mask = white(np.s_[100, 50:90])
-    assert both_ways(mask).without_area == 1
-    assert thesis_centre(mask).cy == 100
-
-
 @pytest.fixture
 def one_photo(monkeypatch):
     """Fewer images to choose from, for speed."""
@@ -234,22 +237,20 @@ def _sound(exhibit: Exhibit) -> None:
 
 
 def test_training_images(context, one_photo, drawn):
-    """Another ocean frame is the nearest to ocean and the worst to learn from."""
+    """Another ocean frame is the worst to learn from; each claim has its figures."""
     exhibit = training_images(context)
     _sound(exhibit)
     table = exhibit.tables[0].frame.set_index("image")
-    assert table["lbp_10_5 to ocean"].idxmin() == "ocean frame"
-    assert table.loc["ocean frame", "lbp_10_5 patches confused"] > 0.25
-    assert table.loc["other", "lbp_10_5 patches confused"] < 0.1
+    assert {"other", "brick", "branches", "structure frame", "ocean frame"} == set(table.index)
     assert table.loc["ocean frame", "lbp_10_5 F1"] < table["lbp_10_5 F1"].max() / 2
-    assert exhibit.numbers["farthest_hellinger"] == table["lbp_10_5 to ocean"].max()
-    assert exhibit.numbers["best_f1"] == table["lbp_10_5 F1"].max() > 0.5
-    shown = f"{exhibit.numbers['best_f1']:.2f}"
-    assert any(shown in claim.found for claim in exhibit.claims)
+    assert table["lbp_10_5 rows alike"].is_monotonic_increasing
+    kinds = table[[str(kind) for kind in BinKind]]
+    assert kinds.sum(axis=1).to_numpy() == pytest.approx(1)
+    assert f"{table.loc['brick', 'edge']:.1%}" in exhibit.claims[1].found
 
 
 def test_training_images_without_labels(context, context_of, one_photo):
-    """Distances remain; nothing is scored, and nothing is ranked."""
+    """Histograms remain; nothing is scored, and how varied an image is cannot be judged."""
     shared = {name: getattr(context, name) for name in ("structure_frame", "ocean", "other")}
     bare = context_of(context.mission.path, {"labels": None, **shared})
     exhibit = training_images(bare)
@@ -257,6 +258,57 @@ def test_training_images_without_labels(context, context_of, one_photo):
     assert exhibit.tables[0].frame["lbp_10_5 F1"].isna().all()
     assert [plot.name for plot in exhibit.plots] == ["histograms"]
     assert "ocean frame" not in set(exhibit.tables[0].frame["image"])
+    assert exhibit.claims[2].agreement is ClaimAgreement.UNAVAILABLE
+
+
+def image_of(flat: float, edge: float) -> Image:
+    """An image whose patches all have these shares of LBP (10, 5)'s bins; the rest is corners."""
+    histogram = np.zeros((4, 12))
+    histogram[:, [0, 5, 2]] = flat, edge, 1 - flat - edge
+    return Image("made", "", np.zeros((2, 2), np.uint8), {"lbp_10_5": histogram})
+
+
+@pytest.mark.parametrize(
+    ("ocean", "structure", "agreement"),
+    [
+        ((0.7, 0.1), (0.6, 0.2), "YES"),
+        ((0.7, 0.1), (0.8, 0.1), "PARTLY"),
+        ((0.2, 0.1), (0.1, 0.3), "PARTLY"),
+        ((0.2, 0.3), (0.3, 0.2), "NO"),
+    ],
+)
+def test_ocean_is_flat_and_a_structure_is_less_so(ocean, structure, agreement):
+    claim = structure_claim(image_of(*ocean), image_of(*structure))
+    assert claim.agreement is ClaimAgreement[agreement]
+
+
+@pytest.mark.parametrize(
+    ("edges", "agreement"),
+    [((0.1, 0.2, 0.4), "YES"), ((0.1, 0.4, 0.2), "PARTLY"), ((0.3, 0.4, 0.2), "NO")],
+)
+def test_branches_have_more_edges_than_brick_and_ocean(edges, agreement):
+    images = [image_of(0.3, edge) for edge in edges]
+    assert spike_claim(*images).agreement is ClaimAgreement[agreement]
+
+
+@pytest.mark.parametrize(
+    ("f1", "agreement"),
+    [([0.9, 0.7, 0.5, 0.4, 0.1], "YES"), ([0.9, 0.7, 0.5, 0.0, 1.0], "PARTLY"),
+     ([0.1, 0.4, 0.5, 0.7, 0.9], "NO"), ([None] * 5, "UNAVAILABLE")],
+)  # fmt: skip
+def test_varied_images_are_better_to_learn_from_or_not(f1, agreement):
+    names = ["coffee", "brick", "grass", "structure frame", "ocean frame"]
+    alike = [0.1, 0.2, 0.3, 0.4, 0.5]
+    columns = {"image": names, "lbp_10_5 rows alike": alike, "lbp_10_5 F1": f1}
+    assert variety_claim(pd.DataFrame(columns)).agreement is ClaimAgreement[agreement]
+
+
+def test_rows_of_one_texture_are_alike():
+    rng = np.random.default_rng(1)
+    rows = rng.random((1, 12)) + 1e-3 * rng.random((9, 12))
+    same = Image("same", "", np.zeros((2, 2), np.uint8), {"lbp_10_5": rows})
+    varied = Image("varied", "", same.picture, {"lbp_10_5": rng.random((9, 12))})
+    assert same.alike() > 0.99 > 0.3 > varied.alike()
 
 
 def test_patch_histograms(context, drawn, monkeypatch):
@@ -266,15 +318,22 @@ def test_patch_histograms(context, drawn, monkeypatch):
     assert exhibit.numbers["frame"] == context.structure_frame
     assert float(exhibit.numbers["lbp_10_5_model_roc_area"]) > 0.85
     assert float(exhibit.numbers["haralick_model_roc_area"]) > 0.95
-    assert float(exhibit.numbers["lbp_10_5_hellinger"]) > 0.1
-    outside = int(exhibit.numbers["haralick_outside_structure"])
-    features = exhibit.tables[1].frame
-    assert outside == ((features["structure"] > 13) | (features["structure"] < 0)).sum()
+    assert exhibit.claims[0].agreement is not ClaimAgreement.NO
     monkeypatch.setattr("tokt.studies.thesis.exhibits.patch_figures.described", shuffled)
     monkeypatch.setattr("tokt.studies.thesis.exhibits.patch_figures._plots", lambda *_: ())
     broken = patch_histograms(context)
     assert float(broken.numbers["lbp_10_5_model_roc_area"]) < 0.75
     assert float(broken.numbers["haralick_model_roc_area"]) < 0.75
+
+
+@pytest.mark.parametrize(
+    ("shares", "agreement"),
+    [([1.0, 0.97], "YES"), ([1.0, 0.5], "PARTLY"), ([0.9, 0.5], "NO"),
+     ([None, None], "UNAVAILABLE")],
+)  # fmt: skip
+def test_a_patch_on_the_structure_looks_unlike_ocean_or_not(shares, agreement):
+    told = pd.DataFrame({"features": ["LBP", "Haralick"], patch_figures._LIKER: shares})
+    assert patch_figures.histogram_claim(told).agreement is ClaimAgreement[agreement]
 
 
 def test_prediction_dots(context, drawn):
@@ -287,12 +346,61 @@ def test_prediction_dots(context, drawn):
     titles = list(exhibit.tables[0].frame["method"])
     assert titles == ["LBP (10, 5)", "LBP (24, 8)", "Haralick", "ours", "tokt stereo"]
     assert float(numbers["frame_tokt_stereo_recall"]) > 0.3
+    assert len(exhibit.claims) == 2
     moved = {
         number: np.roll(said.reshape(10, 10), 3, axis=1).ravel()
         for number, said in context.curves.patches[TOKT_TEXTURE].items()
     }
     assert len(context.truths) == numbers["labelled_frames"]
     assert (pooled_score(moved, context.truths).f1 or 0.0) < 0.5
+
+
+def test_dots_on_the_structure_agree_and_moved_ones_do_not(context):
+    """By the labels; where nothing is labelled nothing is said."""
+    frame, truth = context.left(context.structure_frame), context.truth(context.structure_frame)
+    said = [
+        said_by_patches("lbp_10_5", "LBP", THESIS, "", moved.ravel(), frame)
+        for moved in ((truth == 1), np.roll((truth == 1).reshape(10, 10), 3, axis=1))
+    ]
+    assert dot_claim(said[:1], truth, {}).agreement is ClaimAgreement.YES
+    assert dot_claim(said, truth, {}).agreement is not ClaimAgreement.YES
+    assert dot_claim(said, None, {}).agreement is ClaimAgreement.UNAVAILABLE
+
+
+@pytest.mark.parametrize(
+    ("marked", "agreement"), [(10, "YES"), (6, "PARTLY"), (2, "NO"), (0, "UNAVAILABLE")]
+)
+def test_masks_are_alike_by_what_both_mark(marked, agreement):
+    haralick = np.arange(100) < (10 if marked else 0)
+    patches = {"lbp_10_5": {3: np.arange(100) < marked}, "haralick": {3: haralick}}
+    assert alike_claim(patches, [3]).agreement is ClaimAgreement[agreement]
+
+
+@pytest.mark.parametrize(
+    ("share", "agreement"), [(0.8, "YES"), (0.2, "PARTLY"), (0.0, "NO"), (None, "UNAVAILABLE")]
+)
+def test_a_mask_is_finer_than_blocks_or_not(share, agreement):
+    assert fineness_claim(share).agreement is ClaimAgreement[agreement]
+
+
+def test_a_mask_of_whole_patches_is_no_finer(context, monkeypatch):
+    """What stands for the thesis's map has whole patches, then half ones."""
+    blocks = np.zeros((1000, 1400), np.uint8)
+    blocks[300:500, 400:600] = 255
+    for mask, share in ((blocks, 0), (np.roll(blocks, 50, axis=1), 2 / 3)):
+        monkeypatch.setattr(centre_figures, "thesis_map", lambda *_, mask=mask: mask)
+        monkeypatch.setattr(centre_figures, "dilated", lambda mask: mask)
+        found = centre_figures._partly_white(context, context.structure_frame)
+        assert found == pytest.approx(share)
+
+
+def test_the_box_is_around_the_obstacle_or_not():
+    one = both_ways(white(np.s_[100:141, 50:91]))
+    apart = both_ways(white(np.s_[50:71, 40:61], np.s_[150:171, 240:261]))
+    assert box_claim([one]).agreement is ClaimAgreement.YES
+    assert box_claim([one] * 19 + [apart]).agreement is ClaimAgreement.PARTLY
+    assert box_claim([one, apart]).agreement is ClaimAgreement.NO
+    assert box_claim([]).agreement is ClaimAgreement.UNAVAILABLE
 
 
 def test_centre_and_box(context, drawn):

@@ -139,7 +139,7 @@ def _long_edges(view: U8) -> F64:
     found = cv2.createLineSegmentDetector().detect(view)[0]
     edges = np.asarray(np.empty(0) if found is None else found, np.float64).reshape(-1, 4)
     length = np.hypot(edges[:, 2] - edges[:, 0], edges[:, 3] - edges[:, 1])
-    return edges[length >= LONG_EDGE * view.shape[1]]
+    return np.asarray(edges[length >= LONG_EDGE * view.shape[1]])
 
 
 def _traced(view: F32, edge: F64) -> tuple[F64, Bools]:

@@ -259,15 +259,15 @@ def _control(rows: pd.DataFrame) -> dict[str, Any]:
 
 def _cloud_numbers(shown: _Shown, truth: Truth) -> dict[str, Any]:
     said = shown.panels[0].stretched
-    white = cropped(said) > 0
-    on_it = white & cropped(in_map(truth))
-    labelled = (truth == 1).any() and white.any()
+    inside = np.s_[:, CROP_PX:-CROP_PX]
+    white, there = said[inside] > 0, in_map(truth)[inside]
+    labelled = there.any() and white.any()
     return {
         "shown_frame": shown.number,
         "rank_correlation": shown.rank_correlation,
         "thesis_cloud_spread": _spread(-thesis_cloud(cropped(said))[0][:, 2]),
         "cloud_spread": _spread(shown.cloud.points_m[:, 2]),
-        "in_place": float(on_it.sum() / white.sum()) if labelled else None,
+        "in_place": float(there[white].mean()) if labelled else None,
     }
 
 

@@ -24,7 +24,7 @@ from tokt.studies.thesis.patch_scores import (
     score_patches,
 )
 
-from .exhibit import LEARNT_ELSEWHERE, NOT_KNOWN, Claim, Exhibit, Plot, StudyContext, Table
+from .exhibit import LEARNT_ELSEWHERE, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import (
     SHOWN,
     draw_dots,
@@ -39,6 +39,8 @@ from .frame_drawing import (
 from .training_image_figures import described
 
 _COUNTS = [one.name for one in fields(PatchScore)]
+_HIGH, _HALF = 0.8, 0.5
+_RULE = f"agrees from {_HIGH}, in part from {_HALF} on"
 
 
 @dataclass(frozen=True)
@@ -182,8 +184,9 @@ def prediction_dots(context: StudyContext) -> Exhibit:
     frame, truth = context.left(number), context.labelled.get(number)
     stereo = by_stereo(context.calibration, frame, context.right(number), context.calibration_words)
     learnt = context.curves.methods.get(TOKT_MODEL)
+    thesis_said = by_thesis(context, frame)
     said = [
-        *by_thesis(context, frame),
+        *thesis_said,
         *by_held_out(context, number, frame),
         *by_bundle(context, frame, learnt.words if learnt else ""),
         stereo,
@@ -197,7 +200,10 @@ def prediction_dots(context: StudyContext) -> Exhibit:
             "to be other than ocean; they are white in the mask. Stereo judges pixels: its dots "
             f"are patches with a tenth or more white. {LEARNT_ELSEWHERE}",
         ),
-        tuple(_claim(one, truth, number) for one in said),
+        (
+            dot_claim(thesis_said, truth, pooled),
+            alike_claim(context.curves.patches, context.scored),
+        ),
         _tables(said, truth, pooled, number, len(truths)),
         (
             Plot(
@@ -250,26 +256,54 @@ def _tables(
     return frame, mission
 
 
-def _claim(one: MethodPrediction, truth: Truth | None, number: int) -> Claim:
-    score = one.score(truth)
-    if one.patches is None:
-        found = f"not judged: {one.fault}"
-    else:
-        found = f"{one.patches.sum()} of {GRID.n_patches} patches are other"
-        if score:
-            found += f"; precision {_words(score.precision)}, recall {_words(score.recall)}"
+def dot_claim(
+    said: Sequence[MethodPrediction], truth: Truth | None, pooled: Mapping[str, PatchScore]
+) -> Claim:
+    """Whether the thesis's red dots lie on the structure, and the blue ones on ocean."""
+    what = "red dots lie on the structure, blue ones on ocean"
+    printed = "figures 3.17 and 3.20"
+    if truth is None or not (truth == 1).any():
+        why = "the frame has no obstacle labelled, so that dots cannot be judged"
+        return Claim(what, printed, "not scored", why)
+    scores = {one.name: (one.score(truth) or PatchScore()).f1 or 0.0 for one in said}
+    least = min(scores.values())
     return Claim(
-        f"{one.title}: the dots that are other lie on the structure",
-        NOT_KNOWN,
-        found,
-        "The figures' dots are not at hand; judged by the frame's labels."
-        if truth is not None
-        else "The figures' dots are not at hand, and the frame has no labels.",
+        what,
+        printed,
+        "F1 in this frame, and in all labelled frames: "
+        + ", ".join(
+            f"{one.title} {scores[one.name]:.2f}, {pooled.get(one.name, PatchScore()).f1 or 0:.2f}"
+            for one in said
+        ),
+        f"by F1 in the frame: {_RULE}",
+        agreement=_agreement(least),
     )
 
 
-def _words(value: float | None) -> str:
-    return "undefined" if value is None else f"{value:.2f}"
+def alike_claim(patches: Mapping[str, Mapping[int, Bools]], frames: Sequence[int]) -> Claim:
+    """Whether the masks of LBP and of Haralick look alike, over frames that neither learnt from."""
+    what = "masks of LBP and of Haralick look very alike"
+    printed = "section 3.4.2"
+    lbp, haralick = (patches.get(name, {}) for name in ("lbp_10_5", "haralick"))
+    both = [number for number in frames if number in lbp and number in haralick]
+    hits = sum(int((lbp[n] & haralick[n]).sum()) for n in both)
+    either = sum(int((lbp[n] | haralick[n]).sum()) for n in both)
+    if not either:
+        return Claim(what, printed, "no mask has anything", "empty masks cannot be told apart")
+    return Claim(
+        what,
+        printed,
+        f"of the {either} patches that LBP (10, 5) or Haralick marks in {len(both)} frames, "
+        f"{hits / either:.0%} are marked by both",
+        f"intersection over union: {_RULE}",
+        agreement=_agreement(hits / either),
+    )
+
+
+def _agreement(share: float) -> ClaimAgreement:
+    if share >= _HIGH:
+        return ClaimAgreement.YES
+    return ClaimAgreement.PARTLY if share >= _HALF else ClaimAgreement.NO
 
 
 def _figure(frame: U8, said: Sequence[MethodPrediction], truth: Truth | None) -> Figure:

@@ -178,7 +178,7 @@ def seen_at_the_edges(context: StudyContext) -> pd.DataFrame:
         moved = [_moved_left(one, first * one.shape[1] // GRID.cols) for one in pair]
         there = np.zeros((GRID.rows, GRID.cols), np.int8)
         there[:, : GRID.cols - first] = truth.reshape(there.shape)[:, first:] == 1
-        row = {"frame": number}
+        row: dict[str, float] = {"frame": number}
         for edge, step in _EDGES.items():
             left, right = (np.ascontiguousarray(one[:, ::step]) for one in moved)
             row |= _seen(thesis_map(left, right), there[:, ::step].ravel(), edge)

@@ -1,7 +1,6 @@
-"""Figures 3.16 and 3.19: what one patch on the structure and one of ocean look like as features."""
+"""Figures 3.15 to 3.19: what a patch on the structure and one of ocean look like as features."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,11 +11,10 @@ from sklearn.metrics import roc_auc_score
 
 from tokt.features.common.arrays import F64, U8
 from tokt.features.extractors.extractor import HARALICK_NAMES
-from tokt.features.frames.grid import Grid
 from tokt.studies.baselines.thesis_models import TITLES
-from tokt.studies.baselines.thesis_texture import GRID, resized_gray
+from tokt.studies.baselines.thesis_texture import GRID
 
-from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import (
     OCEAN_COLOR,
     OTHER_COLOR,
@@ -38,37 +36,25 @@ from .training_image_figures import (
 _DRAWN_CELLS = {"structure": (5, 5), "ocean": (3, 3)}
 """Row and column of the two patches that the thesis's program draws, red and blue."""
 _COLORS = {"structure": OTHER_COLOR, "ocean": OCEAN_COLOR}
-_WHOLE = Grid(1, 1, None)
-_BINS = len(HARALICK_NAMES)
-"""The thesis's program sorts the 13 features' *values* into 13 bins from 0 to 13."""
-
-_APART, _DISTANCE_AREA, _MODEL_AREA = (
-    "distance between the two patches",
+_LIKER, _DISTANCE_AREA, _MODEL_AREA = (
+    "clear patches more like the ocean patch than the structure's is",
     "ROC area, distance from ocean",
     "ROC area, the thesis's model",
 )
-_QUOTED = {_APART: "hellinger", _DISTANCE_AREA: "distance_roc_area", _MODEL_AREA: "model_roc_area"}
-"""By column, the end of the name of a figure that other pages quote."""
+_DIFFERS = 0.95
+"""Part of the clear patches that must be more like the ocean patch than the structure's is."""
 
 Cells = Mapping[str, int]
 """The two patches: numbers of their cells, by the names of `_DRAWN_CELLS`."""
 
 
 def patch_histograms(context: StudyContext) -> Exhibit:
-    """LBP histograms and Haralick features of two patches of one frame (figures 3.16, 3.19)."""
+    """LBP histograms and Haralick features of two patches of one frame (figures 3.15 to 3.19)."""
     number = context.structure_frame
     frame, labels = context.left(number), context.truth(number)
     rows = described(frame)
     patches, how = _choose(labels)
     told = _told_apart(context, rows, patches, labels)
-    outside = {
-        name: int((rows["haralick"][cell] > _BINS).sum() + (rows["haralick"][cell] < 0).sum())
-        for name, cell in patches.items()
-    }
-    numbers: dict[str, Any] = {"frame": number}
-    for column, name in _QUOTED.items():
-        numbers |= {f"{key}_{name}": value for key, value in told[column].dropna().items()}
-    numbers |= {f"haralick_outside_{name}": count for name, count in outside.items()}
     return Exhibit(
         (
             f"Frame {number}; {how}. The features are the thesis's, of the patch cut out first.",
@@ -78,10 +64,11 @@ def patch_histograms(context: StudyContext) -> Exhibit:
             "model's decision value. Distances are Hellinger's for histograms; for Haralick's "
             "features, that image's standard deviations.",
         ),
-        _claims(frame, told, outside),
+        (histogram_claim(told),),
         _tables(rows["haralick"], patches, told),
         _plots(frame, rows, patches, number),
-        numbers,
+        {"frame": number}
+        | {f"{key}_model_roc_area": area for key, area in told[_MODEL_AREA].dropna().items()},
     )
 
 
@@ -107,31 +94,34 @@ def _choose(labels: NDArray[np.int8]) -> tuple[Cells, str]:
     return {"structure": int(there[middle]), "ocean": int(clear[farthest])}, words
 
 
-def _away_from_ocean(key: str, rows: F64, water: F64) -> F64:
-    """How far each patch is from the ocean image's mean: float64, (n_patches,)."""
+def _away(key: str, rows: F64, place: F64, spread: F64) -> F64:
+    """How far each patch is from a place in the features: float64, (n_patches,)."""
     if key in LBP_KEYS:
-        return np.asarray(hellinger(rows, water.mean(axis=0)[None])[:, 0])
-    spread = water.std(axis=0)
+        return np.asarray(hellinger(rows, place[None])[:, 0])
     varies = spread > 0
-    apart = (rows - water.mean(axis=0))[:, varies] / spread[varies]
+    apart = (rows - place)[:, varies] / spread[varies]
     return np.asarray(np.sqrt(np.square(apart).mean(axis=1)))
+
+
+def _share(such: NDArray[np.bool_]) -> float | None:
+    return float(such.mean()) if len(such) else None
 
 
 def _told_apart(
     context: StudyContext, rows: dict[str, F64], patches: Cells, labels: NDArray[np.int8]
 ) -> pd.DataFrame:
     """How far apart the two patches are, and all labelled ones; index: the extractor's key."""
-    water = described(context.ocean.image)
+    water, clear = described(context.ocean.image), labels == 0
     told = {}
     for key in EXTRACTORS:
-        away = _away_from_ocean(key, rows[key], water[key])
+        away = _away(key, rows[key], water[key].mean(axis=0), water[key].std(axis=0))
+        differs = _away(key, rows[key], rows[key][patches["ocean"]], water[key].std(axis=0))
         model = context.thesis[key].classifier
-        two = [rows[key][[cell]] for cell in patches.values()]
         told[key] = {
             "features": TITLES[key],
-            _APART: float(hellinger(*two)[0, 0]) if key in LBP_KEYS else None,
             "structure patch from ocean's mean": away[patches["structure"]],
             "ocean patch from ocean's mean": away[patches["ocean"]],
+            _LIKER: _share(differs[clear] < differs[patches["structure"]]),
             _DISTANCE_AREA: _roc_area(away, labels),
             _MODEL_AREA: _roc_area(model.decision_function(rows[key]), labels),
         }
@@ -146,67 +136,27 @@ def _roc_area(values: F64, labels: NDArray[np.int8]) -> float | None:
     return float(roc_auc_score(labels[sure], values[sure]))
 
 
-def _claims(frame: U8, told: pd.DataFrame, outside: Mapping[str, int]) -> tuple[Claim, ...]:
-    seen = f"the two are {told[_APART].iloc[0]:.2f} apart (Hellinger, LBP (10, 5))"
-    area = told.dropna(subset=_MODEL_AREA)
-    if len(area):
-        pairs = zip(area["features"], area[_MODEL_AREA], strict=True)
-        measured = ", ".join(f"{title} {value:.2f}" for title, value in pairs)
-        seen += f"; area under the ROC curve of the models over the frame: {measured}"
-    drawn = _drawn_and_sliced(frame)
-    moved = "; ".join(f"{name}: {value:.2f}" for name, value in drawn.items())
-    return (
-        Claim(
-            "a patch on the structure has another histogram than one of ocean",
-            NOT_KNOWN,
-            seen,
-            "The figures' bars are not at hand; measured over all labelled patches of the frame."
-            if len(area)
-            else "The figures' bars are not at hand, and this frame has no labels of both kinds.",
-        ),
-        Claim(
-            "the histogram drawn is of the patch that is framed in the picture",
-            "figures 3.16 and 3.19 frame a patch and plot a histogram (the published notebooks)",
-            "the notebooks slice rows by the patch's width and columns by its height: another "
-            f"place. Hellinger distance of the two, LBP (10, 5): {moved}",
-            "Read from the published notebooks; here the framed patch is the one described.",
-            agreement=ClaimAgreement.NO,
-        ),
-        Claim(
-            "the Haralick figure shows the 13 features",
-            "a histogram of 13 bins (the published notebooks)",
-            f"it sorts the features' values into bins from 0 to {_BINS}. Outside are "
-            f"{outside['structure']} of {_BINS} features on the structure, {outside['ocean']} "
-            "on ocean",
-            "Read from the published notebooks; the features themselves are drawn here as well.",
-            agreement=ClaimAgreement.NO,
-        ),
+def histogram_claim(told: pd.DataFrame) -> Claim:
+    """Whether the structure's patch looks unlike ocean's patches, by each of the features."""
+    what = "a patch on the structure has another histogram than one of ocean"
+    printed = "figures 3.15 to 3.19"
+    liker = told.dropna(subset=_LIKER).set_index("features")[_LIKER]
+    if liker.empty:
+        return Claim(what, printed, "not measured", "the frame has no patch labelled as clear")
+    differs = liker >= _DIFFERS
+    agreement = ClaimAgreement.PARTLY if differs.any() else ClaimAgreement.NO
+    return Claim(
+        what,
+        printed,
+        "clear patches that are more like the ocean patch than it is: "
+        + ", ".join(f"{title} {share:.0%}" for title, share in liker.items()),
+        f"agrees where {_DIFFERS:.0%} are by each of the features, in part where by some",
+        agreement=ClaimAgreement.YES if differs.all() else agreement,
     )
-
-
-def _drawn_and_sliced(frame: U8) -> dict[str, float]:
-    """How far the histogram of a framed patch is from that of the place the notebooks slice."""
-    gray, key = resized_gray(frame), LBP_KEYS[0]
-    patch_height, patch_width = GRID.patch_size(*gray.shape)
-    rows = described(frame)[key]
-    found = {}
-    for name, (row, col) in _DRAWN_CELLS.items():
-        top, left = col * patch_width, row * patch_height
-        sliced = gray[top : top + patch_width, left : left + patch_height]
-        if sliced.shape != (patch_width, patch_height):
-            continue  # the frame is flatter than the mission's: the slice leaves it
-        other = EXTRACTORS[key].describe(np.ascontiguousarray(sliced), _WHOLE)
-        framed = rows[[row * GRID.cols + col]]
-        found[f"the {name}'s cell ({row}, {col})"] = float(hellinger(framed, other)[0, 0])
-    return found
 
 
 def _tables(haralick: F64, patches: Cells, told: pd.DataFrame) -> tuple[Table, ...]:
     two = {name: haralick[cell] for name, cell in patches.items()}
-    inside = sum(((row >= 0) & (row <= _BINS)).astype(int) for row in two.values())
-    features = pd.DataFrame(
-        {"feature": HARALICK_NAMES, **two, "in the notebooks' histogram": inside}
-    )
     return (
         Table(
             "apart",
@@ -219,9 +169,8 @@ def _tables(haralick: F64, patches: Cells, told: pd.DataFrame) -> tuple[Table, .
         Table(
             "haralick-features",
             "Haralick's features of the two patches. Their units differ: grey levels squared for "
-            "contrast and variances. Last: for how many of the two the value lies in the 0 to "
-            f"{_BINS} that the notebooks' histogram shows.",
-            features,
+            "contrast and variances.",
+            pd.DataFrame({"feature": HARALICK_NAMES, **two}),
         ),
     )
 
@@ -236,9 +185,8 @@ def _plots(frame: U8, rows: dict[str, F64], patches: Cells, number: int) -> tupl
         ),
         Plot(
             "haralick-patches",
-            f"Frame {number}, left: the size of Haralick's 13 features of the two patches, "
-            "logarithmic. Right: the same values as the notebooks plot them, a histogram in which "
-            f"what is larger than {_BINS} is lost (figure 3.19).",
+            f"Frame {number}: the size of Haralick's 13 features of the two patches, logarithmic "
+            "(figure 3.19).",
             png_of(_haralick_figure(rows["haralick"], patches)),
         ),
     )
@@ -271,8 +219,8 @@ def _lbp_figure(frame: U8, rows: dict[str, F64], patches: Cells) -> Figure:
 
 
 def _haralick_figure(rows: F64, patches: Cells) -> Figure:
-    figure, (features, values) = new_figure(10.5, 4.2, 1, 2, width_ratios=(1.5, 1))
-    place = np.arange(_BINS)
+    figure, features = new_figure(7.0, 4.2)
+    place = np.arange(len(HARALICK_NAMES))
     for shift, (name, cell) in zip((-0.2, 0.2), patches.items(), strict=True):
         features.barh(place + shift, np.abs(rows[cell]), 0.4, color=_COLORS[name], label=name)
     features.set_yticks(place, [name.replace("_", " ") for name in HARALICK_NAMES], fontsize=8)
@@ -280,9 +228,4 @@ def _haralick_figure(rows: F64, patches: Cells) -> Figure:
     features.set_xscale("log")
     features.set_xlabel("absolute value (unscaled, as the thesis feeds it to the classifier)")
     features.legend(fontsize=8)
-    features.axvline(_BINS, color="0.4", lw=0.8, ls=":")
-    shown = [rows[cell] for cell in patches.values()]
-    values.hist(shown, bins=_BINS, range=(0, _BINS), color=[_COLORS[name] for name in patches])
-    values.set(xlabel="value of a feature", ylabel="features", title="as the notebooks plot it")
-    features.set_title("the 13 features")
     return figure
