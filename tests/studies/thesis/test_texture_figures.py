@@ -1,8 +1,6 @@
 """The texture figures of tokt reproduce on a small rendered mission, and what they are made of."""
 
 from collections.abc import Callable
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -16,26 +14,20 @@ from tokt.features.common.errors import ToktError
 from tokt.inference.verdict import verdict_from_mask
 from tokt.studies.baselines.thesis_centre import leaves_frame, thesis_centre
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.exhibits import (
-    centre_figures,
-    dark_figures,
-    patch_figures,
-    training_image_figures,
-)
+from tokt.studies.thesis.exhibits import centre_figures, patch_figures, training_image_figures
 from tokt.studies.thesis.exhibits.centre_figures import (
     both_ways,
     box_claim,
     centre_and_box,
     fineness_claim,
 )
-from tokt.studies.thesis.exhibits.dark_figures import DarkPicture, DarkScene, bad_lighting
 from tokt.studies.thesis.exhibits.dot_figures import (
     alike_claim,
     dot_claim,
     prediction_dots,
     said_by_patches,
 )
-from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, Exhibit, StudyContext
+from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, Exhibit
 from tokt.studies.thesis.exhibits.patch_figures import patch_histograms
 from tokt.studies.thesis.exhibits.training_image_figures import (
     BinKind,
@@ -48,12 +40,8 @@ from tokt.studies.thesis.exhibits.training_image_figures import (
     training_images,
     variety_claim,
 )
-from tokt.studies.thesis.methods.curves import THESIS, Curves, Method
-from tokt.studies.thesis.methods.mission_models import (
-    TOKT_TEXTURE,
-    SuperpixelMethods,
-    train_on_all_labels,
-)
+from tokt.studies.thesis.methods.curves import THESIS, Curves
+from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE, train_on_all_labels
 from tokt.studies.thesis.patch_scores import (
     PatchScore,
     patches_of_mask,
@@ -68,26 +56,10 @@ HEIGHT, WIDTH = 271, 360
 Described = dict[str, NDArray[np.float64]]
 
 
-def _curves(context: StudyContext) -> Curves:
-    """What `measure_curves` would give of the thesis's models; ours sees what is labelled."""
-    patches: dict[str, dict[int, NDArray[np.bool_]]] = {key: {} for key in context.thesis}
-    patches[TOKT_TEXTURE] = {}
-    for number in context.scored:
-        rows = described(context.left(number))
-        for key, model in context.thesis.items():
-            patches[key][number] = model.classifier.predict(rows[key]) == 1
-        patches[TOKT_TEXTURE][number] = context.truth(number) == 1
-    methods = {key: Method(model.title, THESIS, "") for key, model in context.thesis.items()}
-    methods[TOKT_TEXTURE] = Method("ours", "tokt's", "held out")
-    return Curves(pd.DataFrame(), pd.DataFrame(), methods, patches)
-
-
-@pytest.fixture(scope="session")
-def context(reproduced, context_of):
-    """What the exhibits share, with the thesis's models' judgements put in; not to be changed."""
-    made = context_of(reproduced.mission.path)
-    made.__dict__["curves"] = _curves(made)
-    return made
+@pytest.fixture
+def context(judged):
+    """What the exhibits share, with the thesis's models' judgements put in."""
+    return judged
 
 
 @pytest.fixture(autouse=True)
@@ -102,18 +74,6 @@ def drawn():
     """Figures are drawn, coarsely."""
 
 
-@pytest.fixture(scope="session")
-def dark_scene():
-    """The scene of the rendered dark picture."""
-    return DarkScene(WIDTH)
-
-
-@pytest.fixture(scope="session")
-def dark_pair(dark_scene):
-    """A rendered pair in half the light."""
-    return dark_scene.at(0.5)
-
-
 def white(*blocks: Any) -> NDArray[np.uint8]:
     """A mask of the grid's size with some white blocks."""
     mask = np.zeros((HEIGHT, WIDTH), np.uint8)
@@ -126,16 +86,6 @@ def shuffled(picture: NDArray[np.uint8]) -> Described:
     """Features as they are, but each patch has those of another one."""
     order = np.random.default_rng(5).permutation(GRID.n_patches)
     return {key: rows[order] for key, rows in described(picture).items()}
-
-
-class TopHalf:
-    """A method that is no part of the grid: it says that the upper half is an obstacle."""
-
-    name = title = source = "top half"
-
-    def mask(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """White down to the middle."""
-        return white(np.s_[:135])
 
 
 def test_bins_are_flat_edge_and_corner_as_in_scikit_images_example():
@@ -428,109 +378,6 @@ def test_centre_and_box_of_nothing(context, context_of):
     given = {"structure_frame": 1, "thesis": context.thesis, "curves": nothing}
     with pytest.raises(ToktError, match="frame 1"):
         centre_and_box(context_of(context.mission.path, given))
-
-
-def _write(folder: Path, pair: DarkPicture, mask: NDArray[np.uint8]) -> dict[str, Path]:
-    files = {"dark": folder / "dark.png", "dark_mask": folder / "mask.png"}
-    cv2.imwrite(str(files["dark"]), pair.left)
-    cv2.imwrite(str(files["dark_mask"]), mask)
-    return files
-
-
-Judge = Callable[..., Exhibit]
-
-
-@pytest.fixture
-def dark(context, context_of):
-    """Bad lighting by what was asked, with models that are made already."""
-    shared = ("curves", "thesis", "ocean", "other", "labels")
-    given = {name: getattr(context, name) for name in shared}
-    given["superpixel_methods"] = SuperpixelMethods((), (TopHalf(),), 20, "", "knows nothing")
-    return lambda **asked: bad_lighting(context_of(context.mission.path, given, **asked))
-
-
-def test_bad_lighting_by_a_given_image(context, dark_pair, tmp_path, dark):
-    """Scored by the mask given: a mask that is shifted by three patches scores worse."""
-    exhibit = dark(**_write(tmp_path, dark_pair, dark_pair.mask))
-    assert exhibit.numbers["rendered"] is False
-    truth = truth_by_mask(dark_pair.mask)
-    assert exhibit.numbers["obstacle_patches"] == (truth == 1).sum() > 10
-    judged = context.thesis["haralick"].judge(dark_pair.left)
-    expected = score_patches(judged.obstacle, truth)
-    assert exhibit.numbers["haralick_iou"] == expected.iou
-    assert float(exhibit.numbers["haralick_f1"]) > 0.6
-    table = exhibit.tables[0].frame.set_index("method")
-    assert table.loc["top half", "obstacle patches"] == 50
-    assert table.loc["top half", "hits"] == (truth[:50] == 1).sum()
-    assert table.loc["tokt stereo", "status"] == "unknown"
-    assert np.isnan(table.loc["tokt stereo", "f1"])
-    shifted = np.roll(dark_pair.mask, 3 * 36, axis=1)
-    worse = dark(**_write(tmp_path, dark_pair, shifted))
-    assert float(worse.numbers["haralick_f1"]) < 0.5 * float(exhibit.numbers["haralick_f1"])
-
-
-def test_bad_lighting_of_a_frame_of_the_mission(context, dark):
-    """Its labels stand in for a mask, its right picture makes it a pair.
-
-    Our texture may not learn from the frames near it, which in so short a mission are all those
-    with the tower: then it does not judge.
-    """
-    number = context.structure_frame
-    file = context.mission.path / "Left" / f"sim_L_{number}.jpg"
-    exhibit = dark(dark=file)
-    assert f"frame {number}" in exhibit.words[0]
-    assert exhibit.numbers["obstacle_patches"] == (context.truth(number) == 1).sum()
-    assert float(exhibit.numbers["tokt_stereo_f1"]) > 0.4
-    table = exhibit.tables[0].frame.set_index("method")
-    assert table.loc["tokt texture", "status"] == "unknown"
-    assert "no labels of both" in table.loc["tokt texture", "not judged"]
-
-
-def test_bad_lighting_refuses_a_mask_of_another_size(dark_pair, tmp_path, dark):
-    """Which would be a mask of another picture."""
-    files = _write(tmp_path, dark_pair, dark_pair.mask[:, :-20])
-    with pytest.raises(ToktError, match=r"mask.png is 340x271, its image .*dark.png is 360x271"):
-        dark(**files)
-
-
-def test_bad_lighting_without_a_mask_scores_nothing(dark_pair, tmp_path, dark):
-    """Predictions are shown; there is no figure of merit, and a black frame is not clear to us."""
-    black = replace(dark_pair, left=np.zeros_like(dark_pair.left))
-    files = _write(tmp_path, black, dark_pair.mask)
-    exhibit = dark(dark=files["dark"])
-    assert not any(name.endswith("_f1") for name in exhibit.numbers)
-    assert "no mask" in exhibit.claims[0].found
-    table = exhibit.tables[0].frame.set_index("method")
-    assert table.loc["tokt texture", "status"] == "unknown"
-    assert "too dark" in table.loc["tokt texture", "not judged"]
-
-
-def test_bad_lighting_rendered(dark, drawn, monkeypatch):
-    """Without an image a rendered one with its exact mask, said so, and the lamp going down."""
-    monkeypatch.setattr(dark_figures, "_LIGHTS", (1.0, 0.03))
-    exhibit = dark()
-    _sound(exhibit)
-    assert exhibit.numbers["rendered"] is True
-    assert "rendered" in exhibit.words[0]
-    sweep = exhibit.tables[1].frame
-    assert sweep["mean grey level"].is_monotonic_decreasing
-    assert sweep["Haralick"][0] > 0.7
-    assert np.isnan(sweep["tokt texture"][1])
-    assert np.isnan(sweep["tokt stereo"][1])
-    assert "tokt" not in sweep["say clear"][1]
-
-
-def test_a_dark_scene_keeps_its_geometry(dark_scene, dark_pair):
-    """Less light changes the picture and what can be seen, never the mask."""
-    darker = dark_scene.at(0.05)
-    assert (darker.mask == dark_pair.mask).all()
-    assert 5 * darker.left.mean() < dark_pair.left.mean()
-    tower = dark_scene.mask > 0
-    assert 5 * darker.left[tower].std() < dark_pair.left[tower].std()
-    again = DarkScene(WIDTH).at(0.5)
-    assert (again.left == dark_pair.left).all()
-    assert (again.right == dark_pair.right).all()
-    assert 1.5 < dark_scene.nearest_m < 6
 
 
 def test_our_model_learns_from_nothing_near_the_picture(context, monkeypatch):

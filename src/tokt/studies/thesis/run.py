@@ -17,10 +17,11 @@ from tokt.training.options import Notice
 from .exhibits.calibration_figures import calibration_figures
 from .exhibits.centre_figures import centre_and_box
 from .exhibits.curve_figures import curve_figures
-from .exhibits.dark_figures import bad_lighting, given_picture
 from .exhibits.disparity_figures import disparity_figures
 from .exhibits.dot_figures import prediction_dots
 from .exhibits.exhibit import Exhibit, StudyContext
+from .exhibits.invariance import invariance
+from .exhibits.light_figures import bad_lighting, given_picture
 from .exhibits.margin_figures import margin_figures
 from .exhibits.patch_figures import patch_histograms
 from .exhibits.runtime_tables import runtime_tables
@@ -82,6 +83,12 @@ EXHIBITS: tuple[Planned, ...] = (
         prediction_dots,
     ),
     Planned(
+        "section-2.13",
+        "LBP and Haralick under grey changes, rotation and noise",
+        "sections 2.13 and 7.1",
+        invariance,
+    ),
+    Planned(
         "figure-3.22-3.24",
         "Contours, centre and box of a mask: the thesis's, and corrected",
         "thesis chapter 3, figures 3.22 to 3.24",
@@ -98,7 +105,7 @@ EXHIBITS: tuple[Planned, ...] = (
     Planned(
         "figure-5.6-5.8",
         "Bad lighting: a person's eye, and every method's predictions",
-        "thesis section 5.3, figures 5.6 to 5.8",
+        "section 5.3, figures 5.6 to 5.8",
         bad_lighting,
     ),
     Planned("figure-6.1", "Are the two cameras synchronous?", "figure 6.1", synchrony_figure),

@@ -177,11 +177,23 @@ def at_thesis_size(picture: U8) -> U8:
     )
 
 
+def patches_in_map() -> I64:
+    """Which patch of the frame each pixel of the thesis's undistorted map shows; -1 for none."""
+    width, height = THESIS_FRAME_SIZE
+    cells = np.arange(GRID.n_patches, dtype=np.float32).reshape(GRID.rows, GRID.cols)
+    patches = cv2.resize(cells, (width, height), interpolation=cv2.INTER_NEAREST)
+    matrix, distortion = LEFT_CAMERA
+    places = cv2.initUndistortRectifyMap(
+        matrix, distortion, None, matrix, (width, height), cv2.CV_32FC1
+    )
+    seen = cv2.remap(patches, *places, cv2.INTER_NEAREST, None, cv2.BORDER_CONSTANT, -1)
+    return np.asarray(seen, np.int64)
+
+
 def in_map(patches: Truth) -> Bools:
-    """Where patches (n_patches,) that are 1 lie in the thesis's map, which is undistorted."""
-    there = (patches == 1).reshape(GRID.rows, GRID.cols).astype(np.uint8) * 255
-    mask = cv2.resize(there, THESIS_FRAME_SIZE, interpolation=cv2.INTER_NEAREST)
-    return np.asarray(cv2.undistort(mask, *LEFT_CAMERA) > 127)
+    """Where patches (n_patches,) that are 1 lie in the thesis's map."""
+    shown = patches_in_map()
+    return np.asarray((shown >= 0) & (patches == 1)[shown])
 
 
 def _searched(context: StudyContext, frames: Sequence[int]) -> tuple[F64, Bools]:

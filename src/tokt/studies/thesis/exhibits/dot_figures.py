@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
@@ -13,8 +14,17 @@ from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.verdict import STATUS_WORDS, UNKNOWN, verdict_from_mask
 from tokt.models.bundle.bundle import read_bundle
+from tokt.studies.baselines.thesis_stereo import CROP_PX, cropped
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.methods.curves import OURS, THESIS, TOKT_MODEL, TOKT_STEREO, title_and_kind
+from tokt.studies.simulation.rendering.patch_labels import MIN_COVERAGE
+from tokt.studies.thesis.methods.curves import (
+    OURS,
+    THESIS,
+    THESIS_DISPARITY,
+    TOKT_MODEL,
+    TOKT_STEREO,
+    title_and_kind,
+)
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
 from tokt.studies.thesis.patch_scores import (
     PatchScore,
@@ -24,6 +34,7 @@ from tokt.studies.thesis.patch_scores import (
     score_patches,
 )
 
+from .disparity_figures import patches_in_map, thesis_map
 from .exhibit import LEARNT_ELSEWHERE, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import (
     SHOWN,
@@ -135,6 +146,18 @@ def by_stereo(
     if found.mask is None:
         return MethodPrediction(*who, fault=str(found.fault))
     return MethodPrediction(*who, patches_of_mask(found.mask), found.mask)
+
+
+def by_disparity(left: U8, right: U8 | None) -> MethodPrediction:
+    """The thesis's disparity on a pair, by the patches that its map shows; it learns nothing."""
+    who = THESIS_DISPARITY, "disparity", THESIS, "the thesis's pipeline; it learns nothing"
+    if right is None:
+        return MethodPrediction(*who, fault="there is no right picture")
+    mask, shown = cropped(thesis_map(left, right)), patches_in_map()[:, CROP_PX:-CROP_PX]
+    counted = shown[shown >= 0]
+    pixels = np.bincount(counted, minlength=GRID.n_patches)
+    white = np.bincount(counted, mask[shown >= 0] > 0, minlength=GRID.n_patches)
+    return MethodPrediction(*who, white >= MIN_COVERAGE * np.maximum(pixels, 1), mask)
 
 
 def by_superpixels(context: StudyContext, number: int, frame: U8) -> list[MethodPrediction]:

@@ -32,6 +32,7 @@ from scipy.stats import spearmanr
 from skimage import data
 
 from tokt.features.common.arrays import F64, U8
+from tokt.features.frames.grid import Grid
 from tokt.studies.baselines.thesis_models import TITLES, thesis_classifier
 from tokt.studies.baselines.thesis_texture import GRID, resized_gray
 from tokt.studies.speed.models import FEATURE_SETS
@@ -81,9 +82,9 @@ def bin_kinds(points: int) -> tuple[BinKind, ...]:
     return (*kinds, BinKind.NOT_UNIFORM)
 
 
-def described(picture: U8) -> dict[str, F64]:
+def described(picture: U8, grid: Grid = GRID) -> dict[str, F64]:
     """The thesis's features of each patch of a picture, by extractor."""
-    return {key: texture.describe(picture, GRID) for key, texture in EXTRACTORS.items()}
+    return {key: texture.describe(picture, grid) for key, texture in EXTRACTORS.items()}
 
 
 def hellinger(first: F64, second: F64) -> F64:
