@@ -9,9 +9,10 @@ import pandas as pd
 import pytest
 
 from tokt.studies.baselines.thesis_stereo import LEFT_CAMERA, in_thesis_view
-from tokt.studies.thesis.exhibits import calibration_figures
+from tokt.studies.thesis.exhibits import calibration_figures, disparity_figures
 from tokt.studies.thesis.exhibits.calibration_figures import bend_claim, edge_bends, row_claim
 from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement
+from tokt.training.rig.calibrate.matching import FrameMatches
 
 CAMERAS = {"straight": None, "as printed": calibration_figures._PRINTED, "as read": LEFT_CAMERA}
 
@@ -56,18 +57,10 @@ def test_rows_agree_or_do_not(after, agreement):
 def test_rows_of_matched_points(monkeypatch, reproduced):
     """Points one row apart are one row apart; the thesis's step moves those far from its corner."""
     places = np.stack(np.meshgrid([60.0, 300.0], [60.0, 200.0]), axis=-1).reshape(-1, 2)
-    found = SimpleNamespace(frame=9, left=places, right=np.add(places, [0, 1]))
-    monkeypatch.setattr(calibration_figures, "match_frame", lambda *_: FakeMatches(found))
+    none = np.empty((0, 128), np.float32)
+    found = FrameMatches(9, places, np.add(places, [0, 1]), none, none)
+    monkeypatch.setattr(disparity_figures, "match_frame", lambda *_: found)
     rows = calibration_figures.row_differences(reproduced)
     assert rows["raw"].to_numpy() == pytest.approx(1024 / 271, rel=1e-6)
     assert (rows["thesis"] != rows["raw"]).all()
-
-
-class FakeMatches:
-    """Matches that are given."""
-
-    def __init__(self, found: SimpleNamespace) -> None:
-        self.left, self.right = found.left, found.right
-
-    def __len__(self) -> int:
-        return len(self.left)
+    assert (rows["matches"] == 4).all()

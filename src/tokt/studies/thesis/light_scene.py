@@ -15,6 +15,8 @@ from tokt.studies.simulation.scene.fish_and_dust import School
 from tokt.studies.simulation.scene.rig import SyntheticRig
 from tokt.studies.simulation.scene.water import Water
 
+from .patch_scores import Truth, truth_by_mask
+
 BLUE = Water()
 """As on the sea trial: dark, by the vehicle's lamp."""
 BRIGHT = replace(
@@ -40,14 +42,24 @@ def by_lamp(light: float) -> Water:
 
 
 @dataclass(frozen=True)
-class LitPicture:
-    """A rendered pair; the mask is 255 on what is there in the left picture, seen or not."""
+class BadPicture:
+    """A picture in bad light, its right one where there is one, and what is in it.
+
+    The mask, white where something is, is what is shown, the truth by patch what is scored; both
+    are None where nobody marked the picture. Words say what the picture is, whose the truth is, and
+    where the calibration is from; `number` is of the mission's frame it is, if it is one.
+    """
 
     left: U8
-    right: U8
-    mask: U8
-    calibration: StereoCalibration
-    nearest_m: float
+    right: U8 | None
+    mask: U8 | None
+    truth: Truth | None
+    calibration: StereoCalibration | None
+    words: str
+    truth_words: str
+    calibration_words: str
+    rendered: bool = False
+    number: int | None = None
 
 
 class LitScene:
@@ -62,18 +74,26 @@ class LitScene:
         self._things = (one_tower(rng, _TOWER_AT),) if tower else ()
         self._fish = School(rng, _FISH_THROUGH, 0.0, count=_FISH) if fish else None
 
-    def at(self, water: Water) -> LitPicture:
-        """The pair in a water."""
+    def at(self, water: Water, words: str = "") -> BadPicture:
+        """The pair in a water, with the exact mask of what is there, seen or not."""
         rig = self._rig
         world = World(water, self._things, self._fish, seed=self._seed)
         left, right = StereoRenderer(world, rig, self._seed).pair(0.0, _AT_REST, 0.0, _AT_REST)
-        depth = self._hits(water).depth
-        there = np.isfinite(depth).reshape(left.shape[:2])
+        there = np.isfinite(self._hits(water).depth).reshape(left.shape[:2])
         straight, shift_mm = np.zeros(5), 1000.0 * rig.translation_m.reshape(3, 1)
         cameras = rig.left, straight, rig.right, straight, rig.rotation, shift_mm
-        calibration = StereoCalibration(*cameras, (rig.width, rig.height))
         mask = there.astype(np.uint8) * 255
-        return LitPicture(left, right, mask, calibration, float(depth.min()))
+        return BadPicture(
+            left,
+            right,
+            mask,
+            truth_by_mask(mask),
+            StereoCalibration(*cameras, (rig.width, rig.height)),
+            f"Rendered: {words}",
+            "the exact rendered mask",
+            "the rendered rig's exact calibration",
+            rendered=True,
+        )
 
     def _hits(self, water: Water) -> Hits:
         """What the left camera's rays meet."""

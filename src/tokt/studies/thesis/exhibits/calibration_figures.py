@@ -18,14 +18,10 @@ from tokt.studies.baselines.thesis_stereo import (
 )
 from tokt.studies.thesis.inputs import StudyInputs
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
-from tokt.training.rig.calibrate.matching import (
-    FrameMatches,
-    even_contrast_gaussian,
-    gray_view,
-    match_frame,
-)
+from tokt.training.rig.calibrate.matching import even_contrast_gaussian, gray_view
 from tokt.training.rig.calibrate.vertical_error import vertical_error
 
+from .disparity_figures import matched_points
 from .exhibit import Claim, ClaimAgreement, Exhibit, StudyContext, Table
 
 MATCHED_FRAMES, LINED_FRAMES = 8, 24
@@ -73,24 +69,15 @@ def calibration_figures(context: StudyContext) -> Exhibit:
 
 def row_differences(context: StudyContext) -> pd.DataFrame:
     """Median row differences by frame, in pixels of frames of the thesis's size."""
-    calibration = context.needed_calibration()
-    size = calibration.frame_size
-    ratio = np.array(THESIS_FRAME_SIZE) / np.array(size)
-    rows = []
-    for number in evenly_spaced(context.textured_pairs, MATCHED_FRAMES):
-        found = match_frame(context.mission, number, size)
-        if found is not None:
-            raw, thesis = _rows(found, ratio)
-            ours = vertical_error(calibration, [found]).median_px * ratio[1]
-            rows.append((number, len(found), raw, thesis, ours))
+    calibration, rows = context.needed_calibration(), []
+    scale = THESIS_FRAME_SIZE[1] / calibration.frame_size[1]
+    frames = evenly_spaced(context.textured_pairs, MATCHED_FRAMES)
+    for found, left, right in matched_points(context, frames):
+        step = in_thesis_view(left, LEFT_CAMERA) - in_thesis_view(right, RIGHT_CAMERA)
+        raw, thesis = (float(np.median(np.abs(one[:, 1]))) for one in (left - right, step))
+        ours = scale * vertical_error(calibration, [found]).median_px
+        rows.append((found.frame, len(found), raw, thesis, ours))
     return pd.DataFrame(rows, columns=["frame", "matches", "raw", "thesis", "tokt"])
-
-
-def _rows(found: FrameMatches, ratio: F64) -> tuple[float, float]:
-    """Median row difference as it is, and where the thesis's undistortion puts the points."""
-    left, right = ((places + 0.5) * ratio - 0.5 for places in (found.left, found.right))
-    seen = in_thesis_view(left, LEFT_CAMERA) - in_thesis_view(right, RIGHT_CAMERA)
-    return float(np.median(np.abs((left - right)[:, 1]))), float(np.median(np.abs(seen[:, 1])))
 
 
 def row_claim(rows: pd.DataFrame) -> Claim:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -25,8 +24,8 @@ from tokt.studies.simulation.rendering.patch_labels import coverage
 from tokt.studies.thesis.methods.curves import THESIS
 
 from .disparity_figures import thesis_map
-from .dot_figures import by_held_out, by_stereo, by_thesis
-from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .dot_figures import by_thesis
+from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext
 from .frame_drawing import (
     CORRECTED_COLOR,
     SHOWN,
@@ -94,11 +93,9 @@ def centre_and_box(context: StudyContext) -> Exhibit:
     """Contours, centre and box of masks, with the thesis's faults beside (figures 3.22 to 3.24)."""
     number = context.structure_frame
     frame = context.left(number)
-    stereo = by_stereo(context.calibration, frame, context.right(number), context.calibration_words)
-    masks = [*by_thesis(context, frame), *by_held_out(context, number, frame), stereo]
     shown = [
         both_ways(one.mask, one.title, number)
-        for one in masks
+        for one in by_thesis(context, frame)
         if one.mask is not None and one.mask.any()
     ]
     if not shown:
@@ -106,7 +103,6 @@ def centre_and_box(context: StudyContext) -> Exhibit:
             f"no method sees anything in frame {number}, which should show the structure"
         )
     mission = _mission(context)
-    summary = _summary(mission)
     return Exhibit(
         (
             "The thesis's way is that of its published program, which looks for outer contours "
@@ -117,22 +113,7 @@ def centre_and_box(context: StudyContext) -> Exhibit:
             "thesis's method says obstacle. None is of an image it learnt from.",
         ),
         (box_claim(mission), fineness_claim(_partly_white(context, number))),
-        (
-            Table(
-                "frame",
-                f"Frame {number}: positions in pixels at the grid's width; Xpos and "
-                "Ypos are the direction to steer, positive right and down.",
-                _frame_table(shown),
-                "This frame",
-            ),
-            Table(
-                "mission",
-                "All frames with status 1, by the thesis's texture methods.",
-                _mission_table(mission),
-                "The whole mission",
-            ),
-        ),
-        (
+        plots=(
             Plot(
                 "contours-centre-box",
                 f"Frame {number}: the mask with its contours (3.22), the two centres and where "
@@ -142,7 +123,7 @@ def centre_and_box(context: StudyContext) -> Exhibit:
                 png_of(_figure(context, shown, mission)),
             ),
         ),
-        {"frame": number, **summary},
+        numbers={"frame": number, **_summary(mission)},
     )
 
 
@@ -167,8 +148,6 @@ def _summary(every: Sequence[BothWays]) -> dict[str, float | int]:
         "ypos_off_median_px": float(np.median([abs(one.ypos_off) for one in every])),
         "ypos_opposite": sum(one.ypos_opposite for one in every),
         "box_leaves_frame": sum(one.thesis_leaves for one in every),
-        "box_misses_a_part": sum(one.thesis_misses for one in every),
-        "box_area_ratio_median": float(np.median([one.box_ratio for one in every])),
     }
 
 
@@ -181,14 +160,15 @@ def box_claim(every: Sequence[BothWays]) -> Claim:
     leaves = sum(one.thesis_leaves for one in every)
     misses = sum(one.thesis_misses for one in every)
     ratios = [one.box_ratio for one in every]
-    agreement = ClaimAgreement.PARTLY if max(leaves, misses) / len(every) <= _SOME else None
+    few = max(leaves, misses) <= _SOME * len(every)
+    agreement = ClaimAgreement.PARTLY if few else ClaimAgreement.NO
     return Claim(
         what,
         printed,
         f"area over that of the boxes' union: {np.median(ratios):.1f} (median), {max(ratios):.1f} "
         f"at most. Of {len(every)} boxes {leaves} leave the frame, {misses} miss a part",
         f"agrees where it does neither, in part where it does in {_SOME:.0%} at most",
-        agreement=ClaimAgreement.YES if not leaves + misses else agreement or ClaimAgreement.NO,
+        agreement=ClaimAgreement.YES if leaves == misses == 0 else agreement,
     )
 
 
@@ -215,43 +195,6 @@ def fineness_claim(finest: float | None) -> Claim:
         f"agrees from {_MOSTLY:.0%} on, in part above 0",
         agreement=ClaimAgreement.YES if finest >= _MOSTLY else agreement,
     )
-
-
-def _frame_table(shown: Sequence[BothWays]) -> pd.DataFrame:
-    return pd.DataFrame(
-        {
-            "mask of": one.title,
-            "contours": one.thesis.contours,
-            "Xpos thesis": one.thesis.x,
-            "Xpos": one.corrected.x,
-            "Ypos thesis": one.thesis.y,
-            "Ypos": one.corrected.y,
-            "box thesis (x, y, width, height)": str(one.thesis.box),
-            "box": str(one.corrected.box),
-            "thesis's box leaves the frame": one.thesis_leaves,
-        }
-        for one in shown
-    )
-
-
-def _mission_table(mission: Sequence[BothWays]) -> pd.DataFrame:
-    rows = []
-    for title in dict.fromkeys(one.title for one in mission):
-        every = [one for one in mission if one.title == title]
-        summary = _summary(every)
-        rows.append(
-            {
-                "method": title,
-                "frames with status 1": len(every),
-                "with several contours": sum(one.thesis.contours > 1 for one in every),
-                "Ypos off, median px": summary["ypos_off_median_px"],
-                "Ypos up for down": summary["ypos_opposite"],
-                "box leaves the frame": summary["box_leaves_frame"],
-                "box misses a part": summary["box_misses_a_part"],
-                "box area, times the union, median": summary["box_area_ratio_median"],
-            }
-        )
-    return pd.DataFrame(rows)
 
 
 def _figure(

@@ -5,7 +5,7 @@ measures distance by two pictures has nothing to say then. What says the same as
 looked at one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import cv2
@@ -20,7 +20,7 @@ from tokt.features.common.errors import ToktError
 from tokt.inference.frame import Frame
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.matching import Matches
-from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_MEAN_THRESHOLD, STATUS_WORDS
+from tokt.inference.verdict import CLEAR, STATUS_MEAN_THRESHOLD, STATUS_WORDS
 from tokt.studies.baselines.thesis_stereo import (
     CROP_PX,
     LEFT_CAMERA,
@@ -38,8 +38,8 @@ from tokt.studies.thesis.inputs import StudyInputs
 from tokt.studies.thesis.patch_scores import Truth
 from tokt.training.evaluation.pictures import raise_contrast
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
-from tokt.training.rig.calibrate.matching import match_frame
-from tokt.training.rig.depth.cloud import PointCloud, cloud_of
+from tokt.training.rig.calibrate.matching import FrameMatches, match_frame
+from tokt.training.rig.depth.cloud import cloud_of
 from tokt.training.rig.depth.pair_depths import measure_depths
 from tokt.training.rig.depth.picture import DepthPicture
 
@@ -62,21 +62,14 @@ _MAX_POINTS = 20_000
 _MARGIN_COLOR = "#4da3ff"
 
 
-class _Panel(NamedTuple):
-    """One right frame, the thesis's map of the pair (uint8, 1024 x 1360), and our matches."""
-
-    words: str
-    stretched: U8
-    matches: Matches
-
-
 class _Shown(NamedTuple):
-    """The pair that is drawn: with its own right frame, another one's, and its own turned."""
+    """The pair that is drawn: the thesis's map (uint8, 1024 x 1360), our matches and our cloud."""
 
     number: int
     left: U8
-    panels: list[_Panel]
-    cloud: PointCloud
+    stretched: U8
+    matches: Matches
+    points_m: F64
     rank_correlation: float
 
 
@@ -89,8 +82,12 @@ def disparity_figures(context: StudyContext) -> Exhibit:
     rows = exchange(context, frames)
     own = rows[rows.right == OWN].set_index("frame")
     best = int(own.ours_matched.idxmax())
-    disparity, covered = _searched(context, evenly_spaced(frames, MATCHED_FRAMES))
-    shown = _shown(context, best, _partners(frames)[best])
+    points = [
+        searched(left, right)
+        for _, left, right in matched_points(context, evenly_spaced(frames, MATCHED_FRAMES))
+    ]
+    covered = np.concatenate([found for _, found in points]) if points else np.empty(0)
+    shown = _shown(context, best)
     nearest, farthest = own.near_m.min(), own.far_m.max()
     nearest = 1.0 if np.isnan(nearest) else nearest
     # Colours of depth: those that are there, and at least a factor of two.
@@ -99,14 +96,26 @@ def disparity_figures(context: StudyContext) -> Exhibit:
     numbers = {
         **_control(rows),
         **_cloud_numbers(shown, context.truth(best)),
-        "matched_points": len(disparity),
-        "points_searched": float(covered.mean()) if len(covered) else 0.0,
+        "matched_points": len(covered),
+        "points_searched": float(covered.mean()) if len(covered) else None,
     }
     return Exhibit(
         words=_words(context, frames, best),
         claims=(map_claim(numbers), cloud_claim(numbers)),
-        tables=(_table(rows), _cloud_table(shown)),
-        plots=_plots(shown, picture, ends),
+        tables=(_table(rows),),
+        plots=(
+            Plot(
+                "disparity_and_margin",
+                f"Frame {best}. Blue: the margin that the thesis cuts off. {SHOWN}",
+                png_of(_maps(shown, picture, ends)),
+            ),
+            Plot(
+                "point_cloud",
+                f"Point clouds of frame {best}, as the thesis's program and as ours make them. "
+                "Red is near; the middle 98 % of the points are shown.",
+                png_of(_clouds(shown)),
+            ),
+        ),
         numbers=numbers,
     )
 
@@ -196,48 +205,40 @@ def in_map(patches: Truth) -> Bools:
     return np.asarray((shown >= 0) & (patches == 1)[shown])
 
 
-def _searched(context: StudyContext, frames: Sequence[int]) -> tuple[F64, Bools]:
-    """Disparities of SIFT matches in the thesis's pictures, and which its search can find."""
+def matched_points(
+    context: StudyContext, frames: Sequence[int]
+) -> Iterator[tuple[FrameMatches, F64, F64]]:
+    """SIFT matches of frames, and where they lie in the left and right picture at thesis size."""
     size = context.needed_calibration().frame_size
-    found = [match_frame(context.mission, n, size) for n in frames]
-    matched = [one for one in found if one is not None]
-    if not matched:
-        return np.empty(0), np.empty(0, bool)
     ratio = np.array(THESIS_FRAME_SIZE) / np.array(size)
-    left, right = (
-        (np.concatenate([getattr(one, side) for one in matched]) + 0.5) * ratio - 0.5
-        for side in ("left", "right")
-    )
-    return searched(left, right)
+    for number in frames:
+        found = match_frame(context.mission, number, size)
+        if found is not None:
+            left, right = ((one + 0.5) * ratio - 0.5 for one in (found.left, found.right))
+            yield found, left, right
 
 
-def _shown(context: StudyContext, number: int, other: int) -> _Shown:
-    """One pair matched in every pixel, with the three right frames, and its cloud."""
+def _shown(context: StudyContext, number: int) -> _Shown:
+    """One pair matched in every pixel, and its cloud."""
     detector = DisparityDetector(context.needed_calibration(), GRID, step=1)
     left, right = pair_of(context, number)
-    rights = (right, pair_of(context, other)[1], np.ascontiguousarray(right[::-1]))
-    words = (OWN, f"that of frame {other}", TURNED)
-    panels = [
-        _Panel(f"right frame: {what}", thesis_map(left, one), detector.match(left, one))
-        for what, one in zip(words, rights, strict=True)
-    ]
-    cloud = cloud_of(detector.rectifier, panels[0].matches, left)
-    return _Shown(number, left, panels, cloud, _ranks(detector, panels[0]))
+    stretched, matches = thesis_map(left, right), detector.match(left, right)
+    points = cloud_of(detector.rectifier, matches, left).points_m
+    return _Shown(number, left, stretched, matches, points, _ranks(detector, stretched, matches))
 
 
-def _ranks(detector: DisparityDetector, panel: _Panel) -> float:
+def _ranks(detector: DisparityDetector, stretched: U8, matches: Matches) -> float:
     """Spearman's rank correlation of the thesis's values and our depths, pixel by pixel.
 
     -1 would be disparities: the larger, the nearer. 0 where too few pixels have both.
     """
-    matches = panel.matches
     row, column = np.nonzero(matches.valid)
     size = np.array(detector.calibration.frame_size)
     places = detector.rectifier.to_frame(np.column_stack([column, row]))
     places = (places + 0.5) * np.array(THESIS_FRAME_SIZE) / size - 0.5
     seen = np.rint(in_thesis_view(places, LEFT_CAMERA)).astype(np.int64)
     inside = ((seen >= 0) & (seen < np.array(THESIS_FRAME_SIZE))).all(axis=1)
-    said = panel.stretched[seen[inside, 1], seen[inside, 0]]
+    said = stretched[seen[inside, 1], seen[inside, 0]]
     depth = detector.depth_m(matches)[matches.valid][inside]
     both = said > 0
     if both.sum() < 10 or len(np.unique(said[both])) < 2:
@@ -250,35 +251,26 @@ def _control(rows: pd.DataFrame) -> dict[str, Any]:
     """What exchanging the right frame does to both, over all frames."""
     own, wrong = rows[rows.right == OWN], rows[rows.right != OWN]
     before = own.set_index("frame").thesis_mean.loc[wrong.frame].to_numpy()
-    some = before > 0
-    change = np.abs(wrong.thesis_mean.to_numpy()[some] / before[some] - 1)
     kept = (wrong.thesis_mean > STATUS_MEAN_THRESHOLD) == (before > STATUS_MEAN_THRESHOLD)
     return {
-        "frames": len(own),
         "ours_matched_own_median": own.ours_matched.median(),
-        "ours_matched_own_least": own.ours_matched.min(),
-        "ours_matched_wrong_median": wrong.ours_matched.median(),
         "ours_matched_wrong_most": wrong.ours_matched.max(),
-        "ours_obstacle_own": int((own.status == OBSTACLE).sum()),
-        "ours_obstacle_wrong": int((wrong.status == OBSTACLE).sum()),
         "ours_clear_wrong": int((wrong.status == CLEAR).sum()),
         "wrong_pairs": len(wrong),
         "thesis_pixels_changed_most": wrong.thesis_changed.max(),
-        "thesis_mean_change_median": float(np.median(change)) if len(change) else 0.0,
         "thesis_status_kept": int(kept.sum()),
     }
 
 
 def _cloud_numbers(shown: _Shown, truth: Truth) -> dict[str, Any]:
-    said = shown.panels[0].stretched
     inside = np.s_[:, CROP_PX:-CROP_PX]
-    white, there = said[inside] > 0, in_map(truth)[inside]
+    white, there = shown.stretched[inside] > 0, in_map(truth)[inside]
     labelled = there.any() and white.any()
     return {
         "shown_frame": shown.number,
         "rank_correlation": shown.rank_correlation,
-        "thesis_cloud_spread": _spread(-thesis_cloud(cropped(said))[0][:, 2]),
-        "cloud_spread": _spread(shown.cloud.points_m[:, 2]),
+        "thesis_cloud_spread": _spread(-thesis_cloud(cropped(shown.stretched))[0][:, 2]),
+        "cloud_spread": _spread(shown.points_m[:, 2]),
         "in_place": float(there[white].mean()) if labelled else None,
     }
 
@@ -294,20 +286,21 @@ def _spread(depth: F64) -> float:
 def map_claim(numbers: dict[str, Any]) -> Claim:
     """Whether the map's values are disparities of the pair."""
     last = MIN_DISPARITY_PX + N_DISPARITIES_PX - 1
-    share, same = numbers["points_searched"], numbers["thesis_pixels_changed_most"] <= _SAME
-    if share > _MAX_FOUND and not same:
-        agreement = ClaimAgreement.YES
-    else:
-        agreement = ClaimAgreement.PARTLY if share > _FEW_FOUND else ClaimAgreement.NO
+    what = "the map shows disparities of the two pictures"
+    printed = f"table 3.5 searches {MIN_DISPARITY_PX} to {last} px; figure 3.8"
+    share, changed = numbers["points_searched"], numbers["thesis_pixels_changed_most"]
+    if share is None:
+        return Claim(what, printed, "no matched points", "true disparities are not known without")
+    agreement = ClaimAgreement.PARTLY if share > _FEW_FOUND else ClaimAgreement.NO
     return Claim(
-        "the map shows disparities of the two pictures",
-        f"table 3.5 searches {MIN_DISPARITY_PX} to {last} px; figure 3.8",
-        f"{100 * share:.0f} % of {numbers['matched_points']} matched points are in its search; "
-        f"of {numbers['wrong_pairs']} wrong right frames {numbers['thesis_status_kept']} keep its "
-        f"status, and {100 * numbers['thesis_pixels_changed_most']:.2f} % of its pixels change",
+        what,
+        printed,
+        f"{share:.0%} of {numbers['matched_points']} matched points are in its search; of "
+        f"{numbers['wrong_pairs']} wrong right frames {numbers['thesis_status_kept']} keep its "
+        f"status, and {changed:.2%} of its pixels change at most",
         "agrees where the search has half of the points (SIFT, at its undistorted places) and the "
         "map changes with the right frame; in part from a twentieth of the points on",
-        agreement=agreement,
+        agreement=ClaimAgreement.YES if share > _MAX_FOUND and changed > _SAME else agreement,
     )
 
 
@@ -386,64 +379,27 @@ def _table(rows: pd.DataFrame) -> Table:
     return Table("exchanged_right_frame", caption, table, "Three right frames for each left one")
 
 
-def _cloud_table(shown: _Shown) -> Table:
-    points = shown.cloud.points_m
-    percentiles = np.percentile(points if len(points) else np.full((1, 3), np.nan), [5, 50, 95], 0)
-    table = pd.DataFrame(percentiles.T.round(3), columns=["5 % m", "median m", "95 % m"])
-    table.insert(0, "axis", ["x right", "y down", "z ahead"])
-    caption = (
-        f"Our point cloud of frame {shown.number}: {len(points)} points of "
-        f"{shown.cloud.matched} matched ({shown.cloud.out_of_range} out of range, "
-        f"{shown.cloud.outliers} standing alone), in metres from the left camera."
-    )
-    return Table("point_cloud", caption, table)
-
-
-def _plots(shown: _Shown, picture: DepthPicture, ends: tuple[float, float]) -> tuple[Plot, ...]:
-    own = shown.panels[0]
-    cloud, matched = thesis_cloud(own.stretched)
-    said = own.stretched[matched].astype(np.float64)
-    return (
-        Plot(
-            "disparity_and_margin",
-            f"Frame {shown.number}. Blue: the margin that the thesis cuts off. {SHOWN}",
-            png_of(_maps(shown.left, own, picture, ends)),
-        ),
-        Plot(
-            "exchanged_right_frame",
-            f"Left frame {shown.number} with three right frames: the thesis's map keeps its "
-            "white pixels, ours loses its matches. Colours as above.",
-            png_of(_exchanged(shown.panels, picture)),
-        ),
-        Plot(
-            "point_cloud",
-            f"Point clouds of frame {shown.number}, as the thesis's program and as ours make "
-            "them. Red is near in each; the thesis's axes show the middle 98 % of its points.",
-            png_of(_clouds(cloud, said, shown.cloud.points_m)),
-        ),
-    )
-
-
-def _maps(left: U8, panel: _Panel, picture: DepthPicture, ends_m: tuple[float, float]) -> Figure:
+def _maps(shown: _Shown, picture: DepthPicture, ends_m: tuple[float, float]) -> Figure:
     """The frame, the thesis's map with its margin, the map it judges, and our depth."""
     figure, axes = new_figure(11, 8.6, 2, 2)
-    axes[0, 0].imshow(raise_contrast(left, *_VIEW))
-    axes[0, 0].set_title("left frame, contrast raised", fontsize=10)
-    width = panel.stretched.shape[1]
-    _show_map(axes[0, 1], panel.stretched, "thesis: stretched disparities, and the margin")
-    for at in (CROP_PX, width - CROP_PX):
-        axes[0, 1].axvline(at - 0.5, color=_MARGIN_COLOR, lw=1.2, ls="--")
-    for at in (0, width - CROP_PX):
-        axes[0, 1].axvspan(at - 0.5, at + CROP_PX - 0.5, color=_MARGIN_COLOR, alpha=0.18, lw=0)
-    _show_map(axes[1, 0], cropped(panel.stretched), "thesis: without the margin, as it is judged")
-    axes[1, 1].imshow(picture.depth_rgb(panel.matches), interpolation="nearest")
-    axes[1, 1].set_title(
-        f"ours: {panel.matches.valid.mean():.1%} matched; "
-        f"red {ends_m[0]:.1f} m to blue {ends_m[1]:.1f} m, logarithmic",
-        fontsize=10,
+    own = shown.matches
+    views = (
+        (raise_contrast(shown.left, *_VIEW), "left frame, contrast raised"),
+        (shown.stretched, "thesis: stretched disparities, and the margin"),
+        (cropped(shown.stretched), "thesis: without the margin, as it is judged"),
+        (
+            picture.depth_rgb(own),
+            f"ours: {own.valid.mean():.1%} matched; red {ends_m[0]:.1f} m to blue "
+            f"{ends_m[1]:.1f} m, logarithmic",
+        ),
     )
-    for one in axes.flat:
+    for one, (view, title) in zip(axes.flat, views, strict=True):
+        one.imshow(view, cmap="magma", vmin=0, vmax=255, interpolation="nearest")
+        one.set_title(title, fontsize=10)
         one.set(xticks=[], yticks=[])
+    width = shown.stretched.shape[1]
+    for at in (0, width - CROP_PX):
+        axes[0, 1].axvspan(at - 0.5, at + CROP_PX - 0.5, color=_MARGIN_COLOR, alpha=0.25, lw=0)
     words = "not matched; striped: not in the view of both cameras"
     axes[1, 1].legend(
         handles=[Patch(facecolor="#1a1c20", edgecolor="0.5", label=words)],
@@ -452,64 +408,23 @@ def _maps(left: U8, panel: _Panel, picture: DepthPicture, ends_m: tuple[float, f
     return figure
 
 
-def _exchanged(panels: Sequence[_Panel], picture: DepthPicture) -> Figure:
-    """A column a right frame: the thesis's map above, ours below."""
-    figure, axes = new_figure(3.9 * len(panels), 6.2, 2, len(panels), squeeze=False)
-    for (above, below), panel in zip(axes.T, panels, strict=True):
-        seen = (cropped(panel.stretched) > 0).mean()
-        _show_map(above, cropped(panel.stretched), f"{panel.words}\nthesis: {seen:.2%} white")
-        below.imshow(picture.depth_rgb(panel.matches), interpolation="nearest")
-        below.set_title(f"ours: {panel.matches.valid.mean():.2%} matched", fontsize=10)
-        below.set(xticks=[], yticks=[])
-    return figure
-
-
-def _clouds(thesis: F64, thesis_said: F64, ours: F64) -> Figure:
-    """Both point clouds from the front and from above, coloured by their own depth.
-
-    The thesis's, whose colours are the map's values, has no unit: x right, y up, z backwards. Ours
-    is in metres: x right, y down, z ahead.
-    """
+def _clouds(shown: _Shown) -> Figure:
+    """Both point clouds from the front and from above, coloured by their own depth."""
     figure, axes = new_figure(11, 8.4, 2, 2)
-    chosen = _some(len(thesis))
-    x, up, back = thesis[chosen].T
-    colors = thesis_said[chosen]
-    _scatter(axes[0, 0], x, up, colors, "thesis, from the front", ("x, no unit", "y, no unit"))
-    _scatter(axes[0, 1], x, -back, colors, "thesis, from above", ("x, no unit", "depth, no unit"))
-    chosen = _some(len(ours))
-    x, down, ahead = ours[chosen].T
-    _scatter(axes[1, 0], x, -down, -ahead, "ours, from the front", ("x, m", "height, m"))
-    _scatter(axes[1, 1], x, ahead, -ahead, "ours, from above", ("x, m", "depth, m"))
-    for one in axes[1]:
-        one.set_aspect("equal", adjustable="datalim")
-    for one in axes[0]:
-        _without_far_points(one)
+    clouds = {
+        # x right, y up, z backwards; then x right, y down, z ahead.
+        ("thesis", "no unit"): thesis_cloud(shown.stretched)[0] * [1, 1, -1],
+        ("ours", "m"): shown.points_m * [1, -1, 1],
+    }
+    for row, ((whose, unit), points) in zip(axes, clouds.items(), strict=True):
+        # In a random order that is always the same.
+        drawn = np.random.default_rng(0).permutation(points)[:_MAX_POINTS]
+        ends = np.percentile(drawn, [1, 99], axis=0) if len(drawn) else np.array([[0] * 3, [1] * 3])
+        x, up, ahead = np.clip(drawn, *ends).T
+        for one, across, what in ((row[0], up, "front"), (row[1], ahead, "above")):
+            one.scatter(x, across, s=1.5, c=-ahead, cmap="turbo", linewidths=0)
+            one.set_title(f"{whose}, from {'the ' * (what == 'front')}{what}", fontsize=10)
+            name = "height" if what == "front" else "depth"
+            one.set(xlabel=f"x, {unit}", ylabel=f"{name}, {unit}")
+            one.grid(alpha=0.25)
     return figure
-
-
-def _some(count: int) -> I64:
-    """Which points of a cloud are drawn, in a random order that is always the same."""
-    return np.random.default_rng(0).permutation(count)[:_MAX_POINTS]
-
-
-def _scatter(axes: Any, x: F64, y: F64, colors: F64, title: str, labels: tuple[str, str]) -> None:
-    axes.scatter(x, y, s=1.5, c=colors, cmap="turbo", linewidths=0)
-    axes.set_title(f"{title} ({len(x)} points drawn)", fontsize=10)
-    axes.set(xlabel=labels[0], ylabel=labels[1])
-    axes.grid(alpha=0.25)
-
-
-def _without_far_points(axes: Any) -> None:
-    """Small map values put points very far out: the middle 98 % are shown."""
-    points = np.ma.getdata(axes.collections[0].get_offsets())
-    if len(points):
-        low, high = np.percentile(points, [1, 99], axis=0)
-        margin = np.maximum(high - low, 1e-6) * 0.05
-        axes.set_xlim(low[0] - margin[0], high[0] + margin[0])
-        axes.set_ylim(low[1] - margin[1], high[1] + margin[1])
-
-
-def _show_map(axes: Any, stretched: U8, title: str) -> None:
-    axes.imshow(stretched, cmap="magma", vmin=0, vmax=255, interpolation="nearest")
-    axes.set_title(title, fontsize=10)
-    axes.set(xticks=[], yticks=[])

@@ -13,19 +13,10 @@ from tokt.inference.frame import Frame
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.verdict import STATUS_WORDS, UNKNOWN, verdict_from_mask
-from tokt.models.bundle.bundle import read_bundle
 from tokt.studies.baselines.thesis_stereo import CROP_PX, cropped
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.simulation.rendering.patch_labels import MIN_COVERAGE
-from tokt.studies.thesis.methods.curves import (
-    OURS,
-    THESIS,
-    THESIS_DISPARITY,
-    TOKT_MODEL,
-    TOKT_STEREO,
-    title_and_kind,
-)
-from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
+from tokt.studies.thesis.methods.curves import OURS, THESIS, THESIS_DISPARITY, TOKT_STEREO
 from tokt.studies.thesis.patch_scores import (
     PatchScore,
     Truth,
@@ -104,32 +95,6 @@ def by_thesis(context: StudyContext, frame: U8) -> list[MethodPrediction]:
     ]
 
 
-def by_held_out(context: StudyContext, number: int, frame: U8) -> list[MethodPrediction]:
-    """Our texture model on a frame of the mission, by a model that did not learn from it."""
-    curves = context.curves
-    patches = curves.patches.get(TOKT_TEXTURE, {}).get(number)
-    if patches is None:
-        return []
-    method = curves.methods[TOKT_TEXTURE]
-    return [said_by_patches(TOKT_TEXTURE, method.title, OURS, method.words, patches, frame)]
-
-
-def by_bundle(context: StudyContext, frame: U8, words: str) -> list[MethodPrediction]:
-    """The bundle of the request on a picture, by its patches; nothing where none was given."""
-    if context.request.model is None:
-        return []
-    bundle = read_bundle(str(context.request.model))
-    who = TOKT_MODEL, f"tokt model {bundle.label}", OURS, words
-    if bundle.grid != GRID:
-        fault = f"its patches are {bundle.grid}, these figures are of {GRID}"
-        return [said_by_patches(*who, fault, frame)]
-    try:
-        values = bundle.values_of(bundle.features(frame))
-    except ValueError as error:
-        return [said_by_patches(*who, str(error), frame)]
-    return [said_by_patches(*who, bundle.model.obstacle_patches(values), frame)]
-
-
 def by_stereo(
     calibration: StereoCalibration | None, left: U8, right: U8 | None, words: str
 ) -> MethodPrediction:
@@ -160,25 +125,6 @@ def by_disparity(left: U8, right: U8 | None) -> MethodPrediction:
     return MethodPrediction(*who, white >= MIN_COVERAGE * np.maximum(pixels, 1), mask)
 
 
-def by_superpixels(context: StudyContext, number: int, frame: U8) -> list[MethodPrediction]:
-    """The methods that cut the picture into superpixels, by the patches that they cover.
-
-    Those of the mission's frame of that number: they did not learn from it.
-    """
-    found, methods = [], context.superpixel_methods
-    for method in methods.of(number):
-        mask, who = method.mask(frame), (method.name, *title_and_kind(method))
-        patches = patches_of_mask(mask)
-        found.append(MethodPrediction(*who, methods.words(method), patches, mask))
-    return found
-
-
-def may_have_learnt(said: Sequence[MethodPrediction]) -> str:
-    """The end of a sentence that says that nothing learnt from what it is scored on."""
-    given = any(one.name == TOKT_MODEL for one in said)
-    return "; the model that was given may have." if given else "."
-
-
 def scored_predictions(said: Sequence[MethodPrediction], truth: Truth | None) -> pd.DataFrame:
     """One row a method: what it says of the picture, and its scores where there are some."""
     frame = pd.DataFrame(
@@ -205,29 +151,24 @@ def prediction_dots(context: StudyContext) -> Exhibit:
     """Predictions for each patch of the frame that shows the structure (figures 3.17, 3.20)."""
     number = context.structure_frame
     frame, truth = context.left(number), context.labelled.get(number)
-    stereo = by_stereo(context.calibration, frame, context.right(number), context.calibration_words)
-    learnt = context.curves.methods.get(TOKT_MODEL)
-    thesis_said = by_thesis(context, frame)
-    said = [
-        *thesis_said,
-        *by_held_out(context, number, frame),
-        *by_bundle(context, frame, learnt.words if learnt else ""),
-        stereo,
-    ]
-    truths = context.truths
-    by_method = context.curves.patches.items() if truths else ()
-    pooled = {name: pooled_score(patches, truths) for name, patches in by_method}
+    said = by_thesis(context, frame)
+    patches, truths = context.curves.patches, context.truths
+    pooled = {one.name: pooled_score(patches.get(one.name, {}), truths) for one in said}
     return Exhibit(
         (
-            f"Frame {number}, by the thesis's three models and by ours. Red dots are patches said "
-            "to be other than ocean; they are white in the mask. Stereo judges pixels: its dots "
-            f"are patches with a tenth or more white. {LEARNT_ELSEWHERE}",
+            f"Frame {number}. Red dots are patches said to be other than ocean; they are white in "
+            f"the mask. {LEARNT_ELSEWHERE}",
         ),
+        (dot_claim(said, truth, pooled), alike_claim(patches, context.scored)),
         (
-            dot_claim(thesis_said, truth, pooled),
-            alike_claim(context.curves.patches, context.scored),
+            Table(
+                "frame",
+                f"Patches of frame {number} against its labels (unsure ones are not scored); "
+                "counts of patches. No method learnt from this frame.",
+                scored_predictions(said, truth).drop(columns="status"),
+                "This frame",
+            ),
         ),
-        _tables(said, truth, pooled, number, len(truths)),
         (
             Plot(
                 "dots",
@@ -236,47 +177,7 @@ def prediction_dots(context: StudyContext) -> Exhibit:
                 png_of(_figure(frame, said, truth)),
             ),
         ),
-        {"frame": number, "labelled_frames": len(truths)}
-        | {
-            f"{place}_{name}_{figure}": value
-            for place, name, score in (
-                *(("frame", one.name, one.score(truth)) for one in said),
-                *(("mission", name, one) for name, one in pooled.items()),
-            )
-            if score
-            for figure, value in score.figures().items()
-        },
     )
-
-
-def _tables(
-    said: Sequence[MethodPrediction],
-    truth: Truth | None,
-    pooled: Mapping[str, PatchScore],
-    number: int,
-    n_labelled: int,
-) -> tuple[Table, ...]:
-    frame = Table(
-        "frame",
-        f"Patches of frame {number} against its labels (unsure ones are not scored); counts "
-        "of patches. Our texture model is held out; the others did not learn from this frame"
-        + may_have_learnt(said),
-        scored_predictions(said, truth).drop(columns="status"),
-        "This frame",
-    )
-    if not n_labelled:
-        return (frame,)
-    titles = {one.name: one.title for one in said}
-    rows = [{"method": titles.get(name, name), **_score_row(one)} for name, one in pooled.items()]
-    mission = Table(
-        "mission",
-        f"The same over all {n_labelled} labelled frames that no training image is of; "
-        "counts of patches. Our texture model: each frame by a model that did not learn "
-        "from it or from frames near it.",
-        pd.DataFrame(rows),
-        "The whole mission",
-    )
-    return frame, mission
 
 
 def dot_claim(
@@ -337,11 +238,7 @@ def _figure(frame: U8, said: Sequence[MethodPrediction], truth: Truth | None) ->
         if truth is not None:
             draw_truth(dots, truth, *size)
         dots.set_title(one.title, fontsize=10, loc="left")
-        if one.patches is None or one.mask is None:
-            mask.set_axis_off()
-            mask.text(0.5, 0.5, f"not judged:\n{one.fault}", ha="center", va="center", wrap=True)
-            continue
-        draw_dots(dots, one.patches, *size)
-        show_mask(mask, one.mask)
+        draw_dots(dots, np.asarray(one.patches), *size)
+        show_mask(mask, np.asarray(one.mask))
     explain_dots(rows[-1][0], truth is not None, ncols=4)
     return figure

@@ -1,7 +1,6 @@
 """Figures 5.6 to 5.8: bad light, what a person marks in it, and what every method says."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -12,37 +11,25 @@ from matplotlib.figure import Figure
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import read_image
-from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
 from tokt.studies.baselines.thesis_models import TITLES, thesis_classifier
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.simulation.scene.rig import FULL_WIDTH
-from tokt.studies.thesis.light_scene import BRIGHT, LitPicture, LitScene, by_lamp
+from tokt.studies.thesis.light_scene import BRIGHT, BadPicture, LitScene, by_lamp
 from tokt.studies.thesis.methods.curves import OURS, learnt_words
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE, JudgeFrame, train_on_all_labels
 from tokt.studies.thesis.patch_scores import PatchScore, Truth, truth_by_mask
 
 from .dot_figures import (
     MethodPrediction,
-    by_bundle,
     by_disparity,
     by_stereo,
-    by_superpixels,
     by_thesis,
-    may_have_learnt,
     said_by_patches,
     scored_predictions,
 )
 from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
-from .frame_drawing import (
-    DARK_SHOWN,
-    draw_dots,
-    draw_truth,
-    explain_dots,
-    png_of,
-    show_dark,
-    show_mask,
-)
+from .frame_drawing import SHOWN, draw_dots, draw_truth, explain_dots, png_of, show_frame, show_mask
 from .training_image_figures import described
 
 SEED, TRAINING_SEED = 8, 9
@@ -58,27 +45,6 @@ _AROUND = 2.0
 
 Said = Sequence[MethodPrediction]
 Texture = tuple[str, JudgeFrame]
-
-
-@dataclass(frozen=True)
-class BadPicture:
-    """A picture in bad light, its right one where there is one, and what is in it.
-
-    The mask, white where something is, is what is shown, the truth by patch what is scored; both
-    are None where nobody marked the picture. Words say what the picture is, whose the truth is, and
-    where the calibration is from; `number` is of the mission's frame it is, if it is one.
-    """
-
-    left: U8
-    right: U8 | None
-    mask: U8 | None
-    truth: Truth | None
-    calibration: StereoCalibration | None
-    words: str
-    truth_words: str
-    calibration_words: str
-    rendered: bool = False
-    number: int | None = None
 
 
 def given_picture(context: StudyContext) -> BadPicture | None:
@@ -125,21 +91,6 @@ def _truth(
     return mask, truth, "the frame's labels"
 
 
-def rendered_picture(picture: LitPicture, words: str) -> BadPicture:
-    """A rendered pair with its exact mask, as the thesis's picture is not at hand."""
-    return BadPicture(
-        picture.left,
-        picture.right,
-        picture.mask,
-        truth_by_mask(picture.mask),
-        picture.calibration,
-        f"Rendered: {words}",
-        "the exact rendered mask",
-        "the rendered rig's exact calibration",
-        rendered=True,
-    )
-
-
 def bad_lighting(context: StudyContext) -> Exhibit:
     """A picture in bad light, a mask of what is in it, every method's predictions (5.6 to 5.8).
 
@@ -148,8 +99,8 @@ def bad_lighting(context: StudyContext) -> Exhibit:
     """
     # As wide as the mission's frames if that can be rendered.
     width = int(np.clip(context.any_left().shape[1], *RENDERED_WIDTHS))
-    bad = given_picture(context) or rendered_picture(
-        LitScene(width, SEED, fish=True).at(BRIGHT),
+    bad = given_picture(context) or LitScene(width, SEED, fish=True).at(
+        BRIGHT,
         "bright green water by day, a tower and fish. Both are to be found, as nobody would call "
         "them water",
     )
@@ -163,8 +114,7 @@ def bad_lighting(context: StudyContext) -> Exhibit:
     caption = (
         f"By patch, against {bad.truth_words}: an obstacle is what covers a tenth of a patch, "
         "less is not scored. Status is by the mean of the mask alone, without a frame rule. "
-        f"Counts of patches. Nothing that is trained here learnt from this picture"
-        f"{may_have_learnt(said)}"
+        "Counts of patches. Nothing here learnt from this picture."
     )
     return Exhibit(
         _words(bad, said),
@@ -186,25 +136,22 @@ def bad_lighting(context: StudyContext) -> Exhibit:
             Plot(
                 "predictions",
                 f"{bad.words} (5.6); what is there, {bad.truth_words} (5.7); and what each method "
-                f"says (5.8). Green outlines are obstacle patches. {DARK_SHOWN}",
+                f"says (5.8). Green outlines are obstacle patches. {SHOWN}",
                 png_of(_figure(bad, said)),
             ),
         ),
-        _numbers(said, bad),
     )
 
 
 def _predictions(
-    context: StudyContext, texture: Texture, bad: BadPicture, slow: bool = True
+    context: StudyContext, texture: Texture, bad: BadPicture
 ) -> list[MethodPrediction]:
-    """What every method says of a picture; without `slow` the superpixels are left out."""
+    """What every method says of a picture."""
     frame, (words, judge) = bad.left, texture
     return [
         *by_thesis(context, frame),
         by_disparity(frame, bad.right),
-        *(by_superpixels(context, bad.number or 0, frame) if slow else []),
         said_by_patches(TOKT_TEXTURE, "tokt texture", OURS, words, judge(frame), frame),
-        *by_bundle(context, frame, "the model as given"),
         by_stereo(bad.calibration, frame, bad.right, bad.calibration_words),
     ]
 
@@ -294,8 +241,8 @@ def low_light(context: StudyContext, texture: Texture, scene: LitScene) -> pd.Da
     """A row a light, a column a method: F1, or nothing where it was not judged; and means."""
     rows = []
     for light in LIGHTS:
-        picture = rendered_picture(scene.at(by_lamp(light)), f"a lamp of {light:g}")
-        said = _predictions(context, texture, picture, slow=False)
+        picture = scene.at(by_lamp(light))
+        said = _predictions(context, texture, picture)
         means: dict[str, float | None] = {
             f"{one.title}, mean": float(one.mask.mean())
             for one in said
@@ -338,10 +285,10 @@ def _figure(bad: BadPicture, said: Said) -> Figure:
     height, width = GRID.resized(*bad.left.shape[:2])
     small = cv2.resize(bad.left, (width, height), interpolation=cv2.INTER_AREA)
     panels[0].imshow(small[..., ::-1] if small.ndim == 3 else small, cmap="gray", vmin=0, vmax=255)
-    show_dark(panels[1], bad.left)
+    show_frame(panels[1], bad.left)
     if bad.mask is not None:
         show_mask(panels[2], bad.mask)
-    titles = ["as the camera gives it", "amplified", bad.truth_words]
+    titles = ["as the camera gives it", "contrast raised", bad.truth_words]
     for axes, title in zip(panels, titles, strict=False):
         axes.set(xticks=[], yticks=[])
         axes.set_title(title, fontsize=9, loc="left")
@@ -354,7 +301,7 @@ def _figure(bad: BadPicture, said: Said) -> Figure:
 
 
 def _panel(axes: Any, bad: BadPicture, one: MethodPrediction) -> None:
-    size = show_dark(axes, bad.left)
+    size = show_frame(axes, bad.left)
     if bad.truth is not None:
         draw_truth(axes, bad.truth, *size)
     if one.patches is not None:
@@ -368,13 +315,3 @@ def _panel(axes: Any, bad: BadPicture, one: MethodPrediction) -> None:
             ha="center", va="center", bbox={"facecolor": "black", "alpha": 0.7},
         )  # fmt: skip
     axes.set_title(title, fontsize=9, loc="left")
-
-
-def _numbers(said: Said, bad: BadPicture) -> dict[str, Any]:
-    numbers: dict[str, Any] = {"rendered": bad.rendered, "mean_grey": float(np.mean(bad.left))}
-    if bad.truth is not None:
-        numbers["obstacle_patches"] = int((bad.truth == 1).sum())
-    for one in said:
-        if score := one.score(bad.truth):
-            numbers |= {f"{one.name}_{figure}": value for figure, value in score.figures().items()}
-    return numbers

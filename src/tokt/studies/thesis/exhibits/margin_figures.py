@@ -1,7 +1,6 @@
 """Figures 3.8 and 3.9: the false line, the number of disparities, and what the cut margin costs."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -30,7 +29,7 @@ OPEN_FRAMES, SWEPT_FRAMES, MIRRORED_FRAMES = 6, 4, 8
 SWEEP = (16, 48, 80, N_DISPARITIES_PX, 144, 176, 208, 240)
 """Numbers of disparities in pixels, multiples of 16 as block matching wants them."""
 _SAME_PLACE = 0.5
-"""Of what is white in either of two maps, white in both: a line that stays where it is."""
+"""Of what is white in any map, white in all of them: a line that stays where it is."""
 _LOST, _MOSTLY = 0.1, 0.5
 """By how much less must be seen at the right edge than at the left, and in which part of pairs."""
 _MIN_PATCHES = 10
@@ -52,16 +51,16 @@ def margin_figures(context: StudyContext) -> Exhibit:
     """The exhibit of the margin; needs stereo pairs."""
     if not context.pairs:
         raise ToktError("the mission has no stereo pairs")
-    line = false_line([
+    empty = [
         thesis_map(*pair_of(context, number))
         for number in evenly_spaced(context.open_water_pairs, OPEN_FRAMES)
-    ])  # fmt: skip
+    ]
     sweep = matched_by_number(
         [pair_of(context, n) for n in evenly_spaced(context.textured_pairs, SWEPT_FRAMES)]
     )
     seen = seen_at_the_edges(context)
     return Exhibit(
-        claims=(line_claim(line), sweep_claim(sweep), edge_claim(seen)),
+        claims=(line_claim(empty), sweep_claim(sweep), edge_claim(seen)),
         tables=(
             Table("sweep", "Matched part of the whole map, in per cent; a row a pair.", sweep),
             Table(
@@ -76,49 +75,24 @@ def margin_figures(context: StudyContext) -> Exhibit:
     )
 
 
-class FalseLine(NamedTuple):
-    """White parts of maps of open water, and how alike two maps are where they are white."""
-
-    maps: int
-    left: float = 0.0
-    right: float = 0.0
-    between: float = 0.0
-    alike: float = 0.0
-
-
-def false_line(maps: Sequence[U8]) -> FalseLine:
-    """White in the two margins and between them, of maps in which nothing is to be seen."""
-    if not maps:
-        return FalseLine(0)
-    white = np.stack(maps) > 0
-    first, others = white[0], white[1:]
-    either = (first | others).sum(axis=(1, 2))
-    both = (first & others).sum(axis=(1, 2))
-    return FalseLine(
-        len(maps),
-        float(white[..., :CROP_PX].mean()),
-        float(white[..., -CROP_PX:].mean()),
-        float(white[..., CROP_PX:-CROP_PX].mean()),
-        float(np.median(both / np.maximum(either, 1))) if len(others) else 0.0,
-    )
-
-
-def line_claim(line: FalseLine) -> Claim:
-    """Whether a line that is nothing stands at the right in every picture."""
+def line_claim(maps: Sequence[U8]) -> Claim:
+    """Whether a line that is nothing stands at the right of every map of open water."""
     what = "a false vertical line at the right, the same in all pictures"
     printed = "figures 3.8 and 3.9; put down to the calibration or the housing"
-    if not line.maps:
+    if not maps:
         return Claim(what, printed, "not measured", "no pair shows open water alone")
+    white = np.stack(maps) > 0
+    parts = white[..., :CROP_PX], white[..., -CROP_PX:], white[..., CROP_PX:-CROP_PX]
+    left, right, between = (float(part.mean()) for part in parts)
+    alike = float(white.all(axis=0).sum() / max(white.any(axis=0).sum(), 1))
     agreement = ClaimAgreement.NO
-    if line.right > max(line.left, line.between):
-        stays = line.alike >= _SAME_PLACE
-        agreement = ClaimAgreement.YES if stays else ClaimAgreement.PARTLY
+    if right > max(left, between):
+        agreement = ClaimAgreement.YES if alike >= _SAME_PLACE else ClaimAgreement.PARTLY
     return Claim(
         what,
         printed,
-        f"white in {line.maps} pairs of open water: left margin {100 * line.left:.2f} %, right "
-        f"{100 * line.right:.2f} %, between {100 * line.between:.2f} %; {100 * line.alike:.0f} % "
-        "of the white is in the same place",
+        f"white in {len(maps)} pairs of open water: left margin {left:.2%}, right {right:.2%}, "
+        f"between {between:.2%}; {alike:.0%} of it is white in all of them",
         "agrees where the right margin is whitest and half of the white stays in its place. It is "
         "the picture's edge, bent inwards by undistorting about a corner",
         agreement=agreement,

@@ -3,18 +3,16 @@
 from collections.abc import Mapping
 
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
-from sklearn.metrics import roc_auc_score
 
-from tokt.features.common.arrays import F64, U8
+from tokt.features.common.arrays import F64, U8, Bools
 from tokt.features.extractors.extractor import HARALICK_NAMES
 from tokt.studies.baselines.thesis_models import TITLES
 from tokt.studies.baselines.thesis_texture import GRID
 
-from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext
 from .frame_drawing import (
     OCEAN_COLOR,
     OTHER_COLOR,
@@ -24,23 +22,11 @@ from .frame_drawing import (
     png_of,
     show_frame,
 )
-from .training_image_figures import (
-    EXTRACTORS,
-    LBP_KEYS,
-    described,
-    draw_histogram,
-    hellinger,
-    kind_legend,
-)
+from .training_image_figures import LBP_KEYS, described, draw_histogram, kind_legend
 
 _DRAWN_CELLS = {"structure": (5, 5), "ocean": (3, 3)}
 """Row and column of the two patches that the thesis's program draws, red and blue."""
 _COLORS = {"structure": OTHER_COLOR, "ocean": OCEAN_COLOR}
-_LIKER, _DISTANCE_AREA, _MODEL_AREA = (
-    "clear patches more like the ocean patch than the structure's is",
-    "ROC area, distance from ocean",
-    "ROC area, the thesis's model",
-)
 _DIFFERS = 0.95
 """Part of the clear patches that must be more like the ocean patch than the structure's is."""
 
@@ -54,21 +40,25 @@ def patch_histograms(context: StudyContext) -> Exhibit:
     frame, labels = context.left(number), context.truth(number)
     rows = described(frame)
     patches, how = _choose(labels)
-    told = _told_apart(context, rows, patches, labels)
     return Exhibit(
-        (
+        words=(
             f"Frame {number}; {how}. The features are the thesis's, of the patch cut out first.",
-            "The area under the ROC curve says how well the features tell the two kinds of patch "
-            "apart (0.5: not at all, 1: perfectly). It is taken over the frame's labelled patches, "
-            "of a patch's distance from the ocean training image's mean, and of the thesis's "
-            "model's decision value. Distances are Hellinger's for histograms; for Haralick's "
-            "features, that image's standard deviations.",
         ),
-        (histogram_claim(told),),
-        _tables(rows["haralick"], patches, told),
-        _plots(frame, rows, patches, number),
-        {"frame": number}
-        | {f"{key}_model_roc_area": area for key, area in told[_MODEL_AREA].dropna().items()},
+        claims=(histogram_claim(rows, patches, labels == 0),),
+        plots=(
+            Plot(
+                "lbp-patches",
+                f"Frame {number} with the two patches, and their LBP histograms (figure 3.16); a "
+                f"bar that is cut off has its value beside it. {SHOWN}",
+                png_of(_lbp_figure(frame, rows, patches)),
+            ),
+            Plot(
+                "haralick-patches",
+                f"Frame {number}: the size of Haralick's 13 features of the two patches, "
+                "logarithmic (figure 3.19).",
+                png_of(_haralick_figure(rows["haralick"], patches)),
+            ),
+        ),
     )
 
 
@@ -94,101 +84,33 @@ def _choose(labels: NDArray[np.int8]) -> tuple[Cells, str]:
     return {"structure": int(there[middle]), "ocean": int(clear[farthest])}, words
 
 
-def _away(key: str, rows: F64, place: F64, spread: F64) -> F64:
-    """How far each patch is from a place in the features: float64, (n_patches,)."""
-    if key in LBP_KEYS:
-        return np.asarray(hellinger(rows, place[None])[:, 0])
-    varies = spread > 0
-    apart = (rows - place)[:, varies] / spread[varies]
-    return np.asarray(np.sqrt(np.square(apart).mean(axis=1)))
+def histogram_claim(rows: Mapping[str, F64], patches: Cells, clear: Bools) -> Claim:
+    """Whether the structure's patch is less like the ocean patch than the clear patches are.
 
-
-def _share(such: NDArray[np.bool_]) -> float | None:
-    return float(such.mean()) if len(such) else None
-
-
-def _told_apart(
-    context: StudyContext, rows: dict[str, F64], patches: Cells, labels: NDArray[np.int8]
-) -> pd.DataFrame:
-    """How far apart the two patches are, and all labelled ones; index: the extractor's key."""
-    water, clear = described(context.ocean.image), labels == 0
-    told = {}
-    for key in EXTRACTORS:
-        away = _away(key, rows[key], water[key].mean(axis=0), water[key].std(axis=0))
-        differs = _away(key, rows[key], rows[key][patches["ocean"]], water[key].std(axis=0))
-        model = context.thesis[key].classifier
-        told[key] = {
-            "features": TITLES[key],
-            "structure patch from ocean's mean": away[patches["structure"]],
-            "ocean patch from ocean's mean": away[patches["ocean"]],
-            _LIKER: _share(differs[clear] < differs[patches["structure"]]),
-            _DISTANCE_AREA: _roc_area(away, labels),
-            _MODEL_AREA: _roc_area(model.decision_function(rows[key]), labels),
-        }
-    return pd.DataFrame.from_dict(told, orient="index")
-
-
-def _roc_area(values: F64, labels: NDArray[np.int8]) -> float | None:
-    """None where the frame has no labels of both kinds."""
-    sure = labels >= 0
-    if len(np.unique(labels[sure])) < 2:
-        return None
-    return float(roc_auc_score(labels[sure], values[sure]))
-
-
-def histogram_claim(told: pd.DataFrame) -> Claim:
-    """Whether the structure's patch looks unlike ocean's patches, by each of the features."""
+    By Hellinger's distance of LBP histograms, and by Haralick's features in standard deviations of
+    the clear patches.
+    """
     what = "a patch on the structure has another histogram than one of ocean"
     printed = "figures 3.15 to 3.19"
-    liker = told.dropna(subset=_LIKER).set_index("features")[_LIKER]
-    if liker.empty:
+    if not clear.any():
         return Claim(what, printed, "not measured", "the frame has no patch labelled as clear")
-    differs = liker >= _DIFFERS
-    agreement = ClaimAgreement.PARTLY if differs.any() else ClaimAgreement.NO
+    liker = {}
+    for key, features in rows.items():
+        ocean = features[patches["ocean"]]
+        spread = np.maximum(features[clear].std(axis=0), 1e-12)
+        scaled = np.sqrt(features) if key in LBP_KEYS else features / spread
+        place = np.sqrt(ocean) if key in LBP_KEYS else ocean / spread
+        away = np.linalg.norm(scaled - place, axis=1)
+        liker[TITLES[key]] = float((away[clear] < away[patches["structure"]]).mean())
+    differs = [share >= _DIFFERS for share in liker.values()]
+    agreement = ClaimAgreement.PARTLY if any(differs) else ClaimAgreement.NO
     return Claim(
         what,
         printed,
         "clear patches that are more like the ocean patch than it is: "
         + ", ".join(f"{title} {share:.0%}" for title, share in liker.items()),
         f"agrees where {_DIFFERS:.0%} are by each of the features, in part where by some",
-        agreement=ClaimAgreement.YES if differs.all() else agreement,
-    )
-
-
-def _tables(haralick: F64, patches: Cells, told: pd.DataFrame) -> tuple[Table, ...]:
-    two = {name: haralick[cell] for name, cell in patches.items()}
-    return (
-        Table(
-            "apart",
-            "The two patches, and all labelled patches of the frame: distances are Hellinger's "
-            "for LBP and standard deviations of the ocean image for Haralick. Nothing is learnt "
-            "from this frame.",
-            told,
-            "How far apart they are",
-        ),
-        Table(
-            "haralick-features",
-            "Haralick's features of the two patches. Their units differ: grey levels squared for "
-            "contrast and variances.",
-            pd.DataFrame({"feature": HARALICK_NAMES, **two}),
-        ),
-    )
-
-
-def _plots(frame: U8, rows: dict[str, F64], patches: Cells, number: int) -> tuple[Plot, ...]:
-    return (
-        Plot(
-            "lbp-patches",
-            f"Frame {number} with the two patches, and their LBP histograms (figure 3.16); a bar "
-            f"that is cut off has its value beside it. {SHOWN}",
-            png_of(_lbp_figure(frame, rows, patches)),
-        ),
-        Plot(
-            "haralick-patches",
-            f"Frame {number}: the size of Haralick's 13 features of the two patches, logarithmic "
-            "(figure 3.19).",
-            png_of(_haralick_figure(rows["haralick"], patches)),
-        ),
+        agreement=ClaimAgreement.YES if all(differs) else agreement,
     )
 
 

@@ -27,7 +27,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from scipy.spatial.distance import cdist
 from scipy.stats import spearmanr
 from skimage import data
 
@@ -37,7 +36,6 @@ from tokt.studies.baselines.thesis_models import TITLES, thesis_classifier
 from tokt.studies.baselines.thesis_texture import GRID, resized_gray
 from tokt.studies.speed.models import FEATURE_SETS
 from tokt.studies.thesis.patch_scores import pooled_score
-from tokt.training.fitting.train import rendered_other_image
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
 from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
@@ -85,15 +83,6 @@ def bin_kinds(points: int) -> tuple[BinKind, ...]:
 def described(picture: U8, grid: Grid = GRID) -> dict[str, F64]:
     """The thesis's features of each patch of a picture, by extractor."""
     return {key: texture.describe(picture, grid) for key, texture in EXTRACTORS.items()}
-
-
-def hellinger(first: F64, second: F64) -> F64:
-    """Hellinger distances (n, m) between histograms, (n, bins) and (m, bins), whose rows sum to 1.
-
-    0 between equal ones and 1 between those with no bin in common:
-    ``sqrt(1 - sum(sqrt(p q)))``.
-    """
-    return np.asarray(cdist(np.sqrt(first), np.sqrt(second)) / np.sqrt(2.0), np.float64)
 
 
 KIND_COLORS = {
@@ -150,17 +139,6 @@ def training_images(context: StudyContext) -> Exhibit:
     tested = _tested(context)
     rows = [_row(context, ocean, image, tested) for image in images.values()]
     table = pd.DataFrame(rows).sort_values(f"{_KEY} {ALIKE}", ignore_index=True)
-    plots = [
-        Plot(
-            "histograms",
-            "Mean LBP histogram of the patches of each image, on one scale; a bar that is cut off "
-            "has its value beside it. First ocean, then what could be learnt from, the most varied "
-            f"image first. {SHOWN}",
-            png_of(_histograms([ocean, *(images[name] for name in table["image"])])),
-        )
-    ]
-    if tested:
-        plots.append(_variety_plot(table, len(tested)))
     caption = (
         "Shares of the bins of LBP (10, 5); how alike the rows of an image's patches are (mean "
         "correlation); and F1 by patch of a model that learnt from ocean and this image, over "
@@ -181,7 +159,15 @@ def training_images(context: StudyContext) -> Exhibit:
             variety_claim(table),
         ),
         (Table("candidates", caption, table, "Images to learn from"),),
-        tuple(plots),
+        (
+            Plot(
+                "histograms",
+                "Mean LBP histogram of the patches of each image, on one scale; a bar that is cut "
+                "off has its value beside it. First ocean, then what could be learnt from, the "
+                f"most varied image first. {SHOWN}",
+                png_of(_histograms([ocean, *(images[name] for name in table["image"])])),
+            ),
+        ),
         {"scored_frames": len(tested)},
     )
 
@@ -261,8 +247,6 @@ def _candidates(context: StudyContext) -> list[Image]:
     and in focus as a film still is; branches; and the mission's own frame of the structure.
     """
     found = [_image("other", context.other.words, context.other.image, True)]
-    if context.request.other is not None:
-        found.append(_image("rendered", "a rendered texture", rendered_other_image(), True))
     for name in _PHOTOS:
         picture = np.asarray(getattr(data, name)())
         if picture.ndim == 3:
@@ -363,25 +347,3 @@ def kind_legend(figure: Figure) -> None:
     """What the colours of the bins are, under a figure."""
     handles = [Patch(color=color, label=str(kind)) for kind, color in KIND_COLORS.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
-
-
-def _variety_plot(table: pd.DataFrame, n_tested: int) -> Plot:
-    """What a model trained on an image finds, against how alike the image's patches are."""
-    figure, axes = new_figure(5.5, 3.7)
-    places = table[f"{_KEY} {ALIKE}"], table[f"{_KEY} {F1}"]
-    axes.plot(*places, "o", color="#3b75af")
-    for turn, (label, x, y) in enumerate(zip(table["image"], *places, strict=True)):
-        axes.annotate(
-            label, (x, y), (0, (7, -13)[turn % 2]), textcoords="offset points", fontsize=8,
-            ha="center",
-        )  # fmt: skip
-    axes.set(ylim=(-0.1, 1.0))
-    axes.set_xlabel("mean correlation of the patches' rows", fontsize=8)
-    axes.set_ylabel(f"F1 by patch, {n_tested} labelled frames", fontsize=8)
-    axes.grid(alpha=0.3)
-    caption = (
-        "Is a varied image better to learn from? F1 by patch of a model on LBP (10, 5) that learnt "
-        f"from ocean and each image. Scored on {n_tested} labelled frames that no model here "
-        "learnt from."
-    )
-    return Plot("variety", caption, png_of(figure))
