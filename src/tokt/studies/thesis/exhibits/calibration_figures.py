@@ -50,14 +50,14 @@ def calibration_figures(context: StudyContext) -> Exhibit:
     return Exhibit(
         words=(
             "Of the printed calibration k4, the rotation and the parts of T enter no step that the "
-            "thesis prints: its step named rectify undistorts each picture by itself.",
+            "thesis prints. Its step named rectify undistorts each picture by itself.",
         ),
         claims=(bend_claim(bends), row_claim(rows)),
         tables=(
             Table(
                 "rows",
-                "Row differences of matched points (SIFT, one geometry a frame), median in pixels: "
-                "as they are, after the thesis's step, and rectified with "
+                "Median row differences in pixels of matched points (SIFT, one geometry a frame). "
+                "Raw is before the thesis's step, thesis after it. Ours is rectified with "
                 f"{context.calibration_words}, which may have been fitted to these frames.",
                 rows,
                 "Rows of the two pictures",
@@ -126,7 +126,8 @@ def _long_edges(view: U8) -> F64:
     found = cv2.createLineSegmentDetector().detect(view)[0]
     edges = np.asarray(np.empty(0) if found is None else found, np.float64).reshape(-1, 4)
     length = np.hypot(edges[:, 2] - edges[:, 0], edges[:, 3] - edges[:, 1])
-    return np.asarray(edges[length >= LONG_EDGE * view.shape[1]])
+    # However small the view, there is something to trace.
+    return np.asarray(edges[length >= max(LONG_EDGE * view.shape[1], 5 * _REACH_PX)])
 
 
 def _traced(view: F32, edge: F64) -> tuple[F64, Bools]:

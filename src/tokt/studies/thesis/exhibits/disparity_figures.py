@@ -295,11 +295,11 @@ def map_claim(numbers: dict[str, Any]) -> Claim:
     return Claim(
         what,
         printed,
-        f"{share:.0%} of {numbers['matched_points']} matched points are in its search; of "
+        f"{share:.0%} of {numbers['matched_points']} matched points are in its search. Of "
         f"{numbers['wrong_pairs']} wrong right frames {numbers['thesis_status_kept']} keep its "
         f"status, and {changed:.2%} of its pixels change at most",
-        "agrees where the search has half of the points (SIFT, at its undistorted places) and the "
-        "map changes with the right frame; in part from a twentieth of the points on",
+        "agrees where the search has half of the points and the map changes with the right frame. "
+        "In part from a twentieth of the points (SIFT, at its undistorted places) on",
         agreement=ClaimAgreement.YES if share > _MAX_FOUND and changed > _SAME else agreement,
     )
 
@@ -332,26 +332,17 @@ def cloud_claim(numbers: dict[str, Any]) -> Claim:
 
 def _words(context: StudyContext, frames: Sequence[int], best: int) -> tuple[str, ...]:
     width, height = THESIS_FRAME_SIZE
-    first = (
+    return (
         "The thesis's map: both pictures gray, undistorted one by one, block matching, disparities "
-        "stretched to 0..255. Ours: rectified with "
-        f"{context.calibration_words}, matched at half resolution, checked from right to left. "
-        "The frames' calibration may have been fitted to frames of this mission."
-    )
-    second = (
+        f"stretched to 0..255. Its settings are for frames of {width}x{height}; others are "
+        f"enlarged. Ours: rectified with {context.calibration_words}, which may have been fitted "
+        "to these frames, matched at half resolution, checked from right to left.",
         f"The control: {len(frames)} frames with something in them, {min(frames)} to "
         f"{max(frames)}. Each is judged with its own right frame, with that of the frame half this "
-        "list away, and with its own upside down (rows reversed). With a wrong one a stereo method "
-        f"must find next to nothing (at most {100 * COLLAPSED:.1f} % of the view). Pictures are of "
-        f"frame {best}, where ours matches most."
+        "list away, and with its own upside down. With a wrong one a stereo method must find next "
+        f"to nothing (at most {100 * COLLAPSED:.1f} % of the view). Pictures are of frame {best}, "
+        "where ours matches most.",
     )
-    size = context.left(best).shape[1::-1]
-    if size == THESIS_FRAME_SIZE:
-        return first, second
-    return first, second, (
-        f"The thesis's settings in pixels are for frames of {width}x{height}: those of this "
-        f"mission, {size[0]}x{size[1]}, are enlarged for it."
-    )  # fmt: skip
 
 
 def _table(rows: pd.DataFrame) -> Table:

@@ -40,7 +40,7 @@ def invariance(context: StudyContext) -> Exhibit:
             Table(
                 "changed",
                 f"Share of patches whose verdict changes with the picture, in {len(frames)} "
-                "labelled frames that the models did not learn from; obstacles and clear water "
+                "labelled frames that the models did not learn from. Obstacles and clear water "
                 "weigh the same. Rotation is of each patch about its middle.",
                 shares.rename(columns=TITLES).rename_axis("change").reset_index(),
                 "Changed verdicts",

@@ -265,8 +265,8 @@ def low_light_claim(rows: pd.DataFrame) -> Claim:
     return Claim(
         "in low light disparity hangs on its size threshold; LBP and Haralick are better",
         "the paper's section II-A",
-        f"mean F1 in {len(low)} rendered pairs by half a lamp or less, and in how many of them "
-        f"half or twice the threshold changes the status: {counted}",
+        f"mean F1 in {len(low)} rendered pairs by half a lamp or less (how many change their "
+        f"status with half or twice the threshold): {counted}",
         "agrees where both are better and only disparity's status changes, in part where one holds",
         agreement=ClaimAgreement.YES if hangs and better else agreement,
     )

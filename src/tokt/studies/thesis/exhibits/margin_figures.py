@@ -190,9 +190,9 @@ def edge_claim(seen: pd.DataFrame) -> Claim:
     return Claim(
         what,
         printed,
-        f"{len(seen)} pairs and their mirror images: of the obstacle "
-        f"{seen['left'].median():.0%} is white at the left edge, {seen['right'].median():.0%} at "
-        f"the right, worse in {worse:.0%}; {cut:.0%} of it lies in the margin (median)",
+        f"{len(seen)} pairs and their mirror images: {seen['left'].median():.0%} of the obstacle "
+        f"is white at the left edge, {seen['right'].median():.0%} at the right. It is worse there "
+        f"in {worse:.0%} of them, and {cut:.0%} of it lies in the margin",
         f"agrees where half of the pairs are worse by {_LOST:.0%}, in part where that much lies "
         "in the margin. The undistortion moves the right edge inwards, and empties it",
         agreement=ClaimAgreement.YES if worse >= _MOSTLY else agreement,

@@ -140,10 +140,9 @@ def training_images(context: StudyContext) -> Exhibit:
     rows = [_row(context, ocean, image, tested) for image in images.values()]
     table = pd.DataFrame(rows).sort_values(f"{_KEY} {ALIKE}", ignore_index=True)
     caption = (
-        "Shares of the bins of LBP (10, 5); how alike the rows of an image's patches are (mean "
-        "correlation); and F1 by patch of a model that learnt from ocean and this image, over "
-        f"{len(tested)} labelled frames (empty without labels). No frame is both learnt from and "
-        "scored."
+        "Shares of the bins of LBP (10, 5), and how alike the rows of an image's patches are (mean "
+        "correlation). F1 by patch is of a model that learnt from ocean and this image, over "
+        f"{len(tested)} labelled frames. No frame is both learnt from and scored."
     )
     return Exhibit(
         (
