@@ -54,6 +54,15 @@ def test_the_sweep_is_of_the_thesiss_block_matching():
     assert sweep[N_DISPARITIES_PX][0] > 1
 
 
+def test_matches_fall_where_the_search_leaves_the_picture():
+    """Texture at the left edge: a longer search has no room there."""
+    left = np.zeros(SIZE, np.uint8)
+    left[300:500, 60:200] = np.random.default_rng(3).integers(0, 255, (200, 140))
+    sweep = matched_by_number([(left, left)])
+    assert sweep[SWEEP[0]][0] > 2 * sweep[SWEEP[-1]][0]
+    assert sweep_claim(sweep).agreement is ClaimAgreement.PARTLY
+
+
 @pytest.mark.parametrize(
     ("shares", "agreement"),
     [

@@ -112,7 +112,7 @@ def disparity_figures(context: StudyContext) -> Exhibit:
             Plot(
                 "point_cloud",
                 f"Point clouds of frame {best}, as the thesis's program and as ours make them. "
-                "Red is near; the middle 98 % of the points are shown.",
+                "Red is near; of each axis the middle 98 % are shown.",
                 png_of(_clouds(shown)),
             ),
         ),
@@ -410,8 +410,8 @@ def _clouds(shown: _Shown) -> Figure:
     for row, ((whose, unit), points) in zip(axes, clouds.items(), strict=True):
         # In a random order that is always the same.
         drawn = np.random.default_rng(0).permutation(points)[:_MAX_POINTS]
-        ends = np.percentile(drawn, [1, 99], axis=0) if len(drawn) else np.array([[0] * 3, [1] * 3])
-        x, up, ahead = np.clip(drawn, *ends).T
+        ends = np.percentile(drawn, [1, 99], axis=0) if len(drawn) else np.zeros((2, 3))
+        x, up, ahead = drawn[((drawn >= ends[0]) & (drawn <= ends[1])).all(axis=1)].T
         for one, across, what in ((row[0], up, "front"), (row[1], ahead, "above")):
             one.scatter(x, across, s=1.5, c=-ahead, cmap="turbo", linewidths=0)
             one.set_title(f"{whose}, from {'the ' * (what == 'front')}{what}", fontsize=10)
