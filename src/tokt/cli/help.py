@@ -19,7 +19,7 @@ _HEADINGS = {
     "File": "file_format mission_dir classes full",
     "Dataset": "task block",
     "Model": "extractor preset name fixed_boundary",
-    "Images": "ocean other dark dark_mask",
+    "Images": "ocean other picture picture_mask",
     "Learning": "weight max_samples class_weight changes",
     "Cross-validation": "folds embargo split site stress draws",
     "Operating point": "false_status_rate confidence least_patches frame_rule",
@@ -37,11 +37,12 @@ _HEADINGS = {
 """Options that stand together where a command has many; the others are `_OTHERS`, at the end."""
 _VALUES = """
     annotator=NAME baseline=MM board=COLSxROWS budget=TIME|N camera=left|right
-    class_weight=none|balanced|auto classes=THEIRS=OURS confidence=SHARE dark=IMAGE dark_mask=IMAGE
+    class_weight=none|balanced|auto classes=THEIRS=OURS confidence=SHARE
     dask=ADDRESS distrust=ID false_status_rate=RATE fit=alternate|even|odd|all focal=PX folder=DIR
     force=WHY frame_rule=K/N|auto free=PARTS grid=ROWSxCOLS@WIDTH learning_curve=MODEL
     least_patches=N|auto max_ms=MS mission=MISSION mission_dir=DIR models=MODEL... name=NAME
-    ocean=IMAGE other=IMAGE out=DIR patches=DIR pictures=FRAMES ply_farthest=METRES port=PORT
+    ocean=IMAGE other=IMAGE out=DIR patches=DIR picture=IMAGE picture_mask=IMAGE pictures=FRAMES
+    ply_farthest=METRES port=PORT
     preset=thesis|plain|water|best rate=FPS reason=WHY registered_by=KEY.pub seconds=SECONDS
     sign=KEY site=NAME=A,B source=SOURCE space=FILE.toml split=dive|block square=MM stereo=bm|sgbm
     stereo_scale=SCALE stopping_distance=METRES store=STORE task=binary|classes timeout=SECONDS

@@ -163,11 +163,12 @@ def reproduce(
         Path | None,
         Option(help="The thesis's image of anything else. Default: a rendered texture."),
     ] = None,
-    dark: Annotated[
-        Path | None, Option(help="Badly lit image for figures 5.6 to 5.8. Default: a rendered one.")
+    picture: Annotated[
+        Path | None,
+        Option(help="Image in bad light for figures 5.6 to 5.8. Default: a rendered river."),
     ] = None,
-    dark_mask: Annotated[
-        Path | None, Option(help="Mask of --dark drawn by a person: white where an obstacle is.")
+    picture_mask: Annotated[
+        Path | None, Option(help="Mask of --picture drawn by a person: white where an obstacle is.")
     ] = None,
     calibration: Annotated[
         Path | None, Option(help="Stereo calibration. Default: calibrate from the frames.")
@@ -193,9 +194,9 @@ def reproduce(
     from tokt.studies.thesis.inputs import ReproduceRequest
     from tokt.studies.thesis.run import run_reproduce
 
-    if dark_mask is not None and dark is None:
-        raise ToktError("--dark-mask goes together with --dark")
-    images = (ocean, other, dark, dark_mask)
+    if picture_mask is not None and picture is None:
+        raise ToktError("--picture-mask goes together with --picture")
+    images = (ocean, other, picture, picture_mask)
     processes = -1 if jobs is None else jobs
     request = ReproduceRequest(
         mission, output, *images, calibration, labels, model, sample, processes

@@ -4,13 +4,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt.studies.thesis.exhibits.exhibit import StudyContext
+from tokt.studies.thesis.exhibits.training_image_figures import described
 from tokt.studies.thesis.inputs import ReproduceRequest
+from tokt.studies.thesis.methods.curves import THESIS, Curves, Method
+from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
 
 FRAMES = 16
 """Open water to frame 7, the tower from frame 8 on; nearest at 12."""
@@ -47,6 +53,28 @@ def context_of(tmp_path_factory):
 def reproduced(reproduce_mission, context_of):
     """The rendered mission's context; not to be changed."""
     return context_of(reproduce_mission)
+
+
+def _curves(context: StudyContext) -> Curves:
+    """What `measure_curves` would give of the thesis's models; ours sees what is labelled."""
+    patches: dict[str, dict[int, NDArray[np.bool_]]] = {key: {} for key in context.thesis}
+    patches[TOKT_TEXTURE] = {}
+    for number in context.scored:
+        rows = described(context.left(number))
+        for key, model in context.thesis.items():
+            patches[key][number] = model.classifier.predict(rows[key]) == 1
+        patches[TOKT_TEXTURE][number] = context.truth(number) == 1
+    methods = {key: Method(model.title, THESIS, "") for key, model in context.thesis.items()}
+    methods[TOKT_TEXTURE] = Method("ours", "tokt's", "held out")
+    return Curves(pd.DataFrame(), pd.DataFrame(), methods, patches)
+
+
+@pytest.fixture(scope="session")
+def judged(reproduced, context_of):
+    """What the exhibits share, with the thesis's models' judgements put in; not to be changed."""
+    made = context_of(reproduced.mission.path)
+    made.__dict__["curves"] = _curves(made)
+    return made
 
 
 @pytest.fixture(autouse=True)

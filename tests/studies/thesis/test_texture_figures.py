@@ -1,8 +1,6 @@
 """The texture figures of tokt reproduce on a small rendered mission, and what they are made of."""
 
 from collections.abc import Callable
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -16,27 +14,32 @@ from tokt.features.common.errors import ToktError
 from tokt.inference.verdict import verdict_from_mask
 from tokt.studies.baselines.thesis_centre import leaves_frame, thesis_centre
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.exhibits import dark_figures, training_image_figures
-from tokt.studies.thesis.exhibits.centre_figures import both_ways, centre_and_box
-from tokt.studies.thesis.exhibits.dark_figures import DarkPicture, DarkScene, bad_lighting
-from tokt.studies.thesis.exhibits.dot_figures import prediction_dots
-from tokt.studies.thesis.exhibits.exhibit import Exhibit, StudyContext
-from tokt.studies.thesis.exhibits.patch_figures import patch_histograms
+from tokt.studies.thesis.exhibits import centre_figures, training_image_figures
+from tokt.studies.thesis.exhibits.centre_figures import (
+    both_ways,
+    box_claim,
+    centre_and_box,
+    fineness_claim,
+)
+from tokt.studies.thesis.exhibits.dot_figures import (
+    alike_claim,
+    dot_claim,
+    prediction_dots,
+    said_by_patches,
+)
+from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, Exhibit
+from tokt.studies.thesis.exhibits.patch_figures import histogram_claim, patch_histograms
 from tokt.studies.thesis.exhibits.training_image_figures import (
     BinKind,
+    Image,
     bin_kinds,
-    chi_square,
-    confused,
-    described,
-    hellinger,
+    spike_claim,
+    structure_claim,
     training_images,
+    variety_claim,
 )
-from tokt.studies.thesis.methods.curves import THESIS, Curves, Method
-from tokt.studies.thesis.methods.mission_models import (
-    TOKT_TEXTURE,
-    SuperpixelMethods,
-    train_on_all_labels,
-)
+from tokt.studies.thesis.methods.curves import THESIS, Curves
+from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE, train_on_all_labels
 from tokt.studies.thesis.patch_scores import (
     PatchScore,
     patches_of_mask,
@@ -48,29 +51,12 @@ from tokt.studies.thesis.patch_scores import (
 pytestmark = pytest.mark.xdist_group("reproduce")
 
 HEIGHT, WIDTH = 271, 360
-Described = dict[str, NDArray[np.float64]]
 
 
-def _curves(context: StudyContext) -> Curves:
-    """What `measure_curves` would give of the thesis's models; ours sees what is labelled."""
-    patches: dict[str, dict[int, NDArray[np.bool_]]] = {key: {} for key in context.thesis}
-    patches[TOKT_TEXTURE] = {}
-    for number in context.scored:
-        rows = described(context.left(number))
-        for key, model in context.thesis.items():
-            patches[key][number] = model.classifier.predict(rows[key]) == 1
-        patches[TOKT_TEXTURE][number] = context.truth(number) == 1
-    methods = {key: Method(model.title, THESIS, "") for key, model in context.thesis.items()}
-    methods[TOKT_TEXTURE] = Method("ours", "tokt's", "held out")
-    return Curves(pd.DataFrame(), pd.DataFrame(), methods, patches)
-
-
-@pytest.fixture(scope="session")
-def context(reproduced, context_of):
-    """What the exhibits share, with the thesis's models' judgements put in; not to be changed."""
-    made = context_of(reproduced.mission.path)
-    made.__dict__["curves"] = _curves(made)
-    return made
+@pytest.fixture
+def context(judged):
+    """What the exhibits share, with the thesis's models' judgements put in."""
+    return judged
 
 
 @pytest.fixture(autouse=True)
@@ -85,40 +71,12 @@ def drawn():
     """Figures are drawn, coarsely."""
 
 
-@pytest.fixture(scope="session")
-def dark_scene():
-    """The scene of the rendered dark picture."""
-    return DarkScene(WIDTH)
-
-
-@pytest.fixture(scope="session")
-def dark_pair(dark_scene):
-    """A rendered pair in half the light."""
-    return dark_scene.at(0.5)
-
-
 def white(*blocks: Any) -> NDArray[np.uint8]:
     """A mask of the grid's size with some white blocks."""
     mask = np.zeros((HEIGHT, WIDTH), np.uint8)
     for block in blocks:
         mask[block] = 255
     return mask
-
-
-def shuffled(picture: NDArray[np.uint8]) -> Described:
-    """Features as they are, but each patch has those of another one."""
-    order = np.random.default_rng(5).permutation(GRID.n_patches)
-    return {key: rows[order] for key, rows in described(picture).items()}
-
-
-class TopHalf:
-    """A method that is no part of the grid: it says that the upper half is an obstacle."""
-
-    name = title = source = "top half"
-
-    def mask(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """White down to the middle."""
-        return white(np.s_[:135])
 
 
 def test_bins_are_flat_edge_and_corner_as_in_scikit_images_example():
@@ -132,21 +90,6 @@ def test_bins_are_flat_edge_and_corner_as_in_scikit_images_example():
     assert places[BinKind.NOT_UNIFORM] == [25]
     assert bin_kinds(10).count(BinKind.EDGE) == 1
     assert [str(kind) for kind in bin_kinds(10)].count("between") == 4
-
-
-def test_distances_of_histograms():
-    """0 between equal ones, 1 between those that share no bin, and what lies between."""
-    left, right = np.array([[1.0, 0, 0]]), np.array([[0, 0.5, 0.5]])
-    assert hellinger(left, left)[0, 0] == 0
-    assert hellinger(left, right)[0, 0] == pytest.approx(1)
-    assert hellinger(left, np.array([[0.25, 0.75, 0]]))[0, 0] == pytest.approx(np.sqrt(0.5))
-    assert chi_square(left[0], left[0]) == 0
-    assert chi_square(left[0], right[0]) == pytest.approx(1)
-    apart = np.repeat(left, 5, axis=0), np.repeat(right, 5, axis=0)
-    assert confused(*apart) == 0
-    assert confused(apart[0], apart[0]) == 1
-    mixed = np.vstack([apart[0], right])
-    assert confused(mixed, apart[1]) == pytest.approx(1 / 11)
 
 
 def test_scores_of_patches_leave_out_what_is_not_sure():
@@ -208,13 +151,6 @@ def test_the_thesiss_box_starts_no_farther_right_than_the_frame_is_high():
     assert (empty.cx, empty.cy, empty.box, empty.contours) == (0, 0, None, 0)
 
 
-def test_contours_without_area_are_counted_before_the_dilation():
-    """A line one pixel wide has no area; the program's dilation gives it some."""
-    mask = white(np.s_[100, 50:90])
-    assert both_ways(mask).without_area == 1
-    assert thesis_centre(mask).cy == 100
-
-
 @pytest.fixture
 def one_photo(monkeypatch):
     """Fewer images to choose from, for speed."""
@@ -234,65 +170,168 @@ def _sound(exhibit: Exhibit) -> None:
 
 
 def test_training_images(context, one_photo, drawn):
-    """Another ocean frame is the nearest to ocean and the worst to learn from."""
+    """Another ocean frame is the worst to learn from; each claim has its figures."""
     exhibit = training_images(context)
     _sound(exhibit)
     table = exhibit.tables[0].frame.set_index("image")
-    assert table["lbp_10_5 to ocean"].idxmin() == "ocean frame"
-    assert table.loc["ocean frame", "lbp_10_5 patches confused"] > 0.25
-    assert table.loc["other", "lbp_10_5 patches confused"] < 0.1
+    assert {"other", "brick", "branches", "structure frame", "ocean frame"} == set(table.index)
     assert table.loc["ocean frame", "lbp_10_5 F1"] < table["lbp_10_5 F1"].max() / 2
-    assert exhibit.numbers["farthest_hellinger"] == table["lbp_10_5 to ocean"].max()
-    assert exhibit.numbers["best_f1"] == table["lbp_10_5 F1"].max() > 0.5
-    shown = f"{exhibit.numbers['best_f1']:.2f}"
-    assert any(shown in claim.found for claim in exhibit.claims)
+    assert table["lbp_10_5 rows alike"].is_monotonic_increasing
+    kinds = table[[str(kind) for kind in BinKind]]
+    assert kinds.sum(axis=1).to_numpy() == pytest.approx(1)
+    assert f"{table.loc['brick', 'edge']:.1%}" in exhibit.claims[1].found
 
 
 def test_training_images_without_labels(context, context_of, one_photo):
-    """Distances remain; nothing is scored, and nothing is ranked."""
+    """Histograms remain; nothing is scored, and how varied an image is cannot be judged."""
     shared = {name: getattr(context, name) for name in ("structure_frame", "ocean", "other")}
     bare = context_of(context.mission.path, {"labels": None, **shared})
     exhibit = training_images(bare)
     assert exhibit.numbers["scored_frames"] == 0
     assert exhibit.tables[0].frame["lbp_10_5 F1"].isna().all()
-    assert [plot.name for plot in exhibit.plots] == ["histograms"]
     assert "ocean frame" not in set(exhibit.tables[0].frame["image"])
+    assert exhibit.claims[2].agreement is ClaimAgreement.UNAVAILABLE
 
 
-def test_patch_histograms(context, drawn, monkeypatch):
-    """The models tell the tower's patches from the water's, and not if features are shuffled."""
+def image_of(flat: float, edge: float) -> Image:
+    """An image whose patches all have these shares of LBP (10, 5)'s bins; the rest is corners."""
+    histogram = np.zeros((4, 12))
+    histogram[:, [0, 5, 2]] = flat, edge, 1 - flat - edge
+    return Image("made", "", np.zeros((2, 2), np.uint8), {"lbp_10_5": histogram})
+
+
+@pytest.mark.parametrize(
+    ("ocean", "structure", "agreement"),
+    [
+        ((0.7, 0.1), (0.6, 0.2), "YES"),
+        ((0.7, 0.1), (0.8, 0.1), "PARTLY"),
+        ((0.2, 0.1), (0.1, 0.3), "PARTLY"),
+        ((0.2, 0.3), (0.3, 0.2), "NO"),
+    ],
+)
+def test_ocean_is_flat_and_a_structure_is_less_so(ocean, structure, agreement):
+    claim = structure_claim(image_of(*ocean), image_of(*structure))
+    assert claim.agreement is ClaimAgreement[agreement]
+
+
+@pytest.mark.parametrize(
+    ("edges", "agreement"),
+    [((0.1, 0.2, 0.4), "YES"), ((0.1, 0.4, 0.2), "PARTLY"), ((0.3, 0.4, 0.2), "NO")],
+)
+def test_branches_have_more_edges_than_brick_and_ocean(edges, agreement):
+    images = [image_of(0.3, edge) for edge in edges]
+    assert spike_claim(*images).agreement is ClaimAgreement[agreement]
+
+
+@pytest.mark.parametrize(
+    ("f1", "agreement"),
+    [([0.9, 0.7, 0.5, 0.4, 0.1], "YES"), ([0.9, 0.7, 0.5, 0.0, 1.0], "PARTLY"),
+     ([0.1, 0.4, 0.5, 0.7, 0.9], "NO"), ([None] * 5, "UNAVAILABLE")],
+)  # fmt: skip
+def test_varied_images_are_better_to_learn_from_or_not(f1, agreement):
+    names = ["coffee", "brick", "grass", "structure frame", "ocean frame"]
+    alike = [0.1, 0.2, 0.3, 0.4, 0.5]
+    columns = {"image": names, "lbp_10_5 rows alike": alike, "lbp_10_5 F1": f1}
+    assert variety_claim(pd.DataFrame(columns)).agreement is ClaimAgreement[agreement]
+
+
+def test_rows_of_one_texture_are_alike():
+    rng = np.random.default_rng(1)
+    rows = rng.random((1, 12)) + 1e-3 * rng.random((9, 12))
+    same = Image("same", "", np.zeros((2, 2), np.uint8), {"lbp_10_5": rows})
+    varied = Image("varied", "", same.picture, {"lbp_10_5": rng.random((9, 12))})
+    assert same.alike() > 0.99 > 0.3 > varied.alike()
+
+
+def test_patch_histograms(context, drawn):
+    """The tower's patch looks unlike the water's."""
     exhibit = patch_histograms(context)
     _sound(exhibit)
-    assert exhibit.numbers["frame"] == context.structure_frame
-    assert float(exhibit.numbers["lbp_10_5_model_roc_area"]) > 0.85
-    assert float(exhibit.numbers["haralick_model_roc_area"]) > 0.95
-    assert float(exhibit.numbers["lbp_10_5_hellinger"]) > 0.1
-    outside = int(exhibit.numbers["haralick_outside_structure"])
-    features = exhibit.tables[1].frame
-    assert outside == ((features["structure"] > 13) | (features["structure"] < 0)).sum()
-    monkeypatch.setattr("tokt.studies.thesis.exhibits.patch_figures.described", shuffled)
-    monkeypatch.setattr("tokt.studies.thesis.exhibits.patch_figures._plots", lambda *_: ())
-    broken = patch_histograms(context)
-    assert float(broken.numbers["lbp_10_5_model_roc_area"]) < 0.75
-    assert float(broken.numbers["haralick_model_roc_area"]) < 0.75
+    assert exhibit.claims[0].agreement is not ClaimAgreement.NO
+
+
+def patches_that_differ(by: float) -> dict[str, NDArray[np.float64]]:
+    """Patch 0 of the structure, whose LBP or Haralick features differ by so much from ocean's."""
+    rng = np.random.default_rng(4)
+    lbp = 1 / 12 + rng.uniform(-0.01, 0.01, (100, 12))
+    lbp[0, 0] += by
+    haralick = rng.normal(5, 1, (100, 13))
+    haralick[0] += 40 * by
+    normed = lbp / lbp.sum(axis=1, keepdims=True)
+    return {"lbp_10_5": normed, "lbp_24_8": normed, "haralick": haralick}
+
+
+def test_a_patch_on_the_structure_looks_unlike_ocean_or_not():
+    patches, clear = {"structure": 0, "ocean": 99}, np.arange(100) > 0
+    apart, alike = patches_that_differ(0.3), patches_that_differ(0.0)
+    assert histogram_claim(apart, patches, clear).agreement is ClaimAgreement.YES
+    assert histogram_claim(alike, patches, clear).agreement is ClaimAgreement.NO
+    some = apart | {"haralick": alike["haralick"]}
+    assert histogram_claim(some, patches, clear).agreement is ClaimAgreement.PARTLY
+    assert histogram_claim(apart, patches, ~clear & clear).agreement is ClaimAgreement.UNAVAILABLE
 
 
 def test_prediction_dots(context, drawn):
-    """The dots agree with the labels, ours are the held-out ones, and the mission is pooled."""
+    """The dots agree with the labels; the claim is of the thesis's methods alone."""
     exhibit = prediction_dots(context)
     _sound(exhibit)
-    numbers = exhibit.numbers
-    assert float(numbers["frame_haralick_f1"]) > 0.7
-    assert numbers["frame_tokt_texture_iou"] == numbers["mission_tokt_texture_f1"] == 1.0
-    titles = list(exhibit.tables[0].frame["method"])
-    assert titles == ["LBP (10, 5)", "LBP (24, 8)", "Haralick", "ours", "tokt stereo"]
-    assert float(numbers["frame_tokt_stereo_recall"]) > 0.3
+    table = exhibit.tables[0].frame.set_index("method")
+    assert list(table.index) == ["LBP (10, 5)", "LBP (24, 8)", "Haralick"]
+    assert table.loc["Haralick", "f1"] > 0.7
+    assert f"Haralick {table.loc['Haralick', 'f1']:.2f}" in exhibit.claims[0].found
     moved = {
         number: np.roll(said.reshape(10, 10), 3, axis=1).ravel()
         for number, said in context.curves.patches[TOKT_TEXTURE].items()
     }
-    assert len(context.truths) == numbers["labelled_frames"]
     assert (pooled_score(moved, context.truths).f1 or 0.0) < 0.5
+
+
+def test_dots_on_the_structure_agree_and_moved_ones_do_not(context):
+    """By the labels; where nothing is labelled nothing is said."""
+    frame, truth = context.left(context.structure_frame), context.truth(context.structure_frame)
+    said = [
+        said_by_patches("lbp_10_5", "LBP", THESIS, "", moved.ravel(), frame)
+        for moved in ((truth == 1), np.roll((truth == 1).reshape(10, 10), 3, axis=1))
+    ]
+    assert dot_claim(said[:1], truth, {}).agreement is ClaimAgreement.YES
+    assert dot_claim(said, truth, {}).agreement is not ClaimAgreement.YES
+    assert dot_claim(said, None, {}).agreement is ClaimAgreement.UNAVAILABLE
+
+
+@pytest.mark.parametrize(
+    ("marked", "agreement"), [(10, "YES"), (6, "PARTLY"), (2, "NO"), (0, "UNAVAILABLE")]
+)
+def test_masks_are_alike_by_what_both_mark(marked, agreement):
+    haralick = np.arange(100) < (10 if marked else 0)
+    patches = {"lbp_10_5": {3: np.arange(100) < marked}, "haralick": {3: haralick}}
+    assert alike_claim(patches, [3]).agreement is ClaimAgreement[agreement]
+
+
+@pytest.mark.parametrize(
+    ("share", "agreement"), [(0.8, "YES"), (0.2, "PARTLY"), (0.0, "NO"), (None, "UNAVAILABLE")]
+)
+def test_a_mask_is_finer_than_blocks_or_not(share, agreement):
+    assert fineness_claim(share).agreement is ClaimAgreement[agreement]
+
+
+def test_a_mask_of_whole_patches_is_no_finer(context, monkeypatch):
+    """What stands for the thesis's map has whole patches, then half ones."""
+    blocks = np.zeros((1000, 1400), np.uint8)
+    blocks[300:500, 400:600] = 255
+    for mask, share in ((blocks, 0), (np.roll(blocks, 50, axis=1), 2 / 3)):
+        monkeypatch.setattr(centre_figures, "thesis_map", lambda *_, mask=mask: mask)
+        monkeypatch.setattr(centre_figures, "dilated", lambda mask: mask)
+        found = centre_figures._partly_white(context, context.structure_frame)
+        assert found == pytest.approx(share)
+
+
+def test_the_box_is_around_the_obstacle_or_not():
+    one = both_ways(white(np.s_[100:141, 50:91]))
+    apart = both_ways(white(np.s_[50:71, 40:61], np.s_[150:171, 240:261]))
+    assert box_claim([one]).agreement is ClaimAgreement.YES
+    assert box_claim([one] * 19 + [apart]).agreement is ClaimAgreement.PARTLY
+    assert box_claim([one, apart]).agreement is ClaimAgreement.NO
+    assert box_claim([]).agreement is ClaimAgreement.UNAVAILABLE
 
 
 def test_centre_and_box(context, drawn):
@@ -310,8 +349,6 @@ def test_centre_and_box(context, drawn):
     off = [abs(way.thesis.y - (way.corrected.y or 0)) for way in ways]
     assert exhibit.numbers["ypos_off_median_px"] == np.median(off) > 0
     assert exhibit.numbers["box_leaves_frame"] == sum(way.thesis_leaves for way in ways)
-    frame = exhibit.tables[0].frame
-    assert list(frame["mask of"])[-1] == "tokt stereo"
 
 
 def test_centre_and_box_of_nothing(context, context_of):
@@ -320,109 +357,6 @@ def test_centre_and_box_of_nothing(context, context_of):
     given = {"structure_frame": 1, "thesis": context.thesis, "curves": nothing}
     with pytest.raises(ToktError, match="frame 1"):
         centre_and_box(context_of(context.mission.path, given))
-
-
-def _write(folder: Path, pair: DarkPicture, mask: NDArray[np.uint8]) -> dict[str, Path]:
-    files = {"dark": folder / "dark.png", "dark_mask": folder / "mask.png"}
-    cv2.imwrite(str(files["dark"]), pair.left)
-    cv2.imwrite(str(files["dark_mask"]), mask)
-    return files
-
-
-Judge = Callable[..., Exhibit]
-
-
-@pytest.fixture
-def dark(context, context_of):
-    """Bad lighting by what was asked, with models that are made already."""
-    shared = ("curves", "thesis", "ocean", "other", "labels")
-    given = {name: getattr(context, name) for name in shared}
-    given["superpixel_methods"] = SuperpixelMethods((), (TopHalf(),), 20, "", "knows nothing")
-    return lambda **asked: bad_lighting(context_of(context.mission.path, given, **asked))
-
-
-def test_bad_lighting_by_a_given_image(context, dark_pair, tmp_path, dark):
-    """Scored by the mask given: a mask that is shifted by three patches scores worse."""
-    exhibit = dark(**_write(tmp_path, dark_pair, dark_pair.mask))
-    assert exhibit.numbers["rendered"] is False
-    truth = truth_by_mask(dark_pair.mask)
-    assert exhibit.numbers["obstacle_patches"] == (truth == 1).sum() > 10
-    judged = context.thesis["haralick"].judge(dark_pair.left)
-    expected = score_patches(judged.obstacle, truth)
-    assert exhibit.numbers["haralick_iou"] == expected.iou
-    assert float(exhibit.numbers["haralick_f1"]) > 0.6
-    table = exhibit.tables[0].frame.set_index("method")
-    assert table.loc["top half", "obstacle patches"] == 50
-    assert table.loc["top half", "hits"] == (truth[:50] == 1).sum()
-    assert table.loc["tokt stereo", "status"] == "unknown"
-    assert np.isnan(table.loc["tokt stereo", "f1"])
-    shifted = np.roll(dark_pair.mask, 3 * 36, axis=1)
-    worse = dark(**_write(tmp_path, dark_pair, shifted))
-    assert float(worse.numbers["haralick_f1"]) < 0.5 * float(exhibit.numbers["haralick_f1"])
-
-
-def test_bad_lighting_of_a_frame_of_the_mission(context, dark):
-    """Its labels stand in for a mask, its right picture makes it a pair.
-
-    Our texture may not learn from the frames near it, which in so short a mission are all those
-    with the tower: then it does not judge.
-    """
-    number = context.structure_frame
-    file = context.mission.path / "Left" / f"sim_L_{number}.jpg"
-    exhibit = dark(dark=file)
-    assert f"frame {number}" in exhibit.words[0]
-    assert exhibit.numbers["obstacle_patches"] == (context.truth(number) == 1).sum()
-    assert float(exhibit.numbers["tokt_stereo_f1"]) > 0.4
-    table = exhibit.tables[0].frame.set_index("method")
-    assert table.loc["tokt texture", "status"] == "unknown"
-    assert "no labels of both" in table.loc["tokt texture", "not judged"]
-
-
-def test_bad_lighting_refuses_a_mask_of_another_size(dark_pair, tmp_path, dark):
-    """Which would be a mask of another picture."""
-    files = _write(tmp_path, dark_pair, dark_pair.mask[:, :-20])
-    with pytest.raises(ToktError, match=r"mask.png is 340x271, its image .*dark.png is 360x271"):
-        dark(**files)
-
-
-def test_bad_lighting_without_a_mask_scores_nothing(dark_pair, tmp_path, dark):
-    """Predictions are shown; there is no figure of merit, and a black frame is not clear to us."""
-    black = replace(dark_pair, left=np.zeros_like(dark_pair.left))
-    files = _write(tmp_path, black, dark_pair.mask)
-    exhibit = dark(dark=files["dark"])
-    assert not any(name.endswith("_f1") for name in exhibit.numbers)
-    assert "no mask" in exhibit.claims[0].found
-    table = exhibit.tables[0].frame.set_index("method")
-    assert table.loc["tokt texture", "status"] == "unknown"
-    assert "too dark" in table.loc["tokt texture", "not judged"]
-
-
-def test_bad_lighting_rendered(dark, drawn, monkeypatch):
-    """Without an image a rendered one with its exact mask, said so, and the lamp going down."""
-    monkeypatch.setattr(dark_figures, "_LIGHTS", (1.0, 0.03))
-    exhibit = dark()
-    _sound(exhibit)
-    assert exhibit.numbers["rendered"] is True
-    assert "rendered" in exhibit.words[0]
-    sweep = exhibit.tables[1].frame
-    assert sweep["mean grey level"].is_monotonic_decreasing
-    assert sweep["Haralick"][0] > 0.7
-    assert np.isnan(sweep["tokt texture"][1])
-    assert np.isnan(sweep["tokt stereo"][1])
-    assert "tokt" not in sweep["say clear"][1]
-
-
-def test_a_dark_scene_keeps_its_geometry(dark_scene, dark_pair):
-    """Less light changes the picture and what can be seen, never the mask."""
-    darker = dark_scene.at(0.05)
-    assert (darker.mask == dark_pair.mask).all()
-    assert 5 * darker.left.mean() < dark_pair.left.mean()
-    tower = dark_scene.mask > 0
-    assert 5 * darker.left[tower].std() < dark_pair.left[tower].std()
-    again = DarkScene(WIDTH).at(0.5)
-    assert (again.left == dark_pair.left).all()
-    assert (again.right == dark_pair.right).all()
-    assert 1.5 < dark_scene.nearest_m < 6
 
 
 def test_our_model_learns_from_nothing_near_the_picture(context, monkeypatch):

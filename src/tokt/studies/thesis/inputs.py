@@ -40,8 +40,8 @@ class ReproduceRequest:
     out: Path
     ocean: Path | None = None  # the thesis's training image; by default an early frame
     other: Path | None = None  # the one of anything else; by default a rendered texture
-    dark: Path | None = None  # a badly lit image; by default a rendered pair
-    dark_mask: Path | None = None  # a person's mask of what is in it (white: obstacle)
+    picture: Path | None = None  # in bad light; by default a rendered pair
+    picture_mask: Path | None = None  # a person's mask of what is in it (white: obstacle)
     calibration: Path | None = None  # of the cameras
     labels: Path | None = None  # a label file of the mission
     model: Path | None = None  # a bundle
@@ -64,7 +64,7 @@ class StudyInputs:
         self.mission: Mission = open_mission(request.mission)
         self.frames = self.mission.frames(LEFT)
         self.taxonomy = Taxonomy.load()
-        for file in (request.dark, request.dark_mask, request.model):
+        for file in (request.picture, request.picture_mask, request.model):
             if file is not None and not file.is_file():
                 raise ToktError(f"{file} does not exist")
         if request.sample < 1:

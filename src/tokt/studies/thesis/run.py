@@ -14,12 +14,15 @@ from tokt.features.common.machine import machine
 from tokt.labels.formats.options import Progress
 from tokt.training.options import Notice
 
+from .exhibits.calibration_figures import calibration_figures
 from .exhibits.centre_figures import centre_and_box
 from .exhibits.curve_figures import curve_figures
-from .exhibits.dark_figures import bad_lighting, given_picture
 from .exhibits.disparity_figures import disparity_figures
 from .exhibits.dot_figures import prediction_dots
 from .exhibits.exhibit import Exhibit, StudyContext
+from .exhibits.invariance import invariance
+from .exhibits.light_figures import bad_lighting, given_picture
+from .exhibits.margin_figures import margin_figures
 from .exhibits.patch_figures import patch_histograms
 from .exhibits.runtime_tables import runtime_tables
 from .exhibits.superpixel_figure import superpixel_figure
@@ -44,33 +47,51 @@ class Planned(NamedTuple):
 
 EXHIBITS: tuple[Planned, ...] = (
     Planned(
+        "figure-3.1-to-3.7",
+        "Calibration: straight lines, and rows that agree",
+        "section 3.1, figures 3.1 to 3.7",
+        calibration_figures,
+    ),
+    Planned(
         "figure-3.8-to-3.10",
-        "Disparity map, margin and point cloud",
-        "figures 3.8 to 3.10",
+        "Disparity map and point cloud",
+        "sections 3.1.6 and 3.1.8, figures 3.8 to 3.10",
         disparity_figures,
+    ),
+    Planned(
+        "figure-3.9",
+        "Block matching: false line, number of disparities, cut margin",
+        "sections 3.1.6, 3.1.7 and 6.1.1, figures 3.8 and 3.9",
+        margin_figures,
     ),
     Planned(
         "figure-3.11-3.12",
         "Histograms of the training images: flat, edge and corner bins",
-        "thesis section 3.4, figures 3.11 and 3.12",
+        "section 3.2.1, figures 3.11, 3.12 and 3.13",
         training_images,
     ),
     Planned(
         "figure-3.16-3.19",
         "Histograms of a patch on the structure and of a patch of ocean",
-        "thesis sections 3.4 and 3.5, figures 3.16 and 3.19",
+        "sections 3.2.3 and 3.3, figures 3.15, 3.16, 3.18 and 3.19",
         patch_histograms,
     ),
     Planned(
         "figure-3.17-3.20",
         "Prediction dots over the grid, and the mask",
-        "thesis sections 3.4 and 3.5, figures 3.17 and 3.20",
+        "sections 3.2.4 and 3.3, figures 3.17 and 3.20",
         prediction_dots,
+    ),
+    Planned(
+        "section-2.13",
+        "LBP and Haralick under grey changes, rotation and noise",
+        "sections 2.13 and 7.1",
+        invariance,
     ),
     Planned(
         "figure-3.22-3.24",
         "Contours, centre and box of a mask: the thesis's, and corrected",
-        "thesis chapter 3, figures 3.22 to 3.24",
+        "section 3.4, figures 3.21, 3.22, 3.23 and 3.24",
         centre_and_box,
     ),
     Planned("table-5.1-to-5.4", "Run time by method", "Tables 5.1 to 5.4", runtime_tables),
@@ -83,8 +104,8 @@ EXHIBITS: tuple[Planned, ...] = (
     ),
     Planned(
         "figure-5.6-5.8",
-        "Bad lighting: a person's eye, and every method's predictions",
-        "thesis section 5.3, figures 5.6 to 5.8",
+        "Bad light: a person's eye, and every method's predictions",
+        "section 5.3, figures 5.6 to 5.8",
         bad_lighting,
     ),
     Planned("figure-6.1", "Are the two cameras synchronous?", "figure 6.1", synchrony_figure),

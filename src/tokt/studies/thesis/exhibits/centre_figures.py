@@ -4,9 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -20,11 +18,14 @@ from tokt.studies.baselines.thesis_centre import (
     outer_contours,
     thesis_centre,
 )
+from tokt.studies.baselines.thesis_stereo import cropped
 from tokt.studies.baselines.thesis_texture import GRID
+from tokt.studies.simulation.rendering.patch_labels import coverage
 from tokt.studies.thesis.methods.curves import THESIS
 
-from .dot_figures import by_held_out, by_stereo, by_thesis
-from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .disparity_figures import thesis_map
+from .dot_figures import by_thesis
+from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext
 from .frame_drawing import (
     CORRECTED_COLOR,
     SHOWN,
@@ -36,7 +37,8 @@ from .frame_drawing import (
     show_mask,
 )
 
-_SOURCE = "the published program"
+_SOME, _MOSTLY = 0.1, 0.5
+"""Parts of the masks, and of a mask's patches."""
 
 
 @dataclass(frozen=True)
@@ -81,11 +83,6 @@ class BothWays:
         mine, right = self.boxes
         return mine[2] * mine[3] / (right[2] * right[3])
 
-    @property
-    def without_area(self) -> int:
-        """Contours before the dilation without an area: single pixels, lines one pixel wide."""
-        return sum(cv2.contourArea(contour) == 0 for contour in outer_contours(self.mask))
-
 
 def both_ways(mask: U8, title: str = "", number: int = 0) -> BothWays:
     """A mask of uint8 0/255, shape (height, width), by the thesis's way and by the corrected."""
@@ -96,11 +93,9 @@ def centre_and_box(context: StudyContext) -> Exhibit:
     """Contours, centre and box of masks, with the thesis's faults beside (figures 3.22 to 3.24)."""
     number = context.structure_frame
     frame = context.left(number)
-    stereo = by_stereo(context.calibration, frame, context.right(number), context.calibration_words)
-    masks = [*by_thesis(context, frame), *by_held_out(context, number, frame), stereo]
     shown = [
         both_ways(one.mask, one.title, number)
-        for one in masks
+        for one in by_thesis(context, frame)
         if one.mask is not None and one.mask.any()
     ]
     if not shown:
@@ -108,32 +103,17 @@ def centre_and_box(context: StudyContext) -> Exhibit:
             f"no method sees anything in frame {number}, which should show the structure"
         )
     mission = _mission(context)
-    summary = _summary(mission)
     return Exhibit(
         (
             "The thesis's way is that of its published program, which looks for outer contours "
             "after a dilation by 5x5 pixels. Corrected, as tokt sends it: no dilation, Ypos from "
-            "the centre's y, the box is the union of the contours' boxes.",
+            "the centre's y, the box is the union of the contours' boxes. The thesis divides by "
+            "each contour's area, and prints no guard against one of none.",
             f"The mission's figures are of the {len(mission)} frames and methods in which the "
             "thesis's method says obstacle. None is of an image it learnt from.",
         ),
-        _claims(mission, summary),
-        (
-            Table(
-                "frame",
-                f"Frame {number}: positions in pixels at the grid's width; Xpos and "
-                "Ypos are the direction to steer, positive right and down.",
-                _frame_table(shown),
-                "This frame",
-            ),
-            Table(
-                "mission",
-                "All frames with status 1, by the thesis's texture methods.",
-                _mission_table(mission),
-                "The whole mission",
-            ),
-        ),
-        (
+        (box_claim(mission), fineness_claim(_partly_white(context, number))),
+        plots=(
             Plot(
                 "contours-centre-box",
                 f"Frame {number}: the mask with its contours (3.22), the two centres and where "
@@ -143,7 +123,7 @@ def centre_and_box(context: StudyContext) -> Exhibit:
                 png_of(_figure(context, shown, mission)),
             ),
         ),
-        {"frame": number, **summary},
+        numbers={"frame": number, **_summary(mission)},
     )
 
 
@@ -168,83 +148,53 @@ def _summary(every: Sequence[BothWays]) -> dict[str, float | int]:
         "ypos_off_median_px": float(np.median([abs(one.ypos_off) for one in every])),
         "ypos_opposite": sum(one.ypos_opposite for one in every),
         "box_leaves_frame": sum(one.thesis_leaves for one in every),
-        "box_misses_a_part": sum(one.thesis_misses for one in every),
-        "box_area_ratio_median": float(np.median([one.box_ratio for one in every])),
-        "contours_without_area": sum(one.without_area for one in every),
     }
 
 
-def _claims(every: Sequence[BothWays], summary: dict[str, float | int]) -> tuple[Claim, ...]:
+def box_claim(every: Sequence[BothWays]) -> Claim:
+    """Whether the thesis's box, whose sizes are sums, is around what was seen."""
+    what = "the box is around the obstacle"
+    printed = "figure 3.24: its size is the sum of the contours' widths, and of their heights"
     if not every:
-        return ()
-    most_off = max(abs(one.ypos_off) for one in every)
-    leaves, misses = summary["box_leaves_frame"], summary["box_misses_a_part"]
-    of_all = f"of {len(every)}"
-    return (
-        Claim(
-            "Ypos says how far above or below the centre to steer",
-            f"Ypos is computed from the centre's x ({_SOURCE})",
-            f"off by {summary['ypos_off_median_px']:.0f} px in the median, {most_off} px at most; "
-            f"up for down in {summary['ypos_opposite']} {of_all} frames with an obstacle",
-            "Held against Ypos from the centre's y of the same masks.",
-            agreement=ClaimAgreement.NO if most_off else ClaimAgreement.YES,
-        ),
-        Claim(
-            "the box is around the obstacle",
-            f"its size is the sum of the contours' widths and of their heights ({_SOURCE})",
-            f"area over that of the boxes' union: {summary['box_area_ratio_median']:.1f} in the "
-            f"median, {max(one.box_ratio for one in every):.1f} at most. It leaves the frame in "
-            f"{leaves} {of_all}, and misses a part of what was seen in {misses} {of_all}",
-            "With one contour the two differ by the dilation's two pixels. With several, the sum "
-            "is larger or smaller than what they span.",
-            agreement=ClaimAgreement.NO if leaves or misses else ClaimAgreement.PARTLY,
-        ),
-        Claim(
-            "contours of zero area divide by zero, and no datagram is sent",
-            f"divided by each contour's area, in a try with an empty except ({_SOURCE})",
-            f"{summary['contours_without_area']} such contours in these masks, and none "
-            "after the program's dilation",
-            "Masks of whole patches have none, and the version read dilates first. Disparity "
-            "maps and other versions may have some.",
-        ),
+        return Claim(what, printed, "not measured", "the thesis's methods see nothing")
+    leaves = sum(one.thesis_leaves for one in every)
+    misses = sum(one.thesis_misses for one in every)
+    ratios = [one.box_ratio for one in every]
+    few = max(leaves, misses) <= _SOME * len(every)
+    agreement = ClaimAgreement.PARTLY if few else ClaimAgreement.NO
+    return Claim(
+        what,
+        printed,
+        f"area over that of the boxes' union: {np.median(ratios):.1f} (median), {max(ratios):.1f} "
+        f"at most. Of {len(every)} boxes {leaves} leave the frame, {misses} miss a part",
+        f"agrees where it does neither, in part where it does in {_SOME:.0%} at most",
+        agreement=ClaimAgreement.YES if leaves == misses == 0 else agreement,
     )
 
 
-def _frame_table(shown: Sequence[BothWays]) -> pd.DataFrame:
-    return pd.DataFrame(
-        {
-            "mask of": one.title,
-            "contours": one.thesis.contours,
-            "Xpos thesis": one.thesis.x,
-            "Xpos": one.corrected.x,
-            "Ypos thesis": one.thesis.y,
-            "Ypos": one.corrected.y,
-            "box thesis (x, y, width, height)": str(one.thesis.box),
-            "box": str(one.corrected.box),
-            "thesis's box leaves the frame": one.thesis_leaves,
-        }
-        for one in shown
+def _partly_white(context: StudyContext, number: int) -> float | None:
+    """Of the patches that the thesis's disparity mask touches, the part not wholly white."""
+    right = context.right(number)
+    if right is None:
+        return None
+    mask = dilated(dilated(cropped(thesis_map(context.left(number), right))))
+    covered = coverage(mask > 0, GRID)
+    return float((covered[covered > 0] < 1).mean()) if covered.any() else None
+
+
+def fineness_claim(finest: float | None) -> Claim:
+    """Whether the thesis's disparity mask is finer than a mask of blocks."""
+    what, printed = "the disparity mask is finer than the block mask", "figures 3.21 to 3.24"
+    if finest is None:
+        return Claim(what, printed, "not measured", "no pair gives a disparity mask")
+    agreement = ClaimAgreement.PARTLY if finest > 0 else ClaimAgreement.NO
+    return Claim(
+        what,
+        printed,
+        f"{finest:.0%} of the patches that it touches are white in part only; of a block mask none",
+        f"agrees from {_MOSTLY:.0%} on, in part above 0",
+        agreement=ClaimAgreement.YES if finest >= _MOSTLY else agreement,
     )
-
-
-def _mission_table(mission: Sequence[BothWays]) -> pd.DataFrame:
-    rows = []
-    for title in dict.fromkeys(one.title for one in mission):
-        every = [one for one in mission if one.title == title]
-        summary = _summary(every)
-        rows.append(
-            {
-                "method": title,
-                "frames with status 1": len(every),
-                "with several contours": sum(one.thesis.contours > 1 for one in every),
-                "Ypos off, median px": summary["ypos_off_median_px"],
-                "Ypos up for down": summary["ypos_opposite"],
-                "box leaves the frame": summary["box_leaves_frame"],
-                "box misses a part": summary["box_misses_a_part"],
-                "box area, times the union, median": summary["box_area_ratio_median"],
-            }
-        )
-    return pd.DataFrame(rows)
 
 
 def _figure(

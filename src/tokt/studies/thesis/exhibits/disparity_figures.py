@@ -5,7 +5,7 @@ measures distance by two pictures has nothing to say then. What says the same as
 looked at one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import cv2
@@ -20,7 +20,7 @@ from tokt.features.common.errors import ToktError
 from tokt.inference.frame import Frame
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.matching import Matches
-from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_MEAN_THRESHOLD, STATUS_WORDS
+from tokt.inference.verdict import CLEAR, STATUS_MEAN_THRESHOLD, STATUS_WORDS
 from tokt.studies.baselines.thesis_stereo import (
     CROP_PX,
     LEFT_CAMERA,
@@ -30,30 +30,30 @@ from tokt.studies.baselines.thesis_stereo import (
     cropped,
     disparity_map,
     in_thesis_view,
-    margin_of,
     searched,
     thesis_cloud,
 )
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.inputs import StudyInputs
+from tokt.studies.thesis.patch_scores import Truth
 from tokt.training.evaluation.pictures import raise_contrast
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
-from tokt.training.rig.calibrate.matching import match_frame
-from tokt.training.rig.depth.cloud import PointCloud, cloud_of
+from tokt.training.rig.calibrate.matching import FrameMatches, match_frame
+from tokt.training.rig.depth.cloud import cloud_of
 from tokt.training.rig.depth.pair_depths import measure_depths
 from tokt.training.rig.depth.picture import DepthPicture
 
-from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import SHOWN, new_figure, png_of
 
-EXCHANGED_FRAMES, MATCHED_FRAMES, OPEN_FRAMES = 8, 4, 3
-"""Pairs that the control is made on, that points are matched in, and that the margin is looked at
-in open water."""
+EXCHANGED_FRAMES, MATCHED_FRAMES = 8, 4
+"""Pairs that the control is made on, and that points are matched in."""
 COLLAPSED = 0.003
 """Part of the view that may be matched by chance with a wrong right frame. Source: the control of
 the mission's own measurements, 23 % to at most 0.3 % at frame 180."""
 _SAME = 0.02
 _FEW_FOUND, _MAX_FOUND = 0.05, 0.5
+_MIN_RANK, _IN_PLACE = -0.5, 0.8
 OWN, ANOTHER, TURNED = "its own", "another frame's", "its own, upside down"
 KINDS = (OWN, ANOTHER, TURNED)
 _VIEW = (680, 512)
@@ -62,21 +62,14 @@ _MAX_POINTS = 20_000
 _MARGIN_COLOR = "#4da3ff"
 
 
-class _Panel(NamedTuple):
-    """One right frame, the thesis's map of the pair (uint8, 1024 x 1360), and our matches."""
-
-    words: str
-    stretched: U8
-    matches: Matches
-
-
 class _Shown(NamedTuple):
-    """The pair that is drawn: with its own right frame, another one's, and its own turned."""
+    """The pair that is drawn: the thesis's map (uint8, 1024 x 1360), our matches and our cloud."""
 
     number: int
     left: U8
-    panels: list[_Panel]
-    cloud: PointCloud
+    stretched: U8
+    matches: Matches
+    points_m: F64
     rank_correlation: float
 
 
@@ -89,12 +82,12 @@ def disparity_figures(context: StudyContext) -> Exhibit:
     rows = exchange(context, frames)
     own = rows[rows.right == OWN].set_index("frame")
     best = int(own.ours_matched.idxmax())
-    margins = pd.DataFrame(
-        margin_of(_map(context.left(number), _right_of(context, number)))
-        for number in evenly_spaced(context.open_water_pairs, OPEN_FRAMES)
-    )
-    disparity, covered = _searched(context, evenly_spaced(frames, MATCHED_FRAMES))
-    shown = _shown(context, best, _partners(frames)[best])
+    points = [
+        searched(left, right)
+        for _, left, right in matched_points(context, evenly_spaced(frames, MATCHED_FRAMES))
+    ]
+    covered = np.concatenate([found for _, found in points]) if points else np.empty(0)
+    shown = _shown(context, best)
     nearest, farthest = own.near_m.min(), own.far_m.max()
     nearest = 1.0 if np.isnan(nearest) else nearest
     # Colours of depth: those that are there, and at least a factor of two.
@@ -102,21 +95,27 @@ def disparity_figures(context: StudyContext) -> Exhibit:
     picture = DepthPicture(DisparityDetector(calibration, GRID).rectifier, *ends)
     numbers = {
         **_control(rows),
-        **margins.mean().add_prefix("open_water_").to_dict(),
-        **_cloud_numbers(shown),
-        "matched_points": len(disparity),
-        "points_searched": float(covered.mean()) if len(covered) else 0.0,
+        **_cloud_numbers(shown, context.truth(best)),
+        "matched_points": len(covered),
+        "points_searched": float(covered.mean()) if len(covered) else None,
     }
     return Exhibit(
         words=_words(context, frames, best),
-        claims=(
-            _search_claim(disparity, covered),
-            _exchange_claim(numbers),
-            _margin_claim(numbers, len(margins)),
-            _cloud_claim(numbers),
+        claims=(map_claim(numbers), cloud_claim(numbers)),
+        tables=(_table(rows),),
+        plots=(
+            Plot(
+                "disparity_and_margin",
+                f"Frame {best}. Blue: the margin that the thesis cuts off. {SHOWN}",
+                png_of(_maps(shown, picture, ends)),
+            ),
+            Plot(
+                "point_cloud",
+                f"Point clouds of frame {best}, as the thesis's program and as ours make them. "
+                "Red is near; of each axis the middle 98 % are shown.",
+                png_of(_clouds(shown)),
+            ),
         ),
-        tables=(_table(rows), _cloud_table(shown)),
-        plots=_plots(shown, picture, ends),
         numbers=numbers,
     )
 
@@ -136,8 +135,9 @@ def exchange(inputs: StudyInputs, frames: Sequence[int]) -> pd.DataFrame:
     there are none); of the thesis's cropped map the part with a disparity, its mean (0..255), and
     the part of its pixels that changed between matched and not against the frame's own right frame.
     """
-    lefts = {number: inputs.left(number) for number in frames}
-    own = {number: _right_of(inputs, number) for number in frames}
+    pairs_of = {number: pair_of(inputs, number) for number in frames}
+    lefts = {number: pair[0] for number, pair in pairs_of.items()}
+    own = {number: pair[1] for number, pair in pairs_of.items()}
     rights = {
         OWN: own,
         ANOTHER: {number: own[other] for number, other in _partners(frames).items()},
@@ -148,7 +148,7 @@ def exchange(inputs: StudyInputs, frames: Sequence[int]) -> pd.DataFrame:
     for kind, right in rights.items():
         pairs = (Frame(number, float(number), lefts[number], right[number]) for number in frames)
         for ours in measure_depths(DisparityDetector(inputs.needed_calibration(), GRID), pairs):
-            now = cropped(_map(lefts[ours.frame], right[ours.frame]))
+            now = cropped(thesis_map(lefts[ours.frame], right[ours.frame]))
             with_its_own = white.setdefault(ours.frame, now > 0)
             rows.append(
                 {
@@ -166,64 +166,79 @@ def exchange(inputs: StudyInputs, frames: Sequence[int]) -> pd.DataFrame:
     return pd.DataFrame(rows).astype({"near_m": float, "far_m": float})
 
 
-def _right_of(inputs: StudyInputs, number: int) -> U8:
-    """A right frame. Raises ToktError where it cannot be read."""
+def pair_of(inputs: StudyInputs, number: int) -> tuple[U8, U8]:
+    """Both pictures of a frame. Raises ToktError where the right one cannot be read."""
     right = inputs.right(number)
     if right is None:
         raise ToktError(f"right frame {number} cannot be read")
-    return right
+    return inputs.left(number), right
 
 
-def _map(left: U8, right: U8) -> U8:
+def thesis_map(left: U8, right: U8) -> U8:
     """The thesis's map of a pair, at the size that its settings in pixels are for."""
-    small, other = (
-        cv2.resize(one, THESIS_FRAME_SIZE, interpolation=cv2.INTER_CUBIC) for one in (left, right)
+    return disparity_map(at_thesis_size(left), at_thesis_size(right))
+
+
+def at_thesis_size(picture: U8) -> U8:
+    """A picture at the size that the thesis's settings in pixels are for."""
+    return np.asarray(
+        cv2.resize(picture, THESIS_FRAME_SIZE, interpolation=cv2.INTER_CUBIC), np.uint8
     )
-    return disparity_map(np.asarray(small, np.uint8), np.asarray(other, np.uint8))
 
 
-def _searched(context: StudyContext, frames: Sequence[int]) -> tuple[F64, Bools]:
-    """Disparities of SIFT matches in the thesis's pictures, and which its search can find."""
+def patches_in_map() -> I64:
+    """Which patch of the frame each pixel of the thesis's undistorted map shows; -1 for none."""
+    width, height = THESIS_FRAME_SIZE
+    cells = np.arange(GRID.n_patches, dtype=np.float32).reshape(GRID.rows, GRID.cols)
+    patches = cv2.resize(cells, (width, height), interpolation=cv2.INTER_NEAREST)
+    matrix, distortion = LEFT_CAMERA
+    places = cv2.initUndistortRectifyMap(
+        matrix, distortion, None, matrix, (width, height), cv2.CV_32FC1
+    )
+    seen = cv2.remap(patches, *places, cv2.INTER_NEAREST, None, cv2.BORDER_CONSTANT, -1)
+    return np.asarray(seen, np.int64)
+
+
+def in_map(patches: Truth) -> Bools:
+    """Where patches (n_patches,) that are 1 lie in the thesis's map."""
+    shown = patches_in_map()
+    return np.asarray((shown >= 0) & (patches == 1)[shown])
+
+
+def matched_points(
+    context: StudyContext, frames: Sequence[int]
+) -> Iterator[tuple[FrameMatches, F64, F64]]:
+    """SIFT matches of frames, and where they lie in the left and right picture at thesis size."""
     size = context.needed_calibration().frame_size
-    found = [match_frame(context.mission, n, size) for n in frames]
-    matched = [one for one in found if one is not None]
-    if not matched:
-        return np.empty(0), np.empty(0, bool)
     ratio = np.array(THESIS_FRAME_SIZE) / np.array(size)
-    left, right = (
-        (np.concatenate([getattr(one, side) for one in matched]) + 0.5) * ratio - 0.5
-        for side in ("left", "right")
-    )
-    return searched(left, right)
+    for number in frames:
+        found = match_frame(context.mission, number, size)
+        if found is not None:
+            left, right = ((one + 0.5) * ratio - 0.5 for one in (found.left, found.right))
+            yield found, left, right
 
 
-def _shown(context: StudyContext, number: int, other: int) -> _Shown:
-    """One pair matched in every pixel, with the three right frames, and its cloud."""
+def _shown(context: StudyContext, number: int) -> _Shown:
+    """One pair matched in every pixel, and its cloud."""
     detector = DisparityDetector(context.needed_calibration(), GRID, step=1)
-    left, right = context.left(number), _right_of(context, number)
-    rights = (right, _right_of(context, other), np.ascontiguousarray(right[::-1]))
-    words = (OWN, f"that of frame {other}", TURNED)
-    panels = [
-        _Panel(f"right frame: {what}", _map(left, one), detector.match(left, one))
-        for what, one in zip(words, rights, strict=True)
-    ]
-    cloud = cloud_of(detector.rectifier, panels[0].matches, left)
-    return _Shown(number, left, panels, cloud, _ranks(detector, panels[0]))
+    left, right = pair_of(context, number)
+    stretched, matches = thesis_map(left, right), detector.match(left, right)
+    points = cloud_of(detector.rectifier, matches, left).points_m
+    return _Shown(number, left, stretched, matches, points, _ranks(detector, stretched, matches))
 
 
-def _ranks(detector: DisparityDetector, panel: _Panel) -> float:
+def _ranks(detector: DisparityDetector, stretched: U8, matches: Matches) -> float:
     """Spearman's rank correlation of the thesis's values and our depths, pixel by pixel.
 
     -1 would be disparities: the larger, the nearer. 0 where too few pixels have both.
     """
-    matches = panel.matches
     row, column = np.nonzero(matches.valid)
     size = np.array(detector.calibration.frame_size)
     places = detector.rectifier.to_frame(np.column_stack([column, row]))
     places = (places + 0.5) * np.array(THESIS_FRAME_SIZE) / size - 0.5
     seen = np.rint(in_thesis_view(places, LEFT_CAMERA)).astype(np.int64)
     inside = ((seen >= 0) & (seen < np.array(THESIS_FRAME_SIZE))).all(axis=1)
-    said = panel.stretched[seen[inside, 1], seen[inside, 0]]
+    said = stretched[seen[inside, 1], seen[inside, 0]]
     depth = detector.depth_m(matches)[matches.valid][inside]
     both = said > 0
     if both.sum() < 10 or len(np.unique(said[both])) < 2:
@@ -236,154 +251,98 @@ def _control(rows: pd.DataFrame) -> dict[str, Any]:
     """What exchanging the right frame does to both, over all frames."""
     own, wrong = rows[rows.right == OWN], rows[rows.right != OWN]
     before = own.set_index("frame").thesis_mean.loc[wrong.frame].to_numpy()
-    some = before > 0
-    change = np.abs(wrong.thesis_mean.to_numpy()[some] / before[some] - 1)
     kept = (wrong.thesis_mean > STATUS_MEAN_THRESHOLD) == (before > STATUS_MEAN_THRESHOLD)
     return {
-        "frames": len(own),
         "ours_matched_own_median": own.ours_matched.median(),
-        "ours_matched_own_least": own.ours_matched.min(),
-        "ours_matched_wrong_median": wrong.ours_matched.median(),
         "ours_matched_wrong_most": wrong.ours_matched.max(),
-        "ours_obstacle_own": int((own.status == OBSTACLE).sum()),
-        "ours_obstacle_wrong": int((wrong.status == OBSTACLE).sum()),
         "ours_clear_wrong": int((wrong.status == CLEAR).sum()),
         "wrong_pairs": len(wrong),
         "thesis_pixels_changed_most": wrong.thesis_changed.max(),
-        "thesis_mean_change_median": float(np.median(change)) if len(change) else 0.0,
         "thesis_status_kept": int(kept.sum()),
     }
 
 
-def _cloud_numbers(shown: _Shown) -> dict[str, Any]:
-    depth = shown.cloud.points_m[:, 2]
-    said = shown.panels[0].stretched
+def _cloud_numbers(shown: _Shown, truth: Truth) -> dict[str, Any]:
+    inside = np.s_[:, CROP_PX:-CROP_PX]
+    white, there = shown.stretched[inside] > 0, in_map(truth)[inside]
+    labelled = there.any() and white.any()
     return {
         "shown_frame": shown.number,
-        "cloud_points": len(depth),
-        "thesis_cloud_points": int((said > 0).sum()),
-        "thesis_cloud_depths": len(np.unique(said[said > 0])),
         "rank_correlation": shown.rank_correlation,
-        "cloud_median_m": float(np.median(depth)) if len(depth) else None,
+        "thesis_cloud_spread": _spread(-thesis_cloud(cropped(shown.stretched))[0][:, 2]),
+        "cloud_spread": _spread(shown.points_m[:, 2]),
+        "in_place": float(there[white].mean()) if labelled else None,
     }
 
 
-def _search_claim(disparity: F64, covered: Bools) -> Claim:
+def _spread(depth: F64) -> float:
+    """From the 5th to the 95th percentile, over the median; 0 of nothing."""
+    if not len(depth):
+        return 0.0
+    low, middle, high = np.percentile(depth, [5, 50, 95])
+    return float((high - low) / middle)
+
+
+def map_claim(numbers: dict[str, Any]) -> Claim:
+    """Whether the map's values are disparities of the pair."""
     last = MIN_DISPARITY_PX + N_DISPARITIES_PX - 1
-    what = "the values of the map are disparities"
-    printed = (
-        f"block matching searches disparities {MIN_DISPARITY_PX} to {last} px along rows (its "
-        f"program's settings; the figure's text is {NOT_KNOWN})"
-    )
-    if not len(disparity):
-        why = "no points of the frames were matched, so that the true disparities are not known"
-        return Claim(what, printed, "no matched points", why)
-    share = float(np.mean(covered))
-    if share > _MAX_FOUND:
-        agreement = ClaimAgreement.YES
-    else:
-        agreement = ClaimAgreement.PARTLY if share > _FEW_FOUND else ClaimAgreement.NO
-    found = (
-        f"{100 * share:.0f} % of {len(disparity)} points matched in both pictures have a "
-        f"disparity and a row that it can find; they are at {np.min(disparity):.0f} to "
-        f"{np.max(disparity):.0f} px"
-    )
-    why = (
-        "judged by points matched without a calibration (SIFT, one geometry a frame), where the "
-        "thesis's own undistortion puts them. The pair is not rectified"
-    )
-    return Claim(what, printed, found, why, agreement=agreement)
-
-
-def _exchange_claim(numbers: dict[str, Any]) -> Claim:
-    same = numbers["thesis_pixels_changed_most"] <= _SAME
-    found = (
-        f"{numbers['wrong_pairs']} wrong right frames. The thesis's status stays the same in "
-        f"{numbers['thesis_status_kept']}; at most "
-        f"{100 * numbers['thesis_pixels_changed_most']:.2f} % of its pixels change, its mean value "
-        f"by {100 * numbers['thesis_mean_change_median']:.0f} % (median). Ours matches at most "
-        f"{100 * numbers['ours_matched_wrong_most']:.2f} % of the view, and "
-        f"{100 * numbers['ours_matched_own_median']:.1f} % with the true frame (median). It says "
-        f"obstacle in {numbers['ours_obstacle_wrong']}, clear in {numbers['ours_clear_wrong']}, "
-        "unknown in the others"
-    )
-    why = (
-        "the left picture's texture alone decides where the map is white: it works as an "
-        "obstacle detector, not as stereo"
-        if same
-        else "where the map is white changes with the right frame on these frames"
-    )
+    what = "the map shows disparities of the two pictures"
+    printed = f"table 3.5 searches {MIN_DISPARITY_PX} to {last} px; figure 3.8"
+    share, changed = numbers["points_searched"], numbers["thesis_pixels_changed_most"]
+    if share is None:
+        return Claim(what, printed, "no matched points", "true disparities are not known without")
+    agreement = ClaimAgreement.PARTLY if share > _FEW_FOUND else ClaimAgreement.NO
     return Claim(
-        "the map needs both pictures",
-        f"a disparity map of a stereo pair; a control is {NOT_KNOWN}",
-        found,
-        why,
-        agreement=ClaimAgreement.NO if same else ClaimAgreement.PARTLY,
+        what,
+        printed,
+        f"{share:.0%} of {numbers['matched_points']} matched points are in its search. Of "
+        f"{numbers['wrong_pairs']} wrong right frames {numbers['thesis_status_kept']} keep its "
+        f"status, and {changed:.2%} of its pixels change at most",
+        "agrees where the search has half of the points and the map changes with the right frame. "
+        "In part from a twentieth of the points (SIFT, at its undistorted places) on",
+        agreement=ClaimAgreement.YES if share > _MAX_FOUND and changed > _SAME else agreement,
     )
 
 
-def _margin_claim(numbers: dict[str, Any], frames: int) -> Claim:
-    what = "the margin that is cut off holds errors"
-    printed = (
-        f"{CROP_PX} px are cut off at the left and at the right, against errors that its "
-        "documentation puts down to the calibration"
-    )
-    if not frames:
-        why = "the mission has no pair of open water to look at"
-        return Claim(what, printed, "not measured", why)
-    margin, inside = numbers["open_water_matched_margin"], numbers["open_water_matched_inside"]
+def cloud_claim(numbers: dict[str, Any]) -> Claim:
+    """Whether the cloud's places are usable, and its distances not."""
+    what = "the point cloud's places are usable, its distances are not"
+    printed = "figure 3.10: fits from the front, is drawn out in depth"
+    rank, spread = numbers["rank_correlation"], numbers["thesis_cloud_spread"]
     found = (
-        f"white in {frames} pairs of open water: {100 * margin:.2f} % of the margin, "
-        f"{100 * inside:.2f} % of the rest. Mean value {numbers['open_water_mean_whole']:.2f} with "
-        f"the margin, {numbers['open_water_mean_inside']:.2f} without (threshold "
-        f"{STATUS_MEAN_THRESHOLD})"
+        f"rank correlation with true depths {rank:.2f}; depths spread over {spread:.1f} of "
+        f"their median, ours over {numbers['cloud_spread']:.1f}"
     )
-    if margin > inside:
-        why = (
-            "the white is the picture's edge, bent inwards by an undistortion about a corner. "
-            "Cutting it off is right, and hides the cause"
-        )
-        return Claim(what, printed, found, why, agreement=ClaimAgreement.YES)
-    why = "on these frames the margin is no whiter than the rest"
-    return Claim(what, printed, found, why, agreement=ClaimAgreement.NO)
-
-
-def _cloud_claim(numbers: dict[str, Any]) -> Claim:
-    found = (
-        f"frame {numbers['shown_frame']}. The thesis's cloud has no unit and "
-        f"{numbers['thesis_cloud_depths']} depths; rank correlation with our depths: "
-        f"{numbers['rank_correlation']:.2f} (-1: disparities, 0: nothing to do with it). "
-        f"Ours: {numbers['cloud_points']} points"
+    no_distance = rank > _MIN_RANK and spread > numbers["cloud_spread"]
+    if numbers["in_place"] is None:
+        why = "the frame has no labels, so that places cannot be judged"
+        return Claim(what, printed, found, why)
+    in_place = numbers["in_place"] >= _IN_PLACE
+    agreement = ClaimAgreement.PARTLY if in_place or no_distance else ClaimAgreement.NO
+    return Claim(
+        what,
+        printed,
+        f"frame {numbers['shown_frame']}: {numbers['in_place']:.0%} of the map's white lies on "
+        f"labelled patches; {found}",
+        f"agrees where {_IN_PLACE:.0%} lies there, the correlation is above {_MIN_RANK} (-1: "
+        "disparities) and the depths spread wider than ours; in part where one holds",
+        agreement=ClaimAgreement.YES if in_place and no_distance else agreement,
     )
-    if numbers["cloud_median_m"] is not None:
-        found += f", median {numbers['cloud_median_m']:.2f} m away"
-    why = "the figure is not at hand. Our depths are checked against true ones on rendered missions"
-    printed = f"figure 3.10, a point cloud from the disparity; its numbers are {NOT_KNOWN}"
-    return Claim("point cloud", printed, found, why)
 
 
 def _words(context: StudyContext, frames: Sequence[int], best: int) -> tuple[str, ...]:
     width, height = THESIS_FRAME_SIZE
-    first = (
+    return (
         "The thesis's map: both pictures gray, undistorted one by one, block matching, disparities "
-        "stretched to 0..255. Ours: rectified with "
-        f"{context.calibration_words}, matched at half resolution, checked from right to left. "
-        "The frames' calibration may have been fitted to frames of this mission."
-    )
-    second = (
+        f"stretched to 0..255. Its settings are for frames of {width}x{height}; others are "
+        f"enlarged. Ours: rectified with {context.calibration_words}, which may have been fitted "
+        "to these frames, matched at half resolution, checked from right to left.",
         f"The control: {len(frames)} frames with something in them, {min(frames)} to "
         f"{max(frames)}. Each is judged with its own right frame, with that of the frame half this "
-        "list away, and with its own upside down (rows reversed). With a wrong one a stereo method "
-        f"must find next to nothing (at most {100 * COLLAPSED:.1f} % of the view). Pictures are of "
-        f"frame {best}, where ours matches most."
+        "list away, and with its own upside down. With a wrong one a stereo method must find next "
+        f"to nothing (at most {100 * COLLAPSED:.1f} % of the view). Pictures are of frame {best}, "
+        "where ours matches most.",
     )
-    size = context.left(best).shape[1::-1]
-    if size == THESIS_FRAME_SIZE:
-        return first, second
-    return first, second, (
-        f"The thesis's settings in pixels are for frames of {width}x{height}: those of this "
-        f"mission, {size[0]}x{size[1]}, are enlarged for it."
-    )  # fmt: skip
 
 
 def _table(rows: pd.DataFrame) -> Table:
@@ -411,64 +370,27 @@ def _table(rows: pd.DataFrame) -> Table:
     return Table("exchanged_right_frame", caption, table, "Three right frames for each left one")
 
 
-def _cloud_table(shown: _Shown) -> Table:
-    points = shown.cloud.points_m
-    percentiles = np.percentile(points if len(points) else np.full((1, 3), np.nan), [5, 50, 95], 0)
-    table = pd.DataFrame(percentiles.T.round(3), columns=["5 % m", "median m", "95 % m"])
-    table.insert(0, "axis", ["x right", "y down", "z ahead"])
-    caption = (
-        f"Our point cloud of frame {shown.number}: {len(points)} points of "
-        f"{shown.cloud.matched} matched ({shown.cloud.out_of_range} out of range, "
-        f"{shown.cloud.outliers} standing alone), in metres from the left camera."
-    )
-    return Table("point_cloud", caption, table)
-
-
-def _plots(shown: _Shown, picture: DepthPicture, ends: tuple[float, float]) -> tuple[Plot, ...]:
-    own = shown.panels[0]
-    cloud, matched = thesis_cloud(own.stretched)
-    said = own.stretched[matched].astype(np.float64)
-    return (
-        Plot(
-            "disparity_and_margin",
-            f"Frame {shown.number}. Blue: the margin that the thesis cuts off. {SHOWN}",
-            png_of(_maps(shown.left, own, picture, ends)),
-        ),
-        Plot(
-            "exchanged_right_frame",
-            f"Left frame {shown.number} with three right frames: the thesis's map keeps its "
-            "white pixels, ours loses its matches. Colours as above.",
-            png_of(_exchanged(shown.panels, picture)),
-        ),
-        Plot(
-            "point_cloud",
-            f"Point clouds of frame {shown.number}, as the thesis's program and as ours make "
-            "them. Red is near in each; the thesis's axes show the middle 98 % of its points.",
-            png_of(_clouds(cloud, said, shown.cloud.points_m)),
-        ),
-    )
-
-
-def _maps(left: U8, panel: _Panel, picture: DepthPicture, ends_m: tuple[float, float]) -> Figure:
+def _maps(shown: _Shown, picture: DepthPicture, ends_m: tuple[float, float]) -> Figure:
     """The frame, the thesis's map with its margin, the map it judges, and our depth."""
     figure, axes = new_figure(11, 8.6, 2, 2)
-    axes[0, 0].imshow(raise_contrast(left, *_VIEW))
-    axes[0, 0].set_title("left frame, contrast raised", fontsize=10)
-    width = panel.stretched.shape[1]
-    _show_map(axes[0, 1], panel.stretched, "thesis: stretched disparities, and the margin")
-    for at in (CROP_PX, width - CROP_PX):
-        axes[0, 1].axvline(at - 0.5, color=_MARGIN_COLOR, lw=1.2, ls="--")
-    for at in (0, width - CROP_PX):
-        axes[0, 1].axvspan(at - 0.5, at + CROP_PX - 0.5, color=_MARGIN_COLOR, alpha=0.18, lw=0)
-    _show_map(axes[1, 0], cropped(panel.stretched), "thesis: without the margin, as it is judged")
-    axes[1, 1].imshow(picture.depth_rgb(panel.matches), interpolation="nearest")
-    axes[1, 1].set_title(
-        f"ours: {panel.matches.valid.mean():.1%} matched; "
-        f"red {ends_m[0]:.1f} m to blue {ends_m[1]:.1f} m, logarithmic",
-        fontsize=10,
+    own = shown.matches
+    views = (
+        (raise_contrast(shown.left, *_VIEW), "left frame, contrast raised"),
+        (shown.stretched, "thesis: stretched disparities, and the margin"),
+        (cropped(shown.stretched), "thesis: without the margin, as it is judged"),
+        (
+            picture.depth_rgb(own),
+            f"ours: {own.valid.mean():.1%} matched; red {ends_m[0]:.1f} m to blue "
+            f"{ends_m[1]:.1f} m, logarithmic",
+        ),
     )
-    for one in axes.flat:
+    for one, (view, title) in zip(axes.flat, views, strict=True):
+        one.imshow(view, cmap="magma", vmin=0, vmax=255, interpolation="nearest")
+        one.set_title(title, fontsize=10)
         one.set(xticks=[], yticks=[])
+    width = shown.stretched.shape[1]
+    for at in (0, width - CROP_PX):
+        axes[0, 1].axvspan(at - 0.5, at + CROP_PX - 0.5, color=_MARGIN_COLOR, alpha=0.25, lw=0)
     words = "not matched; striped: not in the view of both cameras"
     axes[1, 1].legend(
         handles=[Patch(facecolor="#1a1c20", edgecolor="0.5", label=words)],
@@ -477,64 +399,23 @@ def _maps(left: U8, panel: _Panel, picture: DepthPicture, ends_m: tuple[float, f
     return figure
 
 
-def _exchanged(panels: Sequence[_Panel], picture: DepthPicture) -> Figure:
-    """A column a right frame: the thesis's map above, ours below."""
-    figure, axes = new_figure(3.9 * len(panels), 6.2, 2, len(panels), squeeze=False)
-    for (above, below), panel in zip(axes.T, panels, strict=True):
-        seen = (cropped(panel.stretched) > 0).mean()
-        _show_map(above, cropped(panel.stretched), f"{panel.words}\nthesis: {seen:.2%} white")
-        below.imshow(picture.depth_rgb(panel.matches), interpolation="nearest")
-        below.set_title(f"ours: {panel.matches.valid.mean():.2%} matched", fontsize=10)
-        below.set(xticks=[], yticks=[])
-    return figure
-
-
-def _clouds(thesis: F64, thesis_said: F64, ours: F64) -> Figure:
-    """Both point clouds from the front and from above, coloured by their own depth.
-
-    The thesis's, whose colours are the map's values, has no unit: x right, y up, z backwards. Ours
-    is in metres: x right, y down, z ahead.
-    """
+def _clouds(shown: _Shown) -> Figure:
+    """Both point clouds from the front and from above, coloured by their own depth."""
     figure, axes = new_figure(11, 8.4, 2, 2)
-    chosen = _some(len(thesis))
-    x, up, back = thesis[chosen].T
-    colors = thesis_said[chosen]
-    _scatter(axes[0, 0], x, up, colors, "thesis, from the front", ("x, no unit", "y, no unit"))
-    _scatter(axes[0, 1], x, -back, colors, "thesis, from above", ("x, no unit", "depth, no unit"))
-    chosen = _some(len(ours))
-    x, down, ahead = ours[chosen].T
-    _scatter(axes[1, 0], x, -down, -ahead, "ours, from the front", ("x, m", "height, m"))
-    _scatter(axes[1, 1], x, ahead, -ahead, "ours, from above", ("x, m", "depth, m"))
-    for one in axes[1]:
-        one.set_aspect("equal", adjustable="datalim")
-    for one in axes[0]:
-        _without_far_points(one)
+    clouds = {
+        # x right, y up, z backwards; then x right, y down, z ahead.
+        ("thesis", "no unit"): thesis_cloud(shown.stretched)[0] * [1, 1, -1],
+        ("ours", "m"): shown.points_m * [1, -1, 1],
+    }
+    for row, ((whose, unit), points) in zip(axes, clouds.items(), strict=True):
+        # In a random order that is always the same.
+        drawn = np.random.default_rng(0).permutation(points)[:_MAX_POINTS]
+        ends = np.percentile(drawn, [1, 99], axis=0) if len(drawn) else np.zeros((2, 3))
+        x, up, ahead = drawn[((drawn >= ends[0]) & (drawn <= ends[1])).all(axis=1)].T
+        for one, across, what in ((row[0], up, "front"), (row[1], ahead, "above")):
+            one.scatter(x, across, s=1.5, c=-ahead, cmap="turbo", linewidths=0)
+            one.set_title(f"{whose}, from {'the ' * (what == 'front')}{what}", fontsize=10)
+            name = "height" if what == "front" else "depth"
+            one.set(xlabel=f"x, {unit}", ylabel=f"{name}, {unit}")
+            one.grid(alpha=0.25)
     return figure
-
-
-def _some(count: int) -> I64:
-    """Which points of a cloud are drawn, in a random order that is always the same."""
-    return np.random.default_rng(0).permutation(count)[:_MAX_POINTS]
-
-
-def _scatter(axes: Any, x: F64, y: F64, colors: F64, title: str, labels: tuple[str, str]) -> None:
-    axes.scatter(x, y, s=1.5, c=colors, cmap="turbo", linewidths=0)
-    axes.set_title(f"{title} ({len(x)} points drawn)", fontsize=10)
-    axes.set(xlabel=labels[0], ylabel=labels[1])
-    axes.grid(alpha=0.25)
-
-
-def _without_far_points(axes: Any) -> None:
-    """Small map values put points very far out: the middle 98 % are shown."""
-    points = np.ma.getdata(axes.collections[0].get_offsets())
-    if len(points):
-        low, high = np.percentile(points, [1, 99], axis=0)
-        margin = np.maximum(high - low, 1e-6) * 0.05
-        axes.set_xlim(low[0] - margin[0], high[0] + margin[0])
-        axes.set_ylim(low[1] - margin[1], high[1] + margin[1])
-
-
-def _show_map(axes: Any, stretched: U8, title: str) -> None:
-    axes.imshow(stretched, cmap="magma", vmin=0, vmax=255, interpolation="nearest")
-    axes.set_title(title, fontsize=10)
-    axes.set(xticks=[], yticks=[])

@@ -2,17 +2,14 @@
 
 from typing import Any
 
-import cv2
 import numpy as np
 from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 
 from tokt.features.common.arrays import U8, Bools
 from tokt.inference.verdict import Box
-from tokt.labels.page.state.enhance import DEFAULT_AMOUNT, enhanced, gain
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.patch_scores import Truth
 from tokt.training.evaluation.pictures import CONTRAST_METHOD, figure_png, raise_contrast
@@ -22,12 +19,6 @@ SHOWN = (
     f"({CONTRAST_METHOD})."
 )
 """Belongs in every caption of a picture with a frame in it."""
-
-DARK_SHOWN = (
-    "What is shown, not what is judged, is amplified: without the lamp's light on the water, "
-    f"and up to {gain(DEFAULT_AMOUNT):.0f} times as strong."
-)
-"""The same for pictures that are darker still."""
 
 OTHER_COLOR, OCEAN_COLOR, LABEL_COLOR = "#ff4d3d", "#4da3ff", "#62e06a"
 THESIS_COLOR, CORRECTED_COLOR = "#ff9f1c", "#28d7c4"
@@ -49,20 +40,7 @@ def show_frame(axes: Any, frame: U8) -> tuple[int, int]:
     """Draw a decoded frame at the grid's width, contrast raised; return its height and width."""
     height, width = GRID.resized(*frame.shape[:2])
     # Twice the size: what the eye sees of the tower is finer than the grid's pixels.
-    return _show(axes, raise_contrast(frame, 2 * width, 2 * height))
-
-
-def show_dark(axes: Any, frame: U8) -> tuple[int, int]:
-    """`show_frame` for what local contrast does not make visible, as `DARK_SHOWN` says."""
-    height, width = GRID.resized(*frame.shape[:2])
-    size = (2 * width, 2 * height)
-    seen = enhanced(np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), np.uint8))
-    code = cv2.COLOR_GRAY2RGB if seen.ndim == 2 else cv2.COLOR_BGR2RGB
-    return _show(axes, cv2.cvtColor(seen, code))
-
-
-def _show(axes: Any, twice: NDArray[Any]) -> tuple[int, int]:
-    height, width = twice.shape[0] // 2, twice.shape[1] // 2
+    twice = raise_contrast(frame, 2 * width, 2 * height)
     axes.imshow(twice, extent=(-0.5, width - 0.5, height - 0.5, -0.5))
     axes.set(xticks=[], yticks=[], xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
     return height, width

@@ -1,7 +1,8 @@
-"""Figures 3.11 and 3.12: LBP histograms of training images, and which of them separates best.
+"""Figures 3.11 to 3.13: LBP histograms of training images, and which of them is best to learn from.
 
-The thesis chose its training images by looking at LBP histograms. Here the looking is a distance;
-what it promises is held against what it should lead to, a model that finds the labelled patches.
+The thesis chose its training images by looking at LBP histograms: by their edge bins, and by how
+varied the texture is. That is held against what it should lead to, a model that finds the labelled
+patches.
 
 A uniform pattern of P points on a circle is one run of k brighter points::
 
@@ -26,19 +27,18 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from scipy.spatial.distance import cdist
 from scipy.stats import spearmanr
 from skimage import data
 
 from tokt.features.common.arrays import F64, U8
+from tokt.features.frames.grid import Grid
 from tokt.studies.baselines.thesis_models import TITLES, thesis_classifier
 from tokt.studies.baselines.thesis_texture import GRID, resized_gray
 from tokt.studies.speed.models import FEATURE_SETS
 from tokt.studies.thesis.patch_scores import pooled_score
-from tokt.training.fitting.train import rendered_other_image
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
-from .exhibit import NOT_KNOWN, Claim, Exhibit, Plot, StudyContext, Table
+from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import SHOWN, new_figure, png_of, show_frame
 
 LBP_KEYS = ("lbp_10_5", "lbp_24_8")
@@ -80,36 +80,9 @@ def bin_kinds(points: int) -> tuple[BinKind, ...]:
     return (*kinds, BinKind.NOT_UNIFORM)
 
 
-def described(picture: U8) -> dict[str, F64]:
+def described(picture: U8, grid: Grid = GRID) -> dict[str, F64]:
     """The thesis's features of each patch of a picture, by extractor."""
-    return {key: texture.describe(picture, GRID) for key, texture in EXTRACTORS.items()}
-
-
-def hellinger(first: F64, second: F64) -> F64:
-    """Hellinger distances (n, m) between histograms, (n, bins) and (m, bins), whose rows sum to 1.
-
-    0 between equal ones and 1 between those with no bin in common:
-    ``sqrt(1 - sum(sqrt(p q)))``.
-    """
-    return np.asarray(cdist(np.sqrt(first), np.sqrt(second)) / np.sqrt(2.0), np.float64)
-
-
-def chi_square(first: F64, second: F64) -> float:
-    """Symmetric chi-square distance of two histograms, 0 to 1: ``sum((p-q)^2 / (p+q)) / 2``."""
-    pair = first.astype(np.float32), second.astype(np.float32)
-    return float(cv2.compareHist(*pair, cv2.HISTCMP_CHISQR_ALT)) / 4.0
-
-
-def confused(first: F64, second: F64) -> float:
-    """Share of the patches of two images that are nearer to the other image's mean histogram.
-
-    0 where the two separate cleanly; about 0.5 where their patches look alike. A tie is
-    confused.
-    """
-    means = np.stack([first.mean(axis=0), second.mean(axis=0)])
-    to_first, to_second = hellinger(first, means), hellinger(second, means)
-    wrong = (to_first[:, 0] >= to_first[:, 1]).sum() + (to_second[:, 1] >= to_second[:, 0]).sum()
-    return float(wrong / (len(first) + len(second)))
+    return {key: texture.describe(picture, grid) for key, texture in EXTRACTORS.items()}
 
 
 KIND_COLORS = {
@@ -119,19 +92,16 @@ KIND_COLORS = {
     BinKind.BETWEEN: "#c4c8cc",
     BinKind.NOT_UNIFORM: "#6b7075",
 }
-TO_OCEAN, TO_STRUCTURE = "to ocean", "to structure"
-CONFUSED, F1 = "patches confused", "F1"
-"""Columns of the table, after an extractor's key."""
-CONTROL, STRUCTURE = "ocean frame", "structure frame"
+ALIKE, F1 = "rows alike", "F1"
+"""Columns of the table, after an extractor's key; those of shares of bins are `BinKind`s."""
+CONTROL, STRUCTURE, BRICK, BRANCHES = "ocean frame", "structure frame", "brick", "branches"
 _KEY = LBP_KEYS[0]
-_CRITERIA = {
-    TO_OCEAN: "Hellinger distance from ocean's histogram",
-    CONFUSED: "share of patches confused with ocean's",
-    TO_STRUCTURE: "Hellinger distance from the structure's histogram",
-}
-"""What an image could be chosen by; only the first and second need no look at the structure."""
 _SCORED_FRAMES = 24
-_PHOTOS = ("brick", "gravel", "grass", "coffee")
+_PHOTOS = (BRICK, "gravel", "grass", "coffee")
+_BRANCHES, _BRANCH_SEED = 60, 4
+"""Limbs of the rendered branches; each forks until it is thin."""
+_RANKED = -0.5
+"""Rank correlation from which varied images count as better to learn from."""
 
 Tested = Mapping[int, dict[str, F64]]
 """By labelled frame that models are scored on: its features by extractor."""
@@ -150,114 +120,118 @@ class Image:
     rows: dict[str, F64]
     bright: bool = False
 
+    def shares(self, key: str = _KEY) -> dict[BinKind, float]:
+        """Parts of its patches' mean LBP histogram by the kind of the bins."""
+        mean = self.rows[key].mean(axis=0)
+        kinds = np.array(bin_kinds(len(mean) - 2))
+        return {kind: float(mean[kinds == kind].sum()) for kind in BinKind}
+
+    def alike(self, key: str = _KEY) -> float:
+        """Mean correlation of two of its patches' rows: 1 where the texture is all the same."""
+        rows = self.rows[key]
+        return float((np.corrcoef(rows).sum() - len(rows)) / (len(rows) * (len(rows) - 1)))
+
 
 def training_images(context: StudyContext) -> Exhibit:
-    """Histograms of the images the thesis's models could learn from (figures 3.11, 3.12)."""
+    """Histograms of the images the thesis's models could learn from (figures 3.11 to 3.13)."""
     ocean = _image("ocean", context.ocean.words, context.ocean.image)
     images = {image.name: image for image in _candidates(context)}
-    structure = _structure_of(context, images[STRUCTURE])
     tested = _tested(context)
-    rows = [_row(context, ocean, image, structure, tested) for image in images.values()]
-    table = pd.DataFrame(rows).sort_values(f"{_KEY} {TO_OCEAN}", ascending=False, ignore_index=True)
-    n_tested, rank = len(tested), _rank(table)
-    numbers = _numbers(table, rank, n_tested, ocean.rows[_KEY], structure.rows[_KEY])
-    shown = [ocean, structure, *(images[name] for name in table["image"])]
-    plots = [
-        Plot(
-            "histograms",
-            "Mean LBP histogram of the patches of each image, on one scale; a bar that is cut off "
-            f"has its value beside it. First ocean and {structure.words}, then what could be "
-            f"learnt from, the image farthest from ocean first. {SHOWN}",
-            png_of(_histograms(shown)),
-        )
-    ]
-    if rank:
-        plots.append(_promise_plot(table, n_tested))
+    rows = [_row(context, ocean, image, tested) for image in images.values()]
+    table = pd.DataFrame(rows).sort_values(f"{_KEY} {ALIKE}", ignore_index=True)
     caption = (
-        "Distance of each image's mean histogram from ocean's and from the structure's (0 equal, 1 "
-        "disjoint), and the share of patches confused with ocean's. F1 by patch is of a model that "
-        f"learnt from ocean and this image, pooled over {n_tested} labelled frames (empty without "
-        "labels). No frame is both learnt from and scored."
+        "Shares of the bins of LBP (10, 5), and how alike the rows of an image's patches are (mean "
+        "correlation). F1 by patch is of a model that learnt from ocean and this image, over "
+        f"{len(tested)} labelled frames. No frame is both learnt from and scored."
     )
     return Exhibit(
         (
             "Bins are coloured by the share of the circle that is brighter than its centre. None "
             "or all of it is flat, half an edge, a quarter or three quarters a corner, each "
             "within a twelfth. Patterns of several runs, which noise makes, are the last bin.",
-            f"Distances are Hellinger's; the structure is {structure.words}. A patch is confused "
-            "when it is nearer to the other image's mean histogram than to its own image's. "
-            f"Ocean is {ocean.words}.",
+            f"Ocean is {ocean.words}. The thesis's other images are not at hand: a photo of bricks "
+            "and rendered branches stand for them.",
         ),
-        _claims(numbers, rank),
+        (
+            structure_claim(ocean, images[STRUCTURE]),
+            spike_claim(ocean, images[BRICK], images[BRANCHES]),
+            variety_claim(table),
+        ),
         (Table("candidates", caption, table, "Images to learn from"),),
-        tuple(plots),
-        numbers,
+        (
+            Plot(
+                "histograms",
+                "Mean LBP histogram of the patches of each image, on one scale; a bar that is cut "
+                "off has its value beside it. First ocean, then what could be learnt from, the "
+                f"most varied image first. {SHOWN}",
+                png_of(_histograms([ocean, *(images[name] for name in table["image"])])),
+            ),
+        ),
+        {"scored_frames": len(tested)},
     )
 
 
-def _rank(table: pd.DataFrame) -> dict[str, float]:
-    """Spearman's rank correlation of F1 with each criterion, for LBP (10, 5).
+def structure_claim(ocean: Image, structure: Image) -> Claim:
+    """Whether ocean is mostly flat, and a structure makes it less so, and edges more."""
+    water, other = ocean.shares(), structure.shares()
+    kinds = BinKind.FLAT, BinKind.EDGE, BinKind.CORNER
+    mostly = max(kinds, key=lambda kind: water[kind]) is BinKind.FLAT
+    moved = other[BinKind.FLAT] < water[BinKind.FLAT] and other[BinKind.EDGE] > water[BinKind.EDGE]
+    agreement = ClaimAgreement.PARTLY if mostly or moved else ClaimAgreement.NO
+    return Claim(
+        "ocean is mostly flat; with a structure flat falls slightly, and edge rises",
+        "figure 3.11",
+        f"ocean {_listed(water, kinds)}; with the structure {_listed(other, kinds)}",
+        "agrees where flat is ocean's largest of the three and both shares move so, in part where "
+        "one holds. Sensor noise makes the other patterns",
+        agreement=ClaimAgreement.YES if mostly and moved else agreement,
+    )
 
-    Empty without labels, and where all F1 are the same: there is nothing to rank.
-    """
+
+def _listed(shares: Mapping[BinKind, float], kinds: Sequence[BinKind]) -> str:
+    return ", ".join(f"{kind} {shares[kind]:.1%}" for kind in kinds)
+
+
+def spike_claim(ocean: Image, brick: Image, branches: Image) -> Claim:
+    """Whether branches have more edges than brick, and brick more than ocean."""
+    least, middle, most = (image.shares()[BinKind.EDGE] for image in (ocean, brick, branches))
+    agreement = ClaimAgreement.PARTLY if most > least and middle > least else ClaimAgreement.NO
+    return Claim(
+        "branches have a large edge spike, brick a smaller one, ocean none",
+        "figures 3.12 and 3.13",
+        f"share of the edge bins: branches {most:.1%}, brick {middle:.1%}, ocean {least:.1%}",
+        "agrees where they fall in this order, in part where both are above ocean. The photo and "
+        "the rendering stand for the thesis's images",
+        agreement=ClaimAgreement.YES if most > middle > least else agreement,
+    )
+
+
+def variety_claim(table: pd.DataFrame) -> Claim:
+    """Whether a model learns better from an image whose patches are less alike."""
+    what = "varied texture, whose rows are less correlated, is better to learn from"
+    printed = "section 3.2.1; a film still was chosen by that"
     f1 = table[f"{_KEY} {F1}"]
     if f1.isna().any() or f1.nunique() < 2:
-        return {}
-    return {
-        name: float(spearmanr(table[f"{_KEY} {name}"], f1).statistic)
-        for name in _CRITERIA
-        if table[f"{_KEY} {name}"].nunique() > 1
-    }
-
-
-def _claims(numbers: dict[str, Any], rank: dict[str, float]) -> tuple[Claim, ...]:
-    found = f"{numbers['farthest_image']}, {numbers['farthest_hellinger']:.2f} from ocean's"
-    if "control_hellinger" in numbers:
-        found += f"; another ocean frame {numbers['control_hellinger']:.2f}"
-    first = Claim(
-        "the image whose LBP (10, 5) histogram is farthest from ocean's",
-        NOT_KNOWN,
-        found,
-        "The thesis's other images are not at hand.",
+        return Claim(what, printed, "not scored", "there are no labels to score a model by")
+    elsewhere = table[~table["image"].isin([CONTROL, STRUCTURE])]
+    ranks = [_rank(images) for images in (table, elsewhere)]
+    best = table.loc[f1.idxmax()]
+    agreement = ClaimAgreement.PARTLY if min(ranks) <= _RANKED else ClaimAgreement.NO
+    return Claim(
+        what,
+        printed,
+        f"rank correlation of F1 with how alike rows are: {ranks[0]:+.2f} over {len(table)} "
+        f"images, {ranks[1]:+.2f} without the mission's own; best {best['image']} ({f1.max():.2f})",
+        f"agrees where both are {_RANKED} or less, in part where one is. The mission's own "
+        "images show water too",
+        agreement=ClaimAgreement.YES if max(ranks) <= _RANKED else agreement,
     )
-    if not rank:
-        return (first,)
-    ranks = ", ".join(f"{name} {value:+.2f}" for name, value in rank.items())
-    second = Claim(
-        "the farther its histogram is from ocean's, the better an image is to learn from",
-        NOT_KNOWN,
-        f"best F1 {numbers['best_f1']:.2f} with {numbers['best_f1_image']}; the farthest, "
-        f"{numbers['farthest_image']}, gives {numbers['farthest_f1']:.2f}; rank correlation "
-        f"with F1: {ranks}",
-        "What choosing by histograms presumes, no printed figure; judged on "
-        f"{numbers['scored_frames']} labelled frames that no model here learnt from.",
-    )
-    return first, second
 
 
-def _numbers(
-    table: pd.DataFrame, rank: dict[str, float], n_tested: int, ocean: F64, structure: F64
-) -> dict[str, Any]:
-    farthest = table.iloc[0]
-    numbers: dict[str, Any] = {
-        "farthest_image": str(farthest["image"]),
-        "farthest_hellinger": float(farthest[f"{_KEY} {TO_OCEAN}"]),
-        "ocean_to_structure_hellinger": _means_apart(ocean, structure),
-        "ocean_not_uniform_share": float(ocean.mean(axis=0)[-1]),
-        "structure_not_uniform_share": float(structure.mean(axis=0)[-1]),
-        "scored_frames": n_tested,
-    }
-    for row in table[table["image"] == CONTROL].to_dict("records"):
-        numbers["control_hellinger"] = float(row[f"{_KEY} {TO_OCEAN}"])
-        numbers["control_patches_confused"] = float(row[f"{_KEY} {CONFUSED}"])
-    if rank:
-        best = table.loc[table[f"{_KEY} {F1}"].idxmax()]
-        numbers["best_f1_image"] = str(best["image"])
-        numbers["best_f1"] = float(best[f"{_KEY} {F1}"])
-        numbers["farthest_f1"] = float(farthest[f"{_KEY} {F1}"])
-        for name, value in rank.items():
-            numbers[f"rank_correlation_f1_{name.replace(' ', '_')}"] = value
-    return numbers
+def _rank(images: pd.DataFrame) -> float:
+    """Rank correlation of F1 with how alike rows are; 0 where there is nothing to rank."""
+    places = images[[f"{_KEY} {ALIKE}", f"{_KEY} {F1}"]].astype(float)
+    return 0.0 if (places.nunique() < 2).any() else float(spearmanr(places).statistic)
 
 
 def _image(name: str, words: str, picture: Any, bright: bool = False) -> Image:
@@ -269,16 +243,15 @@ def _candidates(context: StudyContext) -> list[Image]:
     """What could stand for "anything else", and as a control an ocean frame that should not.
 
     The image asked for or the rendered texture; photos that come with scikit-image, rough, bright
-    and in focus as a film still is; and the mission's own frame of the structure.
+    and in focus as a film still is; branches; and the mission's own frame of the structure.
     """
     found = [_image("other", context.other.words, context.other.image, True)]
-    if context.request.other is not None:
-        found.append(_image("rendered", "a rendered texture", rendered_other_image(), True))
     for name in _PHOTOS:
         picture = np.asarray(getattr(data, name)())
         if picture.ndim == 3:
             picture = picture[..., ::-1]  # RGB; frames are BGR
         found.append(_image(name, f"photo of {name}, from scikit-image", picture, True))
+    found.append(_image(BRANCHES, "rendered branches", rendered_branches(), True))
     number, control = context.structure_frame, _control(context)
     found.append(_image(STRUCTURE, f"frame {number}, whole", context.left(number)))
     if control is not None:
@@ -287,20 +260,27 @@ def _candidates(context: StudyContext) -> list[Image]:
     return found
 
 
+def rendered_branches() -> U8:
+    """Dark branches before a bright sky: gray, (540, 720)."""
+    rng = np.random.default_rng(_BRANCH_SEED)
+    picture = np.full((540, 720), 205, np.uint8)
+    for _ in range(_BRANCHES):
+        growing = [(rng.uniform(0, [720, 540]), rng.uniform(0, 2 * np.pi), rng.uniform(8, 16))]
+        while growing:
+            start, angle, width = growing.pop()
+            end = start + rng.uniform(30, 80) * np.array([np.cos(angle), np.sin(angle)])
+            ends = start.astype(int).tolist(), end.astype(int).tolist()
+            cv2.line(picture, *ends, rng.uniform(30, 90), int(width), cv2.LINE_AA)
+            if width > 3:
+                forks = rng.normal(angle, 0.5, 2)
+                growing += [(end, float(fork), 0.7 * width) for fork in forks]
+    return picture
+
+
 def _control(context: StudyContext) -> int | None:
     """Another frame of open ocean, by the labels."""
     other = [number for number in context.ocean_frames if number != context.ocean.frame]
     return other[len(other) // 2] if other else None
-
-
-def _structure_of(context: StudyContext, frame: Image) -> Image:
-    """The structure's own patches of the frame that shows it; without labels all of them."""
-    there = context.truth(context.structure_frame) == 1
-    words = f"all patches of frame {context.structure_frame}, which has no labels"
-    if there.any():
-        words = f"the {there.sum()} obstacle patches of frame {context.structure_frame}"
-    rows = {key: one[there] if there.any() else one for key, one in frame.rows.items()}
-    return Image("structure", words, frame.picture, rows)
 
 
 def _tested(context: StudyContext) -> Tested:
@@ -311,18 +291,12 @@ def _tested(context: StudyContext) -> Tested:
     return {number: described(frame) for number, frame in context.decoded(chosen)}
 
 
-def _row(
-    context: StudyContext, ocean: Image, image: Image, structure: Image, tested: Tested
-) -> dict[str, Any]:
-    """Distances of an image, and F1 over the tested frames of a model of it and ocean."""
+def _row(context: StudyContext, ocean: Image, image: Image, tested: Tested) -> dict[str, Any]:
+    """Figures of an image, and F1 over the tested frames of a model of it and ocean."""
     row: dict[str, Any] = {"image": image.name, "what": image.words}
-    for key in LBP_KEYS:
-        mine, water = image.rows[key], ocean.rows[key]
-        row[f"{key} {TO_OCEAN}"] = _means_apart(mine, water)
-        row[f"{key} chi-square {TO_OCEAN}"] = chi_square(mine.mean(axis=0), water.mean(axis=0))
-        row[f"{key} {TO_STRUCTURE}"] = _means_apart(mine, structure.rows[key])
-        row[f"{key} {CONFUSED}"] = confused(mine, water)
+    row |= {str(kind): share for kind, share in image.shares().items()}
     for key in EXTRACTORS:
+        row[f"{key} {ALIKE}"] = image.alike(key)
         row[f"{key} {F1}"] = None
         if tested:
             parts = ocean.rows[key], image.rows[key]
@@ -331,11 +305,6 @@ def _row(
             said = {number: classifier.predict(rows[key]) == 1 for number, rows in tested.items()}
             row[f"{key} {F1}"] = pooled_score(said, context.truths).f1
     return row
-
-
-def _means_apart(first: F64, second: F64) -> float:
-    """Hellinger distance between the mean histograms of two sets of patches."""
-    return float(hellinger(first.mean(axis=0)[None], second.mean(axis=0)[None])[0, 0])
 
 
 def _histograms(shown: Sequence[Image]) -> Figure:
@@ -377,29 +346,3 @@ def kind_legend(figure: Figure) -> None:
     """What the colours of the bins are, under a figure."""
     handles = [Patch(color=color, label=str(kind)) for kind, color in KIND_COLORS.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
-
-
-def _promise_plot(table: pd.DataFrame, n_tested: int) -> Plot:
-    """What a model trained on an image finds, against what the image could be chosen by."""
-    figure, panels = new_figure(10.5, 3.7, 1, 3, sharey=True)
-    f1 = table[f"{_KEY} {F1}"]
-    for axes, (name, words) in zip(panels, _CRITERIA.items(), strict=True):
-        value = table[f"{_KEY} {name}"]
-        axes.plot(value, f1, "o", color="#3b75af")
-        above = np.argsort(np.argsort(value)) % 2
-        for label, x, y, up in zip(table["image"], value, f1, above, strict=True):
-            axes.annotate(
-                label, (x, y), (0, 7 if up else -13), textcoords="offset points", fontsize=8,
-                ha="center",
-            )  # fmt: skip
-        room = 0.22 * float(np.ptp(value)) or 0.05
-        axes.set(xlim=(value.min() - room, value.max() + room), ylim=(-0.1, 1.0))
-        axes.set_xlabel(words, fontsize=8)
-        axes.grid(alpha=0.3)
-    panels[0].set_ylabel(f"F1 by patch, {n_tested} labelled frames", fontsize=8)
-    caption = (
-        "Is the image that is farthest from ocean the best to learn from? F1 by patch of a model "
-        "on LBP (10, 5) that learnt from ocean and each image, against what the image could be "
-        f"chosen by. Scored on {n_tested} labelled frames that no model here learnt from."
-    )
-    return Plot("chosen-by", caption, png_of(figure))
