@@ -23,8 +23,11 @@ from tokt.studies.baselines.thesis_texture import GRID, ThesisTextureResult
 from tokt.studies.thesis.exhibits import curve_figures as curve_exhibit
 from tokt.studies.thesis.exhibits.curve_figures import (
     agreement_of_worst,
+    alike_claim,
     curve_figures,
+    order_claim,
     score_methods,
+    steepest,
     with_nearness,
 )
 from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, StudyContext
@@ -269,7 +272,7 @@ def test_the_exhibit_tells_of_each_method(reproduced, curves):
     means = next(table.frame for table in exhibit.tables if table.name == "means")
     assert means.set_index("frame").loc[12, "haralick"] == curves.mean.loc[12, "haralick"]
     assert {plot.name for plot in exhibit.plots} >= {
-        "figure_5_3_sequence",
+        "figure_5_3_strip",
         "figure_5_4_normalised",
         "figure_5_5_zoomed",
     }
@@ -337,3 +340,32 @@ def test_a_model_that_learnt_from_any_frame_is_told(reproduced, monkeypatch):
 def test_highest_is_where_the_curves_are_high_together():
     curves = made_up({"one": [0, 2, 8, 1], "two": [0.0, 0.2, 0.1, 0.0], "zero": [0.0] * 4})
     assert curves.highest() == 3
+
+
+@pytest.mark.parametrize(
+    ("lbp", "haralick", "disparity", "agreement"),
+    [
+        (157, 151, 155, "YES"),
+        (157, 151, 170, "PARTLY"),
+        (150, 151, 152, "NO"),
+        (None, 151, 152, "UNAVAILABLE"),
+    ],
+)
+def test_which_method_is_first(lbp, haralick, disparity, agreement):
+    firsts = {"lbp_10_5": lbp, "haralick": haralick, "disparity": disparity}
+    assert order_claim(firsts).agreement is ClaimAgreement[agreement]
+
+
+def test_curves_are_alike_if_they_rise_together_and_as_fast():
+    rise = [0.0] * 10 + [float(n) for n in range(21)]
+    late = [0.0] * 18 + [1.6 * n for n in range(13)]
+    gone = rise[::-1]
+
+    def judged(disparity):
+        return alike_claim(made_up({"lbp_10_5": rise, "haralick": rise, "disparity": disparity}))
+
+    assert judged([3 * one for one in rise]).agreement is ClaimAgreement.YES
+    assert judged(late).agreement is ClaimAgreement.PARTLY
+    assert judged(gone).agreement is ClaimAgreement.NO
+    assert alike_claim(made_up({"lbp_10_5": rise})).agreement is ClaimAgreement.UNAVAILABLE
+    assert steepest(pd.Series(rise) / 20) == pytest.approx(1 / 20, rel=0.12)

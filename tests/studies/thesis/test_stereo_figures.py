@@ -266,6 +266,21 @@ def test_superpixels_and_grid_see_the_same_with_one_classifier(context, monkeypa
     assert wrong.numbers["lbp_10_5_pixels_same"] < 0.5
 
 
+def test_masks_of_superpixels_and_grid_are_judged_by_area_contours_and_score():
+    as_printed = {
+        **{"overlap": 0.7, "slic_f1": 0.7, "grid_f1": 0.75, "area_ratio": 1.3},
+        **{"slic_contours": 20, "grid_contours": 9},
+    }
+    assert superpixel_figure.mask_claim(as_printed).agreement is ClaimAgreement.YES
+    for other in ({"area_ratio": 0.9}, {"grid_contours": 20}, {"slic_f1": 0.9}, {"overlap": 0.2}):
+        claim = superpixel_figure.mask_claim({**as_printed, **other})
+        assert claim.agreement is ClaimAgreement.PARTLY, other
+    against = {"area_ratio": 0.9, "grid_contours": 20, "slic_f1": 0.9, "overlap": 0.2}
+    assert superpixel_figure.mask_claim({**as_printed, **against}).agreement is ClaimAgreement.NO
+    without = superpixel_figure.mask_claim({**as_printed, "overlap": None})
+    assert without.agreement is ClaimAgreement.UNAVAILABLE
+
+
 @pytest.mark.parametrize(
     ("ratio", "agreement"), [(18.0, "YES"), (12.0, "PARTLY"), (2.7, "NO"), (0.9, "NO")]
 )

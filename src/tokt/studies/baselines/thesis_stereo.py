@@ -9,7 +9,7 @@ Ported in own words with the settings of the published program; its verdict is a
 The cloud's projection is that of the author's own earlier program (points3Dmaker): the map's
 0..255 are taken for disparities, a focal length of 57 (the camera's 2222 px times 35 over 1360, in
 whole numbers as its Python divided), the mean of the printed principal points, and no baseline, so
-that its lengths have no unit. Whether figure 3.10 was drawn with exactly this is not known here.
+that its lengths have no unit. Whether figure 3.10 was drawn with exactly this is not printed.
 
 References
 ----------

@@ -10,8 +10,9 @@ from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.studies.simulation.rendering.loop_lighting import ViewMaps
 from tokt.studies.simulation.rendering.raycast import Hits
 from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
-from tokt.studies.simulation.scene.closed_loop_world import World, one_tower
+from tokt.studies.simulation.scene.closed_loop_world import World
 from tokt.studies.simulation.scene.fish_and_dust import School
+from tokt.studies.simulation.scene.obstacles import one_tower
 from tokt.studies.simulation.scene.rig import SyntheticRig
 from tokt.studies.simulation.scene.water import Water
 

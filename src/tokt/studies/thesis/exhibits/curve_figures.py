@@ -1,4 +1,4 @@
-"""Figures 5.3 to 5.5: the mean value of every method along the mission."""
+"""Figures 5.3 to 5.5: images along the mission, and the mean value of every method."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
@@ -13,17 +13,23 @@ from tokt.studies.thesis.methods.curves import COMPARED, OURS, THESIS, Curves, l
 from tokt.studies.thesis.patch_scores import pooled_score
 from tokt.training.evaluation.evaluate import first_detection
 
-from .exhibit import NOT_KNOWN, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
-from .frame_drawing import new_figure, png_of
+from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .frame_drawing import SHOWN, new_figure, png_of, show_frame
 
 MIN_FRAMES = 8
 """Of fewer frames that both curves have no correlation is told."""
 NEARLY_ALWAYS, GOES_WITH = 0.95, 0.7
 """Rank correlations of mean value and nearness, or shares of equal signs, from which the one tells
 the other, and from which it does so with exceptions."""
-_ZOOM_TOP = 12.0
-"""Mean at the top of the zoomed figure: five patches of a 10x10 grid."""
+ALIKE, SAME_RATE = 0.9, 1.5
+"""Correlation of two curves from which they are very alike, and how many times as steep as the
+other one may then be for their rates of change to be about the same."""
+TOGETHER_FRAMES = 5
+"""First detections no farther apart are together."""
+_OF_THE_FIGURES = "lbp_10_5", "haralick", "disparity"
 _ZOOM_BEFORE, _ZOOM_AFTER = 15, 12
+_STRIP = 8
+"""Frames of the image strip."""
 
 MethodScore = dict[str, Any]
 Scores = Mapping[str, MethodScore]
@@ -40,8 +46,8 @@ def curve_figures(context: StudyContext) -> Exhibit:
         _words(context),
         (
             _detection_claim(context, scores),
-            _distance_claim(curves, nearness),
-            _printed_curves_claim(curves, scores),
+            order_claim({name: one["first_detection"] for name, one in scores.items()}),
+            alike_claim(curves),
         ),
         _tables(context, scores, together, nearness),
         _plots(context, scores, together),
@@ -200,8 +206,9 @@ def _plots(context: StudyContext, scores: Scores, together: pd.DataFrame) -> tup
     firsts = {name: first for name, first in every.items() if first is not None}
     shaded = " Gray: an obstacle is labelled; hatched: not labelled." if context.labels else ""
     plots = [
+        Plot("figure_5_3_strip", f"Frames along the mission. {SHOWN}", png_of(_strip(context))),
         Plot(
-            "figure_5_3_sequence",
+            "mean_values",
             f"Mean value by frame, logarithmic above 1.{shaded}",
             png_of(_sequence(context, firsts)),
         ),
@@ -212,8 +219,9 @@ def _plots(context: StudyContext, scores: Scores, together: pd.DataFrame) -> tup
         ),
     ]
     if firsts:
-        words = f"Small mean values around the first detections.{shaded}"
-        plots.append(Plot("figure_5_5_zoomed", words, png_of(_zoomed(context, firsts))))
+        begin, end = min(firsts.values()) - _ZOOM_BEFORE, max(firsts.values()) + _ZOOM_AFTER
+        words = f"The same around the first detections.{shaded}"
+        plots.append(Plot("figure_5_5_zoomed", words, png_of(_normalised(context, begin, end))))
     titles = [curves.methods[name].title for name in together.index]
     words = "Rank correlations between the curves."
     plots.append(Plot("correlations", words, png_of(_correlation_picture(together, titles))))
@@ -280,8 +288,19 @@ def _shade(axes: Any, labels: Mapping[int, int], every: pd.Index) -> None:
     axes.set_ylim(0, top)
 
 
+def _strip(context: StudyContext) -> Figure:
+    """Figure 5.3: the vehicle comes nearer, and goes back."""
+    readable = context.curves.mean.index
+    places = np.linspace(0, len(readable) - 1, min(_STRIP, len(readable))).round().astype(int)
+    figure, axes = new_figure(10.5, 1.6, 1, len(places), squeeze=False)
+    for panel, number in zip(axes[0], readable[places].tolist(), strict=True):
+        show_frame(panel, context.left(number))
+        panel.set_title(str(number), fontsize=8)
+    return figure
+
+
 def _sequence(context: StudyContext, firsts: Mapping[str, int]) -> Figure:
-    """Figure 5.3: the mean value of every method by frame."""
+    """The mean value of every method by frame."""
 
     def dress(axes: Any) -> None:
         axes.set_yscale("symlog", linthresh=1.0)
@@ -293,33 +312,16 @@ def _sequence(context: StudyContext, firsts: Mapping[str, int]) -> Figure:
     return _panels(context, context.curves.mean, dress, words, firsts, height=2.5)
 
 
-def _normalised(context: StudyContext) -> Figure:
-    """Figure 5.4: each curve as a share of its largest, beside how near the object is."""
+def _normalised(context: StudyContext, begin: int | None = None, end: int | None = None) -> Figure:
+    """Figures 5.4 and 5.5: each curve as a share of its largest, beside how near the object is."""
     near = 1.0 / context.curves.distance_m
 
     def dress(axes: Any) -> None:
         if near.notna().any():
             _draw(axes, near / near.max(), False, "1 / distance (stereo)", "black")
-        axes.set_ylim(0, 1.05)
-        axes.set_ylabel("share of the largest")
+        axes.set(xlim=(begin, end), ylim=(0, 1.05), ylabel="share of the largest")
 
     return _panels(context, context.curves.shares(), dress, "frame")
-
-
-def _zoomed(context: StudyContext, firsts: Mapping[str, int]) -> Figure:
-    """Figure 5.5: small means around the first detections."""
-    mean, methods = context.curves.mean, context.curves.methods
-    begin, end = min(firsts.values()) - _ZOOM_BEFORE, max(firsts.values()) + _ZOOM_AFTER
-
-    def dress(axes: Any) -> None:
-        axes.axhline(STATUS_MEAN_THRESHOLD, color="crimson", lw=0.8)
-        axes.set_ylim(0, _ZOOM_TOP)
-        axes.set_xlim(max(begin, mean.index.min()), min(end, mean.index.max()))
-        axes.set_ylabel("mean of the mask")
-
-    titles = {name: f"{methods[name].title}: {first}" for name, first in firsts.items()}
-    words = "frame (dotted, and in the legend: first detection)"
-    return _panels(context, mean.loc[begin:end], dress, words, firsts, 1.0, titles)
 
 
 def _correlation_picture(table: pd.DataFrame, titles: Sequence[str]) -> Figure:
@@ -366,41 +368,57 @@ def _detection_claim(context: StudyContext, scores: Scores) -> Claim:
     return Claim(what, printed, found, why, agreement=agreement)
 
 
-def _distance_claim(curves: Curves, nearness: Nearness) -> Claim:
-    """Sections 5.2.1 and 7.2: the mean value over time as a relative distance."""
-    what = "The mean value over time tells the relative distance"
-    printed = f"sections 5.2.1 and 7.2 use it so; how well it does is {NOT_KNOWN}"
-    near = {name: value for name, value in nearness.items() if value is not None}
-    thesis = {name: value for name, value in near.items() if curves.methods[name].kind == THESIS}
-    if not thesis:
-        why = "no distance is measured here to hold the curves against (no pairs, or nothing near)"
-        return Claim(what, printed, "not measured", why)
-    told = ", ".join(f"{curves.methods[n].title} {value:.2f}" for n, value in near.items())
-    agreement = agreement_of_worst(thesis.values())
-    measured = int(curves.distance_m.notna().sum())
-    why = (
-        f"judged by the thesis's methods over the {measured} frames with a distance by stereo. It "
-        f"agrees where each is {NEARLY_ALWAYS:g} or more, in part from {GOES_WITH:g} on: an "
-        "order, not metres. Stereo and thirds are no second witness: their means are of the same "
-        "matches"
-    )
-    found = f"rank correlation with 1 / distance: {told}"
-    return Claim(what, printed, found, why, agreement=agreement)
-
-
-def _printed_curves_claim(curves: Curves, scores: Scores) -> Claim:
-    told = ", ".join(
-        f"{curves.methods[name].title} {one['first_detection'] or 'none'}"
-        for name, one in scores.items()
-        if not curves.methods[name].sampled
-    )
+def order_claim(firsts: Mapping[str, int | None]) -> Claim:
+    """Sections 6.2 and 7.1: which method sees the obstacle first."""
+    what = "Haralick sees the obstacle first, LBP and disparity together"
+    printed = "Haralick a few images before LBP (sections 6.2 and 7.1; 5.2.1 says at the same time)"
+    lbp, haralick, disparity = (firsts.get(name) for name in _OF_THE_FIGURES)
+    if lbp is None or haralick is None or disparity is None:
+        return Claim(what, printed, "not all detect", "it needs a first detection of all three")
+    agreement = ClaimAgreement.NO
+    if haralick < min(lbp, disparity):
+        together = abs(lbp - disparity) <= TOGETHER_FRAMES
+        agreement = ClaimAgreement.YES if together else ClaimAgreement.PARTLY
     return Claim(
-        "Where the curves begin to rise",
-        NOT_KNOWN,
-        f"first detections: {told}",
-        "the figures' numbers are not at hand. Another training image than the thesis's film "
-        "still moves the texture methods' first detections",
+        what,
+        printed,
+        f"first detections: Haralick {haralick}, disparity {disparity}, LBP (10, 5) {lbp}",
+        f"together is at most {TOGETHER_FRAMES} frames apart; in part where only Haralick's place "
+        "is so. Another image than the film still moves LBP's and Haralick's",
+        agreement=agreement,
     )
+
+
+def alike_claim(curves: Curves) -> Claim:
+    """Section 5.2.1: the curves are very alike, and change at about the same rate."""
+    what = "The curves of LBP, Haralick and disparity are very alike and rise at the same rate"
+    printed = "figures 5.4 and 5.5, each curve's largest value 1 (section 5.2.1)"
+    there = [name for name in _OF_THE_FIGURES if name in curves.mean]
+    shares = curves.shares()[there].dropna()
+    if len(there) < len(_OF_THE_FIGURES) or len(shares) < MIN_FRAMES or not shares.max().all():
+        return Claim(what, printed, "not measured", "it needs the three methods' curves")
+    alike = float(shares.corr().to_numpy().min())
+    rates = {name: steepest(shares[name]) for name in there}
+    times = max(rates.values()) / max(min(rates.values()), 1e-9)
+    agreement = ClaimAgreement.NO
+    if alike >= GOES_WITH:
+        both = alike >= ALIKE and times <= SAME_RATE
+        agreement = ClaimAgreement.YES if both else ClaimAgreement.PARTLY
+    return Claim(
+        what,
+        printed,
+        f"least correlation of two {alike:.2f}; the steepest rises {times:.1f} times as fast",
+        f"agrees from {ALIKE:g} on and up to {SAME_RATE:g} times; in part from {GOES_WITH:g} on",
+        agreement=agreement,
+    )
+
+
+def steepest(shares: pd.Series) -> float:
+    """The mean rise a frame of a curve's shares, from a tenth of its largest to that."""
+    top = int(np.argmax(shares))
+    low = np.flatnonzero(shares.to_numpy()[: top + 1] <= 0.1)
+    begin = int(low[-1]) if len(low) else 0
+    return float((shares.iloc[top] - shares.iloc[begin]) / max(top - begin, 1))
 
 
 def _numbers(curves: Curves, scores: Scores, nearness: Nearness) -> dict[str, Any]:

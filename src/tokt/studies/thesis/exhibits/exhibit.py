@@ -16,10 +16,6 @@ from tokt.studies.thesis.methods.mission_models import (
     train_superpixel_methods,
 )
 
-NOT_KNOWN = "not known here"
-"""What stands for a printed number that the sources at hand do not give."""
-
-
 LEARNT_ELSEWHERE = "What the methods learnt from is said at figures 5.3 to 5.5."
 
 

@@ -51,7 +51,6 @@ OTHER_RATES_S = (0.25, 0.5)
 """Tried beside it, as a trend looks at seconds and not at frames."""
 DISPARITY = "disparity"
 MIN_FRAMES = 12
-_FAR_OFF = 1.5
 _SPREAD = (10, 50, 90)
 _COLORS = {GROWING: "#c0392b", STEADY: "#4a8f4a", SHRINKING: "#2d6cb3", None: "0.75"}
 _COLOR_WORDS = ("growing: comes nearer", "steady", "shrinking: goes away", "none")
@@ -86,11 +85,7 @@ def trend_exhibit(context: StudyContext) -> Exhibit:
     scores = {name: score(one) for name, one in held.items()}
     return Exhibit(
         words=_words(context, frames, texture),
-        claims=(
-            _distance_claim(scores, titles),
-            _sign_claim(scores, titles),
-            _contact_claim(held, titles),
-        ),
+        claims=(_distance_claim(scores, titles), _sign_claim(scores, titles)),
         tables=(_score_table(rates, titles), _confusion_table(held, titles), _frame_table(held)),
         plots=_plots(held, titles),
         numbers=_numbers(held, scores, len(frames)),
@@ -319,42 +314,6 @@ def _sign_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
         why,
         agreement=agreement,
     )
-
-
-def _contact_claim(held: Held, titles: Mapping[str, str]) -> Claim:
-    found = "; ".join(
-        f"{titles[name]}: {_spread_words(contact_ratios(one))}, with the edge ignored "
-        f"{_spread_words(contact_ratios(one, unchecked=True))}"
-        for name, one in held.items()
-    )
-    return Claim(
-        "time to contact",
-        "the thesis has none",
-        f"from expansion over from depth, median: {found}",
-        _contact_why(pd.concat([contact_ratios(one) for one in held.values()])),
-    )
-
-
-def _spread_words(ratios: pd.Series) -> str:
-    if ratios.empty:
-        return "never said"
-    low, middle, high = np.percentile(ratios, _SPREAD)
-    return f"{middle:.2f} (10 to 90 %: {low:.2f} to {high:.2f}; {len(ratios)} frames)"
-
-
-def _contact_why(said: pd.Series) -> str:
-    if said.empty:
-        return "tokt's own; on these frames nothing is wholly in the picture for long enough"
-    middle = float(np.median(said))
-    if middle < 1 / _FAR_OFF:
-        return (
-            f"tokt's own, and {1 / middle:.1f} times too short (median of all that are said). A "
-            "thing out of dark water also grows because more of it is seen. It errs to the early "
-            "side, and is no measure of time here"
-        )
-    if middle > _FAR_OFF:
-        return f"tokt's own, and {middle:.1f} times too long (median of all that are said)"
-    return "tokt's own; the median is within a half of the same time"
 
 
 def _score_table(
