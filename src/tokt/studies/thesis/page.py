@@ -18,12 +18,12 @@ from tokt.features.common.errors import ToktError
 
 TEMPLATE = "page.md.in"
 QUOTED_TABLES = {
-    "table-5.1-to-5.4": "run_times",
+    "table-5.1-to-5.4": "printed_rows",
     "figure-5.3-to-5.5": "scores",
     "figure-5.6-5.8": "scores",
 }
 """By exhibit, the table that the page shows; the others are in the report."""
-ASKED = ("shown", "known", "number", "claims", "quoted_table")
+ASKED = ("claims", "quoted_table")
 """Methods of `Results` that the template may call."""
 _SPECIAL = re.compile(r"([*|<])")
 
@@ -39,25 +39,6 @@ class Results:
             known = ", ".join(self._exhibits)
             raise ToktError(f"the page asks for {key!r}, which the run has not (it has {known})")
         return dict(self._exhibits[key])
-
-    def shown(self, key: str) -> bool:
-        """Whether the run could make an exhibit."""
-        return not self._exhibit(key)["missing"]
-
-    def known(self, key: str, name: str) -> bool:
-        """Whether an exhibit that was made has a figure, for one that some missions lack."""
-        return name in self._exhibit(key)["numbers"]
-
-    def number(self, key: str, name: str, form: str = ".3g", times: float = 1) -> str:
-        """One figure of an exhibit; text and whole numbers as they are, others by `form`."""
-        numbers = self._exhibit(key)["numbers"]
-        if name not in numbers:
-            known = ", ".join(numbers) or "none"
-            raise ToktError(f"the page asks {key} for {name!r}, which it has not (it has {known})")
-        value = numbers[name]
-        if isinstance(value, str) or (isinstance(value, int) and times == 1):
-            return str(value)
-        return format(value * times, form)
 
     def claims(self, key: str) -> str:
         """A table of what the thesis printed, what came out, and whether it agrees."""
