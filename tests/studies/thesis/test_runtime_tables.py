@@ -156,7 +156,7 @@ def test_ratios_are_judged_against_the_printed_ones():
     assert swapped["Haralick"].agreement is ClaimAgreement.YES
     assert swapped["pushbroom"].agreement is swapped["a"].agreement is ClaimAgreement.NO
     assert swapped["thirds"].agreement is ClaimAgreement.PARTLY
-    assert "largest stage is features" in swapped["disparity"].why
+    assert "largest stage here is features" in swapped["disparity"].why
     assert claims_of(made_up(ratios))["disparity"].agreement is ClaimAgreement.UNAVAILABLE
 
 

@@ -17,11 +17,7 @@ from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
 
 TEMPLATE = "page.md.in"
-QUOTED_TABLES = {
-    "table-5.1-to-5.4": "printed_rows",
-    "figure-5.3-to-5.5": "scores",
-    "figure-5.6-5.8": "scores",
-}
+QUOTED_TABLES = {"table-5.1-to-5.4": "printed_rows"}
 """By exhibit, the table that the page shows; the others are in the report."""
 ASKED = ("claims", "quoted_table")
 """Methods of `Results` that the template may call."""

@@ -374,7 +374,7 @@ WHOLE_S = {one.key: one.seconds for one in PRINTED if one.stages == STAGES}
 CITED_S = {"pushbroom": ("pushbroom stereo", 0.02), "thirds": ("thirds of disparity", 2.317)}
 """Of others' methods, for a pair, as the thesis tells it (section 2.11)."""
 THEIR_MACHINE = (
-    "The thesis's: Acer Aspire VN7-792G, Core i7-6700HQ at 2.6 GHz, 8 GiB; Windows 10, Python "
+    "The thesis's: Acer Aspire VN7-792G, Core i7-6700HQ at 2.6 GHz, 8 GiB. Windows 10, Python "
     "2.7.11, numpy 1.10.4, scipy 0.17.0, scikit-learn 0.17 (tables 2.1 and 2.2). It prints no "
     "version of OpenCV, scikit-image or mahotas."
 )
@@ -600,7 +600,7 @@ def _claim(found: Found, key: str, what: str) -> Claim:
         ClaimAgreement.YES: "within a quarter of the printed ratio",
         ClaimAgreement.PARTLY: "within twice the printed ratio, but not within a quarter",
     }.get(agreement, "more than twice off the printed ratio")
-    why = f"judged by the median: {judged}; {_reason(found, key, agreement)}"
+    why = f"{judged}; {_reason(found, key, agreement)}"
     came_out = f"{ratio:.3g} ({low:.3g} to {high:.3g})"
     return Claim(what, printed, came_out, why, agreement=agreement)
 
@@ -609,14 +609,12 @@ def _reason(found: Found, key: str, agreement: ClaimAgreement) -> str:
     """What stands behind a ratio that is not the printed one, from what was measured."""
     if agreement is ClaimAgreement.YES:
         return "other libraries and another machine, the same proportion"
-    one, lbp = found[key], found[REFERENCE]
-    own, base = one.stage_ms, lbp.stage_ms
+    own = found[key].stage_ms
     largest = own.idxmax()
     return (
-        f"the libraries of 2016 are not these. Here the largest stage is {largest}: "
-        f"{own[largest]:.1f} of {np.median(one.total_ms):.1f} ms. LBP takes "
-        f"{np.median(lbp.total_ms):.1f} ms, {base['features']:.1f} of them features and "
-        f"{base['predict']:.1f} its 100 predict calls"
+        f"its largest stage here is {largest}, {own[largest]:.1f} of "
+        f"{np.median(found[key].total_ms):.1f} ms, where LBP takes "
+        f"{np.median(found[REFERENCE].total_ms):.1f}"
     )
 
 

@@ -176,8 +176,8 @@ def mask_claim(summary: Mapping[str, Any]) -> Claim:
         f"LBP: the grid's area is {summary['area_ratio']:.2f} times SLIC's; "
         f"{summary['grid_contours']} contours to {summary['slic_contours']}; F1 {grid:.2f} to "
         f"{slic:.2f}; {100 * overlap:.0f} % of the white is in both",
-        f"agrees where the area is larger, the contours fewer, F1 at most {NO_BETTER:g} lower, and "
-        f"{100 * SIMILAR:.0f} % in both; in part where one of these is so",
+        f"the area is to be larger, the contours fewer, F1 at most {NO_BETTER:g} lower, and "
+        f"{100 * SIMILAR:.0f} % in both. In part where one of these is so",
         agreement=ClaimAgreement.YES if all(true) else agreement,
     )
 

@@ -280,7 +280,7 @@ def _distance_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
     )
     return Claim(
         "the mean value is a relative distance",
-        "the mean value over time serves as a relative distance (sections 5.2.1 and 7.2)",
+        "it serves as one (sections 5.2.1 and 7.2)",
         f"rank correlation of mean and stereo depth, frame by frame (-1: it is): {found}",
         why,
         agreement=agreement,
@@ -291,10 +291,8 @@ def _sign_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
     parts, signed = [], 0
     for name, one in scores.items():
         both, share = one["same_sign"] + one["opposite_sign"], one["sign_agreement"]
-        parts.append(
-            f"{titles[name]} {'not known' if share is None else f'{100 * share:.0f} %'} of {both} "
-            f"frames, {one['missed_approach']} of an approach called steady or shrinking"
-        )
+        told = "not known" if share is None else f"{100 * share:.0f} % of {both}"
+        parts.append(f"{titles[name]} {told}, {one['missed_approach']} missed")
         signed += both
     ours = [one for name, one in scores.items() if name in (TOKT_TEXTURE, DISPARITY)]
     if not signed:
@@ -308,8 +306,8 @@ def _sign_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
         }.get(agreement, "too often the sign is not that of the depth's change")
     return Claim(
         "a growing mean is a thing that comes nearer",
-        "the mean value tells whether the distance grows or shrinks (sections 5.2.1 and 7.2)",
-        "sign of the trend against the sign of the depth's change, where both have one: "
+        "its rise or fall tells of the distance's (sections 5.2.1 and 7.2)",
+        "frames in which trend and depth have one sign, and approaches called steady or shrinking: "
         + "; ".join(parts),
         why,
         agreement=agreement,
