@@ -22,11 +22,12 @@ from tokt.features.extractors.extractor import Extractor
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.frames.image_file import decode_image
 from tokt.features.frames.mission import LEFT, RIGHT
+from tokt.inference.config import DEFAULT_SCALE
 from tokt.inference.frame import Frame
 from tokt.inference.frame_checks import frame_fault
 from tokt.inference.policy.policy import SinglePolicy
 from tokt.inference.stereo.calibration import StereoCalibration
-from tokt.inference.stereo.disparity import DEFAULT_SCALE, DisparityDetector
+from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.pushbroom import PushbroomDetector
 from tokt.inference.verdict import Verdict, verdict_from_mask
 from tokt.models.linear import LinearModel
