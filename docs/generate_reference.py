@@ -74,6 +74,7 @@ FORMATS = {
     "inference.stereo.calibration_files.FORMAT_VERSION": "stereo calibration, `.yml`",
     "studies.simulation.rendering.synthetic_mission.SCENE_FORMAT": "scene of `tokt simulate`",
     "studies.simulation.study.RESULTS_FORMAT": "results of `tokt simulate`",
+    "studies.simulation.loop.track.TRACK_FORMAT": "flight of `tokt simulate --closed-loop`",
     "studies.thesis.report.FORMAT": "results of `tokt reproduce`",
 }
 """The version of each file format: where it stands in the code, and what has it."""

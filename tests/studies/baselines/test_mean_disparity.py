@@ -60,7 +60,7 @@ def test_the_centre_decides_and_the_emptier_side_is_the_way(x, width, depth_m, s
 
 
 def test_a_few_matches_by_chance_bar_no_way(monkeypatch):
-    monkeypatch.setattr(mean_disparity, "LEAST_PX", 1000.0)
+    monkeypatch.setattr(mean_disparity, "MIN_MEAN_PX", 1000.0)
     assert Thirds(PLAIN).judge(pair_with(250, 180, 4.5)).verdict.status == 0
 
 

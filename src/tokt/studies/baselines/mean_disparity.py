@@ -5,7 +5,7 @@ dominant there is the obstacle, and the exit is to the side of the smaller mean.
 
 Ours, because that is all it tells: the map is that of `tokt.inference.stereo.disparity`
 (rectified, checked left to right), a pixel without a match counts as disparity 0, and the way is
-barred where the centre's mean is the largest, and above `LEAST_PX`. A frame in which the stereo
+barred where the centre's mean is the largest, and above `MIN_MEAN_PX`. A frame in which the stereo
 detector itself cannot judge is unknown.
 
 References
@@ -30,7 +30,7 @@ from tokt.inference.verdict import CLEAR, OBSTACLE, verdict_from_mask
 from .baseline import NO_PICTURE, BaselineResult, not_judged
 from .thesis_texture import GRID
 
-LEAST_PX = 0.5
+MIN_MEAN_PX = 0.5
 """Mean disparity below which a few matches by chance are all that there is."""
 
 
@@ -57,7 +57,7 @@ class Thirds:
         left, centre, right = (_mean_of_third(disparity, matches.searched, i) for i in range(3))
         matched = matches.valid.astype(np.uint8) * 255
         mask = self._detector.rectifier.to_left(matched, size[0], size[1])
-        barred = centre > LEAST_PX and centre >= max(left, right)
+        barred = centre > MIN_MEAN_PX and centre >= max(left, right)
         turn = (1 if right < left else -1) * (size[1] // 3) if barred else 0
         verdict = verdict_from_mask(mask, self.name)
         verdict = replace(verdict, status=OBSTACLE if barred else CLEAR, x=turn, y=0)

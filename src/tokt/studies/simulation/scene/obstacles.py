@@ -1,4 +1,4 @@
-"""What there is to hit in the closed loop: towers, walls, a vehicle, cables, nets, the floor."""
+"""Obstacles of the closed loop: towers, walls, a vehicle, cables, nets, the sea floor."""
 
 from itertools import pairwise
 
