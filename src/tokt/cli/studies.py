@@ -173,6 +173,10 @@ def reproduce(
     calibration: Annotated[
         Path | None, Option(help="Stereo calibration. Default: calibrate from the frames.")
     ] = None,
+    camera: Annotated[
+        str,
+        Option(help="left or right: whose frames the texture methods judge, by its own labels."),
+    ] = "left",
     labels: Annotated[
         Path | None,
         Option(help="Label file (CSV). Default: the mission's labels.csv, if there is one."),
@@ -199,7 +203,7 @@ def reproduce(
     images = (ocean, other, picture, picture_mask)
     processes = -1 if jobs is None else jobs
     request = ReproduceRequest(
-        mission, output, *images, calibration, labels, model, sample, processes
+        mission, output, *images, camera, calibration, labels, model, sample, processes
     )
     results = run_reproduce(request, say, progress)
     answer(json, results, lambda: _print_reproduced(results, output))

@@ -244,10 +244,10 @@ def test_a_first_frame_that_cannot_be_read_is_passed_over(reproduce_mission, con
     (tmp_path / "1.jpg").write_bytes(b"no picture")
     shutil.copy(reproduce_mission / "Left" / "sim_L_12.jpg", tmp_path / "12.jpg")
     context = context_of(tmp_path)
-    assert np.array_equal(context.any_left(), context.left(12))
+    assert np.array_equal(context.any_picture(), context.left(12))
     (tmp_path / "12.jpg").write_bytes(b"no picture")
     with pytest.raises(ToktError, match="no left frame can be read"):
-        context_of(tmp_path).any_left()
+        context_of(tmp_path).any_picture()
 
 
 def test_one_frame_alone_needs_another_ocean_image(reproduce_mission, context_of, tmp_path):
@@ -369,3 +369,23 @@ def test_curves_are_alike_if_they_rise_together_and_as_fast():
     assert judged(gone).agreement is ClaimAgreement.NO
     assert alike_claim(made_up({"lbp_10_5": rise})).agreement is ClaimAgreement.UNAVAILABLE
     assert steepest(pd.Series(rise) / 20) == pytest.approx(1 / 20, rel=0.12)
+
+
+def test_the_right_camera_s_frames_are_judged_where_it_is_asked_for(
+    reproduce_mission, context_of, monkeypatch
+):
+    monkeypatch.setattr(mission_models, "SLIC", ())
+    context = context_of(reproduce_mission, camera="right")
+    name = "haralick"
+    context.__dict__["thesis"] = {name: thesis_model(name, context.ocean, context.other)}
+    context.__dict__["scored"] = [10, 12, 14]
+    assert not context.labels, "they are of left frames"
+    means = context.curves.mean[name]
+    model = context.thesis[name]
+    for number in (10, 12, 14):
+        right = context.right(number)
+        assert np.array_equal(context.picture(number), right)
+        assert means[number] == model.judge(right).verdict.mean
+    assert any(means[n] != model.judge(context.left(n)).verdict.mean for n in (12, 14))
+    with pytest.raises(ToktError, match=r"no camera 'up': left, right"):
+        context_of(reproduce_mission, camera="up")

@@ -42,6 +42,7 @@ class ReproduceRequest:
     other: Path | None = None  # the one of anything else; by default a rendered texture
     picture: Path | None = None  # in bad light; by default a rendered pair
     picture_mask: Path | None = None  # a person's mask of what is in it (white: obstacle)
+    camera: str = LEFT  # whose frames the texture methods judge
     calibration: Path | None = None  # of the cameras
     labels: Path | None = None  # a label file of the mission
     model: Path | None = None  # a bundle
@@ -53,8 +54,8 @@ class StudyInputs:
     """Inputs of the exhibits; each is read or computed when first asked for, and once.
 
     `say` takes a line for people, and ``progress(items, total, what)`` passes items on; `frames`
-    are the mission's left ones, in order. Raises ToktError if the mission or a file of the request
-    cannot be used.
+    are those of the request's camera, in order. Raises ToktError if the mission or a file of the
+    request cannot be used.
     """
 
     def __init__(self, request: ReproduceRequest, say: Notice, progress: Progress) -> None:
@@ -62,7 +63,12 @@ class StudyInputs:
         self.say = say
         self.progress = progress
         self.mission: Mission = open_mission(request.mission)
-        self.frames = self.mission.frames(LEFT)
+        if request.camera not in self.mission.cameras:
+            there = ", ".join(self.mission.cameras)
+            raise ToktError(
+                f"mission {self.mission.name} has no camera {request.camera!r}: {there}"
+            )
+        self.frames = self.mission.frames(request.camera)
         self.taxonomy = Taxonomy.load()
         for file in (request.picture, request.picture_mask, request.model):
             if file is not None and not file.is_file():
@@ -74,14 +80,18 @@ class StudyInputs:
         """A left frame as decoded: uint8, gray or BGR. Raises FrameError if it cannot be read."""
         return self.mission.read(number, LEFT)
 
-    def any_left(self) -> U8:
-        """The first left frame that can be read. Raises ToktError if none can."""
+    def picture(self, number: int) -> U8:
+        """A frame of the camera that texture methods look through; as `left`."""
+        return self.mission.read(number, self.request.camera)
+
+    def any_picture(self) -> U8:
+        """The first of these that can be read. Raises ToktError if none can."""
         return self._first(self.frames)[1]
 
     def _first(self, numbers: Sequence[int]) -> tuple[int, U8]:
         for number, image in self.decoded(numbers):
             return number, image
-        raise ToktError(f"mission {self.mission.name}: no left frame can be read")
+        raise ToktError(f"mission {self.mission.name}: no {self.request.camera} frame can be read")
 
     def right(self, number: int) -> U8 | None:
         """A right frame as decoded, or None where there is none that can be read."""
@@ -95,7 +105,7 @@ class StudyInputs:
     @cached_property
     def pairs(self) -> list[int]:
         """Numbers that both cameras have a frame of, in order."""
-        return sorted(set(self.frames) & set(self.mission.frames(RIGHT)))
+        return sorted(set(self.mission.frames(LEFT)) & set(self.mission.frames(RIGHT)))
 
     @cached_property
     def textured_pairs(self) -> list[int]:
@@ -113,7 +123,7 @@ class StudyInputs:
 
     @cached_property
     def labels(self) -> list[LabelRecord] | None:
-        """What is known of the left frames' patches: one record a patch, annotators merged.
+        """What is known of the frames' patches: one record a patch, annotators merged.
 
         From the file of the request, or ``labels.csv`` in the mission's folder or beside it; None
         where there is neither. Records of `unsure` are among them.
@@ -135,7 +145,7 @@ class StudyInputs:
             raise
         if remark:
             self.say(remark)
-        return [one for one in merge_annotators(mine).records if one.camera == LEFT]
+        return [one for one in merge_annotators(mine).records if one.camera == self.request.camera]
 
     @cached_property
     def labelled(self) -> dict[int, Truth]:
@@ -182,7 +192,10 @@ class StudyInputs:
         if not self.mission.path.is_dir():
             return None
         data = file.read_bytes()
-        return next((n for n in self.frames if self.mission.encoded(n)[0] == data), None)
+        return next(
+            (n for n in self.frames if self.mission.encoded(n, self.request.camera)[0] == data),
+            None,
+        )
 
     @cached_property
     def other(self) -> TrainingImage:
@@ -261,7 +274,7 @@ class StudyInputs:
         """Left frames one after the other; those that cannot be read are left out, and told."""
         for number in numbers:
             try:
-                yield number, self.left(number)
+                yield number, self.picture(number)
             except FrameError as error:
                 self.say(str(error))
 

@@ -184,7 +184,9 @@ def _check_inputs(context: StudyContext) -> None:
     """Use everything that was given once: a mistake in it is said before minutes of work."""
     context.spread()
     if context.request.labels is not None and not context.labels:
-        raise ToktError(f"{context.request.labels} has no labels of left frames")
+        raise ToktError(
+            f"{context.request.labels} has no labels of {context.request.camera} frames"
+        )
     if context.request.calibration is not None:
         _ = context.calibration
     if context.request.model is not None:
@@ -217,7 +219,7 @@ def about(context: StudyContext) -> list[str]:
             f"obstacle, {len(context.ocean_frames)} of open ocean all over"
         )
     return [
-        f"mission {context.mission.name}: {len(context.frames)} left frames, "
+        f"mission {context.mission.name}: {len(context.frames)} {context.request.camera} frames, "
         f"{len(context.pairs)} stereo pairs; {labels}",
         f"the thesis's models {context.two_images}",
         f"calibration: {context.calibration_words}",

@@ -92,7 +92,7 @@ def both_ways(mask: U8, title: str = "", number: int = 0) -> BothWays:
 def centre_and_box(context: StudyContext) -> Exhibit:
     """Contours, centre and box of masks, with the thesis's faults beside (figures 3.22 to 3.24)."""
     number = context.structure_frame
-    frame = context.left(number)
+    frame = context.picture(number)
     shown = [
         both_ways(one.mask, one.title, number)
         for one in by_thesis(context, frame)
@@ -130,7 +130,7 @@ def centre_and_box(context: StudyContext) -> Exhibit:
 def _mission(context: StudyContext) -> list[BothWays]:
     """Every frame with status 1 of the thesis's grid methods, by both ways."""
     curves = context.curves
-    size = GRID.resized(*context.left(context.structure_frame).shape[:2])
+    size = GRID.resized(*context.picture(context.structure_frame).shape[:2])
     every = [
         both_ways(GRID.paint(patches, *size), context.thesis[name].title, number)
         for name in curves.named(THESIS)
@@ -210,7 +210,7 @@ def _figure(
     for (outlines, centre, boxes), (title, one) in zip(rows, panels.items(), strict=True):
         _draw_contours(outlines, one.mask)
         outlines.set_ylabel(title, fontsize=9)
-        frame = context.left(one.number)
+        frame = context.picture(one.number)
         show_frame(centre, frame)
         _draw_centres(centre, one)
         show_frame(boxes, frame)

@@ -123,7 +123,9 @@ def with_nearness(curves: Curves, name: str) -> float | None:
 
 def _words(context: StudyContext) -> tuple[str, ...]:
     curves = context.curves
-    scored = f"{len(curves.mean)} left frames of {context.mission.name} are judged"
+    scored = (
+        f"{len(curves.mean)} {context.request.camera} frames of {context.mission.name} are judged"
+    )
     left_out = (context.ocean.frame, context.other.frame)
     training = [str(number) for number in left_out if number is not None]
     if training:
@@ -294,7 +296,7 @@ def _strip(context: StudyContext) -> Figure:
     places = np.linspace(0, len(readable) - 1, min(_STRIP, len(readable))).round().astype(int)
     figure, axes = new_figure(10.5, 1.6, 1, len(places), squeeze=False)
     for panel, number in zip(axes[0], readable[places].tolist(), strict=True):
-        show_frame(panel, context.left(number))
+        show_frame(panel, context.picture(number))
         panel.set_title(str(number), fontsize=8)
     return figure
 

@@ -150,7 +150,7 @@ def _score_row(score: PatchScore | None) -> dict[str, float | int | None]:
 def prediction_dots(context: StudyContext) -> Exhibit:
     """Predictions for each patch of the frame that shows the structure (figures 3.17, 3.20)."""
     number = context.structure_frame
-    frame, truth = context.left(number), context.labelled.get(number)
+    frame, truth = context.picture(number), context.labelled.get(number)
     said = by_thesis(context, frame)
     patches, truths = context.curves.patches, context.truths
     pooled = {one.name: pooled_score(patches.get(one.name, {}), truths) for one in said}

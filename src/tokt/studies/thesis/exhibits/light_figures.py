@@ -98,7 +98,7 @@ def bad_lighting(context: StudyContext) -> Exhibit:
     rendered river by day, whose mask is exact. Low light is rendered either way.
     """
     # As wide as the mission's frames if that can be rendered.
-    width = int(np.clip(context.any_left().shape[1], *RENDERED_WIDTHS))
+    width = int(np.clip(context.any_picture().shape[1], *RENDERED_WIDTHS))
     bad = given_picture(context) or LitScene(width, SEED, fish=True).at(
         BRIGHT,
         "bright green water by day, a tower and fish. Both are to be found, as nobody would call "

@@ -37,7 +37,7 @@ Cells = Mapping[str, int]
 def patch_histograms(context: StudyContext) -> Exhibit:
     """LBP histograms and Haralick features of two patches of one frame (figures 3.15 to 3.19)."""
     number = context.structure_frame
-    frame, labels = context.left(number), context.truth(number)
+    frame, labels = context.picture(number), context.truth(number)
     rows = described(frame)
     patches, how = _choose(labels)
     return Exhibit(

@@ -409,7 +409,7 @@ def methods_of(context: StudyContext) -> list[TimedMethod]:
     titles = [context.thesis[name].title for name in SLIC]
     methods = [slic_texture(one, title) for one, title in zip(slic, titles, strict=True)]
     methods += [thesis_texture(model) for model in context.thesis.values()]
-    size = context.any_left().shape[1::-1]
+    size = context.any_picture().shape[1::-1]
     if context.pairs and size == THESIS_FRAME_SIZE:
         methods.append(thesis_disparity())
     methods += [thesis_model_with_kernels(model) for model in context.thesis.values()]

@@ -68,7 +68,7 @@ def _compared(
     context: StudyContext, number: int, slic: SlicTexture, model: ThesisModel, cut: I64
 ) -> dict[str, Any]:
     """One frame by superpixels and by the grid; seconds from the decoded frame to the verdict."""
-    left = context.left(number)
+    left = context.picture(number)
     slic_mask, slic_s = _timed(lambda: _by_slic(slic, left))
     by_grid, grid_s = _timed(lambda: model.judge(left).obstacle)
     grid_mask = GRID.paint(by_grid, *GRID.resized(*left.shape[:2]))
@@ -221,7 +221,7 @@ def _frame_table(frames: pd.DataFrame) -> Table:
 
 def _plot(context: StudyContext, shown: pd.DataFrame, segments: I64) -> Plot:
     number = context.structure_frame
-    left = context.left(number)
+    left = context.picture(number)
     figure, axes = new_figure(10.5, 5.9, 2, 1 + len(shown))
     height, width = show_frame(axes[0, 0], left)
     _draw_outlines(axes[0, 0], segments, height, width)

@@ -253,10 +253,10 @@ def _candidates(context: StudyContext) -> list[Image]:
         found.append(_image(name, f"photo of {name}, from scikit-image", picture, True))
     found.append(_image(BRANCHES, "rendered branches", rendered_branches(), True))
     number, control = context.structure_frame, _control(context)
-    found.append(_image(STRUCTURE, f"frame {number}, whole", context.left(number)))
+    found.append(_image(STRUCTURE, f"frame {number}, whole", context.picture(number)))
     if control is not None:
         words = f"frame {control}: ocean too, so it should not separate"
-        found.append(_image(CONTROL, words, context.left(control)))
+        found.append(_image(CONTROL, words, context.picture(control)))
     return found
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import pandas as pd
 
-from tokt.features.common.arrays import F64, U8, Bools
+from tokt.features.common.arrays import F64, Bools
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.extractors.extractor import build_extractor
 from tokt.features.frames.image_file import decode_image, pixel_sha256
@@ -67,12 +67,13 @@ class FrameTask:
     """
 
     number: int
-    left: bytes
+    left: bytes | None
     right: bytes | None
     thesis: Sequence[ThesisModel] = ()
     superpixel_methods: Sequence[SuperpixelMethod] = ()
     spec: dict[str, Any] | None = None
     changes: Sequence[str] = ()
+    camera: str = LEFT  # whose picture the methods judge; the disparity takes both
 
 
 @dataclass(frozen=True)
@@ -96,36 +97,37 @@ def judge_frame(task: FrameTask) -> FrameResult:
     """Judge one frame by each of its methods."""
     cv2.setNumThreads(1)
     try:
-        left = decode_image(task.left, f"frame {task.number}")
+        data = task.left if task.camera == LEFT else task.right
+        picture = decode_image(data or b"", f"frame {task.number}")
     except FrameError as error:
         return FrameResult(task.number, fault=str(error))
-    found = FrameResult(task.number, (left.shape[0], left.shape[1]))
+    found = FrameResult(task.number, (picture.shape[0], picture.shape[1]))
     for model in task.thesis:
-        judged = model.judge(left)
+        judged = model.judge(picture)
         found.mean[model.name] = float(judged.verdict.mean or 0.0)
         found.status[model.name] = judged.verdict.status
         found.patches[model.name] = judged.obstacle
-    _judge_pair(task, left, found)
+    _judge_pair(task, found)
     for method in task.superpixel_methods:
-        verdict = verdict_from_mask(method.mask(left), method.name)
+        verdict = verdict_from_mask(method.mask(picture), method.name)
         found.mean[method.name] = float(verdict.mean or 0.0)
         found.status[method.name] = verdict.status
     if task.spec is not None:
         extractor = build_extractor(task.spec)
-        pictures = (left, *(augment(left, name) for name in task.changes))
+        pictures = (picture, *(augment(picture, name) for name in task.changes))
         found.features.extend(extractor.describe(picture, GRID) for picture in pictures)
     return found
 
 
-def _judge_pair(task: FrameTask, left: U8, found: FrameResult) -> None:
+def _judge_pair(task: FrameTask, found: FrameResult) -> None:
     """The thesis's disparity, on frames of the size that its numbers are for."""
-    if task.right is None or left.shape[1::-1] != THESIS_FRAME_SIZE:
+    if task.left is None or task.right is None or found.size[::-1] != THESIS_FRAME_SIZE:
         return
     try:
-        right = decode_image(task.right, f"right frame {task.number}")
+        left, right = (decode_image(one, f"frame {task.number}") for one in (task.left, task.right))
     except FrameError:
         return
-    if right.shape[1::-1] == THESIS_FRAME_SIZE:
+    if left.shape[1::-1] == right.shape[1::-1] == THESIS_FRAME_SIZE:
         judged = judge_pair(left, right)
         found.mean[THESIS_DISPARITY] = judged.mean
         found.status[THESIS_DISPARITY] = int(judged.obstacle)
@@ -251,17 +253,21 @@ def _frame_tasks(
     settings: TrainingSettings | None,
 ) -> Iterator[FrameTask]:
     """What is to be done with each scored frame; `slow` are the methods of a sample of them."""
-    mission, rights = inputs.mission, set(inputs.pairs)
+    mission = inputs.mission
+    cameras = {camera: set(mission.frames(camera)) for camera in (LEFT, RIGHT)}
     spec = extractor_for(DEFAULT_EXTRACTOR, PRESET).spec if settings else None
     for number in inputs.scored:
         yield FrameTask(
             number,
-            mission.encoded(number, LEFT)[0],
-            mission.encoded(number, RIGHT)[0] if number in rights else None,
+            *(
+                mission.encoded(number, camera)[0] if number in there else None
+                for camera, there in cameras.items()
+            ),
             list(inputs.thesis.values()),
             slow.get(number, ()),
             spec,
             settings.changes if settings and number in inputs.obstacle_patches else (),
+            inputs.request.camera,
         )
 
 

@@ -278,7 +278,7 @@ def tokt_model(inputs: StudyInputs) -> tuple[Bundle, str]:
             inputs.say(f"no model from every {LABEL_EVERY}th labelled frame: {error}")
     examples = examples or examples_from_two_images(inputs.mission)
     extractor = extractor_for(DEFAULT_EXTRACTOR, PRESET)
-    models = fit_extractor_pair(PRESET, extractor, examples, inputs.any_left())
+    models = fit_extractor_pair(PRESET, extractor, examples, inputs.any_picture())
     return models.bundle, f"the features of preset {PRESET}, {examples.words}"
 
 
