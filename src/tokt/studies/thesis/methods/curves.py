@@ -254,15 +254,13 @@ def _frame_tasks(
 ) -> Iterator[FrameTask]:
     """What is to be done with each scored frame; `slow` are the methods of a sample of them."""
     mission = inputs.mission
-    cameras = {camera: set(mission.frames(camera)) for camera in (LEFT, RIGHT)}
+    lefts, rights = (set(mission.frames(camera)) for camera in (LEFT, RIGHT))
     spec = extractor_for(DEFAULT_EXTRACTOR, PRESET).spec if settings else None
     for number in inputs.scored:
         yield FrameTask(
             number,
-            *(
-                mission.encoded(number, camera)[0] if number in there else None
-                for camera, there in cameras.items()
-            ),
+            mission.encoded(number, LEFT)[0] if number in lefts else None,
+            mission.encoded(number, RIGHT)[0] if number in rights else None,
             list(inputs.thesis.values()),
             slow.get(number, ()),
             spec,
