@@ -14,6 +14,8 @@ What cannot be told from a new picture:
 - One compressed below quality 70 (85 in pictures 360 wide), or with noise of 3 grey levels and
   more put on top; part of a picture compressed otherwise each time, at times.
 - One that froze before the run began and changes all over: no picture without its noise is known.
+- One with noise on top, for a while after lamps have made all water noisier (`NOISY_TIMES`), and
+  before what is textured all over.
 - Less than `PART` of a picture.
 
 A label written into each picture, which covers `PART` of it, looks like a part that is frozen.
@@ -89,8 +91,7 @@ NOISY_TIMES = 1.5
 """Noise is also compared only where a row's finest differences are at most so many times those of
 the camera's quietest picture (medians). A finely textured wall before a vehicle on station was
 frozen by its texture before. Measured: in nine tenths of water at most 1.5 times, on rendered walls
-2 times and more. Where lamps make all water noisier at once, copies with noise on top are not told
-for a while."""
+2 times and more."""
 _FORGOTTEN = 1.002
 """The quietest picture's differences count so many times as much from picture to picture."""
 

@@ -73,12 +73,11 @@ def test_everything_is_written(reproduced_files):
 
 def test_results_have_what_was_found(reproduced_files):
     _, found = reproduced_files
-    assert found["format"] == 1
+    assert found["format"] == 2
     assert found["mission"] == {"name": "dive", "frames": 16, "pairs": 16}
     counted, moon = found["exhibits"]
     assert counted["claims"][0]["agreement"] == "agrees in part"
     assert counted["claims"][0]["found"] == "15"
-    assert counted["numbers"] == {"frames": 15, "share": 0.5}
     assert counted["tables"][0]["rows"][:2] == [[2, None], [3, 1.5]]
     assert moon["missing"] == "it needs a second moon" and moon["key"] == "moon"
     assert any("the mission's frame 1" in line for line in found["about"])
@@ -170,7 +169,7 @@ def test_json_is_one_object(reproduce_mission, tmp_path, run_tokt, monkeypatch):
     command = ("reproduce", reproduce_mission, "-o", tmp_path / "out", "--sample", 3, "--jobs", 1)
     ran = run_tokt(*command, "--json")
     assert ran.code == 0, ran.err
-    assert json.loads(ran.out)["exhibits"][0]["numbers"]["frames"] == 15
+    assert json.loads(ran.out)["exhibits"][0]["claims"][0]["found"] == "15"
     assert (asked[0].sample, asked[0].jobs) == (3, 1)
     told = run_tokt(*command)
     assert "agrees in part" in told.out and "not made: it needs a second moon" in told.out

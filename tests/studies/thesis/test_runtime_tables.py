@@ -193,7 +193,5 @@ def test_the_exhibit_has_each_methods_profile(reproduced, monkeypatch):
     assert lbp.loc["describe", "part"] == 1.0 and lbp.loc["imread", "s"] == 0.0
     copied = printed.loc[("5.3 disparity", "disparityCalc")]
     assert copied["here"] == "copied by mistake: not compared" and pd.isna(copied["part of it"])
-    assert exhibit.numbers["haralick_times_tokt_kernels"] == pytest.approx(5 / 8)
-    assert exhibit.numbers["tokt_haralick_same_verdicts"] == 2
     assert "not measured" in exhibit.claims[1].found
     assert exhibit.plots[0].png.startswith(b"\x89PNG")

@@ -65,15 +65,21 @@ def undistorted(frame: U8, camera: Camera) -> U8:
     return np.asarray(cv2.undistort(gray, *camera), np.uint8)
 
 
-_MATCHER = cv2.StereoBM.create(N_DISPARITIES_PX, BLOCK_PX)
-_MATCHER.setPreFilterType(cv2.StereoBM_PREFILTER_XSOBEL)
-_MATCHER.setPreFilterSize(5)
-_MATCHER.setPreFilterCap(61)
-_MATCHER.setMinDisparity(MIN_DISPARITY_PX)
-_MATCHER.setTextureThreshold(507)
-_MATCHER.setUniquenessRatio(0)
-_MATCHER.setSpeckleRange(8)
-_MATCHER.setSpeckleWindowSize(0)
+def block_matching(disparities: int = N_DISPARITIES_PX) -> cv2.StereoBM:
+    """Block matching by table 3.5, or that of another number of disparities."""
+    matcher = cv2.StereoBM.create(disparities, BLOCK_PX)
+    matcher.setPreFilterType(cv2.StereoBM_PREFILTER_XSOBEL)
+    matcher.setPreFilterSize(5)
+    matcher.setPreFilterCap(61)
+    matcher.setMinDisparity(MIN_DISPARITY_PX)
+    matcher.setTextureThreshold(507)
+    matcher.setUniquenessRatio(0)
+    matcher.setSpeckleRange(8)
+    matcher.setSpeckleWindowSize(0)
+    return matcher
+
+
+_MATCHER = block_matching()
 
 
 def disparity_map(left: U8, right: U8) -> U8:
@@ -96,23 +102,6 @@ def judge_pair(left: U8, right: U8) -> ThesisStereoResult:
     inside = cropped(disparity_map(left, right))
     mask = np.asarray(cv2.dilate(inside, np.ones((5, 5), np.uint8), iterations=2), np.uint8)
     return ThesisStereoResult(float(cv2.mean(inside)[0]), verdict_from_mask(mask, "thesis"))
-
-
-def margin_of(stretched: U8) -> dict[str, float]:
-    """The effect of cutting the margin off a map.
-
-    Parts of the pixels that have a disparity without the margin and in it (``matched_inside``,
-    ``matched_margin``), and the mean value, 0..255, with it and without it (``mean_whole``,
-    ``mean_inside``).
-    """
-    inside = cropped(stretched)
-    margin = np.hstack([stretched[:, :CROP_PX], stretched[:, -CROP_PX:]])
-    return {
-        "matched_margin": float((margin > 0).mean()),
-        "matched_inside": float((inside > 0).mean()),
-        "mean_whole": float(stretched.mean()),
-        "mean_inside": float(inside.mean()),
-    }
 
 
 def thesis_cloud(stretched: U8) -> tuple[F64, Bools]:

@@ -17,7 +17,8 @@ from tokt.training.evaluation.report import report_page
 
 from .exhibits.exhibit import ClaimAgreement, Exhibit, Table
 
-FORMAT = 1
+FORMAT = 2
+"""Of results.json. 1 had `numbers` of each exhibit; they stand in its tables."""
 SHOWN_ROWS = 60
 """Rows of a table that the results and the report hold; its CSV file holds all."""
 _CLASSES = dict(zip(map(str, ClaimAgreement), ("good", "partly", "bad", "open"), strict=True))
@@ -32,9 +33,6 @@ def exhibit_json(exhibit: Exhibit) -> dict[str, Any]:
         "words": list(exhibit.words),
         "missing": exhibit.missing,
         "claims": [asdict(claim) for claim in exhibit.claims],
-        "numbers": {
-            name: plain(value) for name, value in exhibit.numbers.items() if value is not None
-        },
         "tables": [_table(exhibit, table) for table in exhibit.tables],
         "plots": [
             {"name": plot.name, "caption": plot.caption, "file": plot_file(exhibit, plot.name)}

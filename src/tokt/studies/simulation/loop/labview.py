@@ -76,4 +76,4 @@ class LabviewPlanner:
         way = nav.heading_rad + self._turned
         sine, cosine = math.sin(way), math.cos(way)
         offset = [AHEAD_M * sine + aside * cosine, 0.0, AHEAD_M * cosine - aside * sine]
-        self._waypoint = np.array([*nav.position]) + offset
+        self._waypoint = nav.position + offset

@@ -242,9 +242,8 @@ class Planner:
     def _waits(self, t_s: float, datagram: dict[str, Any], nav: State) -> bool:
         """Whether it goes on to stand and look before it avoids what a verdict says."""
         if self._wait is None:
-            place = nav.position + STOPPING_S * nav.velocity_world
-            self._wait = Wait(t_s, place, nav.heading_rad, [])
-        if float(np.linalg.norm(nav.velocity_body)) < AT_REST_M_S:
+            self._wait = Wait(t_s, _stop(nav), nav.heading_rad, [])
+        if _at_rest(nav):
             box = datagram.get("box")
             whole = box is not None and box[0] > 0 and box[0] + box[2] < MASK_WIDTH
             look = Look(t_s, datagram["x"] or 0, datagram["mean"] or 0.0, whole)
@@ -314,8 +313,7 @@ class Planner:
         """On station; one that is not patient goes back the way it came after a while."""
         self._progress.hold()
         if self._held is None:
-            place = nav.position + STOPPING_S * nav.velocity_world
-            self._held = t_s, place, nav.heading_rad
+            self._held = t_s, _stop(nav), nav.heading_rad
         since_s, place, heading = self._held
         steps = 0 if patient else int((t_s - since_s) / PATIENCE_S)
         back = min(steps * RETREAT_M, BACK_OFF_MOST_M)
@@ -331,7 +329,7 @@ class Planner:
         self._wait = self._manoeuvre = None
         self._progress = Progress()
         held = self._hold(t_s, nav)
-        self._handed_over |= float(np.linalg.norm(nav.velocity_body)) < AT_REST_M_S
+        self._handed_over |= _at_rest(nav)
         if not self._handed_over:
             return held
         self._held = None
@@ -341,7 +339,7 @@ class Planner:
         """Whether it is near enough to end, on station."""
         if self._end_m is None or float(np.linalg.norm(self.goal - nav.position)) > self._end_m:
             return False
-        self.reached = float(np.linalg.norm(nav.velocity_body)) < AT_REST_M_S
+        self.reached = _at_rest(nav)
         return True
 
     def _unstick(self, t_s: float, nav: State) -> None:
@@ -404,6 +402,15 @@ def steered(nav: State, place: F64, mode: Mode, heading: float | None = None) ->
         heading = math.atan2(east, north)
     off = abs(turn(heading - nav.heading_rad))
     return Setpoint(place, heading, mode, CRUISE_M_S * max(0.0, 1.0 - off / HALF_VIEW))
+
+
+def _stop(nav: State) -> F64:
+    """Where the vehicle comes to rest, about."""
+    return np.asarray(nav.position + STOPPING_S * nav.velocity_world, np.float64)
+
+
+def _at_rest(nav: State) -> bool:
+    return float(np.linalg.norm(nav.velocity_body)) < AT_REST_M_S
 
 
 def _stopping_m(nav: State) -> float:

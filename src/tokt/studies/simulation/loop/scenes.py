@@ -18,16 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tokt.features.common.arrays import F64
+from tokt.studies.simulation.scene import obstacles
 from tokt.studies.simulation.scene.closed_loop_world import World
 from tokt.studies.simulation.scene.fish_and_dust import DustCloud, School
-from tokt.studies.simulation.scene.obstacles import (
-    cable,
-    net,
-    one_tower,
-    other_vehicle,
-    sea_floor,
-    trap,
-)
 from tokt.studies.simulation.scene.rig import SyntheticRig
 from tokt.studies.simulation.scene.water import Water
 
@@ -90,17 +83,19 @@ def _offset(rng: Rng) -> float:
 
 
 def _tower(rng: Rng, scene: LoopScene) -> LoopScene:
-    return _with(scene, things=(one_tower(rng, (_offset(rng), 0.0, 0.0)),))
+    return _with(scene, things=(obstacles.one_tower(rng, (_offset(rng), 0.0, 0.0)),))
 
 
 def _two(rng: Rng, scene: LoopScene) -> LoopScene:
-    towers = tuple(one_tower(rng, (_offset(rng), 0.0, along)) for along in (0.0, SECOND_M))
+    towers = tuple(
+        obstacles.one_tower(rng, (_offset(rng), 0.0, along)) for along in (0.0, SECOND_M)
+    )
     goal = scene.goal + np.array([0.0, 0.0, SECOND_M])
     return replace(_with(scene, things=towers), goal=goal)
 
 
 def _trap(rng: Rng, scene: LoopScene) -> LoopScene:
-    dead_end = trap(rng, (_offset(rng), 0.0, 1.5), width_m=4.0, depth_m=3.0)
+    dead_end = obstacles.trap(rng, (_offset(rng), 0.0, 1.5), width_m=4.0, depth_m=3.0)
     return _with(scene, things=(dead_end,))
 
 
@@ -117,7 +112,7 @@ def _blind(rng: Rng, scene: LoopScene) -> LoopScene:
 
 
 def _floor(rng: Rng, scene: LoopScene) -> LoopScene:
-    floor, ground = sea_floor(rng, FLOOR_M)
+    floor, ground = obstacles.sea_floor(rng, FLOOR_M)
     scene = _tower(rng, scene)
     scene = _with(scene, floor=floor, things=(*scene.world.things, ground))
     above = ALTITUDE_M - floor.altitude_m(scene.start.position)
@@ -149,15 +144,17 @@ def _vehicle(rng: Rng, scene: LoopScene) -> LoopScene:
     speed = float(rng.uniform(0.2, 0.5))
     velocity = (speed * float(np.sin(heading)), 0.0, speed * float(np.cos(heading)))
     at = (-at_s * velocity[0], scene.start.position[1], meets - at_s * velocity[2])
-    return _with(scene, things=(other_vehicle(rng, at, velocity, heading),))
+    return _with(scene, things=(obstacles.other_vehicle(rng, at, velocity, heading),))
 
 
 def _cable(rng: Rng, scene: LoopScene) -> LoopScene:
-    return _with(scene, things=(cable(rng, (_offset(rng), scene.start.position[1], 0.0)),))
+    return _with(
+        scene, things=(obstacles.cable(rng, (_offset(rng), scene.start.position[1], 0.0)),)
+    )
 
 
 def _net(rng: Rng, scene: LoopScene) -> LoopScene:
-    return _with(scene, things=(net(rng, (_offset(rng), scene.start.position[1], 0.0)),))
+    return _with(scene, things=(obstacles.net(rng, (_offset(rng), scene.start.position[1], 0.0)),))
 
 
 def _fish(rng: Rng, scene: LoopScene) -> LoopScene:

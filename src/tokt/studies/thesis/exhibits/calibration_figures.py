@@ -63,7 +63,6 @@ def calibration_figures(context: StudyContext) -> Exhibit:
                 "Rows of the two pictures",
             ),
         ),
-        numbers={"edges": len(bends), **rows[["raw", "thesis", "tokt"]].median().to_dict()},
     )
 
 

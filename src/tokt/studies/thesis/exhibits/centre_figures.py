@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -25,7 +26,7 @@ from tokt.studies.thesis.methods.curves import THESIS
 
 from .disparity_figures import thesis_map
 from .dot_figures import by_thesis
-from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext
+from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import (
     CORRECTED_COLOR,
     SHOWN,
@@ -113,7 +114,8 @@ def centre_and_box(context: StudyContext) -> Exhibit:
             "thesis's method says obstacle. None is of an image it learnt from.",
         ),
         (box_claim(mission), fineness_claim(_partly_white(context, number))),
-        plots=(
+        (Table("masks", "The thesis's rules in these masks.", pd.DataFrame([_summary(mission)])),),
+        (
             Plot(
                 "contours-centre-box",
                 f"Frame {number}: the mask with its contours (3.22), the two centres and where "
@@ -123,7 +125,6 @@ def centre_and_box(context: StudyContext) -> Exhibit:
                 png_of(_figure(context, shown, mission)),
             ),
         ),
-        numbers={"frame": number, **_summary(mission)},
     )
 
 
@@ -140,14 +141,11 @@ def _mission(context: StudyContext) -> list[BothWays]:
 
 
 def _summary(every: Sequence[BothWays]) -> dict[str, float | int]:
-    """Figures over some masks; of none only that."""
-    if not every:
-        return {"masks": 0}
     return {
         "masks": len(every),
-        "ypos_off_median_px": float(np.median([abs(one.ypos_off) for one in every])),
-        "ypos_opposite": sum(one.ypos_opposite for one in every),
-        "box_leaves_frame": sum(one.thesis_leaves for one in every),
+        "Ypos off, median px": float(np.median([abs(one.ypos_off) for one in every] or [0])),
+        "Ypos the other way": sum(one.ypos_opposite for one in every),
+        "box leaves the frame": sum(one.thesis_leaves for one in every),
     }
 
 

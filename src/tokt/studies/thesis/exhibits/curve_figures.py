@@ -51,7 +51,6 @@ def curve_figures(context: StudyContext) -> Exhibit:
         ),
         _tables(context, scores, together, nearness),
         _plots(context, scores, together),
-        _numbers(curves, scores, nearness),
     )
 
 
@@ -421,14 +420,3 @@ def steepest(shares: pd.Series) -> float:
     low = np.flatnonzero(shares.to_numpy()[: top + 1] <= 0.1)
     begin = int(low[-1]) if len(low) else 0
     return float((shares.iloc[top] - shares.iloc[begin]) / max(top - begin, 1))
-
-
-def _numbers(curves: Curves, scores: Scores, nearness: Nearness) -> dict[str, Any]:
-    numbers: dict[str, Any] = {"frames": len(curves.mean)}
-    for name, one in scores.items():
-        numbers |= {f"{name}_{key}": value for key, value in one.items()}
-        numbers[f"{name}_with_nearness"] = nearness.get(name)
-    ours = {name: scores[name]["first_detection"] for name in curves.named(OURS)}
-    detected = {name: first for name, first in ours.items() if first is not None}
-    numbers["earliest_of_ours"] = min(detected, key=lambda name: detected[name], default=None)
-    return numbers

@@ -102,7 +102,14 @@ def disparity_figures(context: StudyContext) -> Exhibit:
     return Exhibit(
         words=_words(context, frames, best),
         claims=(map_claim(numbers), cloud_claim(numbers)),
-        tables=(_table(rows),),
+        tables=(
+            _table(rows),
+            Table(
+                "figures",
+                "What the claims are judged by.",
+                pd.DataFrame(numbers.items(), columns=["figure", "value"]),
+            ),
+        ),
         plots=(
             Plot(
                 "disparity_and_margin",
@@ -116,7 +123,6 @@ def disparity_figures(context: StudyContext) -> Exhibit:
                 png_of(_clouds(shown)),
             ),
         ),
-        numbers=numbers,
     )
 
 

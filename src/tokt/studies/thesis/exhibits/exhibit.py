@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
-from typing import Any
 
 import pandas as pd
 
@@ -69,16 +68,13 @@ class Plot:
 class Exhibit:
     """One table or figure of the thesis, or several that belong together.
 
-    Numbers are what other pages quote, by name: finite floats, ints, strings and booleans. What is
-    None is not written: a page that quotes it asks first if it is there. What follows them is given
-    by the run.
+    What follows the plots is given by the run.
     """
 
     words: tuple[str, ...] = ()  # paragraphs: what was done, and how figures were split
     claims: tuple[Claim, ...] = ()
     tables: tuple[Table, ...] = ()
     plots: tuple[Plot, ...] = ()
-    numbers: dict[str, Any] = field(default_factory=dict)
     key: str = ""  # name of its folder and its anchor, such as ``table-5.1-to-5.4``
     title: str = ""
     section: str = ""  # where the thesis has it

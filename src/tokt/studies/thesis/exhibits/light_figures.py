@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import read_image
+from tokt.features.frames.mission import LEFT
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
 from tokt.studies.baselines.thesis_models import TITLES, thesis_classifier
 from tokt.studies.baselines.thesis_texture import GRID
@@ -60,7 +61,8 @@ def given_picture(context: StudyContext) -> BadPicture | None:
     words, right = f"The image {file.name}", None
     if number is not None:
         words += f", which is the mission's frame {number}"
-        right = context.right(number)
+        # One of the right camera's has no pair to it on its right.
+        right = context.right(number) if context.request.camera == LEFT else None
     calibration, calibration_words = None, ""
     if right is not None:
         calibration, calibration_words = context.calibration, context.calibration_words

@@ -9,12 +9,12 @@ import pandas as pd
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.studies.baselines.thesis_stereo import (
-    BLOCK_PX,
     CROP_PX,
     LEFT_CAMERA,
     MIN_DISPARITY_PX,
     N_DISPARITIES_PX,
     RIGHT_CAMERA,
+    block_matching,
     undistorted,
 )
 from tokt.studies.baselines.thesis_texture import GRID
@@ -34,17 +34,6 @@ _LOST, _MOSTLY = 0.1, 0.5
 """By how much less must be seen at the right edge than at the left, and in which part of pairs."""
 _MIN_PATCHES = 10
 _EDGES = {"left": 1, "right": -1}
-# What table 3.5 has beside the block, the least disparity and their number.
-_TABLE_3_5 = {
-    "PreFilterType": cv2.StereoBM_PREFILTER_XSOBEL,
-    "PreFilterSize": 5,
-    "PreFilterCap": 61,
-    "MinDisparity": MIN_DISPARITY_PX,
-    "TextureThreshold": 507,
-    "UniquenessRatio": 0,
-    "SpeckleRange": 8,
-    "SpeckleWindowSize": 0,
-}
 
 
 def margin_figures(context: StudyContext) -> Exhibit:
@@ -111,14 +100,6 @@ def matched_by_number(pairs: Sequence[tuple[U8, U8]]) -> pd.DataFrame:
         unmatched = 16 * (MIN_DISPARITY_PX - 1)
         rows.append({n: 100 * float((found > unmatched).mean()) for n, found in maps.items()})
     return pd.DataFrame(rows, columns=list(SWEEP))
-
-
-def block_matching(disparities: int) -> cv2.StereoBM:
-    """Block matching by table 3.5, but of a number of disparities."""
-    matcher = cv2.StereoBM.create(disparities, BLOCK_PX)
-    for name, value in _TABLE_3_5.items():
-        getattr(matcher, f"set{name}")(value)
-    return matcher
 
 
 def sweep_claim(sweep: pd.DataFrame) -> Claim:

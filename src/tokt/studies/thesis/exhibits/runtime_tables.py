@@ -379,6 +379,7 @@ THEIR_MACHINE = (
     "2.7.11, numpy 1.10.4, scipy 0.17.0, scikit-learn 0.17 (tables 2.1 and 2.2). It prints no "
     "version of OpenCV, scikit-image or mahotas."
 )
+_NO_PAIRS = "not measured", "it needs pairs with a calibration"
 _VERSIONS = ("numpy", "opencv-python-headless", "scikit-image", "scikit-learn", "mahotas")
 
 Found = dict[str, StageTimes]
@@ -399,7 +400,6 @@ def runtime_tables(context: StudyContext) -> Exhibit:
         tuple(_claims(found)),
         tuple(_tables(found, summary, len(frames))),
         (Plot("run_times", caption, png_of(_chart(found))),),
-        _numbers(found, summary, len(frames)),
     )
 
 
@@ -552,7 +552,7 @@ def _cited_claim(found: Found, key: str) -> Claim:
         f"{seconds:g} s, another machine (section 2.11)",
     )
     if key not in found:
-        return Claim(what, printed, "not measured", "it needs pairs with a calibration")
+        return Claim(what, printed, *_NO_PAIRS)
     taken_s = float(np.median(found[key].total_ms)) / 1e3
     return Claim(
         what,
@@ -566,7 +566,7 @@ def _cited_claim(found: Found, key: str) -> Claim:
 def _smaller_claim(found: Found) -> Claim:
     what, printed = "a smaller pair speeds up matching", "proposed, not measured (section 5.2)"
     if HALF_SIZE not in found:
-        return Claim(what, printed, "not measured", "it needs pairs with a calibration")
+        return Claim(what, printed, *_NO_PAIRS)
     ratio, low, high = _middle(_ratio(found, HALF_SIZE, "tokt_stereo"))
     return Claim(
         what,
@@ -617,21 +617,6 @@ def _reason(found: Found, key: str, agreement: ClaimAgreement) -> str:
         f"{np.median(found[key].total_ms):.1f} ms, where LBP takes "
         f"{np.median(found[REFERENCE].total_ms):.1f}"
     )
-
-
-def _numbers(found: Found, summary: pd.DataFrame, n_frames: int) -> dict[str, Any]:
-    numbers: dict[str, Any] = {"frames": n_frames, "rounds": 1}
-    for key, row in summary.drop(columns=["method", "whose"]).iterrows():
-        numbers |= {f"{key}_{name}": value for name, value in row.items()}
-    for name in ("lbp_10_5", "lbp_24_8", "haralick"):
-        theirs, ours = found[name].verdicts, found[f"tokt_{name}"].verdicts
-        same = sum(
-            (a.status, a.mean, a.box) == (b.status, b.mean, b.box)
-            for a, b in zip(theirs, ours, strict=True)
-        )
-        numbers[f"tokt_{name}_same_verdicts"] = same
-        numbers[f"{name}_times_tokt_kernels"] = _middle(_ratio(found, name, f"tokt_{name}"))[0]
-    return numbers
 
 
 def _chart(found: Found) -> Figure:

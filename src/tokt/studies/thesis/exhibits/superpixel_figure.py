@@ -1,7 +1,6 @@
 """Figure 5.1: SLIC superpixels against the grid."""
 
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import cv2
@@ -10,7 +9,6 @@ import pandas as pd
 from skimage.segmentation import find_boundaries
 
 from tokt.features.common.arrays import I64, U8
-from tokt.inference.verdict import verdict_from_mask
 from tokt.studies.baselines.slic import SlicTexture, resized_bgr, superpixels
 from tokt.studies.baselines.thesis_models import TITLES, ThesisModel
 from tokt.studies.baselines.thesis_texture import GRID
@@ -19,19 +17,13 @@ from tokt.studies.thesis.patch_scores import Truth, patches_of_mask, pooled_scor
 
 from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import SHOWN, draw_grid, new_figure, png_of, show_frame, show_mask
-from .runtime_tables import agreement_of
 
 TITLE = "SLIC superpixels against the grid"
-THESIS_RATIO = 20.0
-"""By how much the thesis says that SLIC is slower."""
 NO_BETTER, SIMILAR = 0.02, 0.5
 """F1 that SLIC may be ahead and still see no better; white in both, of that in either, from which
 two masks are very similar."""
 _COLUMNS = {
     "segments_median": "superpixels",
-    "slic_ms": "SLIC ms",
-    "grid_ms": "grid ms",
-    "slic_over_grid": "SLIC, times the grid",
     "pixels_same": "pixels alike",
     "same_status": "same status",
     "slic_f1": "SLIC F1",
@@ -53,31 +45,23 @@ def superpixel_figure(context: StudyContext) -> Exhibit:
     summaries = {name: _summary(one, context.labelled) for name, one in by_features}
     return Exhibit(
         words=_words(context, numbers),
-        claims=(_time_claim(summaries), mask_claim(summaries[SLIC[0]])),
+        claims=(mask_claim(summaries[SLIC[0]]),),
         tables=(_summary_table(summaries), _frame_table(frames)),
         plots=(_plot(context, frames[frames.frame == shown], segments[shown]),),
-        numbers={
-            f"{name}_{key}": value
-            for name, summary in summaries.items()
-            for key, value in summary.items()
-        },
     )
 
 
 def _compared(
     context: StudyContext, number: int, slic: SlicTexture, model: ThesisModel, cut: I64
 ) -> dict[str, Any]:
-    """One frame by superpixels and by the grid; seconds from the decoded frame to the verdict."""
+    """One frame by superpixels and by the grid."""
     left = context.picture(number)
-    slic_mask, slic_s = _timed(lambda: _by_slic(slic, left))
-    by_grid, grid_s = _timed(lambda: model.judge(left).obstacle)
+    slic_mask, by_grid = slic.mask(left), model.judge(left).obstacle
     grid_mask = GRID.paint(by_grid, *GRID.resized(*left.shape[:2]))
     return {
         "frame": number,
         "features": model.name,
         "superpixels": len(np.unique(cut)),
-        "slic_s": slic_s,
-        "grid_s": grid_s,
         "slic_mask": slic_mask,
         "grid_mask": grid_mask,
         "slic_said": patches_of_mask(slic_mask),
@@ -101,24 +85,9 @@ def _contours(mask: U8) -> int:
     return len(cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0])
 
 
-def _by_slic(slic: SlicTexture, left: U8) -> U8:
-    """The mask; with the verdict made of it, as that takes time, too."""
-    mask = slic.mask(left)
-    verdict_from_mask(mask, slic.name)
-    return mask
-
-
-def _timed(judge: Callable[[], Any]) -> tuple[Any, float]:
-    """What a call gives, and the seconds that it takes."""
-    began = time.perf_counter()
-    found = judge()
-    return found, time.perf_counter() - began
-
-
 def _summary(frames: pd.DataFrame, labelled: Mapping[int, Truth]) -> dict[str, Any]:
     """Figures over all frames of one kind of features."""
     either = int(frames.either.sum())
-    slic_s, grid_s = float(frames.slic_s.median()), float(frames.grid_s.median())
     by_slic, by_grid = (
         pooled_score(dict(zip(frames.frame, said, strict=True)), labelled)
         for said in (frames.slic_said, frames.grid_said)
@@ -126,9 +95,6 @@ def _summary(frames: pd.DataFrame, labelled: Mapping[int, Truth]) -> dict[str, A
     return {
         "frames": len(frames),
         "segments_median": float(frames.superpixels.median()),
-        "slic_ms": 1000 * slic_s,
-        "grid_ms": 1000 * grid_s,
-        "slic_over_grid": slic_s / grid_s,
         "pixels_same": float(frames.same.mean()),
         "overlap": int(frames.both.sum()) / either if either else None,
         "same_status": int(frames.same_status.sum()),
@@ -138,26 +104,6 @@ def _summary(frames: pd.DataFrame, labelled: Mapping[int, Truth]) -> dict[str, A
         "slic_f1": by_slic.f1,
         "grid_f1": by_grid.f1,
     }
-
-
-def _time_claim(summaries: dict[str, dict[str, Any]]) -> Claim:
-    ratios = {name: summary["slic_over_grid"] for name, summary in summaries.items()}
-    ratio = ratios[SLIC[0]]
-    agreement = agreement_of(ratio, THESIS_RATIO)
-    if agreement is ClaimAgreement.YES:
-        why = "within a quarter of the printed ratio"
-    elif ratio > 1:
-        why = "slower it is, but by another factor: other libraries, another machine"
-    else:
-        why = "on this machine it is not slower at all"
-    found = ", ".join(f"{TITLES[name]} {value:.1f} times" for name, value in ratios.items())
-    return Claim(
-        "superpixels take so many times as long as a grid",
-        f"SLIC + LBP is about {THESIS_RATIO:.0f} times as slow",
-        f"medians of the same frames, decoded before: {found}",
-        why,
-        agreement=agreement,
-    )
 
 
 def mask_claim(summary: Mapping[str, Any]) -> Claim:
@@ -196,8 +142,8 @@ def _summary_table(summaries: dict[str, dict[str, Any]]) -> Table:
     rows = [{"features": TITLES[name], **summary} for name, summary in summaries.items()]
     table = pd.DataFrame(rows).rename(columns=_COLUMNS).round(3)
     caption = (
-        "Medians over the sample, ms from a decoded frame to its verdict. Pixels alike: mean part "
-        "of them. Overlap: white in both over white in either, over all frames. F1: "
+        "Medians over the sample. Pixels alike: mean part of them. "
+        "Overlap: white in both over white in either, over all frames. F1: "
         "over all sure patches of the sample (empty without labels)."
     )
     return Table("slic_against_grid", caption, table, TITLE)
@@ -209,8 +155,6 @@ def _frame_table(frames: pd.DataFrame) -> Table:
             "frame": frames.frame,
             "features": frames.features.map(TITLES),
             "superpixels": frames.superpixels,
-            "SLIC ms": (1000 * frames.slic_s).round(1),
-            "grid ms": (1000 * frames.grid_s).round(1),
             "SLIC mean value": frames.slic_mean.round(3),
             "grid mean value": frames.grid_mean.round(3),
             "pixels alike %": (100 * frames.same).round(2),
@@ -231,10 +175,10 @@ def _plot(context: StudyContext, shown: pd.DataFrame, segments: I64) -> Plot:
     draw_grid(axes[1, 0], height, width)
     axes[1, 0].set_title(f"{GRID.n_patches} patches", fontsize=10)
     for column, one in zip(axes.T[1:], shown.itertuples(), strict=True):
-        methods = ("SLIC", one.slic_mask, one.slic_s), ("grid", one.grid_mask, one.grid_s)
-        for panel, (what, mask, took) in zip(column, methods, strict=True):
+        methods = ("SLIC", one.slic_mask), ("grid", one.grid_mask)
+        for panel, (what, mask) in zip(column, methods, strict=True):
             show_mask(panel, mask)
-            panel.set_title(f"{what}, {TITLES[one.features]}: {1000 * took:.0f} ms", fontsize=10)
+            panel.set_title(f"{what}, {TITLES[one.features]}", fontsize=10)
     return Plot(
         "slic_against_grid",
         f"Frame {number} cut into superpixels and into patches, and what is not ocean in each "

@@ -248,20 +248,11 @@ def synchrony_figure(context: StudyContext) -> Exhibit:
         raise ToktError(
             f"needs points that both cameras see in successive frames: {error}"
         ) from error
-    numbers: dict[str, Any] = {}
-    for name, one in zip(("own", "shifted"), found.values(), strict=True):
-        numbers |= {
-            f"{name}_offset_frames": one.frames,
-            f"{name}_half_width_frames": one.half_width,
-            f"{name}_frames": len(one.by_frame),
-            f"{name}_points": one.n_points,
-        }
     return Exhibit(
         words=_words(context),
         claims=(claim_of(found),),
         tables=(_table(found),),
         plots=(_plot(found),),
-        numbers=numbers,
     )
 
 

@@ -167,7 +167,6 @@ def training_images(context: StudyContext) -> Exhibit:
                 png_of(_histograms([ocean, *(images[name] for name in table["image"])])),
             ),
         ),
-        {"scored_frames": len(tested)},
     )
 
 

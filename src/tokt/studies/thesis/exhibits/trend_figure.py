@@ -88,7 +88,6 @@ def trend_exhibit(context: StudyContext) -> Exhibit:
         claims=(_distance_claim(scores, titles), _sign_claim(scores, titles)),
         tables=(_score_table(rates, titles), _confusion_table(held, titles), _frame_table(held)),
         plots=_plots(held, titles),
-        numbers=_numbers(held, scores, len(frames)),
     )
 
 
@@ -366,18 +365,6 @@ def _frame_table(held: Held) -> Table:
             table[f"{name}_{column}"] = one[column]
     caption = "Frame by frame; empty where it is not known or not said."
     return Table("trend_frames", caption, table.reset_index(), "Trend by frame")
-
-
-def _numbers(held: Held, scores: Scores, frames: int) -> dict[str, Any]:
-    numbers: dict[str, Any] = {"frames": frames, "seconds_a_frame": SECONDS_A_FRAME}
-    for name, one in held.items():
-        numbers |= {f"{name}_{key}": value for key, value in scores[name].items()}
-        for words, unchecked in (("", False), ("_edge_ignored", True)):
-            ratios = contact_ratios(one, unchecked)
-            numbers[f"{name}_contacts{words}"] = len(ratios)
-            middle = None if ratios.empty else float(np.median(ratios))
-            numbers[f"{name}_contact_ratio_median{words}"] = middle
-    return numbers
 
 
 def _plots(held: Held, titles: Mapping[str, str]) -> tuple[Plot, ...]:
