@@ -23,7 +23,7 @@ from playwright.sync_api import Page
 
 OUT = Path(__file__).parent / "pictures" / "tour.webp"
 WIDTH, HEIGHT, CAPTION = 960, 540, 44
-SIZE = (720, 438)  # of the pictures that are written, whose file stays below half a megabyte
+SIZE = (720, 438)  # of the pictures that are written, whose file is below half a megabyte
 PAGE_SIZE = (1088, 612)  # of the labelling page, whose bar takes one line then
 STEPS = ("Label", "Train", "Deploy", "Verdict")
 FRAME = 86  # that is labelled; the store has labels of all others
@@ -33,7 +33,7 @@ OBSTACLE_KEY = "5"
 COLUMNS, LINES, LINE_HEIGHT = 90, 23, 22
 MAX_SHOWN = 3  # lines on the screen that one printed line may take; a longer one is passed over
 RATE = 5
-HEARD, MOMENT_MS, LAST_MS = range(49, 92, 3), 250, 1500  # datagrams when a picture is taken
+HEARD, MOMENT_MS, LAST_MS = range(49, 92, 4), 330, 1500  # datagrams when a picture is taken
 SHOWN_MS = 90  # from a datagram to the picture in the page
 VIEW_SIZE = (720, 664)  # of the live view's picture
 FONTS = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
@@ -62,7 +62,7 @@ def main(demo: Path) -> None:
         append_images=pictures[1:],
         duration=list(times),
         loop=0,
-        quality=55,
+        quality=45,
         method=6,
         kmin=1,  # whole pictures often: else a shadow of the scene before stays
         kmax=3,
