@@ -262,7 +262,7 @@ class MavlinkSender:
 
     def _send_ranges(self, report: Report, now: float) -> None:
         age_ms = report.age_ms or 0.0  # since the frame arrived, where that is known
-        taken = now - age_ms / 1000 if math.isfinite(age_ms) and age_ms > 0 else now
+        taken = max(0.0, now - age_ms / 1000) if age_ms > 0 else now
         self._stamp_us = max(self._stamp_us, int(1e6 * taken))
         ranges = ranges_of(report.verdict, self._lens, self._wanted.mavlink_assumed_m)
         messages = self._wanted.mavlink_messages

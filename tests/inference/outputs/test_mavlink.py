@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tests.calls import refuses, run_python
@@ -249,6 +249,7 @@ verdicts = st.builds(
 
 
 @settings(max_examples=scaled(80))
+@example(Verdict(-1, None, None, None, None, None, "texture", None), 1e306, "silence", 1.0, 60.0)
 @given(
     verdicts,
     anything,
