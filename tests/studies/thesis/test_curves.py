@@ -28,7 +28,6 @@ from tokt.studies.thesis.exhibits.curve_figures import (
     order_claim,
     score_methods,
     steepest,
-    with_nearness,
 )
 from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, StudyContext
 from tokt.studies.thesis.exhibits.training_image_figures import EXTRACTORS
@@ -304,15 +303,6 @@ def test_scores_count_what_the_labels_say(context_of, reproduce_mission, monkeyp
     claim = curve_figures(context).claims[0]
     assert claim.agreement is ClaimAgreement.PARTLY
     assert "1 of 3" in claim.found and "ALWAYS" in claim.why and "RIGHT" not in claim.why
-
-
-def test_nearness_follows_the_distance_and_not_another_order():
-    distance = [9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 3.0, 2.0, 2.5, 5.5]
-    follows = [1 / d for d in distance]
-    curves = made_up({"follows": follows, "against": distance, "flat": [1.0] * 10}, distance)
-    assert with_nearness(curves, "follows") == pytest.approx(1)
-    assert with_nearness(curves, "against") == pytest.approx(-1)
-    assert with_nearness(curves, "flat") is None
 
 
 @pytest.mark.parametrize(

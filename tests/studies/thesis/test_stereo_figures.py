@@ -251,13 +251,12 @@ def test_superpixels_and_grid_see_the_same_with_one_classifier(context, monkeypa
     context.__dict__ |= {**given, "superpixel_methods": methods}
     found = superpixel_figure.superpixel_figure(context)
     (one,) = found.tables[0].frame.to_dict("records")
-    assert one["frames"] == 1 and 60 < one["superpixels"] < 150
-    assert one["pixels alike"] > 0.85 and one["overlap"] > 0.5
+    assert one["frames"] == 1 and one["overlap"] > 0.5
     turned = SlicTexture(model.describe, Opposite(slic), "turned")
     context.__dict__["superpixel_methods"] = replace(methods, textures=(turned,))
     monkeypatch.setattr(superpixel_figure, "_plot", lambda *_: None)
     wrong = superpixel_figure.superpixel_figure(context)
-    assert wrong.tables[0].frame["pixels alike"][0] < 0.5
+    assert wrong.tables[0].frame["overlap"][0] < 0.1
 
 
 def test_masks_of_superpixels_and_grid_are_judged_by_area_contours_and_score():
@@ -380,10 +379,9 @@ def test_the_trend_s_exhibit(followed, monkeypatch):
     what = "a growing mean is a thing that comes nearer"
     found = followed(-2.0)
     assert agreement_of(found, what) is ClaimAgreement.YES
-    table = found.tables[1].frame
-    counts = table.set_index("by depth")
-    assert counts.loc[GROWING, GROWING] > 10 and counts.loc[GROWING, SHRINKING] == 0
-    monkeypatch.setattr(trend_figure, "_plots", lambda *_: ())
+    (row,) = found.tables[0].frame.to_dict("records")
+    assert row["same sign"] > 10 and row["opposite sign"] == 0
+    monkeypatch.setattr(trend_figure, "png_of", lambda _: b"")
     turned = followed(2.0)
     assert agreement_of(turned, what) is ClaimAgreement.NO
     assert agreement_of(turned, "the mean value is a relative distance") is ClaimAgreement.NO

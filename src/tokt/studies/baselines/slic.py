@@ -102,21 +102,13 @@ class SlicTexture:
 
         Raises ToktError if one of them leaves no superpixel with features.
         """
-        rows: list[F64] = []
-        labels: list[int] = []
-        for label, image in enumerate((ocean, other)):
-            described = [
-                row
-                for row in (_features(patch, describe) for patch in _training_patches(image))
-                if row is not None
-            ]
-            if not described:
-                which = ("ocean", "other")[label]
+        rows = {}
+        for which, image in (("ocean", ocean), ("other", other)):
+            described = (_features(patch, describe) for patch in _training_patches(image))
+            rows[which] = [row for row in described if row is not None]
+            if not rows[which]:
                 raise ToktError(f"no superpixel of the {which} image has features to learn from")
-            rows += described
-            labels += [label] * len(described)
-        classifier = thesis_classifier(np.array(rows), np.array(labels))
-        return cls(describe, classifier, name)
+        return cls(describe, thesis_classifier(**rows), name)
 
     def mask(self, frame: U8) -> U8:
         """255 where a decoded frame shows an obstacle, at the grid's width."""

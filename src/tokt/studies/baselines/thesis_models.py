@@ -4,10 +4,11 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.svm import LinearSVC
 
-from tokt.features.common.arrays import F64, I64, U8
+from tokt.features.common.arrays import U8
 
 from .thesis_texture import DESCRIBE, GRID, DescribePatch, ThesisTextureResult, judge, resized_gray
 
@@ -47,20 +48,19 @@ def thesis_model(name: str, ocean: TrainingImage, other: TrainingImage) -> Thesi
         [describe(np.ascontiguousarray(patch)) for patch in GRID.cells(resized_gray(part.image))]
         for part in (ocean, other)
     ]
-    targets = np.repeat([0, 1], GRID.n_patches)
-    classifier = thesis_classifier(np.vstack(rows), targets)
-    return ThesisModel(name, TITLES[name], describe, classifier)
+    return ThesisModel(name, TITLES[name], describe, thesis_classifier(*rows))
 
 
-def thesis_classifier(rows: F64, obstacle: I64) -> LinearSVC:
+def thesis_classifier(ocean: ArrayLike, other: ArrayLike) -> LinearSVC:
     """A LinearSVC as the thesis fits it: C = 100, seed 42, unscaled features.
 
     What it leaves to scikit-learn is written out as its release of 2016 had it: the dual problem,
     at most 1000 iterations. Unscaled Haralick features do not converge in these. The rows are
-    (n, dim); obstacles are 1, ocean 0.
+    (n, dim); what is other than ocean is 1.
     """
+    obstacle = np.repeat([0, 1], [len(np.asarray(rows)) for rows in (ocean, other)])
     classifier = LinearSVC(C=100.0, random_state=42, dual=True, max_iter=1000)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        classifier.fit(rows, obstacle)
+        classifier.fit(np.concatenate([ocean, other]), obstacle)
     return classifier

@@ -86,14 +86,13 @@ def row_claim(rows: pd.DataFrame) -> Claim:
     if rows.empty:
         return Claim(what, printed, "no point was matched", "rows need points of both pictures")
     raw, thesis, ours = rows[["raw", "thesis", "tokt"]].median()
-    agreement = ClaimAgreement.PARTLY if thesis <= raw / 2 else ClaimAgreement.NO
     return Claim(
         what,
         printed,
         f"median row difference in {len(rows)} pairs: {raw:.1f} px before, {thesis:.1f} px after; "
         f"tokt's rectification {ours:.1f} px",
         f"agrees within half a block ({BLOCK_PX / 2:g} px), in part where it is halved",
-        agreement=ClaimAgreement.YES if thesis <= BLOCK_PX / 2 else agreement,
+        agreement=ClaimAgreement.of(thesis <= BLOCK_PX / 2, thesis <= raw / 2),
     )
 
 
@@ -172,11 +171,10 @@ def bend_claim(bends: F64) -> Claim:
         return Claim(what, printed, found, why)
     before, *after = 100 * np.median(bends, axis=0)
     ways = ", ".join(f"{way} {value:.2f} %" for way, value in zip(_WAYS, after, strict=True))
-    agreement = ClaimAgreement.PARTLY if min(after) < before else ClaimAgreement.NO
     return Claim(
         what,
         printed,
         f"{found}: median bend {before:.2f} % of the chord before; after, {ways}",
         "agrees where a reading of the numbers halves the bend, in part where it lessens it",
-        agreement=ClaimAgreement.YES if min(after) <= before / 2 else agreement,
+        agreement=ClaimAgreement.of(min(after) <= before / 2, min(after) < before),
     )

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -26,7 +25,7 @@ from tokt.studies.thesis.methods.curves import THESIS
 
 from .disparity_figures import thesis_map
 from .dot_figures import by_thesis
-from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext
 from .frame_drawing import (
     CORRECTED_COLOR,
     SHOWN,
@@ -69,16 +68,6 @@ class BothWays:
         return left > x0 or top > y0 or left + width < x0 + w or top + height < y0 + h
 
     @property
-    def ypos_off(self) -> int:
-        """Ypos of the thesis's program less the corrected one, in pixels."""
-        return self.thesis.y - int(self.corrected.y or 0)
-
-    @property
-    def ypos_opposite(self) -> bool:
-        """Whether the two say up and down."""
-        return self.thesis.y * int(self.corrected.y or 0) < 0
-
-    @property
     def box_ratio(self) -> float:
         """Area of the thesis's box over that of the corrected one."""
         mine, right = self.boxes
@@ -114,8 +103,7 @@ def centre_and_box(context: StudyContext) -> Exhibit:
             "thesis's method says obstacle. None is of an image it learnt from.",
         ),
         (box_claim(mission), fineness_claim(_partly_white(context, number))),
-        (Table("masks", "The thesis's rules in these masks.", pd.DataFrame([_summary(mission)])),),
-        (
+        plots=(
             Plot(
                 "contours-centre-box",
                 f"Frame {number}: the mask with its contours (3.22), the two centres and where "
@@ -140,15 +128,6 @@ def _mission(context: StudyContext) -> list[BothWays]:
     return [one for one in every if one.corrected.status == OBSTACLE]
 
 
-def _summary(every: Sequence[BothWays]) -> dict[str, float | int]:
-    return {
-        "masks": len(every),
-        "Ypos off, median px": float(np.median([abs(one.ypos_off) for one in every] or [0])),
-        "Ypos the other way": sum(one.ypos_opposite for one in every),
-        "box leaves the frame": sum(one.thesis_leaves for one in every),
-    }
-
-
 def box_claim(every: Sequence[BothWays]) -> Claim:
     """Whether the thesis's box, whose sizes are sums, is around what was seen."""
     what = "the box is around the obstacle"
@@ -159,14 +138,13 @@ def box_claim(every: Sequence[BothWays]) -> Claim:
     misses = sum(one.thesis_misses for one in every)
     ratios = [one.box_ratio for one in every]
     few = max(leaves, misses) <= _SOME * len(every)
-    agreement = ClaimAgreement.PARTLY if few else ClaimAgreement.NO
     return Claim(
         what,
         printed,
         f"area over that of the boxes' union: {np.median(ratios):.1f} (median), {max(ratios):.1f} "
         f"at most. Of {len(every)} boxes {leaves} leave the frame, {misses} miss a part",
         f"agrees where it does neither, in part where it does in {_SOME:.0%} at most",
-        agreement=ClaimAgreement.YES if leaves == misses == 0 else agreement,
+        agreement=ClaimAgreement.of(leaves == misses == 0, few),
     )
 
 
@@ -185,13 +163,12 @@ def fineness_claim(finest: float | None) -> Claim:
     what, printed = "the disparity mask is finer than the block mask", "figures 3.21 to 3.24"
     if finest is None:
         return Claim(what, printed, "not measured", "no pair gives a disparity mask")
-    agreement = ClaimAgreement.PARTLY if finest > 0 else ClaimAgreement.NO
     return Claim(
         what,
         printed,
         f"{finest:.0%} of the patches that it touches are white in part only; of a block mask none",
         f"agrees from {_MOSTLY:.0%} on, in part above 0",
-        agreement=ClaimAgreement.YES if finest >= _MOSTLY else agreement,
+        agreement=ClaimAgreement.of(finest >= _MOSTLY, finest > 0),
     )
 
 

@@ -1,6 +1,6 @@
 """Figures 5.3 to 5.5: images along the mission, and the mean value of every method."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -33,15 +33,11 @@ _STRIP = 8
 
 MethodScore = dict[str, Any]
 Scores = Mapping[str, MethodScore]
-Nearness = Mapping[str, float | None]
 
 
 def curve_figures(context: StudyContext) -> Exhibit:
     """Draw and score the curves of all methods."""
     curves, scores = context.curves, score_methods(context)
-    whole = [name for name, method in curves.methods.items() if not method.sampled]
-    together = curves.mean[whole].corr("spearman", min_periods=MIN_FRAMES)
-    nearness = {name: with_nearness(curves, name) for name in whole}
     return Exhibit(
         _words(context),
         (
@@ -49,8 +45,8 @@ def curve_figures(context: StudyContext) -> Exhibit:
             order_claim({name: one["first_detection"] for name, one in scores.items()}),
             alike_claim(curves),
         ),
-        _tables(context, scores, together, nearness),
-        _plots(context, scores, together),
+        _tables(context, scores),
+        _plots(context, scores),
     )
 
 
@@ -103,21 +99,7 @@ def _counted(status: pd.Series, frames: Iterable[int]) -> tuple[int, int]:
 def agreement_of_worst(shares: Iterable[float]) -> ClaimAgreement:
     """What the worst of some correlations or shares comes to."""
     worst = min(shares)
-    if worst >= NEARLY_ALWAYS:
-        return ClaimAgreement.YES
-    return ClaimAgreement.PARTLY if worst >= GOES_WITH else ClaimAgreement.NO
-
-
-def with_nearness(curves: Curves, name: str) -> float | None:
-    """Spearman's rank correlation of a curve with 1 / distance, where stereo measured one.
-
-    None where there are too few such frames, or the curve is flat there.
-    """
-    near = 1.0 / curves.distance_m
-    both = curves.mean[name].notna() & near.notna()
-    if int(both.sum()) < MIN_FRAMES or curves.mean[name][both].nunique() < 2:
-        return None
-    return float(curves.mean[name][both].corr(near[both], "spearman"))
+    return ClaimAgreement.of(worst >= NEARLY_ALWAYS, worst >= GOES_WITH)
 
 
 def _words(context: StudyContext) -> tuple[str, ...]:
@@ -143,26 +125,15 @@ def _words(context: StudyContext) -> tuple[str, ...]:
     return (f"{scored}. {limit}", *methods, *missing)
 
 
-def _tables(
-    context: StudyContext, scores: Scores, together: pd.DataFrame, nearness: Nearness
-) -> tuple[Table, ...]:
+def _tables(context: StudyContext, scores: Scores) -> tuple[Table, ...]:
     curves = context.curves
-    titles = {name: method.title for name, method in curves.methods.items()}
     labels = "Ocean frames have every patch labelled, as clear." if context.labels else ""
-    pairs = together.rename(index=titles, columns=titles)
-    pairs["1 / distance"] = [nearness[name] for name in together.index]
     return (
         Table(
             "scores",
             f"What the curves come to. {labels} Patch F1 is of the grid's patches at their own "
             "threshold, over all sure labels; empty where a method has none.",
             _scores_table(curves, scores),
-        ),
-        Table(
-            "correlations",
-            "Spearman's rank correlation between curves, on the frames that both judged; the last "
-            "column with 1 / distance where stereo measures one.",
-            pairs.reset_index(names="method"),
         ),
         Table(
             "means",
@@ -201,8 +172,7 @@ def _scores_table(curves: Curves, scores: Scores) -> pd.DataFrame:
     return pd.DataFrame(rows).astype(dict.fromkeys(whole, "Int64"))
 
 
-def _plots(context: StudyContext, scores: Scores, together: pd.DataFrame) -> tuple[Plot, ...]:
-    curves = context.curves
+def _plots(context: StudyContext, scores: Scores) -> tuple[Plot, ...]:
     every = {name: one["first_detection"] for name, one in scores.items()}
     firsts = {name: first for name, first in every.items() if first is not None}
     shaded = " Gray: an obstacle is labelled; hatched: not labelled." if context.labels else ""
@@ -223,9 +193,6 @@ def _plots(context: StudyContext, scores: Scores, together: pd.DataFrame) -> tup
         begin, end = min(firsts.values()) - _ZOOM_BEFORE, max(firsts.values()) + _ZOOM_AFTER
         words = f"The same around the first detections.{shaded}"
         plots.append(Plot("figure_5_5_zoomed", words, png_of(_normalised(context, begin, end))))
-    titles = [curves.methods[name].title for name in together.index]
-    words = "Rank correlations between the curves."
-    plots.append(Plot("correlations", words, png_of(_correlation_picture(together, titles))))
     return tuple(plots)
 
 
@@ -325,21 +292,6 @@ def _normalised(context: StudyContext, begin: int | None = None, end: int | None
     return _panels(context, context.curves.shares(), dress, "frame")
 
 
-def _correlation_picture(table: pd.DataFrame, titles: Sequence[str]) -> Figure:
-    """Rank correlations as a coloured table."""
-    count = len(table)
-    figure, axes = new_figure(2.6 + 0.75 * count, 1.6 + 0.5 * count)
-    values = table.to_numpy(float)
-    axes.imshow(values, cmap="RdBu", vmin=-1, vmax=1, aspect="auto")
-    for (row, col), value in np.ndenumerate(values):
-        if np.isfinite(value):
-            color = "white" if abs(value) > 0.6 else "black"
-            axes.text(col, row, f"{value:.2f}", ha="center", va="center", fontsize=8, color=color)
-    axes.set_xticks(range(count), titles, rotation=35, ha="right", fontsize=8)
-    axes.set_yticks(range(count), titles, fontsize=8)
-    return figure
-
-
 def _detection_claim(context: StudyContext, scores: Scores) -> Claim:
     """Cameras can be used: each method warns before the nearest approach, without false status."""
     what = "Cameras can be used for underwater obstacle avoidance"
@@ -360,9 +312,7 @@ def _detection_claim(context: StudyContext, scores: Scores) -> Claim:
         f"{len(good)} of {len(names)} methods have status 1 before frame {nearest}, where most "
         "patches are obstacle, and none in an ocean frame"
     )
-    agreement = ClaimAgreement.PARTLY if good else ClaimAgreement.NO
-    if len(good) == len(names):
-        agreement = ClaimAgreement.YES
+    agreement = ClaimAgreement.of(len(good) == len(names), bool(good))
     why = "judged by first detections and false statuses of this mission alone; not: " + (
         ", ".join(context.curves.methods[n].title for n in names if n not in good) or "none"
     )
@@ -376,17 +326,14 @@ def order_claim(firsts: Mapping[str, int | None]) -> Claim:
     lbp, haralick, disparity = (firsts.get(name) for name in _OF_THE_FIGURES)
     if lbp is None or haralick is None or disparity is None:
         return Claim(what, printed, "not all detect", "it needs a first detection of all three")
-    agreement = ClaimAgreement.NO
-    if haralick < min(lbp, disparity):
-        together = abs(lbp - disparity) <= TOGETHER_FRAMES
-        agreement = ClaimAgreement.YES if together else ClaimAgreement.PARTLY
+    first, together = haralick < min(lbp, disparity), abs(lbp - disparity) <= TOGETHER_FRAMES
     return Claim(
         what,
         printed,
         f"first detections: Haralick {haralick}, disparity {disparity}, LBP (10, 5) {lbp}",
         f"together is at most {TOGETHER_FRAMES} frames apart; in part where only Haralick's place "
         "is so. Another image than the film still moves LBP's and Haralick's",
-        agreement=agreement,
+        agreement=ClaimAgreement.of(first and together, first),
     )
 
 
@@ -401,16 +348,12 @@ def alike_claim(curves: Curves) -> Claim:
     alike = float(shares.corr().to_numpy().min())
     rates = {name: steepest(shares[name]) for name in there}
     times = max(rates.values()) / max(min(rates.values()), 1e-9)
-    agreement = ClaimAgreement.NO
-    if alike >= GOES_WITH:
-        both = alike >= ALIKE and times <= SAME_RATE
-        agreement = ClaimAgreement.YES if both else ClaimAgreement.PARTLY
     return Claim(
         what,
         printed,
         f"least correlation of two {alike:.2f}; the steepest rises {times:.1f} times as fast",
         f"agrees from {ALIKE:g} on and up to {SAME_RATE:g} times; in part from {GOES_WITH:g} on",
-        agreement=agreement,
+        agreement=ClaimAgreement.of(alike >= ALIKE and times <= SAME_RATE, alike >= GOES_WITH),
     )
 
 

@@ -297,7 +297,6 @@ def map_claim(numbers: dict[str, Any]) -> Claim:
     share, changed = numbers["points_searched"], numbers["thesis_pixels_changed_most"]
     if share is None:
         return Claim(what, printed, "no matched points", "true disparities are not known without")
-    agreement = ClaimAgreement.PARTLY if share > _FEW_FOUND else ClaimAgreement.NO
     return Claim(
         what,
         printed,
@@ -306,7 +305,7 @@ def map_claim(numbers: dict[str, Any]) -> Claim:
         f"status, and {changed:.2%} of its pixels change at most",
         "agrees where the search has half of the points and the map changes with the right frame. "
         "In part from a twentieth of the points (SIFT, at its undistorted places) on",
-        agreement=ClaimAgreement.YES if share > _MAX_FOUND and changed > _SAME else agreement,
+        agreement=ClaimAgreement.of(share > _MAX_FOUND and changed > _SAME, share > _FEW_FOUND),
     )
 
 
@@ -324,7 +323,6 @@ def cloud_claim(numbers: dict[str, Any]) -> Claim:
         why = "the frame has no labels, so that places cannot be judged"
         return Claim(what, printed, found, why)
     in_place = numbers["in_place"] >= _IN_PLACE
-    agreement = ClaimAgreement.PARTLY if in_place or no_distance else ClaimAgreement.NO
     return Claim(
         what,
         printed,
@@ -332,7 +330,7 @@ def cloud_claim(numbers: dict[str, Any]) -> Claim:
         f"labelled patches; {found}",
         f"agrees where {_IN_PLACE:.0%} lies there, the correlation is above {_MIN_RANK} (-1: "
         "disparities) and the depths spread wider than ours; in part where one holds",
-        agreement=ClaimAgreement.YES if in_place and no_distance else agreement,
+        agreement=ClaimAgreement.of(in_place and no_distance, in_place or no_distance),
     )
 
 

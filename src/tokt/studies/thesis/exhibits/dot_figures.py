@@ -225,9 +225,7 @@ def alike_claim(patches: Mapping[str, Mapping[int, Bools]], frames: Sequence[int
 
 
 def _agreement(share: float) -> ClaimAgreement:
-    if share >= _HIGH:
-        return ClaimAgreement.YES
-    return ClaimAgreement.PARTLY if share >= _HALF else ClaimAgreement.NO
+    return ClaimAgreement.of(share >= _HIGH, share >= _HALF)
 
 
 def _figure(frame: U8, said: Sequence[MethodPrediction], truth: Truth | None) -> Figure:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
+from typing import Self
 
 import pandas as pd
 
@@ -25,6 +26,11 @@ class ClaimAgreement(StrEnum):
     PARTLY = "agrees in part"
     NO = "does not agree"
     UNAVAILABLE = "cannot be had from these frames"
+
+    @classmethod
+    def of(cls, whole: bool, part: bool) -> Self:
+        """What holds as a whole, holds in part, or does not."""
+        return cls.YES if whole else cls.PARTLY if part else cls.NO
 
 
 @dataclass(frozen=True)

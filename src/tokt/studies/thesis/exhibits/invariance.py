@@ -120,7 +120,6 @@ def lbp_claim(shares: pd.DataFrame) -> Claim:
     """Whether LBP's verdicts stay under monotone grey changes and rotation."""
     most = shares.loc[[*GREY, *ROTATED], list(LBP_KEYS)].max()
     unchanged = most <= UNCHANGED
-    agreement = ClaimAgreement.PARTLY if unchanged.any() else ClaimAgreement.NO
     return Claim(
         "LBP is unchanged by monotone grey changes and by rotation",
         "sections 2.13 and 7.1",
@@ -130,7 +129,7 @@ def lbp_claim(shares: pd.DataFrame) -> Claim:
             for key, share in most.items()
         ),
         f"agrees where both change {UNCHANGED:.0%} at most, in part where one does",
-        agreement=ClaimAgreement.YES if unchanged.all() else agreement,
+        agreement=ClaimAgreement.of(unchanged.all(), unchanged.any()),
     )
 
 
@@ -140,7 +139,6 @@ def haralick_claim(shares: pd.DataFrame) -> Claim:
     noisy = shares.loc[NOISE]
     turns = rotated["haralick"] > rotated[list(LBP_KEYS)].max()
     noise = noisy["haralick"] > UNCHANGED
-    agreement = ClaimAgreement.PARTLY if turns or noise else ClaimAgreement.NO
     return Claim(
         "Haralick changes more under rotation, and is sensitive to small noise",
         "sections 2.13 and 7.1",
@@ -150,5 +148,5 @@ def haralick_claim(shares: pd.DataFrame) -> Claim:
         ),
         f"agrees where rotation changes more of its verdicts than of LBP's, and noise of one grey "
         f"level over {UNCHANGED:.0%}; in part where one holds",
-        agreement=ClaimAgreement.YES if turns and noise else agreement,
+        agreement=ClaimAgreement.of(turns and noise, turns or noise),
     )

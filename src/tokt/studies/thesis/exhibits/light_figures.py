@@ -189,14 +189,13 @@ def river_claim(said: Said, bad: BadPicture) -> Claim:
         (scores[title].recall or 0.0, scores[title].f1 or 0.0) for title in (LBP, HARALICK)
     )
     finds, leads = recall >= _NEARLY_ALL, f1 > other
-    agreement = ClaimAgreement.PARTLY if finds or leads else ClaimAgreement.NO
     return Claim(
         what,
         printed,
         f"{LBP}: recall {recall:.2f}, F1 {f1:.2f}; {HARALICK}: recall {less:.2f}, F1 {other:.2f}",
         f"agrees where LBP's recall is {_NEARLY_ALL} or more and its F1 the higher, in part where "
         "one holds",
-        agreement=ClaimAgreement.YES if finds and leads else agreement,
+        agreement=ClaimAgreement.of(finds and leads, finds or leads),
     )
 
 
@@ -210,9 +209,7 @@ def _trained_on_bright_water(
     ocean, other, picture = (described(one) for one in (water, context.other.image, bad.left))
     found = {}
     for name in ("lbp_10_5", "haralick"):
-        targets = np.repeat([0, 1], [len(one[name]) for one in (ocean, other)])
-        classifier = thesis_classifier(np.vstack([ocean[name], other[name]]), targets)
-        patches = classifier.predict(picture[name]) == 1
+        patches = thesis_classifier(ocean[name], other[name]).predict(picture[name]) == 1
         said = said_by_patches(name, TITLES[name], "", "", patches, bad.left)
         found[said.title] = _f1(said, bad.truth) or 0.0
     return found
@@ -227,7 +224,6 @@ def training_claim(said: Said, bad: BadPicture, after: dict[str, float] | None) 
         return Claim(what, printed, "not trained", why)
     before = {one.title: _f1(one, bad.truth) or 0.0 for one in said if one.title in after}
     helped = [after[title] > before[title] for title in after]
-    agreement = ClaimAgreement.PARTLY if any(helped) else ClaimAgreement.NO
     return Claim(
         what,
         printed,
@@ -235,7 +231,7 @@ def training_claim(said: Said, bad: BadPicture, after: dict[str, float] | None) 
         + " after",
         "open water rendered with another seed stands for the ocean image. Agrees where both are "
         "better, in part where one is",
-        agreement=ClaimAgreement.YES if all(helped) else agreement,
+        agreement=ClaimAgreement.of(all(helped), any(helped)),
     )
 
 
@@ -262,7 +258,6 @@ def low_light_claim(rows: pd.DataFrame) -> Claim:
     hang = {title: _hanging(low[f"{title}, mean"]) for title in f1.index}
     hangs = hang[DISPARITY] > 0 == hang[LBP] == hang[HARALICK]
     better = f1[[LBP, HARALICK]].min() > f1[DISPARITY]
-    agreement = ClaimAgreement.PARTLY if hangs or better else ClaimAgreement.NO
     counted = ", ".join(f"{title} {value:.2f} ({hang[title]})" for title, value in f1.items())
     return Claim(
         "in low light disparity hangs on its size threshold; LBP and Haralick are better",
@@ -270,7 +265,7 @@ def low_light_claim(rows: pd.DataFrame) -> Claim:
         f"mean F1 in {len(low)} rendered pairs by half a lamp or less (how many change their "
         f"status with half or twice the threshold): {counted}",
         "agrees where both are better and only disparity's status changes, in part where one holds",
-        agreement=ClaimAgreement.YES if hangs and better else agreement,
+        agreement=ClaimAgreement.of(hangs and better, hangs or better),
     )
 
 

@@ -74,9 +74,7 @@ def line_claim(maps: Sequence[U8]) -> Claim:
     parts = white[..., :CROP_PX], white[..., -CROP_PX:], white[..., CROP_PX:-CROP_PX]
     left, right, between = (float(part.mean()) for part in parts)
     alike = float(white.all(axis=0).sum() / max(white.any(axis=0).sum(), 1))
-    agreement = ClaimAgreement.NO
-    if right > max(left, between):
-        agreement = ClaimAgreement.YES if alike >= _SAME_PLACE else ClaimAgreement.PARTLY
+    whitest = right > max(left, between)
     return Claim(
         what,
         printed,
@@ -84,7 +82,7 @@ def line_claim(maps: Sequence[U8]) -> Claim:
         f"between {between:.2%}; {alike:.0%} of it is white in all of them",
         "agrees where the right margin is whitest and half of the white stays in its place. It is "
         "the picture's edge, bent inwards by undistorting about a corner",
-        agreement=agreement,
+        agreement=ClaimAgreement.of(whitest and alike >= _SAME_PLACE, whitest),
     )
 
 
@@ -110,7 +108,6 @@ def sweep_claim(sweep: pd.DataFrame) -> Claim:
         return Claim(what, printed, "not measured", "no pair shows anything")
     median = sweep.median()
     falls = median.diff().dropna() < 0
-    agreement = ClaimAgreement.PARTLY if median.iloc[-1] < median.iloc[0] else ClaimAgreement.NO
     return Claim(
         what,
         printed,
@@ -119,7 +116,7 @@ def sweep_claim(sweep: pd.DataFrame) -> Claim:
         f"{median.iloc[-1]:.2f} % with {SWEEP[-1]}",
         "agrees where they fall at each step, in part from the first to the last. With a "
         "uniqueness ratio of 0 each textured pixel gets some disparity",
-        agreement=ClaimAgreement.YES if falls.all() else agreement,
+        agreement=ClaimAgreement.of(falls.all(), median.iloc[-1] < median.iloc[0]),
     )
 
 
@@ -167,7 +164,6 @@ def edge_claim(seen: pd.DataFrame) -> Claim:
         return Claim(what, printed, "not measured", "no pair has an obstacle labelled")
     worse = float((seen["right"] < (1 - _LOST) * seen["left"]).mean())
     cut = seen["right, in the margin"].median()
-    agreement = ClaimAgreement.PARTLY if cut >= _LOST else ClaimAgreement.NO
     return Claim(
         what,
         printed,
@@ -176,5 +172,5 @@ def edge_claim(seen: pd.DataFrame) -> Claim:
         f"in {worse:.0%} of them, and {cut:.0%} of it lies in the margin",
         f"agrees where half of the pairs are worse by {_LOST:.0%}, in part where that much lies "
         "in the margin. The undistortion moves the right edge inwards, and empties it",
-        agreement=ClaimAgreement.YES if worse >= _MOSTLY else agreement,
+        agreement=ClaimAgreement.of(worse >= _MOSTLY, cut >= _LOST),
     )

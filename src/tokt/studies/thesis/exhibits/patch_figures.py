@@ -103,14 +103,13 @@ def histogram_claim(rows: Mapping[str, F64], patches: Cells, clear: Bools) -> Cl
         away = np.linalg.norm(scaled - place, axis=1)
         liker[TITLES[key]] = float((away[clear] < away[patches["structure"]]).mean())
     differs = [share >= _DIFFERS for share in liker.values()]
-    agreement = ClaimAgreement.PARTLY if any(differs) else ClaimAgreement.NO
     return Claim(
         what,
         printed,
         "clear patches that are more like the ocean patch than it is: "
         + ", ".join(f"{title} {share:.0%}" for title, share in liker.items()),
         f"agrees where {_DIFFERS:.0%} are by each of the features, in part where by some",
-        agreement=ClaimAgreement.YES if all(differs) else agreement,
+        agreement=ClaimAgreement.of(all(differs), any(differs)),
     )
 
 

@@ -93,7 +93,7 @@ KIND_COLORS = {
     BinKind.NOT_UNIFORM: "#6b7075",
 }
 ALIKE, F1 = "rows alike", "F1"
-"""Columns of the table, after an extractor's key; those of shares of bins are `BinKind`s."""
+"""Columns of the table; those of shares of bins are `BinKind`s."""
 CONTROL, STRUCTURE, BRICK, BRANCHES = "ocean frame", "structure frame", "brick", "branches"
 _KEY = LBP_KEYS[0]
 _SCORED_FRAMES = 24
@@ -120,15 +120,15 @@ class Image:
     rows: dict[str, F64]
     bright: bool = False
 
-    def shares(self, key: str = _KEY) -> dict[BinKind, float]:
+    def shares(self) -> dict[BinKind, float]:
         """Parts of its patches' mean LBP histogram by the kind of the bins."""
-        mean = self.rows[key].mean(axis=0)
+        mean = self.rows[_KEY].mean(axis=0)
         kinds = np.array(bin_kinds(len(mean) - 2))
         return {kind: float(mean[kinds == kind].sum()) for kind in BinKind}
 
-    def alike(self, key: str = _KEY) -> float:
+    def alike(self) -> float:
         """Mean correlation of two of its patches' rows: 1 where the texture is all the same."""
-        rows = self.rows[key]
+        rows = self.rows[_KEY]
         return float((np.corrcoef(rows).sum() - len(rows)) / (len(rows) * (len(rows) - 1)))
 
 
@@ -138,7 +138,7 @@ def training_images(context: StudyContext) -> Exhibit:
     images = {image.name: image for image in _candidates(context)}
     tested = _tested(context)
     rows = [_row(context, ocean, image, tested) for image in images.values()]
-    table = pd.DataFrame(rows).sort_values(f"{_KEY} {ALIKE}", ignore_index=True)
+    table = pd.DataFrame(rows).sort_values(ALIKE, ignore_index=True)
     caption = (
         "Shares of the bins of LBP (10, 5), and how alike the rows of an image's patches are (mean "
         "correlation). F1 by patch is of a model that learnt from ocean and this image, over "
@@ -176,14 +176,13 @@ def structure_claim(ocean: Image, structure: Image) -> Claim:
     kinds = BinKind.FLAT, BinKind.EDGE, BinKind.CORNER
     mostly = max(kinds, key=lambda kind: water[kind]) is BinKind.FLAT
     moved = other[BinKind.FLAT] < water[BinKind.FLAT] and other[BinKind.EDGE] > water[BinKind.EDGE]
-    agreement = ClaimAgreement.PARTLY if mostly or moved else ClaimAgreement.NO
     return Claim(
         "ocean is mostly flat; with a structure flat falls slightly, and edge rises",
         "figure 3.11",
         f"ocean {_listed(water, kinds)}; with the structure {_listed(other, kinds)}",
         "agrees where flat is ocean's largest of the three and both shares move so, in part where "
         "one holds. Sensor noise makes the other patterns",
-        agreement=ClaimAgreement.YES if mostly and moved else agreement,
+        agreement=ClaimAgreement.of(mostly and moved, mostly or moved),
     )
 
 
@@ -194,14 +193,13 @@ def _listed(shares: Mapping[BinKind, float], kinds: Sequence[BinKind]) -> str:
 def spike_claim(ocean: Image, brick: Image, branches: Image) -> Claim:
     """Whether branches have more edges than brick, and brick more than ocean."""
     least, middle, most = (image.shares()[BinKind.EDGE] for image in (ocean, brick, branches))
-    agreement = ClaimAgreement.PARTLY if most > least and middle > least else ClaimAgreement.NO
     return Claim(
         "branches have a large edge spike, brick a smaller one, ocean none",
         "figures 3.12 and 3.13",
         f"share of the edge bins: branches {most:.1%}, brick {middle:.1%}, ocean {least:.1%}",
         "agrees where they fall in this order, in part where both are above ocean. The photo and "
         "the rendering stand for the thesis's images",
-        agreement=ClaimAgreement.YES if most > middle > least else agreement,
+        agreement=ClaimAgreement.of(most > middle > least, most > least and middle > least),
     )
 
 
@@ -209,13 +207,12 @@ def variety_claim(table: pd.DataFrame) -> Claim:
     """Whether a model learns better from an image whose patches are less alike."""
     what = "varied texture, whose rows are less correlated, is better to learn from"
     printed = "section 3.2.1; a film still was chosen by that"
-    f1 = table[f"{_KEY} {F1}"]
+    f1 = table[F1]
     if f1.isna().any() or f1.nunique() < 2:
         return Claim(what, printed, "not scored", "there are no labels to score a model by")
     elsewhere = table[~table["image"].isin([CONTROL, STRUCTURE])]
     ranks = [_rank(images) for images in (table, elsewhere)]
     best = table.loc[f1.idxmax()]
-    agreement = ClaimAgreement.PARTLY if min(ranks) <= _RANKED else ClaimAgreement.NO
     return Claim(
         what,
         printed,
@@ -223,13 +220,13 @@ def variety_claim(table: pd.DataFrame) -> Claim:
         f"images, {ranks[1]:+.2f} without the mission's own; best {best['image']} ({f1.max():.2f})",
         f"agrees where both are {_RANKED} or less, in part where one is. The mission's own "
         "images show water too",
-        agreement=ClaimAgreement.YES if max(ranks) <= _RANKED else agreement,
+        agreement=ClaimAgreement.of(max(ranks) <= _RANKED, min(ranks) <= _RANKED),
     )
 
 
 def _rank(images: pd.DataFrame) -> float:
     """Rank correlation of F1 with how alike rows are; 0 where there is nothing to rank."""
-    places = images[[f"{_KEY} {ALIKE}", f"{_KEY} {F1}"]].astype(float)
+    places = images[[ALIKE, F1]].astype(float)
     return 0.0 if (places.nunique() < 2).any() else float(spearmanr(places).statistic)
 
 
@@ -292,18 +289,13 @@ def _tested(context: StudyContext) -> Tested:
 
 def _row(context: StudyContext, ocean: Image, image: Image, tested: Tested) -> dict[str, Any]:
     """Figures of an image, and F1 over the tested frames of a model of it and ocean."""
-    row: dict[str, Any] = {"image": image.name, "what": image.words}
-    row |= {str(kind): share for kind, share in image.shares().items()}
-    for key in EXTRACTORS:
-        row[f"{key} {ALIKE}"] = image.alike(key)
-        row[f"{key} {F1}"] = None
-        if tested:
-            parts = ocean.rows[key], image.rows[key]
-            targets = np.repeat([0, 1], [len(one) for one in parts])
-            classifier = thesis_classifier(np.vstack(parts), targets)
-            said = {number: classifier.predict(rows[key]) == 1 for number, rows in tested.items()}
-            row[f"{key} {F1}"] = pooled_score(said, context.truths).f1
-    return row
+    f1 = None
+    if tested:
+        model = thesis_classifier(ocean.rows[_KEY], image.rows[_KEY])
+        said = {number: model.predict(rows[_KEY]) == 1 for number, rows in tested.items()}
+        f1 = pooled_score(said, context.truths).f1
+    shares = {str(kind): share for kind, share in image.shares().items()}
+    return {"image": image.name, "what": image.words, **shares, ALIKE: image.alike(), F1: f1}
 
 
 def _histograms(shown: Sequence[Image]) -> Figure:

@@ -29,7 +29,6 @@ from tokt.inference.policy.temporal_cues import (
     SHRINKING,
     STEADY,
     STEADY_PER_S,
-    TRENDS,
     TrendEstimator,
     wholly_in_view,
 )
@@ -47,15 +46,11 @@ from .frame_drawing import new_figure, png_of
 SECONDS_A_FRAME = 0.35
 """The frames carry no times. Source: the pause of AURlabCVsimulator, which it says is the real
 mission's."""
-OTHER_RATES_S = (0.25, 0.5)
-"""Tried beside it, as a trend looks at seconds and not at frames."""
 DISPARITY = "disparity"
 MIN_FRAMES = 12
 _SPREAD = (10, 50, 90)
 _COLORS = {GROWING: "#c0392b", STEADY: "#4a8f4a", SHRINKING: "#2d6cb3", None: "0.75"}
 _COLOR_WORDS = ("growing: comes nearer", "steady", "shrinking: goes away", "none")
-_MARKS = "osD^v"
-NOT_SAID = "not said"
 MOVING = (GROWING, SHRINKING)
 _MIN_RANKED = 5
 
@@ -76,18 +71,20 @@ def trend_exhibit(context: StudyContext) -> Exhibit:
     seen[DISPARITY] = by_stereo
     titles = {name: curves.methods[name].title for name in texture}
     titles[DISPARITY] = "tokt stereo"
-    rates = {
-        (name, rate): trend_against_depth(one, depth_m, rate)
-        for name, one in seen.items()
-        for rate in sorted((SECONDS_A_FRAME, *OTHER_RATES_S))
-    }
-    held = {name: rates[name, SECONDS_A_FRAME] for name in seen}
+    held = {name: trend_against_depth(one, depth_m) for name, one in seen.items()}
     scores = {name: score(one) for name, one in held.items()}
     return Exhibit(
         words=_words(context, frames, texture),
         claims=(_distance_claim(scores, titles), _sign_claim(scores, titles)),
-        tables=(_score_table(rates, titles), _confusion_table(held, titles), _frame_table(held)),
-        plots=_plots(held, titles),
+        tables=(_score_table(held, titles),),
+        plots=(
+            Plot(
+                "trend",
+                "Above: median stereo depth, coloured by what it does. Below: the mean value of "
+                "each method, coloured by the trend that is said of it; gray: none is said.",
+                png_of(_trend_figure(held, titles)),
+            ),
+        ),
     )
 
 
@@ -140,7 +137,7 @@ def _pair(context: StudyContext, number: int) -> Frame:
 
 
 def trend_against_depth(
-    seen: pd.DataFrame, depth_m: dict[int, float], seconds_a_frame: float
+    seen: pd.DataFrame, depth_m: dict[int, float], seconds_a_frame: float = SECONDS_A_FRAME
 ) -> pd.DataFrame:
     """Follow a method's means, and hold each trend against the depth.
 
@@ -189,13 +186,6 @@ def depth_trend(times_s: F64, depths_m: F64) -> tuple[str, float | None] | None:
 def _asked(held: pd.DataFrame) -> pd.DataFrame:
     """Frames in which something is seen (without, no trend is asked for) and the truth is known."""
     return held[(held["mean"] > STATUS_MEAN_THRESHOLD) & held.by_depth.notna()]
-
-
-def confusion(held: pd.DataFrame) -> pd.DataFrame:
-    """Counts of the frames that are asked about: rows by depth, columns as said."""
-    asked = _asked(held)
-    counts = pd.crosstab(asked.by_depth, asked.trend.fillna(NOT_SAID))
-    return counts.reindex(index=TRENDS, columns=[*TRENDS, NOT_SAID], fill_value=0)
 
 
 def score(held: pd.DataFrame) -> dict[str, float | int | None]:
@@ -247,8 +237,8 @@ def _words(context: StudyContext, frames: Sequence[int], texture: Sequence[str])
     return (
         f"Frames {frames[0]} to {frames[-1]}, from the first to the last that stereo sees "
         f"something in. The trend is the runtime's ({HORIZON_S:g} s of means). The frames carry no "
-        f"times: {SECONDS_A_FRAME} s are taken from frame to frame, and other steps are in the "
-        f"table. Cameras: {context.calibration_words}.",
+        f"times: {SECONDS_A_FRAME} s are taken from frame to frame. Cameras: "
+        f"{context.calibration_words}.",
         "What is right is the slope of the median stereo depth over the same seconds. A mean goes "
         "with 1 / depth squared: a depth that changes by less than "
         f"{STEADY_PER_S / 2:g} of itself a second counts as steady. At the turn, both slopes still "
@@ -257,7 +247,7 @@ def _words(context: StudyContext, frames: Sequence[int], texture: Sequence[str])
         "Where it fails: the mean is an area. A thing that leaves the picture, or is too near for "
         "stereo, shrinks while it comes nearer. What a model first learns to see grows while it "
         "stands still. A time to contact is therefore only said while the whole thing is in the "
-        "picture. The second figure of ratios is without that check.",
+        "picture. The ratios with the edge ignored are without that check.",
     )
 
 
@@ -313,25 +303,13 @@ def _sign_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
     )
 
 
-def _score_table(
-    rates: Mapping[tuple[str, float], pd.DataFrame], titles: Mapping[str, str]
-) -> Table:
+def _score_table(held: Held, titles: Mapping[str, str]) -> Table:
     rows = []
-    for (name, rate), held in rates.items():
-        one = score(held)
-        agreement = one["sign_agreement"]
-        row: dict[str, Any] = {
-            "mean of": titles[name],
-            "s a frame": rate,
-            "frames asked": one["asked"],
-            "trend said": one["said"],
-            "same sign": one["same_sign"],
-            "opposite sign": one["opposite_sign"],
-            "sign agreement": None if agreement is None else round(agreement, 3),
-            "approach called steady or shrinking": one["missed_approach"],
-        }
+    for name, frames in held.items():
+        one = {words.replace("_", " "): figure for words, figure in score(frames).items()}
+        row: dict[str, Any] = {"mean of": titles[name], **one}
         for words, unchecked in (("", False), (", edge ignored", True)):
-            ratios = contact_ratios(held, unchecked)
+            ratios = contact_ratios(frames, unchecked)
             row[f"contacts{words}"] = len(ratios)
             for percent in _SPREAD:
                 value = None if ratios.empty else round(float(np.percentile(ratios, percent)), 3)
@@ -342,51 +320,6 @@ def _score_table(
         "Contact ratio: time to contact from expansion over that from depth, percentiles."
     )
     return Table("trend_against_depth", caption, pd.DataFrame(rows))
-
-
-def _confusion_table(held: Held, titles: Mapping[str, str]) -> Table:
-    counts = pd.concat(
-        {titles[name]: confusion(one) for name, one in held.items()}, names=["mean of", "by depth"]
-    )
-    caption = (
-        f"Frames by what the depth does (rows) and what was said (columns), {SECONDS_A_FRAME} s "
-        "from frame to frame."
-    )
-    title = "Trend: what the depth does, and what was said"
-    return Table("trend_confusion", caption, counts.reset_index(), title)
-
-
-def _frame_table(held: Held) -> Table:
-    first = next(iter(held.values()))
-    table = first[["depth_m", "by_depth", "contact_s_by_depth"]].round(3)
-    for name, one in held.items():
-        table[f"{name}_mean"] = one["mean"].round(3)
-        for column in ("trend", "confidence", "contact_s"):
-            table[f"{name}_{column}"] = one[column]
-    caption = "Frame by frame; empty where it is not known or not said."
-    return Table("trend_frames", caption, table.reset_index(), "Trend by frame")
-
-
-def _plots(held: Held, titles: Mapping[str, str]) -> tuple[Plot, ...]:
-    return (
-        Plot(
-            "trend",
-            "Above: median stereo depth, coloured by what it does. Below: the mean value of each "
-            "method, coloured by the trend that is said of it; gray: none is said.",
-            png_of(_trend_figure(held, titles)),
-        ),
-        Plot(
-            "trend_confusion",
-            "Frames by what the depth does and what is said.",
-            png_of(_confusion_figure({titles[name]: confusion(one) for name, one in held.items()})),
-        ),
-        Plot(
-            "time_to_contact",
-            "Time to contact from expansion against that from stereo depth. Filled: as it is "
-            "said. Hollow: what would be said if the picture's edge did not matter.",
-            png_of(_contact_figure(held, titles)),
-        ),
-    )
 
 
 def _trend_figure(held: Held, titles: Mapping[str, str]) -> Figure:
@@ -415,46 +348,3 @@ def _dots(axes: Any, values: pd.Series, trends: pd.Series) -> None:
     axes.grid(alpha=0.25)
     axes.spines[["top", "right"]].set_visible(False)
     axes.set_ylim(bottom=0)
-
-
-def _confusion_figure(tables: Mapping[str, pd.DataFrame]) -> Figure:
-    """A square of counts for each method; a row's colours are shares of the row."""
-    figure = Figure(figsize=(3.0 * len(tables) + 1.0, 3.0), layout="constrained")
-    axes = figure.subplots(1, len(tables), squeeze=False, sharey=True)[0]
-    for one, (title, table) in zip(axes, tables.items(), strict=True):
-        counts = table.to_numpy()
-        share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-        one.imshow(share, cmap="Blues", vmin=0, vmax=1, aspect="auto")
-        for (row, column), value in np.ndenumerate(counts):
-            color = "white" if share[row, column] > 0.5 else "black"
-            one.text(column, row, str(value), ha="center", va="center", color=color)
-        one.set_xticks(range(len(table.columns)), table.columns, rotation=30, ha="right")
-        one.set_yticks(range(len(table.index)), table.index)
-        one.set_title(title, fontsize=10)
-        one.set_xlabel("said")
-    axes[0].set_ylabel("by depth")
-    return figure
-
-
-def _contact_figure(held: Held, titles: Mapping[str, str]) -> Figure:
-    """Both times to contact against each other, in seconds."""
-    figure, axes = new_figure(9.6, 5.4)
-    every = []
-    for place, (name, frames) in enumerate(held.items()):
-        color, mark = f"C{place}", _MARKS[place % len(_MARKS)]
-        for column, words, face in (
-            ("unchecked_contact_s", "edge ignored", "none"),
-            ("contact_s", "said", color),
-        ):
-            both = frames[["contact_s_by_depth", column]].dropna().to_numpy()
-            every.append(both)
-            label = f"{titles[name]}, {words}: {len(both)}"
-            axes.plot(*both.T, mark, mfc=face, mec=color, ms=5, label=label)
-    seconds = np.concatenate(every)
-    ends = seconds.min(initial=1.0) * 0.8, seconds.max(initial=10.0) * 1.25
-    axes.plot(ends, ends, color="0.5", lw=0.8)
-    axes.set(xscale="log", yscale="log", xlim=ends, ylim=ends)
-    axes.set(xlabel="time to contact by stereo depth, s", ylabel="time to contact by expansion, s")
-    axes.grid(alpha=0.25, which="both")
-    figure.legend(fontsize=8, loc="outside right upper", frameon=False)
-    return figure
