@@ -8,17 +8,19 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from tokt.features.common.arrays import U8
+from tokt.features.common.arrays import U8, Bools
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import read_image
 from tokt.features.frames.mission import LEFT
+from tokt.inference.frame_checks import frame_fault
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
+from tokt.models.bundle.bundle import Bundle
 from tokt.studies.baselines.thesis_models import TITLES, thesis_classifier
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.simulation.scene.rig import FULL_WIDTH
 from tokt.studies.thesis.light_scene import BRIGHT, BadPicture, LitScene, by_lamp
 from tokt.studies.thesis.methods.curves import OURS, learnt_words
-from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE, JudgeFrame, train_on_all_labels
+from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE, learnt_from_labels
 from tokt.studies.thesis.patch_scores import PatchScore, Truth, truth_by_mask
 
 from .dot_figures import (
@@ -45,7 +47,8 @@ _AROUND = 2.0
 """A status hangs on its threshold where this many times more or less of it changes the status."""
 
 Said = Sequence[MethodPrediction]
-Texture = tuple[str, JudgeFrame]
+Texture = tuple[Bundle | None, str]
+"""Our model and what it learnt from, or why there is none."""
 
 
 def given_picture(context: StudyContext) -> BadPicture | None:
@@ -107,10 +110,9 @@ def bad_lighting(context: StudyContext) -> Exhibit:
         "them water",
     )
     try:
-        texture = train_on_all_labels(context, bad.number)
+        texture: Texture = learnt_from_labels(context, bad.number)
     except ToktError as error:
-        fault = str(error)
-        texture = "", lambda frame: fault
+        texture = None, str(error)
     said = _predictions(context, texture, bad)
     low = low_light(context, texture, LitScene(width, SEED))
     caption = (
@@ -149,11 +151,15 @@ def _predictions(
     context: StudyContext, texture: Texture, bad: BadPicture
 ) -> list[MethodPrediction]:
     """What every method says of a picture."""
-    frame, (words, judge) = bad.left, texture
+    frame, (bundle, words) = bad.left, texture
+    patches: Bools | str = words if bundle is None else str(frame_fault(frame) or "")
+    if bundle is not None and not patches:
+        values = bundle.model.decision_values(bundle.extractor.describe(frame, GRID))
+        patches = bundle.model.obstacle_patches(values)
     return [
         *by_thesis(context, frame),
         by_disparity(frame, bad.right),
-        said_by_patches(TOKT_TEXTURE, "tokt texture", OURS, words, judge(frame), frame),
+        said_by_patches(TOKT_TEXTURE, "tokt texture", OURS, words, patches, frame),
         by_stereo(bad.calibration, frame, bad.right, bad.calibration_words),
     ]
 

@@ -5,21 +5,20 @@ from labelled blocks of frames and judge the others (`tokt.training.datasets.spl
 is labelled is judged by the model of the fold that tests it; one without labels by the model whose
 training frames are farthest from it, if they are beyond the embargo.
 
-A picture of somewhere else may be judged by a model that learnt from every labelled frame
-(`train_on_all_labels`), and what is only timed by one that learnt from all it may (`tokt_model`).
+A picture of somewhere else may be judged by a model that learnt from labelled frames all over the
+mission (`learnt_from_labels`), and so may what is only timed (`tokt_model`).
 """
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from tokt.features.common.arrays import F64, U8, Bools
+from tokt.features.common.arrays import F64, Bools
 from tokt.features.common.errors import ToktError
-from tokt.inference.frame_checks import frame_fault
 from tokt.inference.texture.detector import MofNRun, min_mask_patches
 from tokt.inference.verdict import UNKNOWN, verdict_from_mask
 from tokt.models.bundle.bundle import Bundle, read_bundle
@@ -27,18 +26,13 @@ from tokt.models.operating_point import MofNRule, frame_step, missed_before
 from tokt.studies.baselines.lab_colour import LabColour, labelled_example
 from tokt.studies.baselines.slic import SlicTexture
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.speed.models import (
-    LABEL_EVERY,
-    examples_from_labels,
-    examples_from_two_images,
-    fit_extractor_pair,
-)
+from tokt.studies.speed.models import TrainingExamples, examples_from_two_images, fit_extractor_pair
 from tokt.studies.thesis.inputs import StudyInputs
 from tokt.training.datasets.dataset import DatasetVersion, write_dataset
 from tokt.training.datasets.mission_source import LabelledMission, plan_from_missions
 from tokt.training.datasets.splits import BLOCK_FRAMES, EMBARGO_FRAMES, FOLDS, Fold, blocked_folds
 from tokt.training.fitting.choose_operating_point import DEFAULT_TARGET, choose_frame_rule
-from tokt.training.fitting.classifier import decision_values, fit_classifier, fit_rows, linear_model
+from tokt.training.fitting.classifier import decision_values, fit_rows, linear_model
 from tokt.training.fitting.cross_validation import (
     Split,
     check_features,
@@ -49,10 +43,8 @@ from tokt.training.fitting.cross_validation import (
 from tokt.training.fitting.presets import (
     CHOSEN_ON,
     DEFAULT_EXTRACTOR,
-    Hyperparameters,
     TrainingSettings,
     extractor_for,
-    settings_named,
 )
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
@@ -64,14 +56,11 @@ EXAMPLES = 12
 _MIN_BLOCKS = 10
 _WEAK_BLOCK_FRAMES = 5
 _MAX_FRAMES = 60
-"""Learnt from by `train_on_all_labels`, spread over the labelled ones: neighbours in time are near
+"""Learnt from by `learnt_from_labels`, spread over the labelled ones: neighbours in time are near
 copies."""
-_PENALTY = 1.0
-"""C; not searched for, as the picture judged is no part of the mission."""
 
 SuperpixelMethod = SlicTexture | LabColour
 Tables = Mapping[int, Sequence[F64]]
-JudgeFrame = Callable[[U8], Bools | str]
 Learnt = tuple[list[MofNRule], dict[int, tuple[int, F64]]]
 """By fold its frame rule, chosen inside the training part; by frame its fold and its scores."""
 
@@ -221,62 +210,45 @@ def _words(dataset: DatasetVersion, split: Split, settings: TrainingSettings) ->
     )
 
 
-def train_on_all_labels(inputs: StudyInputs, near: int | None = None) -> tuple[str, JudgeFrame]:
-    """A texture model of the mission's labelled frames: what it learnt from, and how it judges.
+def learnt_from_labels(inputs: StudyInputs, near: int | None = None) -> tuple[Bundle, str]:
+    """A texture model of the mission's labelled frames, and what it learnt from.
 
-    It gives the obstacle patches of a frame, or why it cannot be judged. From the frame `near` the
-    frames learnt from stay away by more than the embargo. Raises ToktError if the labels do not
-    show both obstacles and clear water.
+    From the frame `near` these stay away by more than the embargo; no other frame is held out.
+    Raises ToktError if the labels do not show both obstacles and clear water.
     """
     numbers = [
         number
         for number in inputs.obstacle_patches
         if near is None or abs(number - near) > EMBARGO_FRAMES
     ]
-    chosen = evenly_spaced(numbers, _MAX_FRAMES)
-    settings = settings_named(PRESET)
-    extractor = extractor_for(DEFAULT_EXTRACTOR, PRESET)
-    rows, targets = [], []
-    for number, frame in inputs.decoded(chosen):
+    pictures = []
+    for number, frame in inputs.decoded(evenly_spaced(numbers, _MAX_FRAMES)):
         truth = inputs.truth(number)
-        rows.append(extractor.describe(frame, GRID)[truth >= 0])
-        targets.append(truth[truth >= 0].astype(np.int64))
-    known = np.concatenate(targets) if targets else np.zeros(0, np.int64)
-    if len(np.unique(known)) < 2:
+        cells = np.flatnonzero(truth >= 0)
+        pictures.append((frame, cells, truth[cells] == 1))
+    if len(np.unique([one for _, _, flags in pictures for one in flags])) < 2:
         raise ToktError("there are no labels of both obstacles and clear water to learn from")
-    pipeline = fit_classifier(np.vstack(rows), known, Hyperparameters(_PENALTY), settings)
-    model = linear_model(pipeline, ("ocean", "obstacle"), (False, True))
     left_out = f", none within {EMBARGO_FRAMES} of frame {near}" if near is not None else ""
-    words = (
-        f"learnt from {len(rows)} labelled frames spread over the mission{left_out} (the features "
-        f"of preset {PRESET}, C = {_PENALTY:g}, no search)"
-    )
-
-    def judge(frame: U8) -> Bools | str:
-        fault = frame_fault(frame)
-        if fault:
-            return str(fault)
-        return model.obstacle_patches(model.decision_values(extractor.describe(frame, GRID)))
-
-    return words, judge
+    words = f"learnt from {len(pictures)} labelled frames spread over the mission{left_out}"
+    return _fitted(inputs, TrainingExamples(pictures, PRESET, words))
 
 
 def tokt_model(inputs: StudyInputs) -> tuple[Bundle, str]:
-    """A texture model that learnt from all it may, and what that was: no frame is held out.
+    """The bundle of the request, or a texture model that learnt from all it may, and from what.
 
-    The bundle of the request; otherwise the preset ``best`` on the mission's labels.
     Without labels it learns from the thesis's kind of images, an early frame and a texture.
     """
     if inputs.request.model is not None:
         bundle = read_bundle(str(inputs.request.model))
         return bundle, f"the model {bundle.label} as given"
-    examples = None
-    if inputs.labels:
-        try:
-            examples = examples_from_labels(inputs.mission, inputs.labels, inputs.taxonomy)
-        except ToktError as error:
-            inputs.say(f"no model from every {LABEL_EVERY}th labelled frame: {error}")
-    examples = examples or examples_from_two_images(inputs.mission)
+    try:
+        return learnt_from_labels(inputs)
+    except ToktError as error:
+        inputs.say(f"no model from the labels: {error}")
+        return _fitted(inputs, examples_from_two_images(inputs.mission))
+
+
+def _fitted(inputs: StudyInputs, examples: TrainingExamples) -> tuple[Bundle, str]:
     extractor = extractor_for(DEFAULT_EXTRACTOR, PRESET)
     models = fit_extractor_pair(PRESET, extractor, examples, inputs.any_picture())
     return models.bundle, f"the features of preset {PRESET}, {examples.words}"
