@@ -294,12 +294,12 @@ def test_scores_count_what_the_labels_say(context_of, reproduce_mission, monkeyp
     never, always, right = ([0.0] * 16, [9.0] * 16, [0.0] * 7 + [9.0] * 9)
     given = made_up({"never": never, "always": always, "right": right})
     context = context_of(reproduce_mission, {"curves": given})
-    scores = score_methods(context)
-    assert (scores["never"]["detected"], scores["never"]["false_status"]) == (0, 0)
-    assert scores["always"]["false_status"] == scores["always"]["ocean_frames"] == 6
-    assert (scores["right"]["detected"], scores["right"]["obstacle_frames"]) == (9, 9)
-    assert scores["right"]["false_status"] == 0
-    assert scores["right"]["first_detection"] == 8
+    scores = score_methods(context).to_dict("index")
+    assert (scores["never"]["detected"], scores["never"]["false status"]) == (0, 0)
+    assert scores["always"]["false status"] == scores["always"]["of ocean frames"] == 6
+    assert (scores["right"]["detected"], scores["right"]["of obstacle frames"]) == (9, 9)
+    assert scores["right"]["false status"] == 0
+    assert scores["right"]["first detection"] == 8
     claim = curve_figures(context).claims[0]
     assert claim.agreement is ClaimAgreement.PARTLY
     assert "1 of 3" in claim.found and "ALWAYS" in claim.why and "RIGHT" not in claim.why

@@ -28,66 +28,57 @@ TOGETHER_FRAMES = 5
 """First detections no farther apart are together."""
 _OF_THE_FIGURES = "lbp_10_5", "haralick", "disparity"
 _ZOOM_BEFORE, _ZOOM_AFTER = 15, 12
+FIRST, FALSE = "first detection", "false status"
+"""Columns of the scores."""
 _STRIP = 8
 """Frames of the image strip."""
-
-MethodScore = dict[str, Any]
-Scores = Mapping[str, MethodScore]
 
 
 def curve_figures(context: StudyContext) -> Exhibit:
     """Draw and score the curves of all methods."""
-    curves, scores = context.curves, score_methods(context)
+    scores = score_methods(context)
+    firsts = {name: int(first) for name, first in scores[FIRST].dropna().items()}
     return Exhibit(
         _words(context),
-        (
-            _detection_claim(context, scores),
-            order_claim({name: one["first_detection"] for name, one in scores.items()}),
-            alike_claim(curves),
-        ),
+        (_detection_claim(context, scores), order_claim(firsts), alike_claim(context.curves)),
         _tables(context, scores),
-        _plots(context, scores),
+        _plots(context, firsts),
     )
 
 
-def score_methods(context: StudyContext) -> dict[str, MethodScore]:
-    """Score every curve, by method.
+def score_methods(context: StudyContext) -> pd.DataFrame:
+    """Score every curve: a row a method, missing what it does not have.
 
-    first_detection : int or None
-        The first of three judged frames in a row with status 1; None without one, and
-        for a method that judged a sample of the frames only.
-    ocean_frames, false_status : int or None
-        Judged frames of which every patch is labelled as clear, and those with status 1; None
-        without labels.
-    obstacle_frames, detected : int or None
-        Judged frames with a patch labelled as an obstacle, and those with status 1.
-    unknown : int
-        Frames that the method could not judge.
-    f1 : float or None
-        Of patches on the grid, all sure ones of the labelled frames; None where the method
-        does not judge patches, and where none of them is an obstacle.
+    A first detection is the first of three judged frames in a row with status 1. Ocean frames have
+    every patch labelled, as clear; obstacle frames have a patch labelled as an obstacle. F1 is over
+    all sure labels, of methods that judge patches of the grid.
     """
     curves, labelled = context.curves, context.labels is not None
     with_obstacle = [number for number, count in context.obstacle_patches.items() if count]
-    found = {}
+    rows = {}
     for name, method in curves.methods.items():
-        status = curves.status[name]
+        mean, status = curves.mean[name], curves.status[name]
         if method.sampled:
-            status = status[curves.mean[name].notna()]
+            status = status[mean.notna()]
         ocean, false = _counted(status, context.ocean_frames) if labelled else (None, None)
         obstacle, detected = _counted(status, with_obstacle) if labelled else (None, None)
         patches = pooled_score(curves.patches.get(name, {}), context.truths)
         first = first_detection(status.index.tolist(), [0] * len(status), status.tolist())
-        found[name] = {
-            "first_detection": None if method.sampled else first,
-            "ocean_frames": ocean,
-            "false_status": false,
-            "obstacle_frames": obstacle,
+        rows[name] = {
+            "method": method.title,
+            "whose": method.kind,
+            "frames": int(mean.notna().sum()),
+            FIRST: None if method.sampled else first,
+            FALSE: false,
+            "of ocean frames": ocean,
             "detected": detected,
+            "of obstacle frames": obstacle,
             "unknown": int((status == UNKNOWN).sum()),
-            "f1": None if patches.recall is None else patches.f1,
+            "largest mean": float(mean.max()),
+            "patch F1": None if patches.recall is None else patches.f1,
         }
-    return found
+    whole = (FIRST, FALSE, "of ocean frames", "detected", "of obstacle frames")
+    return pd.DataFrame.from_dict(rows, orient="index").astype(dict.fromkeys(whole, "Int64"))
 
 
 def _counted(status: pd.Series, frames: Iterable[int]) -> tuple[int, int]:
@@ -125,7 +116,7 @@ def _words(context: StudyContext) -> tuple[str, ...]:
     return (f"{scored}. {limit}", *methods, *missing)
 
 
-def _tables(context: StudyContext, scores: Scores) -> tuple[Table, ...]:
+def _tables(context: StudyContext, scores: pd.DataFrame) -> tuple[Table, ...]:
     curves = context.curves
     labels = "Ocean frames have every patch labelled, as clear." if context.labels else ""
     return (
@@ -133,7 +124,7 @@ def _tables(context: StudyContext, scores: Scores) -> tuple[Table, ...]:
             "scores",
             f"What the curves come to. {labels} Patch F1 is of the grid's patches at their own "
             "threshold, over all sure labels; empty where a method has none.",
-            _scores_table(curves, scores),
+            scores,
         ),
         Table(
             "means",
@@ -150,31 +141,7 @@ def _tables(context: StudyContext, scores: Scores) -> tuple[Table, ...]:
     )
 
 
-def _scores_table(curves: Curves, scores: Scores) -> pd.DataFrame:
-    """One row a method."""
-    rows = [
-        {
-            "method": curves.methods[name].title,
-            "whose": curves.methods[name].kind,
-            "frames": int(curves.mean[name].notna().sum()),
-            "first detection": one["first_detection"],
-            "false status": one["false_status"],
-            "of ocean frames": one["ocean_frames"],
-            "detected": one["detected"],
-            "of obstacle frames": one["obstacle_frames"],
-            "unknown": one["unknown"],
-            "largest mean": float(curves.mean[name].max()),
-            "patch F1": one["f1"],
-        }
-        for name, one in scores.items()
-    ]
-    whole = ("first detection", "false status", "of ocean frames", "detected", "of obstacle frames")
-    return pd.DataFrame(rows).astype(dict.fromkeys(whole, "Int64"))
-
-
-def _plots(context: StudyContext, scores: Scores) -> tuple[Plot, ...]:
-    every = {name: one["first_detection"] for name, one in scores.items()}
-    firsts = {name: first for name, first in every.items() if first is not None}
+def _plots(context: StudyContext, firsts: Mapping[str, int]) -> tuple[Plot, ...]:
     shaded = " Gray: an obstacle is labelled; hatched: not labelled." if context.labels else ""
     plots = [
         Plot("figure_5_3_strip", f"Frames along the mission. {SHOWN}", png_of(_strip(context))),
@@ -202,15 +169,12 @@ def _panels(
     dress: Callable[[Any], None],
     words: str,
     firsts: Mapping[str, int] | None = None,
-    first_width: float = 0.8,
-    titles: Mapping[str, str] | None = None,
     height: float = 2.2,
 ) -> Figure:
     """A panel for each kind of method, with a curve of each; `words` below the last.
 
     Labels are shaded: gray where an obstacle is labelled, hatched where nothing is. `dress` sets a
-    panel's scale and words, and draws what is no method's. First detections are dotted; `titles`
-    are for the legend, by method, where these are not the methods' own.
+    panel's scale and words, and draws what is no method's. First detections are dotted.
     """
     curves = context.curves
     kinds = [kind for kind in (THESIS, COMPARED, OURS) if curves.named(kind)]
@@ -219,10 +183,9 @@ def _panels(
     for axes, kind in zip(all_axes, kinds, strict=True):
         for place, name in enumerate(curves.named(kind)):
             method, color = curves.methods[name], f"C{place}"
-            title = (titles or {}).get(name, method.title)
-            _draw(axes, values[name], method.sampled, title, color)
+            _draw(axes, values[name], method.sampled, method.title, color)
             if firsts and name in firsts:
-                axes.axvline(firsts[name], color=color, lw=first_width, ls=":")
+                axes.axvline(firsts[name], color=color, lw=0.8, ls=":")
         dress(axes)
         axes.set_title(kind, loc="left", fontsize=9)
         _shade(axes, context.obstacle_patches, curves.mean.index)
@@ -292,7 +255,7 @@ def _normalised(context: StudyContext, begin: int | None = None, end: int | None
     return _panels(context, context.curves.shares(), dress, "frame")
 
 
-def _detection_claim(context: StudyContext, scores: Scores) -> Claim:
+def _detection_claim(context: StudyContext, scores: pd.DataFrame) -> Claim:
     """Cameras can be used: each method warns before the nearest approach, without false status."""
     what = "Cameras can be used for underwater obstacle avoidance"
     printed = "said in the abstract, from the sea trial"
@@ -301,13 +264,8 @@ def _detection_claim(context: StudyContext, scores: Scores) -> Claim:
         why = "no obstacle is labelled in this mission, so nothing says what a detection is"
         return Claim(what, printed, "not measured", why)
     nearest = max(context.obstacle_patches, key=lambda number: context.obstacle_patches[number])
-    good = [
-        name
-        for name in names
-        if (first := scores[name]["first_detection"]) is not None
-        and first < nearest
-        and not scores[name]["false_status"]
-    ]
+    warns = (scores[FIRST] < nearest).fillna(False) & (scores[FALSE] == 0)
+    good = [name for name in names if warns[name]]
     found = (
         f"{len(good)} of {len(names)} methods have status 1 before frame {nearest}, where most "
         "patches are obstacle, and none in an ocean frame"
@@ -319,7 +277,7 @@ def _detection_claim(context: StudyContext, scores: Scores) -> Claim:
     return Claim(what, printed, found, why, agreement=agreement)
 
 
-def order_claim(firsts: Mapping[str, int | None]) -> Claim:
+def order_claim(firsts: Mapping[str, int]) -> Claim:
     """Sections 6.2 and 7.1: which method sees the obstacle first."""
     what = "Haralick sees the obstacle first, LBP and disparity together"
     printed = "Haralick a few images before LBP (sections 6.2 and 7.1; 5.2.1 says at the same time)"
