@@ -102,7 +102,7 @@ def test_what_takes_longer_shows_in_its_own_row_and_stage(reproduced):
     slow = TimedMethod("slow", "slow", "x", slow.run)
     methods = [thesis_texture(model), slow]
     frames = [encoded(reproduced, number) for number in (3, 12)]
-    plain, found = time_stages(methods, frames, lambda items, total, what: items)
+    plain, found = time_stages(methods, frames)
     more = (found.seconds - plain.seconds).mean(axis=0)
     expected = EXTRA_S * GRID.n_patches
     assert more[STAGES.index("features")] == pytest.approx(expected, rel=0.5)
@@ -135,7 +135,7 @@ def made_up(ratios: dict[str, float]) -> dict[str, StageTimes]:
         seconds = np.zeros((2, len(STAGES)))
         seconds[:, STAGES.index("features")] = np.array([0.03, 0.06]) * ratio
         method = TimedMethod(key, key, "x", lambda item, laps: None)
-        found[key] = StageTimes(method, seconds, ())
+        found[key] = StageTimes(method, seconds)
     return found
 
 
@@ -169,11 +169,9 @@ def test_agreement(ratio, agreement):
 
 
 def test_the_exhibit_has_each_methods_profile(reproduced, monkeypatch):
-    def timed(methods: list[TimedMethod], frames: Any, progress: Any) -> list[StageTimes]:
+    def timed(methods: list[TimedMethod], frames: Any) -> list[StageTimes]:
         rows = made_up({method.key: 1.0 + at for at, method in enumerate(methods)})
-        verdicts = tuple(judge_image(reproduced.tokt_model[0], reproduced.left(12)).verdict
-                         for _ in frames)  # fmt: skip
-        return [replace(rows[method.key], method=method, verdicts=verdicts) for method in methods]
+        return [replace(rows[method.key], method=method) for method in methods]
 
     monkeypatch.setattr(runtime_tables, "time_stages", timed)
     exhibit = runtime_tables.runtime_tables(reproduced)

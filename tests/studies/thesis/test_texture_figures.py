@@ -23,6 +23,7 @@ from tokt.studies.thesis.exhibits.centre_figures import (
 )
 from tokt.studies.thesis.exhibits.dot_figures import (
     alike_claim,
+    by_thesis,
     dot_claim,
     prediction_dots,
     said_by_patches,
@@ -270,10 +271,11 @@ def test_prediction_dots(context, drawn):
     """The dots agree with the labels; the claim is of the thesis's methods alone."""
     exhibit = prediction_dots(context)
     _sound(exhibit)
-    table = exhibit.tables[0].frame.set_index("method")
-    assert list(table.index) == ["LBP (10, 5)", "LBP (24, 8)", "Haralick"]
-    assert table.loc["Haralick", "f1"] > 0.7
-    assert f"Haralick {table.loc['Haralick', 'f1']:.2f}" in exhibit.claims[0].found
+    frame, truth = context.left(context.structure_frame), context.truth(context.structure_frame)
+    said = {one.title: one.score(truth) for one in by_thesis(context, frame)}
+    assert list(said) == ["LBP (10, 5)", "LBP (24, 8)", "Haralick"]
+    assert said["Haralick"].f1 > 0.7
+    assert f"Haralick {said['Haralick'].f1:.2f}" in exhibit.claims[0].found
     moved = {
         number: np.roll(said.reshape(10, 10), 3, axis=1).ravel()
         for number, said in context.curves.patches[TOKT_TEXTURE].items()

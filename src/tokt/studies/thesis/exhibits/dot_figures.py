@@ -26,7 +26,7 @@ from tokt.studies.thesis.patch_scores import (
 )
 
 from .disparity_figures import patches_in_map, thesis_map
-from .exhibit import LEARNT_ELSEWHERE, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .exhibit import LEARNT_ELSEWHERE, Claim, ClaimAgreement, Exhibit, Plot, StudyContext
 from .frame_drawing import (
     SHOWN,
     draw_dots,
@@ -156,20 +156,11 @@ def prediction_dots(context: StudyContext) -> Exhibit:
     pooled = {one.name: pooled_score(patches.get(one.name, {}), truths) for one in said}
     return Exhibit(
         (
-            f"Frame {number}. Red dots are patches said to be other than ocean; they are white in "
-            f"the mask. {LEARNT_ELSEWHERE}",
+            f"Frame {number}, which no method learnt from. Red dots are patches said to be other "
+            f"than ocean; they are white in the mask. {LEARNT_ELSEWHERE}",
         ),
         (dot_claim(said, truth, pooled), alike_claim(patches, context.scored)),
-        (
-            Table(
-                "frame",
-                f"Patches of frame {number} against its labels (unsure ones are not scored); "
-                "counts of patches. No method learnt from this frame.",
-                scored_predictions(said, truth).drop(columns="status"),
-                "This frame",
-            ),
-        ),
-        (
+        plots=(
             Plot(
                 "dots",
                 f"Frame {number}: dots and mask by each method; green outlines are patches "

@@ -4,10 +4,10 @@ What is counted is the thread's own processor time: on an idle machine the time 
 a busy one not what others take.
 """
 
-import gc
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from typing import Any, NamedTuple, TypeVar
 
@@ -43,7 +43,7 @@ from tokt.studies.baselines.thesis_stereo import (
     undistorted,
 )
 from tokt.studies.baselines.thesis_texture import GRID, resized_gray
-from tokt.studies.speed.paired_timing import single_thread
+from tokt.studies.speed.paired_timing import in_turns, single_thread
 from tokt.studies.thesis.methods.curves import COMPARED, OURS, THESIS
 from tokt.studies.thesis.methods.mission_models import SLIC
 
@@ -126,11 +126,10 @@ class TimedMethod:
 
 @dataclass(frozen=True)
 class StageTimes:
-    """Seconds (n_frames, n_stages) of one method and its verdicts, in the order of the frames."""
+    """Seconds (n_frames, n_stages) of one method, in the order of the frames."""
 
     method: TimedMethod
     seconds: F64
-    verdicts: tuple[Verdict, ...]
 
     @property
     def total_ms(self) -> F64:
@@ -143,33 +142,19 @@ class StageTimes:
         return pd.Series(np.median(self.seconds, axis=0) * 1e3, list(STAGES))
 
 
-def time_stages(
-    methods: Sequence[TimedMethod],
-    frames: Sequence[EncodedPair],
-    progress: Callable[[Iterable[int], int, str], Iterable[Any]],
-) -> list[StageTimes]:
-    """Time each method on each frame once, the methods in turns.
+def time_stages(methods: Sequence[TimedMethod], frames: Sequence[EncodedPair]) -> list[StageTimes]:
+    """Time each method on each frame once, the methods in turns (`in_turns`)."""
+    seconds: dict[str, dict[int, list[float]]] = {method.key: {} for method in methods}
 
-    One after another the methods get different frames, as in `speed.paired_timing`: one
-    that the method before has just read would come from the cache.
-    """
-    count = len(frames)
-    shift = max(1, count // len(methods))
-    seconds = {method.key: np.zeros((count, len(STAGES))) for method in methods}
-    # A warm-up, not timed: imports, caches, lazily made tables.
-    verdicts = {method.key: [method.run(frames[0], Laps())] * count for method in methods}
-    gc.disable()
-    try:
-        for at in progress(range(count), count, "run times"):
-            for place, method in enumerate(methods):
-                index = (at + place * shift) % count
-                laps = Laps()
-                verdicts[method.key][index] = method.run(frames[index], laps)
-                seconds[method.key][index] = [laps.seconds[stage] for stage in STAGES]
-    finally:
-        gc.enable()
+    def judge(method: TimedMethod, item: EncodedPair) -> None:
+        laps = Laps()
+        method.run(item, laps)
+        seconds[method.key][item.number] = list(laps.seconds.values())
+
+    in_turns({method.key: partial(judge, method) for method in methods}, frames, 1)
     return [
-        StageTimes(method, seconds[method.key], tuple(verdicts[method.key])) for method in methods
+        StageTimes(method, np.array([seconds[method.key][frame.number] for frame in frames]))
+        for method in methods
     ]
 
 
@@ -391,10 +376,15 @@ def runtime_tables(context: StudyContext) -> Exhibit:
     with single_thread():
         methods = methods_of(context)
         frames = _frames(context)
-        measured = time_stages(methods, frames, context.progress)
+        measured = time_stages(methods, frames)
     found = {one.method.key: one for one in measured}
     summary = _summary(found)
-    caption = "Median time of each stage, in ms, on one thread."
+    caption = (
+        "Median time of each stage, in ms, on one thread. Undistort is rectification in tokt's "
+        "stereo. Contours is all that is left: masks, outlines, the verdict, and in tokt's rows "
+        "its checks of the frame. For SLIC, the thesis's disparity and tokt's stereo the parts of "
+        "a call are split by doing them once more, outside the total."
+    )
     return Exhibit(
         _words(context, frames),
         tuple(_claims(found)),
@@ -497,21 +487,11 @@ def _tables(found: Found, summary: pd.DataFrame, n_frames: int) -> list[Table]:
         "thesis's LBP on the same frame. Median, 10th and 90th percentile.",
         summary.set_axis(words, axis=1).assign(printed=pd.Series(WHOLE_S) / WHOLE_S[REFERENCE]),
     )
-    by_stage = pd.DataFrame([one.stage_ms for one in found.values()])
-    by_stage.insert(0, "method", summary["method"].to_numpy())
-    stages = Table(
-        "run_times_by_stage",
-        "Median ms of each stage. Undistort is rectification in tokt's stereo. Contours is all "
-        "that is left: masks, outlines, the verdict, and in tokt's rows its checks of the frame. "
-        "For SLIC, the thesis's disparity and tokt's stereo the parts of a call are split by "
-        "doing them once more, outside the total.",
-        by_stage,
-    )
     caption = (
         "Seconds that the thesis prints for a run, and what that row is here: the median frame's "
         f"stages, times {SEQUENCE}. Parts are of the module, and of the whole frame."
     )
-    return [Table("printed_rows", caption, _printed_rows(found)), compared, stages]
+    return [Table("printed_rows", caption, _printed_rows(found)), compared]
 
 
 def _printed_rows(found: Found) -> pd.DataFrame:
