@@ -131,7 +131,7 @@ def _mission(context: StudyContext) -> list[BothWays]:
 def box_claim(every: Sequence[BothWays]) -> Claim:
     """Whether the thesis's box, whose sizes are sums, is around what was seen."""
     what = "the box is around the obstacle"
-    printed = "figure 3.24: its size is the sum of the contours' widths, and of their heights"
+    printed = "figure 3.24; its sizes are sums of the contours'"
     if not every:
         return Claim(what, printed, "not measured", "the thesis's methods see nothing")
     leaves = sum(one.thesis_leaves for one in every)
@@ -141,9 +141,9 @@ def box_claim(every: Sequence[BothWays]) -> Claim:
     return Claim(
         what,
         printed,
-        f"area over that of the boxes' union: {np.median(ratios):.1f} (median), {max(ratios):.1f} "
-        f"at most. Of {len(every)} boxes {leaves} leave the frame, {misses} miss a part",
-        f"agrees where it does neither, in part where it does in {_SOME:.0%} at most",
+        f"area over the boxes' union: {np.median(ratios):.1f} (median), {max(ratios):.1f} at "
+        f"most. Of {len(every)} boxes {leaves} leave the frame, {misses} miss a part",
+        f"to agree: none does; in part: {_SOME:.0%} at most",
         agreement=ClaimAgreement.of(leaves == misses == 0, few),
     )
 
@@ -166,8 +166,8 @@ def fineness_claim(finest: float | None) -> Claim:
     return Claim(
         what,
         printed,
-        f"{finest:.0%} of the patches that it touches are white in part only; of a block mask none",
-        f"agrees from {_MOSTLY:.0%} on, in part above 0",
+        f"{finest:.0%} of the patches that it touches are white in part; of a block mask none",
+        f"to agree: {_MOSTLY:.0%} or more; in part: above 0",
         agreement=ClaimAgreement.of(finest >= _MOSTLY, finest > 0),
     )
 

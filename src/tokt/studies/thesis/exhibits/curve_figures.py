@@ -258,7 +258,7 @@ def _normalised(context: StudyContext, begin: int | None = None, end: int | None
 def _detection_claim(context: StudyContext, scores: pd.DataFrame) -> Claim:
     """Cameras can be used: each method warns before the nearest approach, without false status."""
     what = "Cameras can be used for underwater obstacle avoidance"
-    printed = "said in the abstract, from the sea trial"
+    printed = "the abstract, from the sea trial"
     names = [name for name, method in context.curves.methods.items() if not method.sampled]
     if not context.labels or not any(context.obstacle_patches.values()):
         why = "no obstacle is labelled in this mission, so nothing says what a detection is"
@@ -267,11 +267,11 @@ def _detection_claim(context: StudyContext, scores: pd.DataFrame) -> Claim:
     warns = (scores[FIRST] < nearest).fillna(False) & (scores[FALSE] == 0)
     good = [name for name in names if warns[name]]
     found = (
-        f"{len(good)} of {len(names)} methods have status 1 before frame {nearest}, where most "
-        "patches are obstacle, and none in an ocean frame"
+        f"{len(good)} of {len(names)} methods warn before frame {nearest}, the nearest, and in no "
+        "ocean frame"
     )
     agreement = ClaimAgreement.of(len(good) == len(names), bool(good))
-    why = "judged by first detections and false statuses of this mission alone; not: " + (
+    why = "by this mission alone; not: " + (
         ", ".join(context.curves.methods[n].title for n in names if n not in good) or "none"
     )
     return Claim(what, printed, found, why, agreement=agreement)
@@ -280,7 +280,7 @@ def _detection_claim(context: StudyContext, scores: pd.DataFrame) -> Claim:
 def order_claim(firsts: Mapping[str, int]) -> Claim:
     """Sections 6.2 and 7.1: which method sees the obstacle first."""
     what = "Haralick sees the obstacle first, LBP and disparity together"
-    printed = "Haralick a few images before LBP (sections 6.2 and 7.1; 5.2.1 says at the same time)"
+    printed = "sections 6.2 and 7.1; at the same time by section 5.2.1"
     lbp, haralick, disparity = (firsts.get(name) for name in _OF_THE_FIGURES)
     if lbp is None or haralick is None or disparity is None:
         return Claim(what, printed, "not all detect", "it needs a first detection of all three")
@@ -289,8 +289,8 @@ def order_claim(firsts: Mapping[str, int]) -> Claim:
         what,
         printed,
         f"first detections: Haralick {haralick}, disparity {disparity}, LBP (10, 5) {lbp}",
-        f"together is at most {TOGETHER_FRAMES} frames apart; in part where only Haralick's place "
-        "is so. Another image than the film still moves LBP's and Haralick's",
+        f"together: {TOGETHER_FRAMES} frames apart at most; in part: Haralick's place alone. "
+        "Another image than the film still moves LBP's and Haralick's",
         agreement=ClaimAgreement.of(first and together, first),
     )
 
@@ -298,7 +298,7 @@ def order_claim(firsts: Mapping[str, int]) -> Claim:
 def alike_claim(curves: Curves) -> Claim:
     """Section 5.2.1: the curves are very alike, and change at about the same rate."""
     what = "The curves of LBP, Haralick and disparity are very alike and rise at the same rate"
-    printed = "figures 5.4 and 5.5, each curve's largest value 1 (section 5.2.1)"
+    printed = "figures 5.4 and 5.5, section 5.2.1"
     there = [name for name in _OF_THE_FIGURES if name in curves.mean]
     shares = curves.shares()[there].dropna()
     if len(there) < len(_OF_THE_FIGURES) or len(shares) < MIN_FRAMES or not shares.max().all():
@@ -310,7 +310,7 @@ def alike_claim(curves: Curves) -> Claim:
         what,
         printed,
         f"least correlation of two {alike:.2f}; the steepest rises {times:.1f} times as fast",
-        f"agrees from {ALIKE:g} on and up to {SAME_RATE:g} times; in part from {GOES_WITH:g} on",
+        f"to agree: {ALIKE:g} or more, {SAME_RATE:g} times or less; in part: {GOES_WITH:g} or more",
         agreement=ClaimAgreement.of(alike >= ALIKE and times <= SAME_RATE, alike >= GOES_WITH),
     )
 

@@ -293,18 +293,18 @@ def map_claim(numbers: dict[str, Any]) -> Claim:
     """Whether the map's values are disparities of the pair."""
     last = MIN_DISPARITY_PX + N_DISPARITIES_PX - 1
     what = "the map shows disparities of the two pictures"
-    printed = f"table 3.5 searches {MIN_DISPARITY_PX} to {last} px; figure 3.8"
+    printed = f"figure 3.8; {MIN_DISPARITY_PX} to {last} px (table 3.5)"
     share, changed = numbers["points_searched"], numbers["thesis_pixels_changed_most"]
     if share is None:
         return Claim(what, printed, "no matched points", "true disparities are not known without")
     return Claim(
         what,
         printed,
-        f"{share:.0%} of {numbers['matched_points']} matched points are in its search. Of "
-        f"{numbers['wrong_pairs']} wrong right frames {numbers['thesis_status_kept']} keep its "
-        f"status, and {changed:.2%} of its pixels change at most",
-        "agrees where the search has half of the points and the map changes with the right frame. "
-        "In part from a twentieth of the points (SIFT, at its undistorted places) on",
+        f"{share:.0%} of {numbers['matched_points']} matched points are in its search. "
+        f"{numbers['thesis_status_kept']} of {numbers['wrong_pairs']} wrong right frames keep its "
+        f"status; {changed:.2%} of its pixels change at most",
+        "to agree: half of the points, and a map that changes with the right frame; in part: a "
+        "twentieth of the points",
         agreement=ClaimAgreement.of(share > _MAX_FOUND and changed > _SAME, share > _FEW_FOUND),
     )
 
@@ -312,10 +312,10 @@ def map_claim(numbers: dict[str, Any]) -> Claim:
 def cloud_claim(numbers: dict[str, Any]) -> Claim:
     """Whether the cloud's places are usable, and its distances not."""
     what = "the point cloud's places are usable, its distances are not"
-    printed = "figure 3.10: fits from the front, is drawn out in depth"
+    printed = "figure 3.10"
     rank, spread = numbers["rank_correlation"], numbers["thesis_cloud_spread"]
     found = (
-        f"rank correlation with true depths {rank:.2f}; depths spread over {spread:.1f} of "
+        f"rank correlation with depth {rank:.2f}; depths spread over {spread:.1f} of "
         f"their median, ours over {numbers['cloud_spread']:.1f}"
     )
     no_distance = rank > _MIN_RANK and spread > numbers["cloud_spread"]
@@ -326,10 +326,9 @@ def cloud_claim(numbers: dict[str, Any]) -> Claim:
     return Claim(
         what,
         printed,
-        f"frame {numbers['shown_frame']}: {numbers['in_place']:.0%} of the map's white lies on "
-        f"labelled patches; {found}",
-        f"agrees where {_IN_PLACE:.0%} lies there, the correlation is above {_MIN_RANK} (-1: "
-        "disparities) and the depths spread wider than ours; in part where one holds",
+        f"{numbers['in_place']:.0%} of the map's white lies on labelled patches; {found}",
+        f"to agree: {_IN_PLACE:.0%} there, the correlation above {_MIN_RANK} (-1: disparities), "
+        "the depths spread wider than ours; in part: one of both",
         agreement=ClaimAgreement.of(in_place and no_distance, in_place or no_distance),
     )
 

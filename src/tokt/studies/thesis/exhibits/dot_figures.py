@@ -42,7 +42,7 @@ from .training_image_figures import described
 
 _COUNTS = [one.name for one in fields(PatchScore)]
 _HIGH, _HALF = 0.8, 0.5
-_RULE = f"agrees from {_HIGH}, in part from {_HALF} on"
+_RULE = f"to agree: {_HIGH} or more; in part: {_HALF}"
 
 
 @dataclass(frozen=True)
@@ -208,9 +208,8 @@ def alike_claim(patches: Mapping[str, Mapping[int, Bools]], frames: Sequence[int
     return Claim(
         what,
         printed,
-        f"of the {either} patches that LBP (10, 5) or Haralick marks in {len(both)} frames, "
-        f"{hits / either:.0%} are marked by both",
-        f"intersection over union: {_RULE}",
+        f"of {either} patches that LBP (10, 5) or Haralick marks, {hits / either:.0%} by both",
+        f"by that share: {_RULE}",
         agreement=_agreement(hits / either),
     )
 

@@ -128,7 +128,7 @@ def lbp_claim(shares: pd.DataFrame) -> Claim:
             f"{shares[key][[*GREY, *ROTATED]].idxmax()}"
             for key, share in most.items()
         ),
-        f"agrees where both change {UNCHANGED:.0%} at most, in part where one does",
+        f"to agree: both {UNCHANGED:.0%} at most; in part: one",
         agreement=ClaimAgreement.of(unchanged.all(), unchanged.any()),
     )
 
@@ -146,7 +146,7 @@ def haralick_claim(shares: pd.DataFrame) -> Claim:
             f"{title}: {rotated[key]:.1%} turned, {noisy[key]:.1%} with noise"
             for key, title in TITLES.items()
         ),
-        f"agrees where rotation changes more of its verdicts than of LBP's, and noise of one grey "
-        f"level over {UNCHANGED:.0%}; in part where one holds",
+        f"to agree: rotation changes more verdicts than LBP's, noise of one grey level over "
+        f"{UNCHANGED:.0%}; in part: one of both",
         agreement=ClaimAgreement.of(turns and noise, turns or noise),
     )

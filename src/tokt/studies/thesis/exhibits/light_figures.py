@@ -187,7 +187,7 @@ def _f1(one: MethodPrediction, truth: Truth | None) -> float | None:
 def river_claim(said: Said, bad: BadPicture) -> Claim:
     """Whether LBP finds nearly everything in the picture, and Haralick does worse."""
     what = "in a bright river LBP finds nearly everything, and Haralick does badly"
-    printed = "figures 5.6 to 5.8, by models trained on blue water"
+    printed = "figures 5.6 to 5.8, trained on blue water"
     if bad.truth is None or not (bad.truth == 1).any():
         return Claim(what, printed, "not scored", "the picture has no mask of anything in it")
     scores = {one.title: one.score(bad.truth) or PatchScore() for one in said}
@@ -199,8 +199,7 @@ def river_claim(said: Said, bad: BadPicture) -> Claim:
         what,
         printed,
         f"{LBP}: recall {recall:.2f}, F1 {f1:.2f}; {HARALICK}: recall {less:.2f}, F1 {other:.2f}",
-        f"agrees where LBP's recall is {_NEARLY_ALL} or more and its F1 the higher, in part where "
-        "one holds",
+        f"to agree: LBP's recall {_NEARLY_ALL} or more, its F1 the higher; in part: one of both",
         agreement=ClaimAgreement.of(finds and leads, finds or leads),
     )
 
@@ -233,10 +232,8 @@ def training_claim(said: Said, bad: BadPicture, after: dict[str, float] | None) 
     return Claim(
         what,
         printed,
-        "; ".join(f"{title}: F1 {before[title]:.2f} before, {after[title]:.2f}" for title in after)
-        + " after",
-        "open water rendered with another seed stands for the ocean image. Agrees where both are "
-        "better, in part where one is",
+        "; ".join(f"{title}: F1 {before[title]:.2f}, then {after[title]:.2f}" for title in after),
+        "learnt from other rendered water; to agree: both better; in part: one",
         agreement=ClaimAgreement.of(all(helped), any(helped)),
     )
 
@@ -268,9 +265,9 @@ def low_light_claim(rows: pd.DataFrame) -> Claim:
     return Claim(
         "in low light disparity hangs on its size threshold; LBP and Haralick are better",
         "the paper's section II-A",
-        f"mean F1 in {len(low)} rendered pairs by half a lamp or less (how many change their "
-        f"status with half or twice the threshold): {counted}",
-        "agrees where both are better and only disparity's status changes, in part where one holds",
+        f"mean F1 in {len(low)} pairs rendered by half a lamp or less (how many change status with "
+        f"half or twice the threshold): {counted}",
+        "to agree: both better, and only disparity's status changes; in part: one of both",
         agreement=ClaimAgreement.of(hangs and better, hangs or better),
     )
 

@@ -67,7 +67,7 @@ def margin_figures(context: StudyContext) -> Exhibit:
 def line_claim(maps: Sequence[U8]) -> Claim:
     """Whether a line that is nothing stands at the right of every map of open water."""
     what = "a false vertical line at the right, the same in all pictures"
-    printed = "figures 3.8 and 3.9; put down to the calibration or the housing"
+    printed = "figures 3.8 and 3.9"
     if not maps:
         return Claim(what, printed, "not measured", "no pair shows open water alone")
     white = np.stack(maps) > 0
@@ -79,8 +79,8 @@ def line_claim(maps: Sequence[U8]) -> Claim:
         what,
         printed,
         f"white in {len(maps)} pairs of open water: left margin {left:.2%}, right {right:.2%}, "
-        f"between {between:.2%}; {alike:.0%} of it is white in all of them",
-        "agrees where the right margin is whitest and half of the white stays in its place. It is "
+        f"between {between:.2%}; {alike:.0%} of it in all of them",
+        "to agree: the right is whitest, and half of it stays in place; in part: the first. It is "
         "the picture's edge, bent inwards by undistorting about a corner",
         agreement=ClaimAgreement.of(whitest and alike >= _SAME_PLACE, whitest),
     )
@@ -111,11 +111,11 @@ def sweep_claim(sweep: pd.DataFrame) -> Claim:
     return Claim(
         what,
         printed,
-        f"matched in {len(sweep)} pairs, median: {median.iloc[0]:.2f} % of the map with "
-        f"{SWEEP[0]}, {median[N_DISPARITIES_PX]:.2f} % with {N_DISPARITIES_PX}, "
+        f"matched part of the map: {median.iloc[0]:.2f} % with {SWEEP[0]}, "
+        f"{median[N_DISPARITIES_PX]:.2f} % with {N_DISPARITIES_PX}, "
         f"{median.iloc[-1]:.2f} % with {SWEEP[-1]}",
-        "agrees where they fall at each step, in part from the first to the last. With a "
-        "uniqueness ratio of 0 each textured pixel gets some disparity",
+        "to agree: falls at each step; in part: from first to last. At uniqueness ratio 0 each "
+        "textured pixel gets some disparity",
         agreement=ClaimAgreement.of(falls.all(), median.iloc[-1] < median.iloc[0]),
     )
 
@@ -167,10 +167,10 @@ def edge_claim(seen: pd.DataFrame) -> Claim:
     return Claim(
         what,
         printed,
-        f"{len(seen)} pairs and their mirror images: {seen['left'].median():.0%} of the obstacle "
-        f"is white at the left edge, {seen['right'].median():.0%} at the right. It is worse there "
-        f"in {worse:.0%} of them, and {cut:.0%} of it lies in the margin",
-        f"agrees where half of the pairs are worse by {_LOST:.0%}, in part where that much lies "
-        "in the margin. The undistortion moves the right edge inwards, and empties it",
+        f"in {len(seen)} mirrored pairs {seen['left'].median():.0%} of the obstacle is white at "
+        f"the left edge, {seen['right'].median():.0%} at the right; {worse:.0%} of pairs are worse "
+        f"there; {cut:.0%} lies in the margin",
+        f"to agree: half of the pairs worse by {_LOST:.0%}; in part: that much in the margin. "
+        "Undistorting moves the right edge inwards, and empties it",
         agreement=ClaimAgreement.of(worse >= _MOSTLY, cut >= _LOST),
     )

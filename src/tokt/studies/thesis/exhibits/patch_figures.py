@@ -108,7 +108,7 @@ def histogram_claim(rows: Mapping[str, F64], patches: Cells, clear: Bools) -> Cl
         printed,
         "clear patches that are more like the ocean patch than it is: "
         + ", ".join(f"{title} {share:.0%}" for title, share in liker.items()),
-        f"agrees where {_DIFFERS:.0%} are by each of the features, in part where by some",
+        f"to agree: {_DIFFERS:.0%} by each; in part: by some",
         agreement=ClaimAgreement.of(all(differs), any(differs)),
     )
 

@@ -90,7 +90,7 @@ def _summary(frames: pd.DataFrame, labelled: Mapping[int, Truth]) -> dict[str, A
 def mask_claim(summary: Mapping[str, Any]) -> Claim:
     """Section 5.1.1, of SLIC + LBP and LBP on the grid."""
     what = "SLIC sees no better; the grid's area is larger, its blocks join to fewer contours"
-    printed = "very similar, both detect (figure 5.1, section 5.1.1)"
+    printed = "figure 5.1, section 5.1.1"
     overlap, slic, grid = summary["overlap"], summary["slic_f1"], summary["grid_f1"]
     if overlap is None or slic is None or grid is None:
         return Claim(what, printed, "not measured", "it needs labels, and masks with white in them")
@@ -99,11 +99,11 @@ def mask_claim(summary: Mapping[str, Any]) -> Claim:
     return Claim(
         what,
         printed,
-        f"LBP: the grid's area is {summary['area_ratio']:.2f} times SLIC's; "
-        f"{summary['grid_contours']} contours to {summary['slic_contours']}; F1 {grid:.2f} to "
-        f"{slic:.2f}; {100 * overlap:.0f} % of the white is in both",
-        f"the area is to be larger, the contours fewer, F1 at most {NO_BETTER:g} lower, and "
-        f"{100 * SIMILAR:.0f} % in both. In part where one of these is so",
+        f"LBP: {summary['area_ratio']:.2f} times SLIC's area, {summary['grid_contours']} contours "
+        f"to {summary['slic_contours']}, F1 {grid:.2f} to {slic:.2f}; {100 * overlap:.0f} % of "
+        "the white in both",
+        f"to agree: a larger area, fewer contours, F1 at most {NO_BETTER:g} lower, "
+        f"{100 * SIMILAR:.0f} % in both; in part: one of these",
         agreement=ClaimAgreement.of(all(true), any(true)),
     )
 

@@ -287,7 +287,7 @@ def claim_of(found: dict[str, Offset]) -> Claim:
     elif largest <= SYNCHRONOUS_FRAMES:
         agreement = ClaimAgreement.YES
         why = (
-            f"the offset is below {SYNCHRONOUS_FRAMES} frames with its interval, and one made on "
+            f"to agree: {SYNCHRONOUS_FRAMES} frames or less with the interval, and one made on "
             "purpose is found"
         )
     else:
@@ -295,7 +295,7 @@ def claim_of(found: dict[str, Offset]) -> Claim:
         why = f"the offset, with its interval, goes beyond {SYNCHRONOUS_FRAMES} frames"
     return Claim(
         "left and right frames of one number are of one moment",
-        "both cameras photograph a clock; no result is printed (section 6.1.2, figure 6.1)",
+        "of a clock; no result (section 6.1.2, figure 6.1)",
         f"right camera later by {_said(own)}; made late by {SHIFTED} on purpose: {_said(shifted)}",
         why,
         agreement=agreement,

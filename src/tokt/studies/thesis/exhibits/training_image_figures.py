@@ -180,8 +180,7 @@ def structure_claim(ocean: Image, structure: Image) -> Claim:
         "ocean is mostly flat; with a structure flat falls slightly, and edge rises",
         "figure 3.11",
         f"ocean {_listed(water, kinds)}; with the structure {_listed(other, kinds)}",
-        "agrees where flat is ocean's largest of the three and both shares move so, in part where "
-        "one holds. Sensor noise makes the other patterns",
+        "to agree: flat is ocean's largest, and both move so; in part: one of both",
         agreement=ClaimAgreement.of(mostly and moved, mostly or moved),
     )
 
@@ -197,8 +196,8 @@ def spike_claim(ocean: Image, brick: Image, branches: Image) -> Claim:
         "branches have a large edge spike, brick a smaller one, ocean none",
         "figures 3.12 and 3.13",
         f"share of the edge bins: branches {most:.1%}, brick {middle:.1%}, ocean {least:.1%}",
-        "agrees where they fall in this order, in part where both are above ocean. The photo and "
-        "the rendering stand for the thesis's images",
+        "to agree: in this order; in part: both above ocean. A photo and a rendering stand for "
+        "the thesis's images",
         agreement=ClaimAgreement.of(most > middle > least, most > least and middle > least),
     )
 
@@ -206,7 +205,7 @@ def spike_claim(ocean: Image, brick: Image, branches: Image) -> Claim:
 def variety_claim(table: pd.DataFrame) -> Claim:
     """Whether a model learns better from an image whose patches are less alike."""
     what = "varied texture, whose rows are less correlated, is better to learn from"
-    printed = "section 3.2.1; a film still was chosen by that"
+    printed = "section 3.2.1"
     f1 = table[F1]
     if f1.isna().any() or f1.nunique() < 2:
         return Claim(what, printed, "not scored", "there are no labels to score a model by")
@@ -218,8 +217,7 @@ def variety_claim(table: pd.DataFrame) -> Claim:
         printed,
         f"rank correlation of F1 with how alike rows are: {ranks[0]:+.2f} over {len(table)} "
         f"images, {ranks[1]:+.2f} without the mission's own; best {best['image']} ({f1.max():.2f})",
-        f"agrees where both are {_RANKED} or less, in part where one is. The mission's own "
-        "images show water too",
+        f"to agree: both {_RANKED} or less; in part: one. The mission's own show water too",
         agreement=ClaimAgreement.of(max(ranks) <= _RANKED, min(ranks) <= _RANKED),
     )
 

@@ -260,8 +260,7 @@ def _distance_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
         agreement = agreement_of_worst(-value for value in given)
         why = {
             ClaimAgreement.YES: "every method's mean falls with depth, nearly without fail",
-            ClaimAgreement.PARTLY: "the nearer, the larger, with exceptions: what is near is cut "
-            "off by the picture",
+            ClaimAgreement.PARTLY: "with exceptions: the picture cuts off what is near",
         }.get(agreement, "of at least one method the mean does not follow depth")
     found = "; ".join(
         f"{titles[name]} " + ("not known" if value is None else f"{value:.2f}")
@@ -269,8 +268,8 @@ def _distance_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
     )
     return Claim(
         "the mean value is a relative distance",
-        "it serves as one (sections 5.2.1 and 7.2)",
-        f"rank correlation of mean and stereo depth, frame by frame (-1: it is): {found}",
+        "sections 5.2.1 and 7.2",
+        f"rank correlation with stereo depth (-1: it is): {found}",
         why,
         agreement=agreement,
     )
@@ -290,14 +289,12 @@ def _sign_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
         agreement = agreement_of_worst(one["sign_agreement"] or 0.0 for one in ours)
         why = {
             ClaimAgreement.YES: "the sign of the trend is that of the depth's change",
-            ClaimAgreement.PARTLY: "mostly; where it is wrong, what is near leaves the picture or "
-            "is no longer matched",
+            ClaimAgreement.PARTLY: "wrong where what is near leaves the picture, or is not matched",
         }.get(agreement, "too often the sign is not that of the depth's change")
     return Claim(
         "a growing mean is a thing that comes nearer",
-        "its rise or fall tells of the distance's (sections 5.2.1 and 7.2)",
-        "frames in which trend and depth have one sign, and approaches called steady or shrinking: "
-        + "; ".join(parts),
+        "sections 5.2.1 and 7.2",
+        "signs that agree with the depth's, and approaches missed: " + "; ".join(parts),
         why,
         agreement=agreement,
     )
