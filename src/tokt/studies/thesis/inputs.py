@@ -11,16 +11,16 @@ from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.image_file import read_image
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, open_mission
-from tokt.inference.stereo.calibration import StereoCalibration, check_calibration, read_calibration
+from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.labels.formats.options import Progress
 from tokt.labels.merge import merge_annotators
 from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
 from tokt.studies.baselines.thesis_models import ThesisModel, TrainingImage, thesis_model
 from tokt.studies.baselines.thesis_texture import DESCRIBE, GRID
+from tokt.training.calibration_file import read_calibration_file
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.train import rendered_other_image
-from tokt.training.matlab_file import read_matlab_numbers
 from tokt.training.options import Notice
 from tokt.training.rig.calibrate.frame_selection import MIN_SHARE, evenly_spaced, texture
 from tokt.training.rig.calibrate.self_calibration import BASELINE_MM, plain_start, self_calibrate
@@ -252,11 +252,11 @@ class StudyInputs:
         file = self.request.calibration
         inside = self.mission.path / CALIBRATION_FILE
         if file is not None:
-            return _read_calibration(file), f"the calibration {file.name}"
+            return read_calibration_file(file, self.say), f"the calibration {file.name}"
         if not self.pairs:
             return None, "the mission has no stereo pairs"
         if inside.is_file():
-            return _read_calibration(inside), f"the mission's own {CALIBRATION_FILE}"
+            return read_calibration_file(inside, self.say), f"the mission's own {CALIBRATION_FILE}"
         self.say("no calibration given: calibrating from the mission's own frames")
         try:
             start = plain_start(self.mission, BASELINE_MM, None, None)
@@ -277,10 +277,3 @@ class StudyInputs:
                 yield number, self.picture(number)
             except FrameError as error:
                 self.say(str(error))
-
-
-def _read_calibration(file: Path) -> StereoCalibration:
-    """A calibration of any form. Raises ToktError if it cannot be used."""
-    if file.suffix.lower() == ".mat":
-        return check_calibration(read_matlab_numbers(file)).usable()
-    return read_calibration(file).usable()
