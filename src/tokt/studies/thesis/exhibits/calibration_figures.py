@@ -81,14 +81,11 @@ def row_differences(context: StudyContext) -> pd.DataFrame:
 
 def row_claim(rows: pd.DataFrame) -> Claim:
     """Whether rows agree after the thesis's step."""
-    what = "rows of the pair agree after the step named rectify"
-    printed = "figures 3.4 to 3.7"
+    claim = Claim.about("rows of the pair agree after the step named rectify", "figures 3.4 to 3.7")
     if rows.empty:
-        return Claim(what, printed, "no point was matched", "rows need points of both pictures")
+        return claim("no point was matched", "rows need points of both pictures")
     raw, thesis, ours = rows[["raw", "thesis", "tokt"]].median()
-    return Claim(
-        what,
-        printed,
+    return claim(
         f"median row difference: {raw:.1f} px before, {thesis:.1f} px after; tokt's {ours:.1f} px",
         f"to agree: half a block, {BLOCK_PX / 2:g} px, or less; in part: halved",
         agreement=ClaimAgreement.of(thesis <= BLOCK_PX / 2, thesis <= raw / 2),
@@ -162,17 +159,14 @@ def _bend(points: F64) -> tuple[float, float]:
 
 def bend_claim(bends: F64) -> Claim:
     """Whether the printed calibration straightens edges that are straight."""
-    what = "Bouguet's calibration straightens lines"
-    printed = "figures 3.1 to 3.3, of a board"
+    claim = Claim.about("Bouguet's calibration straightens lines", "figures 3.1 to 3.3, of a board")
     found = f"{len(bends)} straight edges a fifth of the frame long"
     if len(bends) < FEW_EDGES:
         why = f"no board is in them, and {FEW_EDGES} such edges are needed"
-        return Claim(what, printed, found, why)
+        return claim(found, why)
     before, *after = 100 * np.median(bends, axis=0)
     ways = ", ".join(f"{way} {value:.2f} %" for way, value in zip(_WAYS, after, strict=True))
-    return Claim(
-        what,
-        printed,
+    return claim(
         f"{found}: median bend {before:.2f} % of the chord before; after, {ways}",
         "to agree: a reading of the numbers halves the bend; in part: lessens it",
         agreement=ClaimAgreement.of(min(after) <= before / 2, min(after) < before),

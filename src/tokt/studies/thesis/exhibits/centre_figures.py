@@ -130,17 +130,16 @@ def _mission(context: StudyContext) -> list[BothWays]:
 
 def box_claim(every: Sequence[BothWays]) -> Claim:
     """Whether the thesis's box, whose sizes are sums, is around what was seen."""
-    what = "the box is around the obstacle"
-    printed = "figure 3.24; its sizes are sums of the contours'"
+    claim = Claim.about(
+        "the box is around the obstacle", "figure 3.24; its sizes are sums of the contours'"
+    )
     if not every:
-        return Claim(what, printed, "not measured", "the thesis's methods see nothing")
+        return claim("not measured", "the thesis's methods see nothing")
     leaves = sum(one.thesis_leaves for one in every)
     misses = sum(one.thesis_misses for one in every)
     ratios = [one.box_ratio for one in every]
     few = max(leaves, misses) <= _SOME * len(every)
-    return Claim(
-        what,
-        printed,
+    return claim(
         f"area over the boxes' union: {np.median(ratios):.1f} (median), {max(ratios):.1f} at "
         f"most. Of {len(every)} boxes {leaves} leave the frame, {misses} miss a part",
         f"to agree: none does; in part: {_SOME:.0%} at most",
@@ -160,12 +159,10 @@ def _partly_white(context: StudyContext, number: int) -> float | None:
 
 def fineness_claim(finest: float | None) -> Claim:
     """Whether the thesis's disparity mask is finer than a mask of blocks."""
-    what, printed = "the disparity mask is finer than the block mask", "figures 3.21 to 3.24"
+    claim = Claim.about("the disparity mask is finer than the block mask", "figures 3.21 to 3.24")
     if finest is None:
-        return Claim(what, printed, "not measured", "no pair gives a disparity mask")
-    return Claim(
-        what,
-        printed,
+        return claim("not measured", "no pair gives a disparity mask")
+    return claim(
         f"{finest:.0%} of the patches that it touches are white in part; of a block mask none",
         f"to agree: {_MOSTLY:.0%} or more; in part: above 0",
         agreement=ClaimAgreement.of(finest >= _MOSTLY, finest > 0),

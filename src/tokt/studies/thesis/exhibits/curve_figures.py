@@ -21,6 +21,7 @@ MIN_FRAMES = 8
 NEARLY_ALWAYS, GOES_WITH = 0.95, 0.7
 """Rank correlations of mean value and nearness, or shares of equal signs, from which the one tells
 the other, and from which it does so with exceptions."""
+WORST_RULE = f"to agree: {NEARLY_ALWAYS} or more; in part: {GOES_WITH}"
 ALIKE, SAME_RATE = 0.9, 1.5
 """Correlation of two curves from which they are very alike, and how many times as steep as the
 other one may then be for their rates of change to be about the same."""
@@ -257,12 +258,13 @@ def _normalised(context: StudyContext, begin: int | None = None, end: int | None
 
 def _detection_claim(context: StudyContext, scores: pd.DataFrame) -> Claim:
     """Cameras can be used: each method warns before the nearest approach, without false status."""
-    what = "Cameras can be used for underwater obstacle avoidance"
-    printed = "the abstract, from the sea trial"
+    claim = Claim.about(
+        "Cameras can be used for underwater obstacle avoidance", "the abstract, from the sea trial"
+    )
     names = [name for name, method in context.curves.methods.items() if not method.sampled]
     if not context.labels or not any(context.obstacle_patches.values()):
         why = "no obstacle is labelled in this mission, so nothing says what a detection is"
-        return Claim(what, printed, "not measured", why)
+        return claim("not measured", why)
     nearest = max(context.obstacle_patches, key=lambda number: context.obstacle_patches[number])
     warns = (scores[FIRST] < nearest).fillna(False) & (scores[FALSE] == 0)
     good = [name for name in names if warns[name]]
@@ -274,20 +276,20 @@ def _detection_claim(context: StudyContext, scores: pd.DataFrame) -> Claim:
     why = "by this mission alone; not: " + (
         ", ".join(context.curves.methods[n].title for n in names if n not in good) or "none"
     )
-    return Claim(what, printed, found, why, agreement=agreement)
+    return claim(found, why, agreement=agreement)
 
 
 def order_claim(firsts: Mapping[str, int]) -> Claim:
     """Sections 6.2 and 7.1: which method sees the obstacle first."""
-    what = "Haralick sees the obstacle first, LBP and disparity together"
-    printed = "sections 6.2 and 7.1; at the same time by section 5.2.1"
+    claim = Claim.about(
+        "Haralick sees the obstacle first, LBP and disparity together",
+        "sections 6.2 and 7.1; at the same time by section 5.2.1",
+    )
     lbp, haralick, disparity = (firsts.get(name) for name in _OF_THE_FIGURES)
     if lbp is None or haralick is None or disparity is None:
-        return Claim(what, printed, "not all detect", "it needs a first detection of all three")
+        return claim("not all detect", "it needs a first detection of all three")
     first, together = haralick < min(lbp, disparity), abs(lbp - disparity) <= TOGETHER_FRAMES
-    return Claim(
-        what,
-        printed,
+    return claim(
         f"first detections: Haralick {haralick}, disparity {disparity}, LBP (10, 5) {lbp}",
         f"together: {TOGETHER_FRAMES} frames apart at most; in part: Haralick's place alone. "
         "Another image than the film still moves LBP's and Haralick's",
@@ -297,18 +299,18 @@ def order_claim(firsts: Mapping[str, int]) -> Claim:
 
 def alike_claim(curves: Curves) -> Claim:
     """Section 5.2.1: the curves are very alike, and change at about the same rate."""
-    what = "The curves of LBP, Haralick and disparity are very alike and rise at the same rate"
-    printed = "figures 5.4 and 5.5, section 5.2.1"
+    claim = Claim.about(
+        "The curves of LBP, Haralick and disparity are very alike and rise at the same rate",
+        "figures 5.4 and 5.5, section 5.2.1",
+    )
     there = [name for name in _OF_THE_FIGURES if name in curves.mean]
     shares = curves.shares()[there].dropna()
     if len(there) < len(_OF_THE_FIGURES) or len(shares) < MIN_FRAMES or not shares.max().all():
-        return Claim(what, printed, "not measured", "it needs the three methods' curves")
+        return claim("not measured", "it needs the three methods' curves")
     alike = float(shares.corr().to_numpy().min())
     rates = {name: steepest(shares[name]) for name in there}
     times = max(rates.values()) / max(min(rates.values()), 1e-9)
-    return Claim(
-        what,
-        printed,
+    return claim(
         f"least correlation of two {alike:.2f}; the steepest rises {times:.1f} times as fast",
         f"to agree: {ALIKE:g} or more, {SAME_RATE:g} times or less; in part: {GOES_WITH:g} or more",
         agreement=ClaimAgreement.of(alike >= ALIKE and times <= SAME_RATE, alike >= GOES_WITH),

@@ -292,14 +292,14 @@ def _spread(depth: F64) -> float:
 def map_claim(numbers: dict[str, Any]) -> Claim:
     """Whether the map's values are disparities of the pair."""
     last = MIN_DISPARITY_PX + N_DISPARITIES_PX - 1
-    what = "the map shows disparities of the two pictures"
-    printed = f"figure 3.8; {MIN_DISPARITY_PX} to {last} px (table 3.5)"
+    claim = Claim.about(
+        "the map shows disparities of the two pictures",
+        f"figure 3.8; {MIN_DISPARITY_PX} to {last} px (table 3.5)",
+    )
     share, changed = numbers["points_searched"], numbers["thesis_pixels_changed_most"]
     if share is None:
-        return Claim(what, printed, "no matched points", "true disparities are not known without")
-    return Claim(
-        what,
-        printed,
+        return claim("no matched points", "true disparities are not known without")
+    return claim(
         f"{share:.0%} of {numbers['matched_points']} matched points are in its search. "
         f"{numbers['thesis_status_kept']} of {numbers['wrong_pairs']} wrong right frames keep its "
         f"status; {changed:.2%} of its pixels change at most",
@@ -311,8 +311,7 @@ def map_claim(numbers: dict[str, Any]) -> Claim:
 
 def cloud_claim(numbers: dict[str, Any]) -> Claim:
     """Whether the cloud's places are usable, and its distances not."""
-    what = "the point cloud's places are usable, its distances are not"
-    printed = "figure 3.10"
+    claim = Claim.about("the point cloud's places are usable, its distances are not", "figure 3.10")
     rank, spread = numbers["rank_correlation"], numbers["thesis_cloud_spread"]
     found = (
         f"rank correlation with depth {rank:.2f}; depths spread over {spread:.1f} of "
@@ -321,11 +320,9 @@ def cloud_claim(numbers: dict[str, Any]) -> Claim:
     no_distance = rank > _MIN_RANK and spread > numbers["cloud_spread"]
     if numbers["in_place"] is None:
         why = "the frame has no labels, so that places cannot be judged"
-        return Claim(what, printed, found, why)
+        return claim(found, why)
     in_place = numbers["in_place"] >= _IN_PLACE
-    return Claim(
-        what,
-        printed,
+    return claim(
         f"{numbers['in_place']:.0%} of the map's white lies on labelled patches; {found}",
         f"to agree: {_IN_PLACE:.0%} there, the correlation above {_MIN_RANK} (-1: disparities), "
         "the depths spread wider than ours; in part: one of both",

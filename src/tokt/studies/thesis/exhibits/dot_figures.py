@@ -175,16 +175,15 @@ def dot_claim(
     said: Sequence[MethodPrediction], truth: Truth | None, pooled: Mapping[str, PatchScore]
 ) -> Claim:
     """Whether the thesis's red dots lie on the structure, and the blue ones on ocean."""
-    what = "red dots lie on the structure, blue ones on ocean"
-    printed = "figures 3.17 and 3.20"
+    claim = Claim.about(
+        "red dots lie on the structure, blue ones on ocean", "figures 3.17 and 3.20"
+    )
     if truth is None or not (truth == 1).any():
         why = "the frame has no obstacle labelled, so that dots cannot be judged"
-        return Claim(what, printed, "not scored", why)
+        return claim("not scored", why)
     scores = {one.name: (one.score(truth) or PatchScore()).f1 or 0.0 for one in said}
     least = min(scores.values())
-    return Claim(
-        what,
-        printed,
+    return claim(
         "F1 in this frame, and in all labelled frames: "
         + ", ".join(
             f"{one.title} {scores[one.name]:.2f}, {pooled.get(one.name, PatchScore()).f1 or 0:.2f}"
@@ -197,17 +196,14 @@ def dot_claim(
 
 def alike_claim(patches: Mapping[str, Mapping[int, Bools]], frames: Sequence[int]) -> Claim:
     """Whether the masks of LBP and of Haralick look alike, over frames that neither learnt from."""
-    what = "masks of LBP and of Haralick look very alike"
-    printed = "section 3.4.2"
+    claim = Claim.about("masks of LBP and of Haralick look very alike", "section 3.4.2")
     lbp, haralick = (patches.get(name, {}) for name in ("lbp_10_5", "haralick"))
     both = [number for number in frames if number in lbp and number in haralick]
     hits = sum(int((lbp[n] & haralick[n]).sum()) for n in both)
     either = sum(int((lbp[n] | haralick[n]).sum()) for n in both)
     if not either:
-        return Claim(what, printed, "no mask has anything", "empty masks cannot be told apart")
-    return Claim(
-        what,
-        printed,
+        return claim("no mask has anything", "empty masks cannot be told apart")
+    return claim(
         f"of {either} patches that LBP (10, 5) or Haralick marks, {hits / either:.0%} by both",
         f"by that share: {_RULE}",
         agreement=_agreement(hits / either),

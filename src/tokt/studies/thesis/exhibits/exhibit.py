@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from enum import StrEnum
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Self
 
 import pandas as pd
@@ -45,6 +45,11 @@ class Claim:
     found: str
     agreement: ClaimAgreement = field(default=ClaimAgreement.UNAVAILABLE, kw_only=True)
     why: str
+
+    @classmethod
+    def about(cls, what: str, printed: str) -> partial[Self]:
+        """What makes the claim of the rest: what was found, why, and the agreement."""
+        return partial(cls, what, printed)
 
 
 @dataclass(frozen=True)

@@ -186,18 +186,18 @@ def _f1(one: MethodPrediction, truth: Truth | None) -> float | None:
 
 def river_claim(said: Said, bad: BadPicture) -> Claim:
     """Whether LBP finds nearly everything in the picture, and Haralick does worse."""
-    what = "in a bright river LBP finds nearly everything, and Haralick does badly"
-    printed = "figures 5.6 to 5.8, trained on blue water"
+    claim = Claim.about(
+        "in a bright river LBP finds nearly everything, and Haralick does badly",
+        "figures 5.6 to 5.8, trained on blue water",
+    )
     if bad.truth is None or not (bad.truth == 1).any():
-        return Claim(what, printed, "not scored", "the picture has no mask of anything in it")
+        return claim("not scored", "the picture has no mask of anything in it")
     scores = {one.title: one.score(bad.truth) or PatchScore() for one in said}
     (recall, f1), (less, other) = (
         (scores[title].recall or 0.0, scores[title].f1 or 0.0) for title in (LBP, HARALICK)
     )
     finds, leads = recall >= _NEARLY_ALL, f1 > other
-    return Claim(
-        what,
-        printed,
+    return claim(
         f"{LBP}: recall {recall:.2f}, F1 {f1:.2f}; {HARALICK}: recall {less:.2f}, F1 {other:.2f}",
         f"to agree: LBP's recall {_NEARLY_ALL} or more, its F1 the higher; in part: one of both",
         agreement=ClaimAgreement.of(finds and leads, finds or leads),
@@ -222,16 +222,13 @@ def _trained_on_bright_water(
 
 def training_claim(said: Said, bad: BadPicture, after: dict[str, float] | None) -> Claim:
     """Whether models that learnt from bright water are better in it."""
-    what = "training on bright water would help"
-    printed = "section 5.3"
+    claim = Claim.about("training on bright water would help", "section 5.3")
     if after is None:
         why = "no other open water of the given picture's kind is at hand to learn from"
-        return Claim(what, printed, "not trained", why)
+        return claim("not trained", why)
     before = {one.title: _f1(one, bad.truth) or 0.0 for one in said if one.title in after}
     helped = [after[title] > before[title] for title in after]
-    return Claim(
-        what,
-        printed,
+    return claim(
         "; ".join(f"{title}: F1 {before[title]:.2f}, then {after[title]:.2f}" for title in after),
         "learnt from other rendered water; to agree: both better; in part: one",
         agreement=ClaimAgreement.of(all(helped), any(helped)),

@@ -66,18 +66,17 @@ def margin_figures(context: StudyContext) -> Exhibit:
 
 def line_claim(maps: Sequence[U8]) -> Claim:
     """Whether a line that is nothing stands at the right of every map of open water."""
-    what = "a false vertical line at the right, the same in all pictures"
-    printed = "figures 3.8 and 3.9"
+    claim = Claim.about(
+        "a false vertical line at the right, the same in all pictures", "figures 3.8 and 3.9"
+    )
     if not maps:
-        return Claim(what, printed, "not measured", "no pair shows open water alone")
+        return claim("not measured", "no pair shows open water alone")
     white = np.stack(maps) > 0
     parts = white[..., :CROP_PX], white[..., -CROP_PX:], white[..., CROP_PX:-CROP_PX]
     left, right, between = (float(part.mean()) for part in parts)
     alike = float(white.all(axis=0).sum() / max(white.any(axis=0).sum(), 1))
     whitest = right > max(left, between)
-    return Claim(
-        what,
-        printed,
+    return claim(
         f"white in {len(maps)} pairs of open water: left margin {left:.2%}, right {right:.2%}, "
         f"between {between:.2%}; {alike:.0%} of it in all of them",
         "to agree: the right is whitest, and half of it stays in place; in part: the first. It is "
@@ -102,15 +101,12 @@ def matched_by_number(pairs: Sequence[tuple[U8, U8]]) -> pd.DataFrame:
 
 def sweep_claim(sweep: pd.DataFrame) -> Claim:
     """Whether matches fall as the number of disparities grows."""
-    what = "the larger numberOfDisparities, the fewer matches"
-    printed = "section 3.1.6"
+    claim = Claim.about("the larger numberOfDisparities, the fewer matches", "section 3.1.6")
     if sweep.empty:
-        return Claim(what, printed, "not measured", "no pair shows anything")
+        return claim("not measured", "no pair shows anything")
     median = sweep.median()
     falls = median.diff().dropna() < 0
-    return Claim(
-        what,
-        printed,
+    return claim(
         f"matched part of the map: {median.iloc[0]:.2f} % with {SWEEP[0]}, "
         f"{median[N_DISPARITIES_PX]:.2f} % with {N_DISPARITIES_PX}, "
         f"{median.iloc[-1]:.2f} % with {SWEEP[-1]}",
@@ -158,15 +154,14 @@ def _seen(stretched: U8, there: Truth, edge: str) -> dict[str, float]:
 
 def edge_claim(seen: pd.DataFrame) -> Claim:
     """Whether an obstacle at the right is seen worse as the right margin is cut off."""
-    what = "with the right margin cut off, obstacles at the right are seen worse"
-    printed = "section 6.1.1"
+    claim = Claim.about(
+        "with the right margin cut off, obstacles at the right are seen worse", "section 6.1.1"
+    )
     if seen.empty:
-        return Claim(what, printed, "not measured", "no pair has an obstacle labelled")
+        return claim("not measured", "no pair has an obstacle labelled")
     worse = float((seen["right"] < (1 - _LOST) * seen["left"]).mean())
     cut = seen["right, in the margin"].median()
-    return Claim(
-        what,
-        printed,
+    return claim(
         f"in {len(seen)} mirrored pairs {seen['left'].median():.0%} of the obstacle is white at "
         f"the left edge, {seen['right'].median():.0%} at the right; {worse:.0%} of pairs are worse "
         f"there; {cut:.0%} lies in the margin",

@@ -90,10 +90,11 @@ def histogram_claim(rows: Mapping[str, F64], patches: Cells, clear: Bools) -> Cl
     By Hellinger's distance of LBP histograms, and by Haralick's features in standard deviations of
     the clear patches.
     """
-    what = "a patch on the structure has another histogram than one of ocean"
-    printed = "figures 3.15 to 3.19"
+    claim = Claim.about(
+        "a patch on the structure has another histogram than one of ocean", "figures 3.15 to 3.19"
+    )
     if not clear.any():
-        return Claim(what, printed, "not measured", "the frame has no patch labelled as clear")
+        return claim("not measured", "the frame has no patch labelled as clear")
     liker = {}
     for key, features in rows.items():
         ocean = features[patches["ocean"]]
@@ -103,9 +104,7 @@ def histogram_claim(rows: Mapping[str, F64], patches: Cells, clear: Bools) -> Cl
         away = np.linalg.norm(scaled - place, axis=1)
         liker[TITLES[key]] = float((away[clear] < away[patches["structure"]]).mean())
     differs = [share >= _DIFFERS for share in liker.values()]
-    return Claim(
-        what,
-        printed,
+    return claim(
         "clear patches that are more like the ocean patch than it is: "
         + ", ".join(f"{title} {share:.0%}" for title, share in liker.items()),
         f"to agree: {_DIFFERS:.0%} by each; in part: by some",

@@ -89,16 +89,16 @@ def _summary(frames: pd.DataFrame, labelled: Mapping[int, Truth]) -> dict[str, A
 
 def mask_claim(summary: Mapping[str, Any]) -> Claim:
     """Section 5.1.1, of SLIC + LBP and LBP on the grid."""
-    what = "SLIC sees no better; the grid's area is larger, its blocks join to fewer contours"
-    printed = "figure 5.1, section 5.1.1"
+    claim = Claim.about(
+        "SLIC sees no better; the grid's area is larger, its blocks join to fewer contours",
+        "figure 5.1, section 5.1.1",
+    )
     overlap, slic, grid = summary["overlap"], summary["slic_f1"], summary["grid_f1"]
     if overlap is None or slic is None or grid is None:
-        return Claim(what, printed, "not measured", "it needs labels, and masks with white in them")
+        return claim("not measured", "it needs labels, and masks with white in them")
     larger, fewer = summary["area_ratio"] > 1, summary["grid_contours"] < summary["slic_contours"]
     true = [larger, fewer, grid >= slic - NO_BETTER, overlap >= SIMILAR]
-    return Claim(
-        what,
-        printed,
+    return claim(
         f"LBP: {summary['area_ratio']:.2f} times SLIC's area, {summary['grid_contours']} contours "
         f"to {summary['slic_contours']}, F1 {grid:.2f} to {slic:.2f}; {100 * overlap:.0f} % of "
         "the white in both",

@@ -204,17 +204,16 @@ def spike_claim(ocean: Image, brick: Image, branches: Image) -> Claim:
 
 def variety_claim(table: pd.DataFrame) -> Claim:
     """Whether a model learns better from an image whose patches are less alike."""
-    what = "varied texture, whose rows are less correlated, is better to learn from"
-    printed = "section 3.2.1"
+    claim = Claim.about(
+        "varied texture, whose rows are less correlated, is better to learn from", "section 3.2.1"
+    )
     f1 = table[F1]
     if f1.isna().any() or f1.nunique() < 2:
-        return Claim(what, printed, "not scored", "there are no labels to score a model by")
+        return claim("not scored", "there are no labels to score a model by")
     elsewhere = table[~table["image"].isin([CONTROL, STRUCTURE])]
     ranks = [_rank(images) for images in (table, elsewhere)]
     best = table.loc[f1.idxmax()]
-    return Claim(
-        what,
-        printed,
+    return claim(
         f"rank correlation of F1 with how alike rows are: {ranks[0]:+.2f} over {len(table)} "
         f"images, {ranks[1]:+.2f} without the mission's own; best {best['image']} ({f1.max():.2f})",
         f"to agree: both {_RANKED} or less; in part: one. The mission's own show water too",
