@@ -212,21 +212,39 @@ def slic_texture(method: SlicTexture, title: str) -> TimedMethod:
     return TimedMethod(method.name, f"SLIC superpixels + {title}", THESIS, run)
 
 
-def thesis_disparity() -> TimedMethod:
-    """The thesis's disparity of a pair of 1360x1024; its parts are split off as for SLIC."""
+def _of_pairs(
+    names: tuple[str, str, str],
+    judge: Callable[[int, U8, U8], Verdict],
+    parts: tuple[Callable[[U8, U8], object], Callable[[U8, U8], object]] | None = None,
+) -> TimedMethod:
+    """A method of pairs by its key, title and kind.
+
+    `parts` are its undistortion, and the same with the matching: split off by doing them again.
+    """
 
     def run(item: EncodedPair, laps: Laps) -> Verdict:
-        left, right = _decoded(item.left, laps), _decoded(item.right or b"", laps)
-        verdict = judge_pair(left, right).verdict
+        pair = _decoded(item.left, laps), _decoded(item.right or b"", laps)
+        verdict = judge(item.number, *pair)
         laps.lap(REST)
-        _split_matching(
-            laps,
-            lambda: (undistorted(left, LEFT_CAMERA), undistorted(right, RIGHT_CAMERA)),
-            lambda: disparity_map(left, right),
-        )
+        if parts is not None:
+            undistort, match = parts
+            laps.split_off("undistort", lambda: undistort(*pair))
+            laps.split_off("match", lambda: match(*pair), less_s=laps.seconds["undistort"])
         return verdict
 
-    return TimedMethod("disparity", "disparity, a pair", THESIS, run)
+    return TimedMethod(*names, run)
+
+
+def thesis_disparity() -> TimedMethod:
+    """The thesis's disparity of a pair of 1360x1024."""
+    return _of_pairs(
+        ("disparity", "disparity, a pair", THESIS),
+        lambda _, left, right: judge_pair(left, right).verdict,
+        (
+            lambda left, right: (undistorted(left, LEFT_CAMERA), undistorted(right, RIGHT_CAMERA)),
+            disparity_map,
+        ),
+    )
 
 
 def tokt_texture(
@@ -264,18 +282,14 @@ def thesis_model_with_kernels(model: ThesisModel) -> TimedMethod:
 def cited_methods(calibration: StereoCalibration) -> list[TimedMethod]:
     """Pushbroom stereo as tokt has it, and thirds of the disparity map, a pair each."""
     pushbroom = SinglePolicy(PushbroomDetector(calibration, GRID))
-    judges = {"pushbroom": pushbroom.judge, "thirds": Thirds(calibration).judge}
+    return [
+        _of_pairs((key, f"{CITED_S[key][0]}, a pair", COMPARED), partial(_verdict, method))
+        for key, method in (("pushbroom", pushbroom), ("thirds", Thirds(calibration)))
+    ]
 
-    def timed(key: str, judge: Callable[[Frame], Any]) -> TimedMethod:
-        def run(item: EncodedPair, laps: Laps) -> Verdict:
-            left, right = _decoded(item.left, laps), _decoded(item.right or b"", laps)
-            verdict: Verdict = judge(Frame(item.number, float(item.number), left, right)).verdict
-            laps.lap(REST)
-            return verdict
 
-        return TimedMethod(key, f"{CITED_S[key][0]}, a pair", COMPARED, run)
-
-    return [timed(key, judge) for key, judge in judges.items()]
+def _verdict(method: SinglePolicy | Thirds, number: int, left: U8, right: U8) -> Verdict:
+    return method.judge(Frame(number, float(number), left, right)).verdict
 
 
 def tokt_stereo(
@@ -283,30 +297,16 @@ def tokt_stereo(
 ) -> TimedMethod:
     """The disparity that tokt would run, of a pair; undistortion is rectification here."""
     detector = DisparityDetector(calibration, GRID, scale=scale)
-    policy = SinglePolicy(detector)
+    rectifier = detector.rectifier
 
-    def run(item: EncodedPair, laps: Laps) -> Verdict:
-        left, right = _decoded(item.left, laps), _decoded(item.right or b"", laps)
-        verdict = policy.judge(Frame(item.number, float(item.number), left, right)).verdict
-        laps.lap(REST)
-        rectifier = detector.rectifier
-        _split_matching(
-            laps,
-            lambda: (rectifier.left(left), rectifier.right(right, detector.row_shift_px)),
-            lambda: detector.match(left, right, detector.row_shift_px),
-        )
-        return verdict
+    def rectify(left: U8, right: U8) -> tuple[U8, U8]:
+        return rectifier.left(left), rectifier.right(right, detector.row_shift_px)
 
-    title = "tokt stereo, a pair" if scale == DEFAULT_SCALE else "tokt stereo, a pair at full size"
-    return TimedMethod(key, title, OURS, run)
-
-
-def _split_matching(
-    laps: Laps, rectify: Callable[[], object], rectify_and_match: Callable[[], object]
-) -> None:
-    """Split both off the rest; the second has the first in it once more."""
-    laps.split_off("undistort", rectify)
-    laps.split_off("match", rectify_and_match, less_s=laps.seconds["undistort"])
+    return _of_pairs(
+        (key, "tokt stereo, a pair" + " at full size" * (scale != DEFAULT_SCALE), OURS),
+        partial(_verdict, SinglePolicy(detector)),
+        (rectify, lambda left, right: detector.match(left, right, detector.row_shift_px)),
+    )
 
 
 SPREAD = (10, 90)
@@ -378,7 +378,6 @@ def runtime_tables(context: StudyContext) -> Exhibit:
         frames = _frames(context)
         measured = time_stages(methods, frames)
     found = {one.method.key: one for one in measured}
-    summary = _summary(found)
     caption = (
         "Median time of each stage, in ms, on one thread. Undistort is rectification in tokt's "
         "stereo. Contours is all that is left: masks, outlines, the verdict, and in tokt's rows "
@@ -387,8 +386,8 @@ def runtime_tables(context: StudyContext) -> Exhibit:
     )
     return Exhibit(
         _words(context, frames),
-        tuple(_claims(found)),
-        tuple(_tables(found, summary, len(frames))),
+        _claims(found),
+        _tables(found, len(frames)),
         (Plot("run_times", caption, png_of(_chart(found))),),
     )
 
@@ -464,35 +463,30 @@ def _middle(values: F64) -> tuple[float, float, float]:
     return float(np.median(values)), float(low), float(high)
 
 
-def _summary(found: Found) -> pd.DataFrame:
-    """By key: milliseconds, and times the run time of the thesis's LBP, with their spread."""
-    rows = {
-        key: [
-            one.method.title,
-            one.method.kind,
-            *_middle(one.total_ms),
-            *_middle(_ratio(found, key)),
-        ]
-        for key, one in found.items()
-    }
-    figures = [f"{name}{end}" for name in ("ms", "times_lbp") for end in ("", "_p10", "_p90")]
-    return pd.DataFrame.from_dict(rows, orient="index", columns=["method", "whose", *figures])
-
-
-def _tables(found: Found, summary: pd.DataFrame, n_frames: int) -> list[Table]:
-    words = ["method", "whose", "median ms", "p10 ms", "p90 ms", "times LBP", "p10", "p90"]
-    compared = Table(
-        "run_times",
-        f"{n_frames} frames, once each; ms a frame (a pair for the disparities), and times the "
-        "thesis's LBP on the same frame. Median, 10th and 90th percentile.",
-        summary.set_axis(words, axis=1).assign(printed=pd.Series(WHOLE_S) / WHOLE_S[REFERENCE]),
-    )
+def _tables(found: Found, n_frames: int) -> tuple[Table, Table]:
     caption = (
         "Seconds that the thesis prints for a run, and what that row is here: the median frame's "
         f"stages, times {SEQUENCE}. Parts are of the module, and of the whole frame. Rows copied "
         "by mistake are not compared."
     )
-    return [Table("printed_rows", caption, _printed_rows(found)), compared]
+    compared = pd.DataFrame(
+        {
+            "method": one.method.title,
+            "whose": one.method.kind,
+            "median ms": np.median(one.total_ms),
+            "times LBP": np.median(_ratio(found, key)),
+            "printed": WHOLE_S.get(key, np.nan) / WHOLE_S[REFERENCE],
+        }
+        for key, one in found.items()
+    )
+    words = (
+        f"{n_frames} frames, once each: median ms a frame (a pair for the disparities), and times "
+        "the thesis's LBP on the same frame."
+    )
+    return (
+        Table("printed_rows", caption, _printed_rows(found)),
+        Table("run_times", words, compared),
+    )
 
 
 def _printed_rows(found: Found) -> pd.DataFrame:
@@ -516,25 +510,23 @@ def _printed_rows(found: Found) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def _claims(found: Found) -> list[Claim]:
-    return [
+def _claims(found: Found) -> tuple[Claim, ...]:
+    return (
         _claim(found, "slic_lbp_10_5", "SLIC + LBP takes so many times as long as LBP on patches"),
         _claim(found, "disparity", "disparity takes so many times as long as LBP"),
         _claim(found, "haralick", "Haralick takes so many times as long as LBP"),
         *(_cited_claim(found, key) for key in CITED_S),
         _smaller_claim(found),
-    ]
+    )
 
 
 def _cited_claim(found: Found, key: str) -> Claim:
     title, seconds = CITED_S[key]
-    what, printed = (f"{title} takes so long a pair", f"{seconds:g} s (section 2.11)")
+    claim = Claim.about(f"{title} takes so long a pair", f"{seconds:g} s (section 2.11)")
     if key not in found:
-        return Claim(what, printed, *_NO_PAIRS)
+        return claim(*_NO_PAIRS)
     taken_s = float(np.median(found[key].total_ms)) / 1e3
-    return Claim(
-        what,
-        printed,
+    return claim(
         f"{taken_s:.3g} s, from the images' bytes",
         "to agree: no longer, on any machine; in part: twice as long",
         agreement=agreement_of(max(taken_s / seconds, 1.0), 1.0),
@@ -542,13 +534,11 @@ def _cited_claim(found: Found, key: str) -> Claim:
 
 
 def _smaller_claim(found: Found) -> Claim:
-    what, printed = "a smaller pair speeds up matching", "proposed, not measured (section 5.2)"
+    claim = Claim.about("a smaller pair speeds up matching", "proposed, not measured (section 5.2)")
     if HALF_SIZE not in found:
-        return Claim(what, printed, *_NO_PAIRS)
+        return claim(*_NO_PAIRS)
     ratio, low, high = _middle(_ratio(found, HALF_SIZE, "tokt_stereo"))
-    return Claim(
-        what,
-        printed,
+    return claim(
         f"tokt's stereo at full size: {ratio:.2g} times as long ({low:.2g} to {high:.2g})",
         "to agree: the 10th percentile of single runs is above 1",
         agreement=ClaimAgreement.YES if low > 1 else ClaimAgreement.NO,
@@ -558,40 +548,23 @@ def _smaller_claim(found: Found) -> Claim:
 def agreement_of(ratio: float, printed: float) -> ClaimAgreement:
     """Agreement of a ratio with a printed one: see `NEAR` and `TWICE`."""
     off = max(ratio / printed, printed / ratio)
-    if off <= NEAR:
-        return ClaimAgreement.YES
-    return ClaimAgreement.PARTLY if off <= TWICE else ClaimAgreement.NO
+    return ClaimAgreement.of(off <= NEAR, off <= TWICE)
 
 
 def _claim(found: Found, key: str, what: str) -> Claim:
     ratio_there = WHOLE_S[key] / WHOLE_S[REFERENCE]
-    printed = f"{ratio_there:.3g} (tables 5.1 to 5.4)"
+    claim = Claim.about(what, f"{ratio_there:.3g} (tables 5.1 to 5.4)")
     if key not in found:
-        why = (
-            "the thesis's disparity is for pairs of "
-            f"{'x'.join(map(str, THESIS_FRAME_SIZE))}, which this mission does not have"
-        )
-        return Claim(what, printed, "not measured", why)
+        size = "x".join(map(str, THESIS_FRAME_SIZE))
+        return claim("not measured", f"this mission has no pairs of {size}, the thesis's size")
     ratio, low, high = _middle(_ratio(found, key))
-    agreement = agreement_of(ratio, ratio_there)
-    judged = {
-        ClaimAgreement.YES: "within a quarter",
-        ClaimAgreement.PARTLY: "within twice, not within a quarter",
-    }.get(agreement, "more than twice off")
-    why = f"{judged}; {_reason(found, key, agreement)}"
-    came_out = f"{ratio:.3g} ({low:.3g} to {high:.3g})"
-    return Claim(what, printed, came_out, why, agreement=agreement)
-
-
-def _reason(found: Found, key: str, agreement: ClaimAgreement) -> str:
-    """What stands behind a ratio that is not the printed one, from what was measured."""
-    if agreement is ClaimAgreement.YES:
-        return "other libraries and another machine, the same proportion"
     own = found[key].stage_ms
-    largest = own.idxmax()
-    return (
-        f"{largest} takes {own[largest]:.1f} of {np.median(found[key].total_ms):.1f} ms, all of "
-        f"LBP {np.median(found[REFERENCE].total_ms):.1f}"
+    return claim(
+        f"{ratio:.3g} ({low:.3g} to {high:.3g})",
+        f"to agree: within a quarter; in part: within twice. {own.idxmax()} takes {own.max():.1f} "
+        f"of {np.median(found[key].total_ms):.1f} ms, all of LBP "
+        f"{np.median(found[REFERENCE].total_ms):.1f}",
+        agreement=agreement_of(ratio, ratio_there),
     )
 
 
