@@ -1,11 +1,8 @@
-r"""The trend and the time to contact from expansion, against stereo depth on the same frames.
+"""The trend of the mean value, against stereo depth on the same frames.
 
-::
-
-    mean   . . o o O   trend: growing, steady or shrinking      A ~ 1 / Z**2 for a thing wholly in
-           .           (`temporal_cues.py`)                    view, so a mean that changes by s a
-    depth  o o o .     slope of the same last seconds,          second goes with a depth that
-           ---------   by Theil and Sen                         changes by -s / 2
+An area goes with 1 / depth squared while a thing is wholly in view: a mean that changes by s a
+second goes with a depth that changes by -s / 2. The depth's slope is that of the same last seconds,
+by Theil and Sen.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,12 +12,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from scipy.stats import spearmanr, theilslopes
+from scipy.stats import theilslopes
 
-from tokt.features.common.arrays import F64, Bools
+from tokt.features.common.arrays import F64
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.inference.frame import Frame
-from tokt.inference.policy.assembly import StereoSetup
 from tokt.inference.policy.temporal_cues import (
     GROWING,
     HORIZON_S,
@@ -30,32 +26,30 @@ from tokt.inference.policy.temporal_cues import (
     STEADY,
     STEADY_PER_S,
     TrendEstimator,
-    wholly_in_view,
 )
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD, UNKNOWN, verdict_from_mask
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.methods.curves import Curves
+from tokt.studies.thesis.methods.curves import OURS, Curves
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE
 
-from .curve_figures import agreement_of_worst
-from .exhibit import LEARNT_ELSEWHERE, Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .curve_figures import WORST_RULE, agreement_of_worst
+from .exhibit import LEARNT_ELSEWHERE, Claim, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import new_figure, png_of
 
 SECONDS_A_FRAME = 0.35
 """The frames carry no times. Source: the pause of AURlabCVsimulator, which it says is the real
 mission's."""
-DISPARITY = "disparity"
+STEREO = "tokt stereo"
 MIN_FRAMES = 12
-_SPREAD = (10, 50, 90)
 _COLORS = {GROWING: "#c0392b", STEADY: "#4a8f4a", SHRINKING: "#2d6cb3", None: "0.75"}
 _COLOR_WORDS = ("growing: comes nearer", "steady", "shrinking: goes away", "none")
 MOVING = (GROWING, SHRINKING)
 _MIN_RANKED = 5
 
-Scores = dict[str, dict[str, Any]]
-Held = dict[str, pd.DataFrame]
+Held = Mapping[str, pd.DataFrame]
+"""By a method's title, its means against the depth."""
 
 
 def trend_exhibit(context: StudyContext) -> Exhibit:
@@ -67,65 +61,57 @@ def trend_exhibit(context: StudyContext) -> Exhibit:
         raise ToktError(f"needs {MIN_FRAMES} successive pairs with something that stereo sees")
     by_stereo, depth_m = means_of_stereo(context, calibration, frames)
     texture = [name for name in (TOKT_TEXTURE, *context.thesis) if name in curves.patches]
-    seen = {name: means_of_patches(curves, name, frames) for name in texture}
-    seen[DISPARITY] = by_stereo
-    titles = {name: curves.methods[name].title for name in texture}
-    titles[DISPARITY] = "tokt stereo"
-    held = {name: trend_against_depth(one, depth_m) for name, one in seen.items()}
-    scores = {name: score(one) for name, one in held.items()}
+    whose = {curves.methods[name].title: curves.methods[name].kind for name in texture}
+    whose[STEREO] = OURS
+    means = [*(means_of_texture(curves, name, frames) for name in texture), by_stereo]
+    held = {
+        title: trend_against_depth(mean, depth_m) for title, mean in zip(whose, means, strict=True)
+    }
+    scores = pd.DataFrame({title: {"whose": whose[title], **score(held[title])} for title in held})
+    scores = scores.T.rename_axis("mean of")
     return Exhibit(
         words=_words(context, frames, texture),
-        claims=(_distance_claim(scores, titles), _sign_claim(scores, titles)),
-        tables=(_score_table(held, titles),),
+        claims=(_distance_claim(scores), _sign_claim(scores)),
+        tables=(
+            Table(
+                "trend_against_depth",
+                "Asked: something is seen, and the change of the stereo depth is known.",
+                scores.rename(columns=lambda name: name.replace("_", " ")).reset_index(),
+            ),
+        ),
         plots=(
             Plot(
                 "trend",
                 "Above: median stereo depth, coloured by what it does. Below: the mean value of "
                 "each method, coloured by the trend that is said of it; gray: none is said.",
-                png_of(_trend_figure(held, titles)),
+                png_of(_trend_figure(held)),
             ),
         ),
     )
 
 
-def means_of_patches(curves: Curves, name: str, frames: Sequence[int]) -> pd.DataFrame:
-    """Means of a texture method's curve by frame, and whether what it saw is wholly in view.
-
-    A frame that it did not judge has no mean.
-    """
-    patches = curves.patches[name]
-    mean = curves.mean[name].where(curves.status[name] != UNKNOWN).reindex(frames)
-    whole = [number in patches and _whole(patches[number]) for number in frames]
-    index = pd.Index(frames, name="frame")
-    return pd.DataFrame({"mean": mean, "whole": np.isfinite(mean) & np.array(whole)}, index)
-
-
-def _whole(patches: Bools) -> bool:
-    """Whether the patches lie wholly in the picture, at any of the grid's sizes."""
-    height, width = GRID.rows * 27, GRID.cols * 36
-    return wholly_in_view(verdict_from_mask(GRID.paint(patches, height, width), "texture"))
+def means_of_texture(curves: Curves, name: str, frames: Sequence[int]) -> pd.Series:
+    """Means of a texture method's curve by frame; nan for one that it did not judge."""
+    return curves.mean[name].where(curves.status[name] != UNKNOWN).reindex(frames)
 
 
 def means_of_stereo(
     context: StudyContext, calibration: StereoCalibration, frames: Sequence[int]
-) -> tuple[pd.DataFrame, dict[int, float]]:
-    """The runtime's own disparity over frames in their order, as `trend_against_depth` takes it.
+) -> tuple[pd.Series, pd.Series]:
+    """Means of the runtime's own disparity, and medians of the matched depths in metres, by frame.
 
-    The depth is the median of the matched ones.
+    The frames are taken in their order; nan is what is not known.
     """
     detector = DisparityDetector(calibration, GRID)
-    blind_m = StereoSetup(calibration).blind_m
-    seen, depth_m = dict.fromkeys(frames, (np.nan, False)), dict.fromkeys(frames, np.nan)
+    mean, depth_m = (pd.Series(np.nan, pd.Index(frames, name="frame")) for _ in range(2))
     for number in context.progress(frames, len(frames), "trend: stereo"):
         detection, matches = detector.observe(_pair(context, number))
         if detection.mask is None:
             continue
-        verdict = verdict_from_mask(detection.mask, "disparity", distance_m=detection.distance_m)
-        seen[number] = float(verdict.mean or 0.0), wholly_in_view(verdict, blind_m)
+        mean[number] = verdict_from_mask(detection.mask, "disparity").mean or 0.0
         if matches is not None and matches.valid.any():
-            depth_m[number] = float(np.median(detector.depth_m(matches)[matches.valid]))
-    means = pd.DataFrame.from_dict(seen, orient="index", columns=["mean", "whole"])
-    return means.rename_axis("frame"), depth_m
+            depth_m[number] = np.median(detector.depth_m(matches)[matches.valid])
+    return mean, depth_m
 
 
 def _pair(context: StudyContext, number: int) -> Frame:
@@ -136,38 +122,28 @@ def _pair(context: StudyContext, number: int) -> Frame:
         return Frame(number, float(number), None, None)
 
 
-def trend_against_depth(
-    seen: pd.DataFrame, depth_m: dict[int, float], seconds_a_frame: float = SECONDS_A_FRAME
-) -> pd.DataFrame:
-    """Follow a method's means, and hold each trend against the depth.
+def trend_against_depth(mean: pd.Series, depth_m: pd.Series) -> pd.DataFrame:
+    """Follow a method's means by frame, and hold each trend against the depth.
 
-    Of each frame in order `seen` has the ``mean`` of the method's 0/255 mask, nan where it did not
-    judge, and whether what it saw lies ``whole`` in the picture; a depth is nan where nothing was
-    measured. Of what is found ``trend``, ``confidence``, ``contact_s`` are as a datagram would have
-    them; ``unchecked_contact_s`` would be said if the picture's edge did not matter; ``by_depth``
-    and ``contact_s_by_depth`` are what they would be by the depth alone. What is not known or not
-    said is missing.
+    A mean is nan where the method did not judge, a depth where nothing was measured. ``trend`` is
+    as a datagram would have it, ``by_depth`` what it would be by the depth alone; what is not known
+    is missing.
     """
-    sent, unchecked = TrendEstimator(), TrendEstimator()
-    times = seen.index.to_numpy() * seconds_a_frame
-    depths = np.array([depth_m.get(number, np.nan) for number in seen.index])
-    rows = []
-    for place, (t_s, value, whole) in enumerate(zip(times, seen["mean"], seen.whole, strict=True)):
-        mean = float(value) if np.isfinite(value) else None
-        ignored = unchecked.add(float(t_s), mean, True).contact_s
-        true = depth_trend(times[: place + 1], depths[: place + 1]) or (None, None)
-        rows.append((*sent.add(float(t_s), mean, bool(whole)), ignored, *true))
-    numbers = ("confidence", "contact_s", "unchecked_contact_s", "contact_s_by_depth")
-    columns = ["trend", *numbers[:3], "by_depth", numbers[3]]
-    held = pd.DataFrame(rows, seen.index, columns, dtype=object)
-    return held.astype(dict.fromkeys(numbers, float)).assign(mean=seen["mean"], depth_m=depths)
+    held = pd.DataFrame({"mean": mean, "depth_m": depth_m.reindex(mean.index)})
+    times, depths = held.index.to_numpy() * SECONDS_A_FRAME, held.depth_m.to_numpy()
+    estimator = TrendEstimator()
+    said = [
+        estimator.add(float(t_s), float(value) if np.isfinite(value) else None).trend
+        for t_s, value in zip(times, mean, strict=True)
+    ]
+    true = [depth_trend(times[:n], depths[:n]) for n in range(1, 1 + len(held))]
+    return held.join(pd.DataFrame({"trend": said, "by_depth": true}, held.index, dtype=object))
 
 
-def depth_trend(times_s: F64, depths_m: F64) -> tuple[str, float | None] | None:
-    """How the depth changes at the last of some times, over the seconds that a trend looks at.
+def depth_trend(times_s: F64, depths_m: F64) -> str | None:
+    """What the mean should do at the last of some times, by the seconds that a trend looks at.
 
-    What the mean would do, one of `TRENDS`, and the depth over its closing speed in seconds, where
-    it falls. None where the last depth is not known, or too few before it are.
+    One of `TRENDS`; None where the last depth is not known, or too few before it are.
     """
     if not len(depths_m) or not np.isfinite(depths_m[-1]):
         return None
@@ -176,16 +152,10 @@ def depth_trend(times_s: F64, depths_m: F64) -> tuple[str, float | None] | None:
     if len(z) < MIN_SLOTS or -t[0] < MIN_SPAN_S:
         return None
     line = theilslopes(z, t)
-    slope, now = float(line.slope), float(line.intercept)
-    of_the_mean = -2 * slope / now
+    of_the_mean = -2 * line.slope / line.intercept
     if of_the_mean > STEADY_PER_S:
-        return GROWING, -now / slope
-    return (SHRINKING if of_the_mean < -STEADY_PER_S else STEADY), None
-
-
-def _asked(held: pd.DataFrame) -> pd.DataFrame:
-    """Frames in which something is seen (without, no trend is asked for) and the truth is known."""
-    return held[(held["mean"] > STATUS_MEAN_THRESHOLD) & held.by_depth.notna()]
+        return GROWING
+    return SHRINKING if of_the_mean < -STEADY_PER_S else STEADY
 
 
 def score(held: pd.DataFrame) -> dict[str, float | int | None]:
@@ -202,7 +172,8 @@ def score(held: pd.DataFrame) -> dict[str, float | int | None]:
     rank_correlation : float or None
         Spearman's, of mean and depth: -1 would be a relative distance.
     """
-    asked = _asked(held)
+    seen = held[held["mean"] > STATUS_MEAN_THRESHOLD]
+    asked = seen[seen.by_depth.notna()]
     signed = asked[asked.by_depth.isin(MOVING) & asked.trend.isin(MOVING)]
     same = int((signed.by_depth == signed.trend).sum())
     missed = (asked.by_depth == GROWING) & asked.trend.isin((STEADY, SHRINKING))
@@ -213,24 +184,14 @@ def score(held: pd.DataFrame) -> dict[str, float | int | None]:
         "opposite_sign": len(signed) - same,
         "sign_agreement": same / len(signed) if len(signed) else None,
         "missed_approach": int(missed.sum()),
-        "rank_correlation": _ranks(held),
+        "rank_correlation": _ranks(seen.dropna(subset="depth_m")),
     }
 
 
-def _ranks(held: pd.DataFrame) -> float | None:
-    both = held[(held["mean"] > STATUS_MEAN_THRESHOLD) & np.isfinite(held.depth_m)]
-    if len(both) < _MIN_RANKED or both["mean"].nunique() < 2:
+def _ranks(seen: pd.DataFrame) -> float | None:
+    if len(seen) < _MIN_RANKED or seen["mean"].nunique() < 2:
         return None
-    return float(spearmanr(both["mean"], both.depth_m).statistic)
-
-
-def contact_ratios(held: pd.DataFrame, unchecked: bool = False) -> pd.Series:
-    """Time to contact from expansion over that of the depth, where both are known.
-
-    Unchecked it is as if the picture's edge did not matter.
-    """
-    said = held.unchecked_contact_s if unchecked else held.contact_s
-    return (said / held.contact_s_by_depth).dropna()
+    return float(seen["mean"].corr(seen.depth_m, method="spearman"))
 
 
 def _words(context: StudyContext, frames: Sequence[int], texture: Sequence[str]) -> tuple[str, ...]:
@@ -246,89 +207,52 @@ def _words(context: StudyContext, frames: Sequence[int], texture: Sequence[str])
         LEARNT_ELSEWHERE if texture else "No texture method judged these frames.",
         "Where it fails: the mean is an area. A thing that leaves the picture, or is too near for "
         "stereo, shrinks while it comes nearer. What a model first learns to see grows while it "
-        "stands still. A time to contact is therefore only said while the whole thing is in the "
-        "picture. The ratios with the edge ignored are without that check.",
+        "stands still.",
     )
 
 
-def _distance_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
-    ranks = {name: one["rank_correlation"] for name, one in scores.items()}
-    given = [value for value in ranks.values() if value is not None]
-    if not given:
-        agreement, why = ClaimAgreement.UNAVAILABLE, "too few frames have a mean and a depth"
-    else:
-        agreement = agreement_of_worst(-value for value in given)
-        why = {
-            ClaimAgreement.YES: "every method's mean falls with depth, nearly without fail",
-            ClaimAgreement.PARTLY: "with exceptions: the picture cuts off what is near",
-        }.get(agreement, "of at least one method the mean does not follow depth")
-    found = "; ".join(
-        f"{titles[name]} " + ("not known" if value is None else f"{value:.2f}")
-        for name, value in ranks.items()
-    )
-    return Claim(
-        "the mean value is a relative distance",
-        "sections 5.2.1 and 7.2",
-        f"rank correlation with stereo depth (-1: it is): {found}",
-        why,
-        agreement=agreement,
+def _distance_claim(scores: pd.DataFrame) -> Claim:
+    """Whether every method's mean falls as the depth grows."""
+    claim = Claim.about("the mean value is a relative distance", "sections 5.2.1 and 7.2")
+    ranks = scores.rank_correlation.dropna()
+    if ranks.empty:
+        return claim("not known", "too few frames have a mean and a depth")
+    return claim(
+        "rank correlation with stereo depth (-1: it is): "
+        + "; ".join(f"{title} {rank:.2f}" for title, rank in ranks.items()),
+        f"by the worst, its sign turned: {WORST_RULE}. The picture cuts off what is near",
+        agreement=agreement_of_worst(-ranks),
     )
 
 
-def _sign_claim(scores: Scores, titles: Mapping[str, str]) -> Claim:
-    parts, signed = [], 0
-    for name, one in scores.items():
-        both, share = one["same_sign"] + one["opposite_sign"], one["sign_agreement"]
-        told = "not known" if share is None else f"{100 * share:.0f} % of {both}"
-        parts.append(f"{titles[name]} {told}, {one['missed_approach']} missed")
-        signed += both
-    ours = [one for name, one in scores.items() if name in (TOKT_TEXTURE, DISPARITY)]
-    if not signed:
-        agreement, why = ClaimAgreement.UNAVAILABLE, "no frame has a sign in both"
-    else:
-        agreement = agreement_of_worst(one["sign_agreement"] or 0.0 for one in ours)
-        why = {
-            ClaimAgreement.YES: "the sign of the trend is that of the depth's change",
-            ClaimAgreement.PARTLY: "wrong where what is near leaves the picture, or is not matched",
-        }.get(agreement, "too often the sign is not that of the depth's change")
-    return Claim(
-        "a growing mean is a thing that comes nearer",
-        "sections 5.2.1 and 7.2",
-        "signs that agree with the depth's, and approaches missed: " + "; ".join(parts),
-        why,
-        agreement=agreement,
+def _sign_claim(scores: pd.DataFrame) -> Claim:
+    """Whether the sign of the trend of tokt's methods is that of the depth's change."""
+    what = "a growing mean is a thing that comes nearer"
+    claim = Claim.about(what, "sections 5.2.1 and 7.2")
+    signed = scores.same_sign + scores.opposite_sign
+    if not signed.any():
+        return claim("not known", "no frame has a sign in both")
+    return claim(
+        "signs that agree with the depth's, and approaches missed: "
+        + "; ".join(
+            f"{title} {one.same_sign} of {signed[title]}, {one.missed_approach} missed"
+            for title, one in scores.iterrows()
+        ),
+        f"by the worst share of tokt's: {WORST_RULE}",
+        agreement=agreement_of_worst(scores[scores.whose == OURS].sign_agreement.fillna(0.0)),
     )
 
 
-def _score_table(held: Held, titles: Mapping[str, str]) -> Table:
-    rows = []
-    for name, frames in held.items():
-        one = {words.replace("_", " "): figure for words, figure in score(frames).items()}
-        row: dict[str, Any] = {"mean of": titles[name], **one}
-        for words, unchecked in (("", False), (", edge ignored", True)):
-            ratios = contact_ratios(frames, unchecked)
-            row[f"contacts{words}"] = len(ratios)
-            for percent in _SPREAD:
-                value = None if ratios.empty else round(float(np.percentile(ratios, percent)), 3)
-                row[f"contact ratio {percent} %{words}"] = value
-        rows.append(row)
-    caption = (
-        "Trend against stereo depth. Asked: something is seen and the depth's change is known. "
-        "Contact ratio: time to contact from expansion over that from depth, percentiles."
-    )
-    return Table("trend_against_depth", caption, pd.DataFrame(rows))
-
-
-def _trend_figure(held: Held, titles: Mapping[str, str]) -> Figure:
+def _trend_figure(held: Held) -> Figure:
     """Depth above, a row a method below, over the frame numbers."""
     shape = {"sharex": True, "height_ratios": [1.4, *[1.0] * len(held)]}
     figure, (depth, *axes) = new_figure(10.5, 2.6 + 1.7 * len(held), 1 + len(held), 1, **shape)
     first = next(iter(held.values()))
     _dots(depth, first.depth_m, first.by_depth)
     depth.set_ylabel("depth, m")
-    for one, (name, frames) in zip(axes, held.items(), strict=True):
+    for one, (title, frames) in zip(axes, held.items(), strict=True):
         _dots(one, frames["mean"], frames.trend)
-        one.set_ylabel(f"{titles[name]}\nmean value", fontsize=8)
+        one.set_ylabel(f"{title}\nmean value", fontsize=8)
     axes[-1].set_xlabel("frame")
     handles = [
         Line2D([], [], marker="o", ls="", color=color, label=words)
