@@ -94,14 +94,13 @@ def test_bins_are_flat_edge_and_corner_as_in_scikit_images_example():
 
 
 def test_scores_of_patches_leave_out_what_is_not_sure():
-    """Precision, recall, F1 and IoU of counts; undefined is not zero."""
+    """Precision, recall and F1 of counts; undefined is not zero."""
     truth = np.array([1, 1, 0, 0, -1], np.int8)
     score = score_patches(np.array([1, 0, 1, 0, 0], bool), truth)
-    assert score == PatchScore(1, 1, 1, 1)
+    assert score == PatchScore(1, 1, 1)
     assert (score.precision, score.recall, score.f1) == (0.5, 0.5, 0.5)
-    assert score.iou == pytest.approx(1 / 3)
-    nothing = PatchScore(0, 0, 0, 4)
-    assert (nothing.precision, nothing.recall, nothing.f1, nothing.iou) == (None,) * 4
+    nothing = score_patches(np.zeros(5, bool), np.zeros(5, np.int8))
+    assert (nothing.precision, nothing.recall, nothing.f1) == (None,) * 3
 
 
 def test_a_mask_says_obstacle_from_a_tenth_of_a_patch_on():

@@ -25,7 +25,6 @@ class PatchScore:
     hits: int = 0
     false: int = 0
     missed: int = 0
-    quiet: int = 0
 
     @property
     def precision(self) -> float | None:
@@ -42,15 +41,6 @@ class PatchScore:
         """Harmonic mean of precision and recall."""
         return _share(2 * self.hits, 2 * self.hits + self.false + self.missed)
 
-    @property
-    def iou(self) -> float | None:
-        """Intersection over union of said and there."""
-        return _share(self.hits, self.hits + self.false + self.missed)
-
-    def figures(self) -> dict[str, float | None]:
-        """The four figures by name."""
-        return {name: getattr(self, name) for name in ("precision", "recall", "f1", "iou")}
-
 
 def _share(part: int, whole: int) -> float | None:
     return part / whole if whole else None
@@ -60,8 +50,7 @@ def score_patches(said: Bools, truth: Truth) -> PatchScore:
     """Count the sure patches; `said` is bool, (n_patches,)."""
     sure = truth >= 0
     said, there = said[sure], truth[sure] == 1
-    counted = (said & there, said & ~there, ~said & there, ~said & ~there)
-    return PatchScore(*(int(one.sum()) for one in counted))
+    return PatchScore(*(int(one.sum()) for one in (said & there, said & ~there, ~said & there)))
 
 
 def pooled_score(said: Mapping[int, Bools], truths: Mapping[int, Truth]) -> PatchScore:

@@ -1,10 +1,9 @@
 """Figures 3.17 and 3.20: what each method predicts for the patches of one picture, as dots."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 
 from tokt.features.common.arrays import U8, Bools
@@ -40,7 +39,6 @@ from .frame_drawing import (
 )
 from .training_image_figures import described
 
-_COUNTS = [one.name for one in fields(PatchScore)]
 _HIGH, _HALF = 0.8, 0.5
 _RULE = f"to agree: {_HIGH} or more; in part: {_HALF}"
 
@@ -67,10 +65,10 @@ class MethodPrediction:
         status = UNKNOWN if self.mask is None else verdict_from_mask(self.mask, self.name).status
         return STATUS_WORDS[status]
 
-    def score(self, truth: Truth | None) -> PatchScore | None:
-        """By the truth of the picture; None without one, and where it could not be judged."""
+    def score(self, truth: Truth | None) -> PatchScore:
+        """By the truth of the picture; of nothing without one, and where it was not judged."""
         if self.patches is None or truth is None:
-            return None
+            return PatchScore()
         return score_patches(self.patches, truth)
 
 
@@ -125,28 +123,6 @@ def by_disparity(left: U8, right: U8 | None) -> MethodPrediction:
     return MethodPrediction(*who, white >= MIN_COVERAGE * np.maximum(pixels, 1), mask)
 
 
-def scored_predictions(said: Sequence[MethodPrediction], truth: Truth | None) -> pd.DataFrame:
-    """One row a method: what it says of the picture, and its scores where there are some."""
-    frame = pd.DataFrame(
-        {
-            "method": one.title,
-            "whose": one.kind,
-            "status": one.status,
-            "obstacle patches": None if one.patches is None else int(one.patches.sum()),
-            **_score_row(one.score(truth)),
-            "not judged": one.fault,
-        }
-        for one in said
-    )
-    return frame.astype(dict.fromkeys(["obstacle patches", *_COUNTS], "Int64"))
-
-
-def _score_row(score: PatchScore | None) -> dict[str, float | int | None]:
-    """Columns of a table; empty where there is no score."""
-    row = {**(score or PatchScore()).figures(), **asdict(score or PatchScore())}
-    return row if score else dict.fromkeys(row)
-
-
 def prediction_dots(context: StudyContext) -> Exhibit:
     """Predictions for each patch of the frame that shows the structure (figures 3.17, 3.20)."""
     number = context.structure_frame
@@ -181,7 +157,7 @@ def dot_claim(
     if truth is None or not (truth == 1).any():
         why = "the frame has no obstacle labelled, so that dots cannot be judged"
         return claim("not scored", why)
-    scores = {one.name: (one.score(truth) or PatchScore()).f1 or 0.0 for one in said}
+    scores = {one.name: one.score(truth).f1 or 0.0 for one in said}
     least = min(scores.values())
     return claim(
         "F1 in this frame, and in all labelled frames: "

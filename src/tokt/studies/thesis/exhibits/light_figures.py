@@ -21,18 +21,20 @@ from tokt.studies.simulation.scene.rig import FULL_WIDTH
 from tokt.studies.thesis.light_scene import BRIGHT, BadPicture, LitScene, by_lamp
 from tokt.studies.thesis.methods.curves import OURS, learnt_words
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE, learnt_from_labels
-from tokt.studies.thesis.patch_scores import PatchScore, Truth, truth_by_mask
+from tokt.studies.thesis.patch_scores import Truth, truth_by_mask
 
-from .dot_figures import (
-    MethodPrediction,
-    by_disparity,
-    by_stereo,
-    by_thesis,
-    said_by_patches,
-    scored_predictions,
-)
+from .dot_figures import MethodPrediction, by_disparity, by_stereo, by_thesis, said_by_patches
 from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
-from .frame_drawing import SHOWN, draw_dots, draw_truth, explain_dots, png_of, show_frame, show_mask
+from .frame_drawing import (
+    SHOWN,
+    draw_dots,
+    draw_truth,
+    explain_dots,
+    new_figure,
+    png_of,
+    show_frame,
+    show_mask,
+)
 from .training_image_figures import described
 
 SEED, TRAINING_SEED = 8, 9
@@ -115,11 +117,6 @@ def bad_lighting(context: StudyContext) -> Exhibit:
         texture = None, str(error)
     said = _predictions(context, texture, bad)
     low = low_light(context, texture, LitScene(width, SEED))
-    caption = (
-        f"By patch, against {bad.truth_words}: an obstacle is what covers a tenth of a patch, "
-        "less is not scored. Status is by the mean of the mask alone, without a frame rule. "
-        "Counts of patches. Nothing here learnt from this picture."
-    )
     return Exhibit(
         _words(bad, said),
         (
@@ -128,7 +125,7 @@ def bad_lighting(context: StudyContext) -> Exhibit:
             low_light_claim(low),
         ),
         (
-            Table("scores", caption, scored_predictions(said, bad.truth)),
+            _scores(said, bad),
             Table(
                 "by-light",
                 "F1 by patch of a rendered tower in the sea trial's water as the lamp goes down, "
@@ -179,9 +176,19 @@ def _words(bad: BadPicture, said: Said) -> tuple[str, ...]:
     )
 
 
-def _f1(one: MethodPrediction, truth: Truth | None) -> float | None:
-    score = one.score(truth)
-    return score.f1 if score else None
+def _scores(said: Said, bad: BadPicture) -> Table:
+    caption = (
+        f"By patch, against {bad.truth_words}: an obstacle is what covers a tenth of a patch, "
+        "less is not scored. Status is by the mean of the mask alone, without a frame rule. "
+        "Nothing here learnt from this picture."
+    )
+    rows = []
+    for one in said:
+        score = one.score(bad.truth)
+        figures = {"precision": score.precision, "recall": score.recall, "f1": score.f1}
+        who = {"method": one.title, "whose": one.kind, "status": one.status}
+        rows.append(who | figures | {"not judged": one.fault})
+    return Table("scores", caption, pd.DataFrame(rows))
 
 
 def river_claim(said: Said, bad: BadPicture) -> Claim:
@@ -192,7 +199,7 @@ def river_claim(said: Said, bad: BadPicture) -> Claim:
     )
     if bad.truth is None or not (bad.truth == 1).any():
         return claim("not scored", "the picture has no mask of anything in it")
-    scores = {one.title: one.score(bad.truth) or PatchScore() for one in said}
+    scores = {one.title: one.score(bad.truth) for one in said}
     (recall, f1), (less, other) = (
         (scores[title].recall or 0.0, scores[title].f1 or 0.0) for title in (LBP, HARALICK)
     )
@@ -216,7 +223,7 @@ def _trained_on_bright_water(
     for name in ("lbp_10_5", "haralick"):
         patches = thesis_classifier(ocean[name], other[name]).predict(picture[name]) == 1
         said = said_by_patches(name, TITLES[name], "", "", patches, bad.left)
-        found[said.title] = _f1(said, bad.truth) or 0.0
+        found[said.title] = said.score(bad.truth).f1 or 0.0
     return found
 
 
@@ -226,7 +233,7 @@ def training_claim(said: Said, bad: BadPicture, after: dict[str, float] | None) 
     if after is None:
         why = "no other open water of the given picture's kind is at hand to learn from"
         return claim("not trained", why)
-    before = {one.title: _f1(one, bad.truth) or 0.0 for one in said if one.title in after}
+    before = {one.title: one.score(bad.truth).f1 or 0.0 for one in said if one.title in after}
     helped = [after[title] > before[title] for title in after]
     return claim(
         "; ".join(f"{title}: F1 {before[title]:.2f}, then {after[title]:.2f}" for title in after),
@@ -247,7 +254,7 @@ def low_light(context: StudyContext, texture: Texture, scene: LitScene) -> pd.Da
             if one.mask is not None and one.title in (LBP, HARALICK, DISPARITY)
         }
         row: dict[str, float | None] = {"light": light, "grey level": float(picture.left.mean())}
-        rows.append(row | {one.title: _f1(one, picture.truth) for one in said} | means)
+        rows.append(row | {one.title: one.score(picture.truth).f1 for one in said} | means)
     return pd.DataFrame(rows)
 
 
@@ -277,8 +284,8 @@ def _hanging(means: pd.Series) -> int:
 
 def _figure(bad: BadPicture, said: Said) -> Figure:
     n_rows = -(-(3 + len(said)) // 3)
-    figure = Figure(figsize=(11.5, 3.05 * n_rows + 0.4), layout="constrained")
-    panels = list(figure.subplots(n_rows, 3, squeeze=False).ravel())
+    figure, axes = new_figure(11.5, 3.05 * n_rows + 0.4, n_rows, 3, squeeze=False)
+    panels = list(axes.ravel())
     height, width = GRID.resized(*bad.left.shape[:2])
     small = cv2.resize(bad.left, (width, height), interpolation=cv2.INTER_AREA)
     panels[0].imshow(small[..., ::-1] if small.ndim == 3 else small, cmap="gray", vmin=0, vmax=255)
@@ -303,7 +310,7 @@ def _panel(axes: Any, bad: BadPicture, one: MethodPrediction) -> None:
         draw_truth(axes, bad.truth, *size)
     if one.patches is not None:
         draw_dots(axes, one.patches, *size)
-        f1 = _f1(one, bad.truth)
+        f1 = one.score(bad.truth).f1
         title = one.title if f1 is None else f"{one.title}: F1 {f1:.2f}"
     else:
         title = f"{one.title}: not judged"
