@@ -249,13 +249,12 @@ def test_superpixels_and_grid_see_the_same_with_one_classifier(context, monkeypa
     given = {"structure_frame": APART, "scored": [APART], "thesis": {"lbp_10_5": model}}
     context.__dict__ |= {**given, "superpixel_methods": methods}
     found = superpixel_figure.superpixel_figure(context)
-    (one,) = found.tables[0].frame.to_dict("records")
-    assert one["frames"] == 1 and one["overlap"] > 0.5
+    frames = {APART: context.picture(APART)}
+    summary = superpixel_figure.compare(frames, slic, model, context.labelled)
+    assert summary["overlap"] > 0.5
+    assert found.claims == (superpixel_figure.mask_claim(summary),)
     turned = SlicTexture(model.describe, Opposite(slic), "turned")
-    context.__dict__["superpixel_methods"] = replace(methods, textures=(turned,))
-    monkeypatch.setattr(superpixel_figure, "_plot", lambda *_: None)
-    wrong = superpixel_figure.superpixel_figure(context)
-    assert wrong.tables[0].frame["overlap"][0] < 0.1
+    assert superpixel_figure.compare(frames, turned, model, context.labelled)["overlap"] < 0.1
 
 
 def test_masks_of_superpixels_and_grid_are_judged_by_area_contours_and_score():

@@ -5,20 +5,18 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pandas as pd
 from skimage.segmentation import find_boundaries
 
 from tokt.features.common.arrays import I64, U8
 from tokt.studies.baselines.slic import SlicTexture, resized_bgr, superpixels
-from tokt.studies.baselines.thesis_models import TITLES, ThesisModel
+from tokt.studies.baselines.thesis_models import ThesisModel
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.methods.mission_models import SLIC
 from tokt.studies.thesis.patch_scores import Truth, patches_of_mask, pooled_score
 
-from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
+from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext
 from .frame_drawing import SHOWN, draw_grid, new_figure, png_of, show_frame, show_mask
 
-TITLE = "SLIC superpixels against the grid"
 NO_BETTER, SIMILAR = 0.02, 0.5
 """F1 that SLIC may be ahead and still see no better; white in both, of that in either, from which
 two masks are very similar."""
@@ -29,62 +27,55 @@ def superpixel_figure(context: StudyContext) -> Exhibit:
     shown = context.structure_frame
     numbers = sorted({*context.spread(), shown})
     frames = {shown: context.picture(shown)} | dict(context.decoded(numbers))
-    rows: list[dict[str, Any]] = []
-    for name, slic in zip(SLIC, context.superpixel_methods.textures, strict=True):
-        model = context.thesis[name]
-        rows += [_compared(number, left, slic, model) for number, left in frames.items()]
-    compared = pd.DataFrame(rows)
-    by_features = compared.groupby("features", sort=False)
-    summaries = {name: _summary(one, context.labelled) for name, one in by_features}
+    methods = [
+        (slic, context.thesis[name])
+        for name, slic in zip(SLIC, context.superpixel_methods.textures, strict=True)
+    ]
+    summary = compare(frames, *methods[0], context.labelled)
     return Exhibit(
-        words=_words(context, numbers),
-        claims=(mask_claim(summaries[SLIC[0]]),),
-        tables=(_summary_table(summaries),),
-        plots=(_plot(shown, frames[shown], compared[compared.frame == shown]),),
+        words=_words(context, len(frames)),
+        claims=(mask_claim(summary),),
+        plots=(_plot(shown, frames[shown], methods),),
     )
 
 
-def _compared(number: int, left: U8, slic: SlicTexture, model: ThesisModel) -> dict[str, Any]:
-    """One frame by superpixels and by the grid."""
-    slic_mask, by_grid = slic.mask(left), model.judge(left).obstacle
-    grid_mask = GRID.paint(by_grid, *GRID.resized(*left.shape[:2]))
+def _both_masks(frame: U8, slic: SlicTexture, model: ThesisModel) -> tuple[U8, U8]:
+    """Masks of a frame by superpixels and by the grid."""
+    by_grid = model.judge(frame).obstacle
+    return slic.mask(frame), GRID.paint(by_grid, *GRID.resized(*frame.shape[:2]))
+
+
+def compare(
+    frames: Mapping[int, U8], slic: SlicTexture, model: ThesisModel, labelled: Mapping[int, Truth]
+) -> dict[str, Any]:
+    """Hold superpixels against the grid over frames: see `mask_claim`.
+
+    The overlap is white in both over white in either, F1 is over all sure patches.
+    """
+    ways = list(zip(*(_both_masks(one, slic, model) for one in frames.values()), strict=True))
+    overlap = sum(
+        np.count_nonzero(by_slic & by_grid) for by_slic, by_grid in zip(*ways, strict=True)
+    )
+    slic_area, grid_area = (sum(map(np.count_nonzero, masks)) for masks in ways)
+    slic_contours, grid_contours = (sum(map(_contours, masks)) for masks in ways)
+    slic_f1, grid_f1 = (
+        pooled_score(dict(zip(frames, map(patches_of_mask, masks), strict=True)), labelled).f1
+        for masks in ways
+    )
+    either = slic_area + grid_area - overlap
     return {
-        "frame": number,
-        "features": model.name,
-        "slic_mask": slic_mask,
-        "grid_mask": grid_mask,
-        "slic_said": patches_of_mask(slic_mask),
-        "grid_said": by_grid,
-        "both": int(((slic_mask > 0) & (grid_mask > 0)).sum()),
-        "either": int(((slic_mask > 0) | (grid_mask > 0)).sum()),
-        "slic_area": int((slic_mask > 0).sum()),
-        "grid_area": int((grid_mask > 0).sum()),
-        "slic_contours": _contours(slic_mask),
-        "grid_contours": _contours(grid_mask),
+        "overlap": overlap / either if either else None,
+        "area_ratio": grid_area / max(slic_area, 1),
+        "slic_contours": slic_contours,
+        "grid_contours": grid_contours,
+        "slic_f1": slic_f1,
+        "grid_f1": grid_f1,
     }
 
 
 def _contours(mask: U8) -> int:
     """How many outer contours a mask has."""
     return len(cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0])
-
-
-def _summary(frames: pd.DataFrame, labelled: Mapping[int, Truth]) -> dict[str, Any]:
-    """Figures over all frames of one kind of features."""
-    either = int(frames.either.sum())
-    by_slic, by_grid = (
-        pooled_score(dict(zip(frames.frame, said, strict=True)), labelled)
-        for said in (frames.slic_said, frames.grid_said)
-    )
-    return {
-        "frames": len(frames),
-        "overlap": int(frames.both.sum()) / either if either else None,
-        "area_ratio": float(frames.grid_area.sum() / max(frames.slic_area.sum(), 1)),
-        "slic_contours": int(frames.slic_contours.sum()),
-        "grid_contours": int(frames.grid_contours.sum()),
-        "slic_f1": by_slic.f1,
-        "grid_f1": by_grid.f1,
-    }
 
 
 def mask_claim(summary: Mapping[str, Any]) -> Claim:
@@ -108,40 +99,31 @@ def mask_claim(summary: Mapping[str, Any]) -> Claim:
     )
 
 
-def _words(context: StudyContext, numbers: Sequence[int]) -> tuple[str, ...]:
+def _words(context: StudyContext, count: int) -> tuple[str, ...]:
     return (
         "Both have the same two training images, features and classifier. One takes a rectangle "
         "around each superpixel, the other a patch of a 10x10 grid.",
-        f"On a sample of {len(numbers)} frames, as SLIC is slow; frame {context.structure_frame} "
+        f"On a sample of {count} frames, as SLIC is slow; frame {context.structure_frame} "
         "is among them, and none was learnt from. Scored by patches: of a superpixel mask those "
         "with a tenth or more white.",
     )
 
 
-def _summary_table(summaries: dict[str, dict[str, Any]]) -> Table:
-    rows = [{"features": TITLES[name], **summary} for name, summary in summaries.items()]
-    caption = (
-        "Over all frames of the sample. Overlap: white in both over white in either. F1: over all "
-        "sure patches (empty without labels)."
-    )
-    return Table("slic_against_grid", caption, pd.DataFrame(rows).round(3), TITLE)
-
-
-def _plot(number: int, left: U8, shown: pd.DataFrame) -> Plot:
-    segments = superpixels(resized_bgr(left))
-    figure, axes = new_figure(10.5, 5.9, 2, 1 + len(shown))
-    height, width = show_frame(axes[0, 0], left)
+def _plot(number: int, frame: U8, methods: Sequence[tuple[SlicTexture, ThesisModel]]) -> Plot:
+    segments = superpixels(resized_bgr(frame))
+    figure, axes = new_figure(10.5, 5.9, 2, 1 + len(methods))
+    height, width = show_frame(axes[0, 0], frame)
     _draw_outlines(axes[0, 0], segments, height, width)
     count = len(np.unique(segments))
     axes[0, 0].set_title(f"frame {number}: {count} superpixels", fontsize=10)
-    show_frame(axes[1, 0], left)
+    show_frame(axes[1, 0], frame)
     draw_grid(axes[1, 0], height, width)
     axes[1, 0].set_title(f"{GRID.n_patches} patches", fontsize=10)
-    for column, one in zip(axes.T[1:], shown.itertuples(), strict=True):
-        methods = ("SLIC", one.slic_mask), ("grid", one.grid_mask)
-        for panel, (what, mask) in zip(column, methods, strict=True):
+    for column, (slic, model) in zip(axes.T[1:], methods, strict=True):
+        masks = zip(("SLIC", "grid"), _both_masks(frame, slic, model), strict=True)
+        for panel, (what, mask) in zip(column, masks, strict=True):
             show_mask(panel, mask)
-            panel.set_title(f"{what}, {TITLES[one.features]}", fontsize=10)
+            panel.set_title(f"{what}, {model.title}", fontsize=10)
     return Plot(
         "slic_against_grid",
         f"Frame {number} cut into superpixels and into patches, and what is not ocean in each "
