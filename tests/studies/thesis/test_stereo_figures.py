@@ -29,7 +29,7 @@ from tokt.studies.thesis.exhibits import (
 )
 from tokt.studies.thesis.exhibits.disparity_figures import KINDS, OWN, exchange
 from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, Exhibit
-from tokt.studies.thesis.exhibits.synchrony_figure import Rows, offset_of
+from tokt.studies.thesis.exhibits.synchrony_figure import offset_of
 from tokt.studies.thesis.exhibits.trend_figure import (
     depth_trend,
     means_of_stereo,
@@ -202,23 +202,26 @@ def test_without_a_calibration_it_is_said_what_is_missing(context):
 def test_cameras_are_synchronous_and_a_late_one_is_late(context):
     found = synchrony_figure.synchrony_figure(context)
     offsets = found.tables[0].frame
-    own, shifted = offsets["offset of the right camera, frames"]
+    own, shifted = offsets["offset, frames"]
     # Its picture moves by ten rows a frame, the sea trial's by seventy.
     assert own == pytest.approx(0, abs=0.05) and shifted == pytest.approx(1, abs=0.08)
     assert 0 < offsets["95 % interval, +-"][0] < 0.1
     assert found.claims[0].agreement is ClaimAgreement.YES
 
 
-def rows_moved_by(offset: float, seed: int = 3) -> Rows:
+def rows_moved_by(offset: float, seed: int = 3) -> pd.DataFrame:
     """Points of ten frames that move by some rows a frame, the right camera late."""
     rng = np.random.default_rng(seed)
     frame = np.repeat(np.arange(10), 30)
     moved, bent = (rng.normal(0, size, 10)[frame] for size in (12, 3))
     place = rng.uniform(-0.5, 0.5, (300, 2))
     here = rng.uniform(0, 500, 300)
-    left = np.column_stack([here - moved + bent, here, here + moved + bent])
     right = here + offset * moved + offset**2 * bent + 0.3 + place @ [0.5, -1.0]
-    return Rows(frame, left, right + rng.normal(0, 0.3, 300), place)
+    left = {"before": here - moved + bent, "here": here, "after": here + moved + bent}
+    right += rng.normal(0, 0.3, 300)
+    return pd.DataFrame(
+        {"frame": frame, **left, "right": right, "x": place[:, 0], "y": place[:, 1]}
+    )
 
 
 @pytest.mark.parametrize("true", [-1.0, -0.2, 0.0, 0.5])
@@ -233,12 +236,12 @@ def test_an_offset_is_measured_and_one_that_is_large_is_told(true):
 
 def test_right_rows_of_other_frames_tell_no_offset():
     rows = rows_moved_by(0.0)
-    mixed = rows._replace(right=np.random.default_rng(2).permutation(rows.right))
+    mixed = rows.assign(right=np.random.default_rng(2).permutation(rows.right))
     found = offset_of(mixed)
     pair = dict.fromkeys((synchrony_figure.AS_IT_IS, synchrony_figure.ON_PURPOSE), found)
     assert synchrony_figure.claim_of(pair).agreement is ClaimAgreement.UNAVAILABLE
     with pytest.raises(ToktError, match="3 frames have points"):
-        offset_of(rows.only(rows.frame < 3))
+        offset_of(rows[rows.frame < 3])
 
 
 def test_superpixels_and_grid_see_the_same_with_one_classifier(context, monkeypatch):

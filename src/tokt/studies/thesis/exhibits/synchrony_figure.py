@@ -23,11 +23,9 @@ References
 B. Efron, *The Jackknife, the Bootstrap and Other Resampling Plans*, SIAM 1982, chapter 3.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -35,7 +33,7 @@ import pandas as pd
 from scipy.optimize import least_squares
 from scipy.stats import t as student_t
 
-from tokt.features.common.arrays import F32, F64, I64, U8, Bools
+from tokt.features.common.arrays import F32, F64, U8
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.mission import LEFT, RIGHT, Mission
 from tokt.inference.stereo.calibration import StereoCalibration
@@ -63,28 +61,7 @@ _ROW_NOISE_PX = 0.5
 points after rectification is 0.4 px at full resolution."""
 _WINDOW_PX, _LEVELS, _RETURN_PX = 21, 4, 0.5
 _CONFIDENCE = 0.95
-
-
-class Rows(NamedTuple):
-    """Rows of matched points, in pixels of the full resolution, and the frame of each.
-
-    Those in the left view (n, 3) are of the frame before, the frame, and the frame after. The place
-    is column and row in the left view less its middle, (n, 2), as parts of its width.
-    """
-
-    frame: I64
-    left: F64
-    right: F64
-    place: F64
-
-    def only(self, chosen: Bools) -> Rows:
-        """Some of the points."""
-        return Rows(self.frame[chosen], self.left[chosen], self.right[chosen], self.place[chosen])
-
-    def moved_px(self, frames: float) -> F64:
-        """Rows a frame by which each point moves over an offset, by its parabola."""
-        before, here, after = self.left.T
-        return np.asarray((after - before) / 2 + frames * ((after + before) / 2 - here))
+_LEFT_ROWS, _PLACE = ["before", "here", "after"], ["x", "y"]
 
 
 @dataclass(frozen=True)
@@ -92,15 +69,15 @@ class Offset:
     """By how many frames the right camera is later than the left one.
 
     The half width is of the 95 % confidence interval (Student's t), by the jackknife over frames.
-    A row of `by_frame` has the frame number, median rows a frame that its points move over the
-    offset, and median rows by which they differ between the views, less what the calibration
+    Of each frame's points `by_frame` has the medians of the rows a frame that they have ``moved``
+    over the offset, and of the rows' ``difference`` between the views, less what the calibration
     leaves.
     """
 
     frames: float
     half_width: float
     n_points: int
-    by_frame: F64
+    by_frame: pd.DataFrame
 
 
 class LateRight:
@@ -114,21 +91,24 @@ class LateRight:
         return self._mission.read(frame if camera == LEFT else frame + SHIFTED, camera)
 
 
-def rows_of(mission: Mission, calibration: StereoCalibration, frames: Sequence[int]) -> Rows:
-    """Match and follow the points of some pairs.
+def rows_of(
+    mission: Mission, calibration: StereoCalibration, frames: Sequence[int]
+) -> pd.DataFrame:
+    """Match and follow the points of some pairs: rows in pixels of the full resolution.
 
-    A frame without points that both cameras and both neighbours see, or without neighbours, is
-    left out.
+    ``before``, ``here`` and ``after`` are a point's rows in the left view of the frame before, the
+    frame, and the frame after; ``right`` is its row in the right view of the frame. ``x`` and ``y``
+    are its column and row in the left view less its middle, as parts of its width. A frame without
+    points that both cameras and both neighbours see, or without neighbours, is left out.
     """
-    parts = [Rows(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0), np.empty((0, 2)))]
-    for number in frames:
-        part = _rows_of_frame(mission, calibration, number)
-        if part is not None:
-            parts.append(part)
-    return Rows(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+    parts = (_rows_of_frame(mission, calibration, number) for number in frames)
+    none = pd.DataFrame(columns=["frame", *_LEFT_ROWS, "right", *_PLACE], dtype=float)
+    return pd.concat([none, *(part for part in parts if part is not None)], ignore_index=True)
 
 
-def _rows_of_frame(mission: Mission, calibration: StereoCalibration, number: int) -> Rows | None:
+def _rows_of_frame(
+    mission: Mission, calibration: StereoCalibration, number: int
+) -> pd.DataFrame | None:
     matched = match_frame(mission, number, calibration.frame_size)
     if matched is None:
         return None
@@ -148,8 +128,16 @@ def _rows_of_frame(mission: Mission, calibration: StereoCalibration, number: int
     theirs = rectified(right[good], c.K2, c.D2, R2, P2)
     width, height = c.frame_size
     place = (seen[1] - np.array([width, height]) / 2) / width
-    rows = np.column_stack([points[:, 1] for points in seen]) * focal_ratio
-    return Rows(np.full(len(rows), number), rows, theirs[:, 1] * focal_ratio, place)
+    rows = {name: points[:, 1] * focal_ratio for name, points in zip(_LEFT_ROWS, seen, strict=True)}
+    return pd.DataFrame(
+        {
+            "frame": number,
+            **rows,
+            "right": theirs[:, 1] * focal_ratio,
+            "x": place[:, 0],
+            "y": place[:, 1],
+        }
+    )
 
 
 def _followed(mission: Mission, number: int, other: int, places: F64) -> F64:
@@ -174,31 +162,25 @@ def _flow(here: U8, there: U8, start: F32) -> tuple[F32, U8]:
     return np.asarray(found, np.float32), np.asarray(seen, np.uint8)
 
 
-def offset_of(rows: Rows) -> Offset:
+def offset_of(rows: pd.DataFrame) -> Offset:
     """Fit the offset to points; raises ToktError if fewer than `MIN_FRAMES` frames have some."""
-    numbers = np.unique(rows.frame)
-    if len(numbers) < MIN_FRAMES:
+    n = rows.frame.nunique()
+    if n < MIN_FRAMES:
         raise ToktError(
-            f"{len(numbers)} frames have points that both cameras see and that can be followed; "
+            f"{n} frames have points that both cameras see and that can be followed; "
             f"the moments of the cameras are compared over {MIN_FRAMES} and more"
         )
     whole = _fitted(rows, None)
-    without = [_fitted(rows.only(rows.frame != number), whole)[0] for number in numbers]
-    n = len(numbers)
+    without = [_fitted(rows[rows.frame != number], whole)[0] for number in rows.frame.unique()]
     error = float(np.sqrt((n - 1) / n * np.square(without - np.mean(without)).sum()))
-    left_by_calibration = _left(rows, whole)
-    difference = rows.right - rows.left[:, 1] - left_by_calibration
-    moved = rows.moved_px(float(whole[0]))
-    by_frame = [
-        (number, np.median(moved[at]), np.median(difference[at]))
-        for number in numbers
-        for at in [rows.frame == number]
-    ]
+    difference = rows.right - rows.here - _left(rows, whole)
+    of_points = rows.assign(moved=_moved_px(rows, whole[0]), difference=difference)
+    by_frame = of_points.groupby("frame")[["moved", "difference"]].median()
     half_width = float(student_t.ppf((1 + _CONFIDENCE) / 2, n - 1) * error)
-    return Offset(float(whole[0]), half_width, len(rows.frame), np.array(by_frame))
+    return Offset(float(whole[0]), half_width, len(rows), by_frame)
 
 
-def _fitted(rows: Rows, start: F64 | None) -> F64:
+def _fitted(rows: pd.DataFrame, start: F64 | None) -> F64:
     """Offset, constant, and the shares of column and row, of all points at once."""
     starts = [start] if start is not None else [np.array([d, 0.0, 0, 0]) for d in (-1.0, 0.0, 1.0)]
     limits = np.array([FARTHEST_FRAMES, np.inf, np.inf, np.inf])
@@ -213,14 +195,20 @@ def _fitted(rows: Rows, start: F64 | None) -> F64:
     return np.asarray(best.x, np.float64)
 
 
-def _residuals(rows: Rows, fit: F64) -> F64:
-    expected = rows.left[:, 1] + fit[0] * rows.moved_px(fit[0])
-    return np.asarray(rows.right - expected - _left(rows, fit))
+def _residuals(rows: pd.DataFrame, fit: F64) -> F64:
+    expected = rows.here + fit[0] * _moved_px(rows, fit[0])
+    return (rows.right - expected - _left(rows, fit)).to_numpy()
 
 
-def _left(rows: Rows, fit: F64) -> F64:
+def _moved_px(rows: pd.DataFrame, frames: float) -> pd.Series:
+    """Rows a frame by which each point moves over an offset, by its parabola."""
+    before, after = rows.before, rows.after
+    return (after - before) / 2 + frames * ((after + before) / 2 - rows.here)
+
+
+def _left(rows: pd.DataFrame, fit: F64) -> pd.Series:
     """Rows by which the calibration leaves the views apart."""
-    return np.asarray(fit[1] + rows.place @ fit[2:])
+    return fit[1] + rows[_PLACE] @ fit[2:]
 
 
 FRAMES = 14
@@ -318,26 +306,31 @@ def _words(context: StudyContext) -> tuple[str, ...]:
 
 
 def _table(found: dict[str, Offset]) -> Table:
-    rows = [
+    rows = pd.DataFrame(
         {
             "frames": words,
-            "offset of the right camera, frames": round(one.frames, 5),
-            "95 % interval, +-": round(one.half_width, 5),
+            "offset, frames": one.frames,
+            "95 % interval, +-": one.half_width,
             "frames used": len(one.by_frame),
             "points": one.n_points,
-            "largest row motion, px a frame": round(float(np.abs(one.by_frame[:, 1]).max()), 2),
+            "largest row motion, px a frame": one.by_frame.moved.abs().max(),
         }
         for words, one in found.items()
-    ]
-    caption = "Offset between the cameras, in frames; positive: the right one is later."
-    return Table("offset", caption, pd.DataFrame(rows), "Offset between the cameras")
+    )
+    return Table("offset", "Offset between the cameras; positive: the right one is later.", rows)
 
 
 def _plot(found: dict[str, Offset]) -> Plot:
     figure, axes = new_figure(8.4, 4.8)
     for words, one in found.items():
-        moved, difference = one.by_frame[:, 1], one.by_frame[:, 2]
-        axes.plot(moved, difference, "o", color=_COLORS[words], label=f"{words}: {_said(one)}")
+        moved = one.by_frame.moved
+        axes.plot(
+            moved,
+            one.by_frame.difference,
+            "o",
+            color=_COLORS[words],
+            label=f"{words}: {_said(one)}",
+        )
         ends = np.array([min(moved.min(), 0.0), max(moved.max(), 0.0)])
         axes.plot(ends, one.frames * ends, color=_COLORS[words], lw=1)
     axes.axhline(0, color="0.6", lw=0.8)
