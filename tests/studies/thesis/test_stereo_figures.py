@@ -122,7 +122,7 @@ def test_disparity_needs_both_pictures_and_the_thesis_s_does_not(context, dive, 
     assert np.median(points[:, 2]) == pytest.approx(dive.depth_m[shown], rel=0.05)
     assert abs(numbers["rank_correlation"]) < 0.5
     table = found.tables[0].frame
-    assert list(table["right frame"].unique()) == list(KINDS)
+    assert list(table["right"].unique()) == list(KINDS)
     assert all(plot.png.startswith(b"\x89PNG") for plot in found.plots)
 
 

@@ -161,7 +161,7 @@ def exchange(inputs: StudyInputs, frames: Sequence[int]) -> pd.DataFrame:
                     "frame": ours.frame,
                     "right": kind,
                     "ours_matched": ours.valid_fraction or 0.0,
-                    "status": ours.status,
+                    "status": STATUS_WORDS[ours.status],
                     "near_m": ours.distance_m,
                     "far_m": ours.far_m,
                     "thesis_matched": float((now > 0).mean()),
@@ -261,7 +261,7 @@ def _control(rows: pd.DataFrame) -> dict[str, Any]:
     return {
         "ours_matched_own_median": own.ours_matched.median(),
         "ours_matched_wrong_most": wrong.ours_matched.max(),
-        "ours_clear_wrong": int((wrong.status == CLEAR).sum()),
+        "ours_clear_wrong": int((wrong.status == STATUS_WORDS[CLEAR]).sum()),
         "wrong_pairs": len(wrong),
         "thesis_pixels_changed_most": wrong.thesis_changed.max(),
         "thesis_status_kept": int(kept.sum()),
@@ -347,27 +347,13 @@ def _words(context: StudyContext, frames: Sequence[int], best: int) -> tuple[str
 
 def _table(rows: pd.DataFrame) -> Table:
     caption = (
-        "The same left frames with three right frames. Matched: of the rectified view (ours), of "
-        "the map without its margin (thesis). Near end: 20th percentile of the matched depths. "
-        "Pixels changed: of the thesis's map, between matched and not, against the frame's own "
-        "right frame."
+        "The same left frames with three right frames. Matched: part of the rectified view (ours), "
+        "of the map without its margin (thesis). Near and far: 20th and 95th percentile of the "
+        "matched depths in metres. Changed: part of the thesis's pixels, between matched and not, "
+        "against the frame's own right frame."
     )
-    kinds = pd.Categorical(rows.right, KINDS)
-    rows = rows.assign(kind=kinds).sort_values(["frame", "kind"], ignore_index=True)
-    table = pd.DataFrame(
-        {
-            "left frame": rows.frame,
-            "right frame": rows.right,
-            "ours: matched %": (100 * rows.ours_matched).round(3),
-            "ours: status": rows.status.map(STATUS_WORDS),
-            "ours: near end m": rows.near_m,
-            "thesis: matched %": (100 * rows.thesis_matched).round(3),
-            "thesis: mean value": rows.thesis_mean.round(3),
-            "thesis: status": (rows.thesis_mean > STATUS_MEAN_THRESHOLD).astype(int),
-            "thesis: pixels changed %": (100 * rows.thesis_changed).round(3),
-        }
-    )
-    return Table("exchanged_right_frame", caption, table, "Three right frames for each left one")
+    shown = rows.sort_values("frame", kind="stable").rename(columns=lambda n: n.replace("_", " "))
+    return Table("exchanged_right_frame", caption, shown, "Three right frames for each left one")
 
 
 def _maps(shown: _Shown, picture: DepthPicture, ends_m: tuple[float, float]) -> Figure:
