@@ -81,7 +81,10 @@ def row_differences(context: StudyContext) -> pd.DataFrame:
 
 def row_claim(rows: pd.DataFrame) -> Claim:
     """Whether rows agree after the thesis's step."""
-    claim = Claim.about("rows of the pair agree after the step named rectify", "figures 3.4 to 3.7")
+    claim = Claim.about(
+        "rows of the pair agree after the step named rectify",
+        "figures 3.4 to 3.7: the pair, gray, and after it",
+    )
     if rows.empty:
         return claim("no point was matched", "rows need points of both pictures")
     raw, thesis, ours = rows[["raw", "thesis", "tokt"]].median()
@@ -159,7 +162,10 @@ def _bend(points: F64) -> tuple[float, float]:
 
 def bend_claim(bends: F64) -> Claim:
     """Whether the printed calibration straightens edges that are straight."""
-    claim = Claim.about("Bouguet's calibration straightens lines", "figures 3.1 to 3.3, of a board")
+    claim = Claim.about(
+        "Bouguet's calibration straightens lines",
+        "figures 3.1 to 3.3: the board's lines are straight with Bouguet's, not Agisoft's",
+    )
     found = f"{len(bends)} straight edges a fifth of the frame long"
     if len(bends) < FEW_EDGES:
         why = f"no board is in them, and {FEW_EDGES} such edges are needed"

@@ -131,7 +131,8 @@ def _mission(context: StudyContext) -> list[BothWays]:
 def box_claim(every: Sequence[BothWays]) -> Claim:
     """Whether the thesis's box, whose sizes are sums, is around what was seen."""
     claim = Claim.about(
-        "the box is around the obstacle", "figure 3.24; its sizes are sums of the contours'"
+        "the box is around the obstacle",
+        "figure 3.24: its size is the sum of the contours' widths, and of their heights",
     )
     if not every:
         return claim("not measured", "the thesis's methods see nothing")

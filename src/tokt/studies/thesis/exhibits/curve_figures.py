@@ -259,7 +259,8 @@ def _normalised(context: StudyContext, begin: int | None = None, end: int | None
 def _detection_claim(context: StudyContext, scores: pd.DataFrame) -> Claim:
     """Cameras can be used: each method warns before the nearest approach, without false status."""
     claim = Claim.about(
-        "Cameras can be used for underwater obstacle avoidance", "the abstract, from the sea trial"
+        "Cameras can be used for underwater obstacle avoidance",
+        "said in the abstract, from the sea trial",
     )
     names = [name for name, method in context.curves.methods.items() if not method.sampled]
     if not context.labels or not any(context.obstacle_patches.values()):
@@ -283,7 +284,7 @@ def order_claim(firsts: Mapping[str, int]) -> Claim:
     """Sections 6.2 and 7.1: which method sees the obstacle first."""
     claim = Claim.about(
         "Haralick sees the obstacle first, LBP and disparity together",
-        "sections 6.2 and 7.1; at the same time by section 5.2.1",
+        "Haralick a few images before LBP (sections 6.2 and 7.1; 5.2.1 says at the same time)",
     )
     lbp, haralick, disparity = (firsts.get(name) for name in _OF_THE_FIGURES)
     if lbp is None or haralick is None or disparity is None:
@@ -301,7 +302,7 @@ def alike_claim(curves: Curves) -> Claim:
     """Section 5.2.1: the curves are very alike, and change at about the same rate."""
     claim = Claim.about(
         "The curves of LBP, Haralick and disparity are very alike and rise at the same rate",
-        "figures 5.4 and 5.5, section 5.2.1",
+        "figures 5.4 and 5.5, each curve's largest value 1 (section 5.2.1)",
     )
     there = [name for name in _OF_THE_FIGURES if name in curves.mean]
     shares = curves.shares()[there].dropna()

@@ -294,7 +294,7 @@ def map_claim(numbers: dict[str, Any]) -> Claim:
     last = MIN_DISPARITY_PX + N_DISPARITIES_PX - 1
     claim = Claim.about(
         "the map shows disparities of the two pictures",
-        f"figure 3.8; {MIN_DISPARITY_PX} to {last} px (table 3.5)",
+        f"table 3.5 searches {MIN_DISPARITY_PX} to {last} px; figure 3.8",
     )
     share, changed = numbers["points_searched"], numbers["thesis_pixels_changed_most"]
     if share is None:
@@ -311,7 +311,10 @@ def map_claim(numbers: dict[str, Any]) -> Claim:
 
 def cloud_claim(numbers: dict[str, Any]) -> Claim:
     """Whether the cloud's places are usable, and its distances not."""
-    claim = Claim.about("the point cloud's places are usable, its distances are not", "figure 3.10")
+    claim = Claim.about(
+        "the point cloud's places are usable, its distances are not",
+        "figure 3.10: fits from the front, is drawn out in depth",
+    )
     rank, spread = numbers["rank_correlation"], numbers["thesis_cloud_spread"]
     found = (
         f"rank correlation with depth {rank:.2f}; depths spread over {spread:.1f} of "

@@ -195,7 +195,7 @@ def river_claim(said: Said, bad: BadPicture) -> Claim:
     """Whether LBP finds nearly everything in the picture, and Haralick does worse."""
     claim = Claim.about(
         "in a bright river LBP finds nearly everything, and Haralick does badly",
-        "figures 5.6 to 5.8, trained on blue water",
+        "figures 5.6 to 5.8, by models trained on blue water",
     )
     if bad.truth is None or not (bad.truth == 1).any():
         return claim("not scored", "the picture has no mask of anything in it")

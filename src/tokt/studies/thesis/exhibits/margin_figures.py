@@ -67,7 +67,8 @@ def margin_figures(context: StudyContext) -> Exhibit:
 def line_claim(maps: Sequence[U8]) -> Claim:
     """Whether a line that is nothing stands at the right of every map of open water."""
     claim = Claim.about(
-        "a false vertical line at the right, the same in all pictures", "figures 3.8 and 3.9"
+        "a false vertical line at the right, the same in all pictures",
+        "figures 3.8 and 3.9; put down to the calibration or the housing",
     )
     if not maps:
         return claim("not measured", "no pair shows open water alone")

@@ -82,7 +82,7 @@ def mask_claim(summary: Mapping[str, Any]) -> Claim:
     """Section 5.1.1, of SLIC + LBP and LBP on the grid."""
     claim = Claim.about(
         "SLIC sees no better; the grid's area is larger, its blocks join to fewer contours",
-        "figure 5.1, section 5.1.1",
+        "very similar, both detect (figure 5.1, section 5.1.1)",
     )
     overlap, slic, grid = summary["overlap"], summary["slic_f1"], summary["grid_f1"]
     if overlap is None or slic is None or grid is None:

@@ -283,7 +283,7 @@ def claim_of(found: dict[str, Offset]) -> Claim:
         why = f"the offset, with its interval, goes beyond {SYNCHRONOUS_FRAMES} frames"
     return Claim(
         "left and right frames of one number are of one moment",
-        "of a clock; no result (section 6.1.2, figure 6.1)",
+        "both cameras photograph a clock; no result is printed (section 6.1.2, figure 6.1)",
         f"right camera later by {_said(own)}; made late by {SHIFTED} on purpose: {_said(shifted)}",
         why,
         agreement=agreement,

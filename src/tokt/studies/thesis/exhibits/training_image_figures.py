@@ -205,7 +205,8 @@ def spike_claim(ocean: Image, brick: Image, branches: Image) -> Claim:
 def variety_claim(table: pd.DataFrame) -> Claim:
     """Whether a model learns better from an image whose patches are less alike."""
     claim = Claim.about(
-        "varied texture, whose rows are less correlated, is better to learn from", "section 3.2.1"
+        "varied texture, whose rows are less correlated, is better to learn from",
+        "section 3.2.1; a film still was chosen by that",
     )
     f1 = table[F1]
     if f1.isna().any() or f1.nunique() < 2:

@@ -213,7 +213,9 @@ def _words(context: StudyContext, frames: Sequence[int], texture: Sequence[str])
 
 def _distance_claim(scores: pd.DataFrame) -> Claim:
     """Whether every method's mean falls as the depth grows."""
-    claim = Claim.about("the mean value is a relative distance", "sections 5.2.1 and 7.2")
+    claim = Claim.about(
+        "the mean value is a relative distance", "it serves as one (sections 5.2.1 and 7.2)"
+    )
     ranks = scores.rank_correlation.dropna()
     if ranks.empty:
         return claim("not known", "too few frames have a mean and a depth")
@@ -227,8 +229,10 @@ def _distance_claim(scores: pd.DataFrame) -> Claim:
 
 def _sign_claim(scores: pd.DataFrame) -> Claim:
     """Whether the sign of the trend of tokt's methods is that of the depth's change."""
-    what = "a growing mean is a thing that comes nearer"
-    claim = Claim.about(what, "sections 5.2.1 and 7.2")
+    claim = Claim.about(
+        "a growing mean is a thing that comes nearer",
+        "its rise or fall tells of the distance's (sections 5.2.1 and 7.2)",
+    )
     signed = scores.same_sign + scores.opposite_sign
     if not signed.any():
         return claim("not known", "no frame has a sign in both")
