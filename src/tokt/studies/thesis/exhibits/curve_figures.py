@@ -1,6 +1,6 @@
 """Figures 5.3 to 5.5: images along the mission, and the mean value of every method."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from tokt.inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN
 from tokt.studies.thesis.methods.curves import COMPARED, OURS, THESIS, Curves, learnt_words
 from tokt.studies.thesis.patch_scores import pooled_score
 from tokt.training.evaluation.evaluate import first_detection
+from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
 from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import SHOWN, new_figure, png_of, show_frame
@@ -131,67 +132,50 @@ def _tables(context: StudyContext, scores: pd.DataFrame) -> tuple[Table, ...]:
             "means",
             "Mean value by frame, 0 to 255; empty where a method did not judge the frame.",
             curves.mean.reset_index(),
-            "Mean value by frame",
         ),
-        Table(
-            "statuses",
-            "1, 0, or -1 where it was not judged.",
-            curves.status.reset_index(),
-            "Status by frame",
-        ),
+        Table("statuses", "1, 0, or -1 where it was not judged.", curves.status.reset_index()),
     )
 
 
 def _plots(context: StudyContext, firsts: Mapping[str, int]) -> tuple[Plot, ...]:
     shaded = " Gray: an obstacle is labelled; hatched: not labelled." if context.labels else ""
+    words = f"Each curve as a share of its largest value; dotted: first detections.{shaded}"
     plots = [
         Plot("figure_5_3_strip", f"Frames along the mission. {SHOWN}", png_of(_strip(context))),
-        Plot(
-            "mean_values",
-            f"Mean value by frame, logarithmic above 1.{shaded}",
-            png_of(_sequence(context, firsts)),
-        ),
-        Plot(
-            "figure_5_4_normalised",
-            f"Each curve as a share of its largest value.{shaded}",
-            png_of(_normalised(context)),
-        ),
+        Plot("figure_5_4_normalised", words, png_of(_curves(context, firsts, None, None))),
     ]
     if firsts:
-        begin, end = min(firsts.values()) - _ZOOM_BEFORE, max(firsts.values()) + _ZOOM_AFTER
-        words = f"The same around the first detections.{shaded}"
-        plots.append(Plot("figure_5_5_zoomed", words, png_of(_normalised(context, begin, end))))
+        ends = min(firsts.values()) - _ZOOM_BEFORE, max(firsts.values()) + _ZOOM_AFTER
+        words = "The same around the first detections."
+        plots.append(Plot("figure_5_5_zoomed", words, png_of(_curves(context, firsts, *ends))))
     return tuple(plots)
 
 
-def _panels(
-    context: StudyContext,
-    values: pd.DataFrame,
-    dress: Callable[[Any], None],
-    words: str,
-    firsts: Mapping[str, int] | None = None,
-    height: float = 2.2,
+def _curves(
+    context: StudyContext, firsts: Mapping[str, int], begin: int | None, end: int | None
 ) -> Figure:
-    """A panel for each kind of method, with a curve of each; `words` below the last.
+    """Figures 5.4 and 5.5: a panel a kind, each curve as a share of its largest.
 
-    Labels are shaded: gray where an obstacle is labelled, hatched where nothing is. `dress` sets a
-    panel's scale and words, and draws what is no method's. First detections are dotted.
+    Beside them stands how near the object is. First detections are dotted.
     """
-    curves = context.curves
+    curves, near = context.curves, 1.0 / context.curves.distance_m
+    shares = curves.shares()
     kinds = [kind for kind in (THESIS, COMPARED, OURS) if curves.named(kind)]
-    figure = Figure(figsize=(10.5, 1.0 + height * len(kinds)), layout="constrained")
-    all_axes = figure.subplots(len(kinds), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, kind in zip(all_axes, kinds, strict=True):
+    size = 10.5, 1.0 + 2.2 * len(kinds)
+    figure, panels = new_figure(*size, len(kinds), 1, sharex=True, squeeze=False)
+    for axes, kind in zip(panels[:, 0], kinds, strict=True):
         for place, name in enumerate(curves.named(kind)):
             method, color = curves.methods[name], f"C{place}"
-            _draw(axes, values[name], method.sampled, method.title, color)
-            if firsts and name in firsts:
+            _draw(axes, shares[name], method.sampled, method.title, color)
+            if name in firsts:
                 axes.axvline(firsts[name], color=color, lw=0.8, ls=":")
-        dress(axes)
+        if near.notna().any():
+            _draw(axes, near / near.max(), False, "1 / distance (stereo)", "black")
+        axes.set(xlim=(begin, end), ylim=(0, 1.05), ylabel="share of the largest")
         axes.set_title(kind, loc="left", fontsize=9)
         _shade(axes, context.obstacle_patches, curves.mean.index)
         axes.legend(loc="upper left", fontsize=7)
-    axes.set_xlabel(words)
+    axes.set_xlabel("frame")
     return figure
 
 
@@ -222,38 +206,12 @@ def _shade(axes: Any, labels: Mapping[int, int], every: pd.Index) -> None:
 
 def _strip(context: StudyContext) -> Figure:
     """Figure 5.3: the vehicle comes nearer, and goes back."""
-    readable = context.curves.mean.index
-    places = np.linspace(0, len(readable) - 1, min(_STRIP, len(readable))).round().astype(int)
-    figure, axes = new_figure(10.5, 1.6, 1, len(places), squeeze=False)
-    for panel, number in zip(axes[0], readable[places].tolist(), strict=True):
+    numbers = evenly_spaced(context.curves.mean.index.tolist(), _STRIP)
+    figure, axes = new_figure(10.5, 1.6, 1, len(numbers), squeeze=False)
+    for panel, number in zip(axes[0], numbers, strict=True):
         show_frame(panel, context.picture(number))
         panel.set_title(str(number), fontsize=8)
     return figure
-
-
-def _sequence(context: StudyContext, firsts: Mapping[str, int]) -> Figure:
-    """The mean value of every method by frame."""
-
-    def dress(axes: Any) -> None:
-        axes.set_yscale("symlog", linthresh=1.0)
-        axes.axhline(STATUS_MEAN_THRESHOLD, color="crimson", lw=0.8)
-        axes.set_ylim(0, 255)
-        axes.set_ylabel("mean of the mask")
-
-    words = "frame (dotted: first detection; red: status threshold 0.345)"
-    return _panels(context, context.curves.mean, dress, words, firsts, height=2.5)
-
-
-def _normalised(context: StudyContext, begin: int | None = None, end: int | None = None) -> Figure:
-    """Figures 5.4 and 5.5: each curve as a share of its largest, beside how near the object is."""
-    near = 1.0 / context.curves.distance_m
-
-    def dress(axes: Any) -> None:
-        if near.notna().any():
-            _draw(axes, near / near.max(), False, "1 / distance (stereo)", "black")
-        axes.set(xlim=(begin, end), ylim=(0, 1.05), ylabel="share of the largest")
-
-    return _panels(context, context.curves.shares(), dress, "frame")
 
 
 def _detection_claim(context: StudyContext, scores: pd.DataFrame) -> Claim:

@@ -33,7 +33,7 @@ from skimage import data
 from tokt.features.common.arrays import F64, U8
 from tokt.features.frames.grid import Grid
 from tokt.studies.baselines.thesis_models import TITLES, thesis_classifier
-from tokt.studies.baselines.thesis_texture import GRID, resized_gray
+from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.speed.models import FEATURE_SETS
 from tokt.studies.thesis.patch_scores import pooled_score
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
@@ -109,16 +109,12 @@ Tested = Mapping[int, dict[str, F64]]
 
 @dataclass(frozen=True)
 class Image:
-    """An image, with the features of its patches by extractor.
-
-    A bright one can be seen without raising its contrast.
-    """
+    """An image, with the features of its patches by extractor."""
 
     name: str
     words: str
     picture: U8
     rows: dict[str, F64]
-    bright: bool = False
 
     def shares(self) -> dict[BinKind, float]:
         """Parts of its patches' mean LBP histogram by the kind of the bins."""
@@ -228,9 +224,9 @@ def _rank(images: pd.DataFrame) -> float:
     return 0.0 if (places.nunique() < 2).any() else float(spearmanr(places).statistic)
 
 
-def _image(name: str, words: str, picture: Any, bright: bool = False) -> Image:
+def _image(name: str, words: str, picture: Any) -> Image:
     pixels = np.ascontiguousarray(picture, np.uint8)
-    return Image(name, words, pixels, described(pixels), bright)
+    return Image(name, words, pixels, described(pixels))
 
 
 def _candidates(context: StudyContext) -> list[Image]:
@@ -239,13 +235,13 @@ def _candidates(context: StudyContext) -> list[Image]:
     The image asked for or the rendered texture; photos that come with scikit-image, rough, bright
     and in focus as a film still is; branches; and the mission's own frame of the structure.
     """
-    found = [_image("other", context.other.words, context.other.image, True)]
+    found = [_image("other", context.other.words, context.other.image)]
     for name in _PHOTOS:
         picture = np.asarray(getattr(data, name)())
         if picture.ndim == 3:
             picture = picture[..., ::-1]  # RGB; frames are BGR
-        found.append(_image(name, f"photo of {name}, from scikit-image", picture, True))
-    found.append(_image(BRANCHES, "rendered branches", rendered_branches(), True))
+        found.append(_image(name, f"photo of {name}, from scikit-image", picture))
+    found.append(_image(BRANCHES, "rendered branches", rendered_branches()))
     number, control = context.structure_frame, _control(context)
     found.append(_image(STRUCTURE, f"frame {number}, whole", context.picture(number)))
     if control is not None:
@@ -302,11 +298,7 @@ def _histograms(shown: Sequence[Image]) -> Figure:
         10.5, 1.5 * len(shown) + 0.6, len(shown), 3, width_ratios=(1.1, 1.6, 2.6), squeeze=False
     )
     for line, image in zip(axes, shown, strict=True):
-        if image.bright:
-            line[0].imshow(resized_gray(image.picture), cmap="gray", vmin=0, vmax=255)
-            line[0].set(xticks=[], yticks=[])
-        else:
-            show_frame(line[0], image.picture)
+        show_frame(line[0], image.picture)
         line[0].set_ylabel(image.name, fontsize=9)
     for column, key in enumerate(LBP_KEYS, 1):
         means = [image.rows[key].mean(axis=0) for image in shown]
