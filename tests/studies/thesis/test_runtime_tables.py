@@ -65,7 +65,7 @@ def test_stages_add_up_to_the_thesiss_verdict(reproduced):
 def test_stages_of_slic_add_up_to_its_verdict(reproduced):
     slic = reproduced.superpixel_methods.textures[0]
     laps = Laps()
-    method = slic_texture(slic, "LBP")
+    method = slic_texture(slic)
     verdict = method.run(encoded(reproduced, 12), laps)
     assert same(verdict, verdict_from_mask(slic.mask(reproduced.left(12)), slic.name))
     assert verdict.mean
@@ -177,7 +177,7 @@ def test_the_exhibit_has_each_methods_profile(reproduced, monkeypatch):
     exhibit = runtime_tables.runtime_tables(reproduced)
     tables = {table.name: table.frame for table in exhibit.tables}
     rows = tables["run_times"].set_index("method")
-    assert rows.loc["SLIC superpixels + LBP (10, 5)", "median ms"] == pytest.approx(45)
+    assert rows.loc["SLIC + LBP (10, 5)", "median ms"] == pytest.approx(45)
     assert rows.loc["LBP (10, 5), 10x10 patches", "median ms"] == pytest.approx(135)
     stereo = list(rows.index).index("tokt stereo, a pair") + 1
     assert rows.loc["tokt stereo, a pair", "times LBP"] == pytest.approx(stereo / 3)

@@ -42,7 +42,7 @@ from sklearn.svm import LinearSVC
 from tokt.features.common.arrays import F64, I64, U8
 from tokt.features.common.errors import ToktError
 
-from .thesis_models import thesis_classifier
+from .thesis_models import TITLES, thesis_classifier
 from .thesis_texture import GRID, DescribePatch
 
 N_SEGMENTS = 100
@@ -94,7 +94,7 @@ class SlicTexture:
     def __init__(self, describe: DescribePatch, classifier: LinearSVC, name: str) -> None:
         self.describe, self.classifier = describe, classifier
         self.name = f"slic_{name}"
-        self.title = f"SLIC superpixels, {name.replace('_', ' ')}"
+        self.title = f"SLIC + {TITLES.get(name, name)}"
 
     @classmethod
     def train(cls, ocean: U8, other: U8, describe: DescribePatch, name: str) -> SlicTexture:

@@ -16,14 +16,10 @@ import jinja2
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
 
+from .report import cell
+
 TEMPLATE = "page.md.in"
 _SPECIAL = re.compile(r"([*|<])")
-
-
-def _cell(value: Any) -> str:
-    if value is None:
-        return ""
-    return format(value, ".4g") if isinstance(value, float) else plain(str(value))
 
 
 def plain(text: str) -> str:
@@ -49,7 +45,7 @@ def thesis_page(results: dict[str, Any], template: str | None = None) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters["cell"] = _cell
+    environment.filters["cell"] = lambda value: plain(cell(value))
     try:
         body = environment.from_string(text).render(run=results, plain=plain)
     except jinja2.TemplateError as error:

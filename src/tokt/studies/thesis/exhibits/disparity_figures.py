@@ -336,10 +336,8 @@ def cloud_claim(numbers: dict[str, Any]) -> Claim:
 def _words(context: StudyContext, frames: Sequence[int], best: int) -> tuple[str, ...]:
     width, height = THESIS_FRAME_SIZE
     return (
-        "The thesis's map: both pictures gray, undistorted one by one, block matching, disparities "
-        f"stretched to 0..255. Its settings are for frames of {width}x{height}; others are "
-        f"enlarged. Ours: rectified with {context.calibration_words}, which may have been fitted "
-        "to these frames, matched at half resolution, checked from right to left.",
+        f"The thesis's settings are for frames of {width}x{height}; others are enlarged. Ours is "
+        f"rectified with {context.calibration_words}, which may have been fitted to these frames.",
         f"The control: {len(frames)} frames with something in them, {min(frames)} to "
         f"{max(frames)}. Each is judged with its own right frame, with that of the frame half this "
         "list away, and with its own upside down. With a wrong one a stereo method must find next "

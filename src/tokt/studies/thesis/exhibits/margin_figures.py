@@ -164,7 +164,7 @@ def edge_claim(seen: pd.DataFrame) -> Claim:
     cut = seen["right, in the margin"].median()
     return claim(
         f"in {len(seen)} mirrored pairs {seen['left'].median():.0%} of the obstacle is white at "
-        f"the left edge, {seen['right'].median():.0%} at the right; {worse:.0%} of pairs are worse "
+        f"the left edge, {seen['right'].median():.0%} at the right. {worse:.0%} of pairs are worse "
         f"there; {cut:.0%} lies in the margin",
         f"to agree: half of the pairs worse by {_LOST:.0%}; in part: that much in the margin. "
         "Undistorting moves the right edge inwards, and empties it",

@@ -45,7 +45,6 @@ from tokt.studies.baselines.thesis_stereo import (
 from tokt.studies.baselines.thesis_texture import GRID, resized_gray
 from tokt.studies.speed.paired_timing import in_turns, single_thread
 from tokt.studies.thesis.methods.curves import COMPARED, OURS, THESIS
-from tokt.studies.thesis.methods.mission_models import SLIC
 
 from .exhibit import Claim, ClaimAgreement, Exhibit, Plot, StudyContext, Table
 from .frame_drawing import new_figure, png_of
@@ -195,7 +194,7 @@ class _Timed:
         return self.laps.inside("predict", lambda: self._method.classifier.predict(rows))
 
 
-def slic_texture(method: SlicTexture, title: str) -> TimedMethod:
+def slic_texture(method: SlicTexture) -> TimedMethod:
     """The thesis's way on superpixels. Resize and superpixels are split off by doing them again."""
     timed = _Timed(method)
     watched = SlicTexture(timed.describe, timed, method.name)
@@ -209,7 +208,7 @@ def slic_texture(method: SlicTexture, title: str) -> TimedMethod:
         laps.split_off("superpixels", lambda: superpixels(picture))
         return verdict
 
-    return TimedMethod(method.name, f"SLIC superpixels + {title}", THESIS, run)
+    return TimedMethod(method.name, method.title, THESIS, run)
 
 
 def _of_pairs(
@@ -394,9 +393,7 @@ def runtime_tables(context: StudyContext) -> Exhibit:
 
 def methods_of(context: StudyContext) -> list[TimedMethod]:
     """All methods that can judge this mission's frames."""
-    slic = context.superpixel_methods.textures
-    titles = [context.thesis[name].title for name in SLIC]
-    methods = [slic_texture(one, title) for one, title in zip(slic, titles, strict=True)]
+    methods = [slic_texture(one) for one in context.superpixel_methods.textures]
     methods += [thesis_texture(model) for model in context.thesis.values()]
     size = context.any_picture().shape[1::-1]
     if context.pairs and size == THESIS_FRAME_SIZE:

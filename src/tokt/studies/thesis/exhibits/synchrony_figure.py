@@ -293,15 +293,12 @@ def claim_of(found: dict[str, Offset]) -> Claim:
 def _words(context: StudyContext) -> tuple[str, ...]:
     return (
         "Measured from the frames, without any clock. A point stands in one row of both rectified "
-        "views, unless the right camera saw it at another moment and the vehicle moved. Its row in "
-        "the right view is compared with those in the left view, of three successive frames. "
-        "Points: SIFT between the cameras, Lucas and Kanade's method from frame to frame. "
-        f"Rectified with {context.calibration_words}.",
+        "views, unless the right camera saw it at another moment and the vehicle moved. Points: "
+        "SIFT between the cameras, Lucas and Kanade's method from frame to frame. Rectified with "
+        f"{context.calibration_words}.",
         f"The interval is of 95 %, by the jackknife over at most {FRAMES} frames with something in "
-        "them. Fitted with the offset: what the calibration leaves (a constant, and a share of "
-        "column and row). A calibration cannot hide an offset, as the motion changes from frame to "
-        f"frame. Looked for up to {FARTHEST_FRAMES} frames either way, not in seconds: the frames "
-        "carry no times.",
+        "them. What the calibration leaves is fitted beside the offset. It cannot hide one, as "
+        "the motion changes from frame to frame.",
     )
 
 

@@ -197,17 +197,14 @@ def _ranks(seen: pd.DataFrame) -> float | None:
 def _words(context: StudyContext, frames: Sequence[int], texture: Sequence[str]) -> tuple[str, ...]:
     return (
         f"Frames {frames[0]} to {frames[-1]}, from the first to the last that stereo sees "
-        f"something in. The trend is the runtime's ({HORIZON_S:g} s of means). The frames carry no "
-        f"times: {SECONDS_A_FRAME} s are taken from frame to frame. Cameras: "
-        f"{context.calibration_words}.",
-        "What is right is the slope of the median stereo depth over the same seconds. A mean goes "
-        "with 1 / depth squared: a depth that changes by less than "
-        f"{STEADY_PER_S / 2:g} of itself a second counts as steady. At the turn, both slopes still "
-        "say for some frames what was so before. That delay is in neither figure.",
+        f"something in. They carry no times: {SECONDS_A_FRAME} s are taken from frame to frame. "
+        f"Cameras: {context.calibration_words}.",
+        f"The trend is the runtime's, over {HORIZON_S:g} s. What is right is the slope of the "
+        "median stereo depth over the same seconds; less than "
+        f"{STEADY_PER_S / 2:g} of the depth a second is steady.",
         LEARNT_ELSEWHERE if texture else "No texture method judged these frames.",
-        "Where it fails: the mean is an area. A thing that leaves the picture, or is too near for "
-        "stereo, shrinks while it comes nearer. What a model first learns to see grows while it "
-        "stands still.",
+        "Where it fails: what leaves the picture, or is too near for stereo, shrinks while it "
+        "comes nearer.",
     )
 
 

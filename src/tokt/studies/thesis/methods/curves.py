@@ -29,8 +29,7 @@ from tokt.inference.verdict import UNKNOWN, verdict_from_mask
 from tokt.models.bundle.bundle import frame_id, read_bundle
 from tokt.studies.baselines.mean_disparity import Thirds
 from tokt.studies.baselines.size_change import SizeChange
-from tokt.studies.baselines.slic import SlicTexture
-from tokt.studies.baselines.thesis_models import TITLES, ThesisModel
+from tokt.studies.baselines.thesis_models import ThesisModel
 from tokt.studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.inputs import StudyInputs
@@ -180,13 +179,6 @@ def learnt_words(said: Iterable[tuple[str, str]]) -> tuple[str, ...]:
     return tuple(f"{', '.join(who)}: {words.rstrip('.')}." for words, who in titles.items())
 
 
-def title_and_kind(method: SuperpixelMethod) -> tuple[str, str]:
-    """What a method on superpixels is called in legends and tables, and whose it is."""
-    if isinstance(method, SlicTexture):
-        return f"SLIC + {TITLES[method.name.removeprefix('slic_')]}", THESIS
-    return method.title, COMPARED
-
-
 @dataclass
 class Curves:
     """Curves of the scored frames in order, index ``frame``, a column a method."""
@@ -302,12 +294,12 @@ def _add_slow(
 ) -> None:
     """The methods on superpixels."""
     for one in methods.of(sample[0]):
-        title, kind = title_and_kind(one)
+        kind = THESIS if one in methods.textures else COMPARED
         words = (
             f"{one.source}; {methods.words(one).rstrip('.')}. On a sample of {len(sample)} "
             "frames, as it is slow"
         )
-        _add_judged(curves, one.name, Method(title, kind, words, sampled=True), readable)
+        _add_judged(curves, one.name, Method(one.title, kind, words, sampled=True), readable)
 
 
 def _add_texture(
