@@ -46,7 +46,7 @@ def _table(exhibit: Exhibit, table: Table) -> dict[str, Any]:
     words = table.name.replace("_", " ").replace("-", " ")
     return {
         "name": table.name,
-        "title": table.title or words[:1].upper() + words[1:],
+        "title": words[:1].upper() + words[1:],
         "caption": table.caption,
         "file": f"{exhibit.key}/{table.name}.csv",
         "columns": [str(name) for name in table.frame.columns],

@@ -60,7 +60,6 @@ def calibration_figures(context: StudyContext) -> Exhibit:
                 "Raw is before the thesis's step, thesis after it. Ours is rectified with "
                 f"{context.calibration_words}, which may have been fitted to these frames.",
                 rows,
-                "Rows of the two pictures",
             ),
         ),
     )

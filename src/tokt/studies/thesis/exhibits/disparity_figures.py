@@ -354,7 +354,7 @@ def _table(rows: pd.DataFrame) -> Table:
         "against the frame's own right frame."
     )
     shown = rows.sort_values("frame", kind="stable").rename(columns=lambda n: n.replace("_", " "))
-    return Table("exchanged_right_frame", caption, shown, "Three right frames for each left one")
+    return Table("exchanged_right_frame", caption, shown)
 
 
 def _maps(shown: _Shown, picture: DepthPicture, ends_m: tuple[float, float]) -> Figure:

@@ -56,14 +56,12 @@ class Claim:
 class Table:
     """A table, written as ``NAME.csv`` without its index, and shown in the report.
 
-    The caption has the units, and how figures were split. The title is by default the name in
-    words.
+    The caption has the units, and how figures were split; the title is the name in words.
     """
 
     name: str
     caption: str
     frame: pd.DataFrame
-    title: str = ""
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,6 @@ def invariance(context: StudyContext) -> Exhibit:
                 "labelled frames that the models did not learn from. Obstacles and clear water "
                 "weigh the same. Rotation is of each patch about its middle.",
                 shares.rename(columns=TITLES).rename_axis("change").reset_index(),
-                "Changed verdicts",
             ),
         ),
     )

@@ -58,7 +58,6 @@ def margin_figures(context: StudyContext) -> Exhibit:
                 f"{CROP_PX} px, and part in these. The pair is moved until the obstacle touches "
                 "the left edge; its mirror image has it at the right one.",
                 seen,
-                "An obstacle at either edge",
             ),
         ),
     )

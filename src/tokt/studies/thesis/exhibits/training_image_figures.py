@@ -153,7 +153,7 @@ def training_images(context: StudyContext) -> Exhibit:
             spike_claim(ocean, images[BRICK], images[BRANCHES]),
             variety_claim(table),
         ),
-        (Table("candidates", caption, table, "Images to learn from"),),
+        (Table("candidates", caption, table),),
         (
             Plot(
                 "histograms",
