@@ -110,7 +110,7 @@ class EncodedPair(NamedTuple):
 
     number: int
     left: bytes
-    right: bytes | None
+    right: bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -411,20 +411,18 @@ def methods_of(context: StudyContext) -> list[TimedMethod]:
 
 def _frames(context: StudyContext) -> list[EncodedPair]:
     """Encoded frames spread over the mission; pairs where it has pairs."""
-    numbers = context.spread()
+    mission, numbers, cameras = context.mission, context.spread(), [LEFT]
     if context.pairs:
-        both = set(context.pairs)
+        cameras, both = [LEFT, RIGHT], set(context.pairs)
         numbers = [number for number in numbers if number in both] or context.pairs[:1]
     found = []
     for number in numbers:
         try:
-            context.left(number)
+            for camera in cameras:
+                mission.read(number, camera)
         except FrameError:
             continue
-        right = context.mission.encoded(number, RIGHT)[0] if context.pairs else None
-        if context.pairs and context.right(number) is None:
-            continue
-        found.append(EncodedPair(number, context.mission.encoded(number, LEFT)[0], right))
+        found.append(EncodedPair(number, *(mission.encoded(number, one)[0] for one in cameras)))
     if not found:
         raise FrameError("none of the frames chosen for the run times can be read")
     return found
