@@ -126,12 +126,6 @@ def disparity_figures(context: StudyContext) -> Exhibit:
     )
 
 
-def _partners(frames: Sequence[int]) -> dict[int, int]:
-    """By frame, the one whose right frame stands in for its own: that half the list away."""
-    half = len(frames) // 2
-    return dict(zip(frames, [*frames[half:], *frames[:half]], strict=True))
-
-
 def exchange(inputs: StudyInputs, frames: Sequence[int]) -> pd.DataFrame:
     """Judge left frames with their own right frame, another one's, and their own upside down.
 
@@ -144,9 +138,11 @@ def exchange(inputs: StudyInputs, frames: Sequence[int]) -> pd.DataFrame:
     pairs_of = {number: pair_of(inputs, number) for number in frames}
     lefts = {number: pair[0] for number, pair in pairs_of.items()}
     own = {number: pair[1] for number, pair in pairs_of.items()}
+    half = len(frames) // 2
+    partners = [*frames[half:], *frames[:half]]  # half the list away
     rights = {
         OWN: own,
-        ANOTHER: {number: own[other] for number, other in _partners(frames).items()},
+        ANOTHER: {n: own[other] for n, other in zip(frames, partners, strict=True)},
         TURNED: {number: np.ascontiguousarray(right[::-1]) for number, right in own.items()},
     }
     rows = []
