@@ -298,7 +298,7 @@ def tokt_stereo(
     detector = DisparityDetector(calibration, GRID, scale=scale)
     rectifier = detector.rectifier
 
-    def rectify(left: U8, right: U8) -> tuple[U8, U8]:
+    def rectify(left: U8, right: U8) -> object:
         return rectifier.left(left), rectifier.right(right, detector.row_shift_px)
 
     return _of_pairs(

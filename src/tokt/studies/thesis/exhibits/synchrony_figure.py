@@ -191,7 +191,7 @@ def _fitted(rows: pd.DataFrame, start: F64 | None) -> F64:
 
 def _residuals(rows: pd.DataFrame, fit: F64) -> F64:
     expected = rows.here + fit[0] * _moved_px(rows, fit[0])
-    return (rows.right - expected - _left(rows, fit)).to_numpy()
+    return np.asarray(rows.right - expected - _left(rows, fit))
 
 
 def _moved_px(rows: pd.DataFrame, frames: float) -> pd.Series:
