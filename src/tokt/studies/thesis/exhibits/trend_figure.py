@@ -233,6 +233,7 @@ def _sign_claim(scores: pd.DataFrame) -> Claim:
     signed = scores.same_sign + scores.opposite_sign
     if not signed.any():
         return claim("not known", "no frame has a sign in both")
+    ours = scores[scores.whose == OURS].sign_agreement.astype(float)
     return claim(
         "signs that agree with the depth's, and approaches missed: "
         + "; ".join(
@@ -240,7 +241,7 @@ def _sign_claim(scores: pd.DataFrame) -> Claim:
             for title, one in scores.iterrows()
         ),
         f"by the worst share of tokt's: {WORST_RULE}",
-        agreement=agreement_of_worst(scores[scores.whose == OURS].sign_agreement.fillna(0.0)),
+        agreement=agreement_of_worst(ours.fillna(0.0)),
     )
 
 
