@@ -1,11 +1,11 @@
 """The page about many runs: a table of scenes and methods, and maps. One file, no network."""
 
 import base64
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from tokt import __version__
@@ -56,7 +56,7 @@ def _sections(out: Path, tracks: Sequence[Track], charts: Sequence[Chart]) -> li
     animated: set[str] = set()
     sections = []
     for (scene, method), group in groups.items():
-        nearest, chart = min(group, key=lambda one: one[0].clearance_m.min())
+        nearest, chart = min(group, key=lambda one: one[0].least_m)
         name = f"{scene}-{method}"
         all_runs = overview([track for track, _ in group], [chart for _, chart in group])
         files = {f"{name}.png": all_runs, f"{name}-{nearest.seed}.png": still(nearest, chart)}
@@ -66,9 +66,8 @@ def _sections(out: Path, tracks: Sequence[Track], charts: Sequence[Chart]) -> li
         for file, data in files.items():
             atomic.write_bytes(out / "maps" / file, data)
         whole, *maps = (_uri(*file) for file in files.items())
-        solid = bool(np.isfinite(nearest.clearance_m.min()))
-        shown = {"nearest": nearest, "solid": solid, "overview": whole, "maps": maps}
-        sections.append({"runs": len(group), **shown})
+        shown = {"nearest": nearest, "overview": whole, "maps": maps, "runs": len(group)}
+        sections.append({**shown, "solid": math.isfinite(nearest.least_m)})
     return sections
 
 

@@ -13,6 +13,9 @@ import numpy as np
 
 from tokt.features.common.arrays import F32, F64
 
+RIM_POINTS = 16
+CORNERS = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
+"""Of a cuboid, in half sizes."""
 _UP = np.array([0.0, -1.0, 0.0])
 _TOWARDS_VEHICLE = np.array([0.0, 0.0, -1.0])
 _TOP_OF_LEGS_M, _FEET_M = 0.50, 2.30
@@ -67,14 +70,14 @@ class Frustum:
         """Length in metres."""
         return float(np.linalg.norm(self.end - self.start))
 
-    def rims(self, count: int, *, outside: bool = False) -> list[F64]:
-        """Points (count, 3) on the rim of its start and of its end, or of polygons around these."""
-        angles = np.arange(count) * 2 * np.pi / count
+    def hull(self) -> F64:
+        """(2 * `RIM_POINTS`, 3) Corners of polygons around the rims of its start and of its end."""
+        angles = np.arange(RIM_POINTS) * 2 * np.pi / RIM_POINTS
         side, _, other = self.frame()
         ring = np.outer(np.cos(angles), side) + np.outer(np.sin(angles), other)
-        if outside:
-            ring /= np.cos(np.pi / count)
-        return [self.start + self.start_radius * ring, self.end + self.end_radius * ring]
+        ring /= np.cos(np.pi / RIM_POINTS)
+        ends = self.start + self.start_radius * ring, self.end + self.end_radius * ring
+        return np.concatenate(ends)
 
     def on_surface(self, angle: float, along: float) -> tuple[F64, F64]:
         """A point of the side, at `angle` (rad) and fraction `along`, and its outward normal."""
@@ -92,6 +95,10 @@ class Cuboid:
     axes: F64
     half: F64
     material: Material
+
+    def hull(self) -> F64:
+        """(8, 3) Its corners."""
+        return np.asarray(self.centre + (CORNERS * self.half) @ self.axes)
 
 
 Solid = Frustum | Cuboid
