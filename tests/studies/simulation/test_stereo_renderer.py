@@ -36,7 +36,7 @@ from tokt.studies.simulation.scene.closed_loop_world import Placed, World
 from tokt.studies.simulation.scene.fish_and_dust import DustCloud, Puffs, School
 from tokt.studies.simulation.scene.obstacles import one_tower, trap
 from tokt.studies.simulation.scene.surfaces import STALK_MATERIAL, Materials, Surfaces
-from tokt.studies.simulation.scene.tower import Tower, upright
+from tokt.studies.simulation.scene.tower import NO_STALKS, Tower, upright
 from tokt.studies.simulation.scene.water import Water
 
 pytestmark = pytest.mark.xdist_group("renderer")
@@ -263,7 +263,7 @@ def old_and_new(scene, frames, side):
     for number in range(frames):
         position = place(0, 0.3, -30 + 0.9 * number)
         pose = CameraPose(position, np.eye(3), AHEAD)
-        old.append(mission_frame(scene, pose, Tower((), (), ()), number, side)[0])
+        old.append(mission_frame(scene, pose, Tower((), NO_STALKS, ()), number, side)[0])
         new.append(renderer.pair(float(number), position, 0.0, AHEAD)[side])
     return old, new
 

@@ -61,8 +61,7 @@ class Manoeuvre:
     side: int  # passed on: port (-1) or starboard (1)
     hold_along: float  # where along the vehicle goes sideways
     oncoming: bool = False  # whether what was seen comes towards the vehicle
-    retreat: float | None = None  # where to back off to, along and beside
-    retreat_beside: float = 0.0
+    retreat: tuple[float, float] | None = None  # where to back off to, along and beside
     nearest: float = -math.inf  # the farthest along at which it had to back off
     settled: int = 0  # verdicts since something new was seen
     absent: int = 0  # clear verdicts in a row that should not be, if what was seen is there
@@ -139,11 +138,11 @@ class Manoeuvre:
         along, beside = self.place(nav.position)
         self.nearest = max(self.nearest, along)
         wanted = max(self.nearest - least_m, self.nearest - most_m)
-        if self.retreat is None:
-            self.retreat_beside = beside
-        else:
-            wanted = max(min(self.retreat, along - BACK_ON_M), self.nearest - most_m)
-        self.retreat = wanted if wanted < along else self.retreat
+        if self.retreat is not None:
+            before, beside = self.retreat
+            wanted = max(min(before, along - BACK_ON_M), self.nearest - most_m)
+        if wanted < along:
+            self.retreat = wanted, beside
 
     def edge(self, along: float) -> float:
         """How far what is remembered and not yet behind reaches to the side passed on."""

@@ -362,10 +362,9 @@ class Planner:
     def _avoid(self, manoeuvre: Manoeuvre, nav: State) -> Setpoint:
         """Back, then beside, then past."""
         along, beside = manoeuvre.place(nav.position)
-        if manoeuvre.retreat is not None and along > manoeuvre.retreat + REACHED_M:
-            back = manoeuvre.retreat, manoeuvre.retreat_beside
-            return self._on_manoeuvre(manoeuvre, *back, Mode.BACK_OFF)
         if manoeuvre.retreat is not None:
+            if along > manoeuvre.retreat[0] + REACHED_M:
+                return self._on_manoeuvre(manoeuvre, *manoeuvre.retreat, Mode.BACK_OFF)
             manoeuvre.retreat = None
             manoeuvre.hold_along = along
         need = manoeuvre.edge(along) + BESIDE_M

@@ -28,10 +28,6 @@ IN_VIEW_M = 10.0
 
 TRACK_FORMAT = 1
 """Version of a track's file."""
-_ARRAYS = (
-    *("t_s", "position", "heading", "mode", "clearance_m"),
-    *("frame_t_s", "frame_status", "frame_in_view", "avoidances_s"),
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,21 +72,23 @@ class Track:
 
     def to_bytes(self, about: dict[str, Any]) -> bytes:
         """An npz file's content; `about` (plain JSON) says how it was flown."""
-        names = {key: getattr(self, key) for key in ("title", "scene", "method", "seed", "reached")}
+        arrays = {key: value for key, value in vars(self).items() if isinstance(value, np.ndarray)}
+        names = {key: value for key, value in vars(self).items() if key not in arrays}
         words = json.dumps({"format": TRACK_FORMAT, "about": about, **names})
         file = io.BytesIO()
-        np.savez_compressed(file, words=words, **{key: getattr(self, key) for key in _ARRAYS})
+        np.savez_compressed(file, words=words, **arrays)
         return file.getvalue()
 
     @classmethod
     def from_bytes(cls, data: bytes) -> tuple[Track, dict[str, Any]]:
         """The same again, with `about`. Raises ToktError for a file of another format."""
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            words = json.loads(str(file["words"]))
-            if words.pop("format") != TRACK_FORMAT:
-                raise ToktError(f"a track of another format than {TRACK_FORMAT}")
-            about = words.pop("about")
-            return cls(**words, **{key: file[key] for key in _ARRAYS}), about
+            arrays = dict(file)
+        words = json.loads(str(arrays.pop("words")))
+        if words.pop("format") != TRACK_FORMAT:
+            raise ToktError(f"a track of another format than {TRACK_FORMAT}")
+        about = words.pop("about")
+        return cls(**words, **arrays), about
 
     def places(self, status: int, until_s: float = math.inf) -> F64:
         """(k, 3) Where the vehicle was when the frames of a status were taken, till a time."""

@@ -105,17 +105,13 @@ class Vehicle:
         """Go on for `dt_s` seconds while the thrusters are asked for `forces` (Runge-Kutta 4)."""
         self.applied = self._thrust(dt_s, forces)
         old = self.state
-        place, velocity = old.position.tolist(), old.velocity_body.tolist()
-        y0 = (*place, old.heading_rad, *velocity, old.yaw_rate)
-        k1 = self._rate(y0)
-        k2 = self._rate(_along(y0, k1, dt_s / 2))
-        k3 = self._rate(_along(y0, k2, dt_s / 2))
-        k4 = self._rate(_along(y0, k3, dt_s))
-        y = [
-            a + dt_s / 6 * (b + 2 * c + 2 * d + e)
-            for a, b, c, d, e in zip(y0, k1, k2, k3, k4, strict=True)
-        ]
-        self.state = State(np.array(y[:3]), y[3], np.array(y[4:7]), y[7])
+        y = np.array([*old.position, old.heading_rad, *old.velocity_body, old.yaw_rate])
+        k1 = self._rate(y)
+        k2 = self._rate(y + dt_s / 2 * k1)
+        k3 = self._rate(y + dt_s / 2 * k2)
+        k4 = self._rate(y + dt_s * k3)
+        y += dt_s / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        self.state = State(y[:3], float(y[3]), y[4:7], float(y[7]))
 
     def _thrust(self, dt_s: float, asked: Forces) -> Forces:
         """What the thrusters reach in this step of what is asked."""
@@ -126,32 +122,20 @@ class Vehicle:
             reached.append(now + min(max(change, -most * share), most * share))
         return Forces(*reached)
 
-    def _rate(self, y: tuple[float, ...]) -> tuple[float, ...]:
-        _, _, _, heading, u, v, w, r = y
+    def _rate(self, y: F64) -> F64:
+        heading, u, v, w, r = y[3:].tolist()
         sine, cosine = math.sin(heading), math.cos(heading)
         east, down, north = self._current
         uc, vc = north * cosine + east * sine, east * cosine - north * sine
         ur, vr, wr = u - uc, v - vc, w - down
         own, tau = MINERVA, self.applied
-        m, (a_surge, a_sway, a_heave, a_yaw) = own.mass, own.added_mass
+        m, (a_surge, a_sway, _, _) = own.mass, own.added_mass
         surge = tau.surge - own.drag(0, ur) + m[0] * v * r + a_sway * vr * r + a_surge * r * vc
         sway = tau.sway - own.drag(1, vr) - m[1] * u * r - a_surge * ur * r - a_sway * r * uc
         heave = tau.heave - own.drag(2, wr)
         yaw = tau.yaw - own.drag(3, r) - (a_sway - a_surge) * ur * vr
-        return (
-            u * sine + v * cosine,
-            w,
-            u * cosine - v * sine,
-            r,
-            surge / (m[0] + a_surge),
-            sway / (m[1] + a_sway),
-            heave / (m[2] + a_heave),
-            yaw / (m[3] + a_yaw),
-        )
-
-
-def _along(y: tuple[float, ...], slope: tuple[float, ...], dt_s: float) -> tuple[float, ...]:
-    return tuple(a + dt_s * b for a, b in zip(y, slope, strict=True))
+        force, mass = np.array([surge, sway, heave, yaw]), np.add(m, own.added_mass)
+        return np.array([u * sine + v * cosine, w, u * cosine - v * sine, r, *(force / mass)])
 
 
 def turn(angle: float) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from tokt.features.common.arrays import F32, F64, I64
 
 from .fish_and_dust import FISH
-from .tower import GROWTH, RIM_POINTS, TEXEL_M, Cuboid, Frustum, Material, Tower
+from .tower import GROWTH, NO_STALKS, RIM_POINTS, TEXEL_M, Cuboid, Frustum, Material, Tower
 
 Texture = tuple[F32, ...]
 """Levels of (size, size, 2) brightness and rust, each at half the detail of the one before."""
@@ -83,11 +83,10 @@ class Stalks:
     """Lines from root to tip (n, 2, 3), each with the number of the thing that it grows on."""
 
     def __init__(self, shapes: Sequence[Tower]) -> None:
-        stalks = [(thing, stalk) for thing, shape in enumerate(shapes) for stalk in shape.stalks]
-        self.ends = np.array([(stalk.root, stalk.tip) for _, stalk in stalks]).reshape(-1, 2, 3)
-        self.half_width = np.array([stalk.half_width for _, stalk in stalks])
-        self.brightness = np.array([stalk.brightness for _, stalk in stalks])
-        self.thing = np.array([thing for thing, _ in stalks], np.int64)
+        stalks = np.concatenate([NO_STALKS, *(shape.stalks for shape in shapes)])
+        self.ends = stalks[:, :6].reshape(-1, 2, 3)
+        self.half_width, self.brightness = stalks[:, 6:].T
+        self.thing = np.repeat(np.arange(len(shapes)), [len(shape.stalks) for shape in shapes])
 
 
 class Surfaces:

@@ -25,6 +25,7 @@ _STALKS_PER_M2 = 25
 TEXTURE_SIZE = 1024
 """Texels along a side of the surface texture, which repeats."""
 TEXEL_M = 0.0015
+NO_STALKS = np.zeros((0, 8))
 
 
 @dataclass(frozen=True)
@@ -105,21 +106,11 @@ Solid = Frustum | Cuboid
 
 
 @dataclass(frozen=True)
-class Stalk:
-    """Something thin that grows out of the tower; a line of a given half-width in metres."""
-
-    root: F64
-    tip: F64
-    half_width: float
-    brightness: float
-
-
-@dataclass(frozen=True)
 class Tower:
     """All solids and stalks, and the texture that is fixed to the solids."""
 
     solids: tuple[Solid, ...]
-    stalks: tuple[Stalk, ...]
+    stalks: F64  # (n, 8): root and tip of thin lines that grow on it, half width, brightness
     # (TEXTURE_SIZE, TEXTURE_SIZE, 2): relative brightness and rust of a texel, both 0..1; then each
     # is the one before it at half the detail, for surfaces farther away.
     textures: tuple[F32, ...]
@@ -131,7 +122,7 @@ class Tower:
         legs = _tripod(turn)
         head = _head(rng)
         solids = (*head, *legs, *_braces(legs, rng))
-        return cls(tuple(solids), tuple(_growth(head, legs, rng)), surface_textures(rng))
+        return cls(tuple(solids), _growth(head, legs, rng), surface_textures(rng))
 
 
 def upright(turn_rad: float) -> F64:
@@ -190,7 +181,7 @@ def _braces(legs: list[Frustum], rng: np.random.Generator) -> list[Frustum | Cub
     return parts
 
 
-def _growth(head: list[Frustum], legs: list[Frustum], rng: np.random.Generator) -> list[Stalk]:
+def _growth(head: list[Frustum], legs: list[Frustum], rng: np.random.Generator) -> F64:
     """Stalks on the collar, the mast and the legs, denser and longer on the collar."""
     stalks = []
     overgrown = ((head[1], 320, 0.08), (head[0], 130, 0.06), *((leg, 90, 0.06) for leg in legs))
@@ -200,8 +191,8 @@ def _growth(head: list[Frustum], legs: list[Frustum], rng: np.random.Generator) 
             direction = normal + rng.normal(0.0, 0.35, 3)
             length = longest_m * rng.uniform(0.3, 1.0)
             tip = root + length * direction / np.linalg.norm(direction)
-            stalks.append(Stalk(root, tip, rng.uniform(0.0015, 0.005), rng.uniform(0.6, 1.7)))
-    return stalks
+            stalks.append([*root, *tip, rng.uniform(0.0015, 0.005), rng.uniform(0.6, 1.7)])
+    return np.array(stalks)
 
 
 def panels(
@@ -216,11 +207,16 @@ def panels(
         half = np.array([width, height_m, _PANEL_THICKNESS_M]) / 2
         panel = Cuboid(np.array([x, 0.0, z]), upright(turn), half, PANEL)
         solids.append(panel)
-        stalks += _growth_on_panel(rng, panel)
-    return Tower(tuple(solids), tuple(stalks), surface_textures(rng))
+        stalks.append(_growth_on_panel(rng, panel))
+    return Tower(tuple(solids), np.concatenate(stalks), surface_textures(rng))
 
 
-def _growth_on_panel(rng: np.random.Generator, panel: Cuboid) -> list[Stalk]:
+def bare(rng: np.random.Generator, solids: Iterable[Solid]) -> Tower:
+    """Solids on which nothing grows."""
+    return Tower(tuple(solids), NO_STALKS, surface_textures(rng))
+
+
+def _growth_on_panel(rng: np.random.Generator, panel: Cuboid) -> F64:
     """Stalks on both faces of a panel."""
     count = int(2 * _STALKS_PER_M2 * 4 * panel.half[0] * panel.half[1])
     face = rng.choice([-1.0, 1.0], count)
@@ -230,14 +226,8 @@ def _growth_on_panel(rng: np.random.Generator, panel: Cuboid) -> list[Stalk]:
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     tips = roots + 0.06 * rng.uniform(0.3, 1.0, (count, 1)) * directions
     width, bright = rng.uniform(0.0015, 0.005, count), rng.uniform(0.6, 1.7, count)
-
-    def world(points: F64) -> F64:
-        return np.asarray(panel.centre + points @ panel.axes)
-
-    return [
-        Stalk(root, tip, float(w), float(b))
-        for root, tip, w, b in zip(world(roots), world(tips), width, bright, strict=True)
-    ]
+    ends = [panel.centre + points @ panel.axes for points in (roots, tips)]
+    return np.column_stack([*ends, width, bright])
 
 
 def surface_textures(rng: np.random.Generator) -> tuple[F32, ...]:
