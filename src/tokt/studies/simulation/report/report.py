@@ -2,7 +2,7 @@
 
 import base64
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,12 +33,12 @@ def write_report(
     runs = pd.DataFrame([outcome.to_json() for outcome in outcomes])
     atomic.write_text(out / "runs.csv", runs.to_csv(index=False))
     sections = _sections(out, tracks, charts)
-    titles = {track.scene: track.title for track in tracks}
     page = report_page(
         __package__,
         version=__version__,
         words=words,
-        rows=[_shown(row, titles) for row in rows.to_dict("records")],
+        titles={track.scene: track.title for track in tracks},
+        rows=rows.astype(object).where(rows.notna(), None).to_dict("records"),
         sections=sections,
         hull_m=HULL_RADIUS_M,
         confidence=CONFIDENCE,
@@ -72,32 +72,5 @@ def _sections(out: Path, tracks: Sequence[Track], charts: Sequence[Chart]) -> li
 
 
 def _uri(name: str, data: bytes) -> str:
-    kind = "webp" if name.endswith(".webp") else "png"
+    kind = Path(name).suffix.removeprefix(".")
     return f"data:image/{kind};base64," + base64.b64encode(data).decode("ascii")
-
-
-def _shown(row: Mapping[Any, Any], titles: Mapping[str, str]) -> dict[str, str | int | bool]:
-    """A row of the table in words."""
-
-    def rate(name: str) -> str:
-        low, high = 100 * row[f"{name}_low"], 100 * row[f"{name}_high"]
-        return f"{row[name]} ({low:.1f} to {high:.1f} %)"
-
-    def number(name: str, pattern: str) -> str:
-        return "" if pd.isna(row[name]) else pattern.format(row[name])
-
-    return {
-        "scene": titles[row["scene"]],
-        "method": row["method"],
-        "runs": row["runs"],
-        "hit": row["collided"] > 0,
-        "collided": rate("collided"),
-        "reached": rate("reached"),
-        "false_avoidance": rate("false_avoidance"),
-        "clearance_min": number("clearance_min_m", "{:.2f}"),
-        "clearance_median": number("clearance_median_m", "{:.2f}"),
-        "detour_median": number("detour_median", "{:.0%}"),
-        "detour_most": number("detour_most", "{:.0%}"),
-        "time": number("time_median_s", "{:.0f}"),
-        "false_status": f"{row['false_status_frames']} / {row['frames']}",
-    }
