@@ -139,42 +139,17 @@ def _first_words(first: int | dict[str, int | None] | None) -> str:
     return ", ".join("none" if frame is None else str(frame) for frame in found) or "none"
 
 
-def _rows(run: DemoRun) -> list[dict[str, Any]]:
-    return [
-        {
-            "name": run.bundles[name].label,
-            "champion": name == run.champion,
-            "features": trained.request.extractor.dim,
-            "preset": trained.request.settings.preset,
-            "cv": trained.metrics,
-            "held": run.evaluations[name],
-            "megabytes": len(run.bundles[name].data) / 1e6,
-        }
-        for name, trained in run.trained.items()
-    ]
-
-
 def write_report(path: Path, run: DemoRun, bundle_file: Path) -> None:
     """Write the report of a demo that has gone through all its stages, its champion exported."""
     labels = _labels_by_frame(run)
-    champion = run.bundles[run.champion]
-    latency = [entry["latency_ms"] for entry in run.log]
     html = report_page(
         __package__,
-        {"first": _first_words},
+        {"first": _first_words, "numbers": format_frames},
         run=run,
-        champion=champion,
-        point=champion.operating_point,
-        cross_validated=run.trained[run.champion].metrics,
         bundle_file=bundle_file.name,
-        rows=_rows(run),
         pictures=_pictures(run, labels),
         plots=_curves(run, labels),
-        train_frames=format_frames(run.train_frames),
-        held_frames=format_frames(run.held_frames),
-        latency_median_ms=float(np.median(latency)),
-        latency_p95_ms=float(np.percentile(latency, 95)),
-        datagrams=[datagram.decode("ascii") for datagram in run.datagrams[-3:]],
+        latency_ms=np.percentile([entry["latency_ms"] for entry in run.log], (50, 95)).tolist(),
         kernels=KERNELS.name,
         machine=f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
         version=__version__,
