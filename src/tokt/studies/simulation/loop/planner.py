@@ -272,16 +272,13 @@ class Planner:
 
     def _is_wide(self, datagram: dict[str, Any]) -> bool:
         """Whether it fills so much of the view that it may go on on either side."""
-        box = datagram.get("box")
-        if box is not None and box[2] > WIDE_BOX * MASK_WIDTH:
-            return True
-        return (datagram["mean"] or 0.0) > WIDE_MEAN
+        _, _, width, _ = datagram.get("box") or (0, 0, 0, 0)
+        return width > WIDE_BOX * MASK_WIDTH or (datagram["mean"] or 0.0) > WIDE_MEAN
 
     def _too_near(self, datagram: dict[str, Any], wide: bool) -> bool:
         distance_m = datagram.get("distance_m")
-        if wide and (distance_m is None or distance_m < BACK_OFF_WIDE_M):
-            return True
-        near = distance_m is not None and distance_m < BACK_OFF_DISTANCE_M
+        least_m = BACK_OFF_WIDE_M if wide else BACK_OFF_DISTANCE_M
+        near = wide if distance_m is None else distance_m < least_m
         return near or self._contact_is_near(datagram)
 
     def _hurries(self, datagram: dict[str, Any], nav: State) -> bool:

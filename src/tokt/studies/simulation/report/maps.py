@@ -252,13 +252,9 @@ def _draw_solid(axes: Axes, outlines: Sequence[F64]) -> None:
 def _draw_current(axes: Axes, chart: Chart) -> None:
     water = np.array(chart.current_m_s)[_EAST_NORTH]
     speed = math.hypot(*water)
-    if speed == 0:
-        return
-    right, low = axes.get_xlim()[1], axes.get_ylim()[0]
-    foot = np.array([right - 1.8, low + 1.6])
-    way = water / speed
-    arrow: Any = {"arrowstyle": "-|>", "color": _WATER, "lw": 1.8}
-    axes.annotate("", tuple(foot + way), tuple(foot - way), arrowprops=arrow, zorder=6)
-    east, north = foot
-    words = f"current\n{speed:.2f} m/s"
-    axes.text(east, north - 0.7, words, ha="center", va="top", fontsize=7, color=_WATER)
+    if speed > 0:
+        east, north = axes.get_xlim()[1] - 1.8, axes.get_ylim()[0] + 1.6
+        two_metres: Any = {"angles": "xy", "scale_units": "xy", "scale": speed / 2, "pivot": "mid"}
+        axes.quiver(east, north, *water, color=_WATER, width=0.008, zorder=6, **two_metres)
+        words = f"current\n{speed:.2f} m/s"
+        axes.text(east, north - 0.7, words, ha="center", va="top", fontsize=7, color=_WATER)

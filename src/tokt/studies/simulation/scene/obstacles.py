@@ -95,13 +95,8 @@ def sea_floor(rng: np.random.Generator, level_m: float) -> tuple[Floor, Placed]:
     slabs = []
     for (z0, y0), (z1, y1) in pairwise(zip(north, down, strict=True)):
         slope = np.arctan2(y1 - y0, z1 - z0)
-        axes = np.array(
-            [
-                [1.0, 0.0, 0.0],
-                [0.0, np.cos(slope), -np.sin(slope)],
-                [0.0, np.sin(slope), np.cos(slope)],
-            ]
-        )
+        cos, sin = np.cos(slope), np.sin(slope)
+        axes = np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
         half = np.array([_FLOOR_M, _GROUND_M, np.hypot(z1 - z0, y1 - y0)]) / 2
         centre = np.array([0.0, (y0 + y1) / 2, (z0 + z1) / 2]) + half[1] * axes[1]
         slabs.append(Cuboid(centre, axes, half, _GROUND))
