@@ -16,6 +16,8 @@ from tokt.features.common.arrays import F64
 
 from .vehicle import CAMERA_AHEAD_M, State, turn
 
+BACK_OFF_M, BACK_OFF_MOST_M = 3.0, 6.0
+"""How far back at least, and at most, from where it was nearest."""
 BACK_ON_M = 1.0
 """While it is to back off, it goes on for this much at least."""
 ON_HEADING = math.radians(4)
@@ -130,17 +132,14 @@ class Manoeuvre:
         if self.glance is not None and abs(turn(nav.heading_rad - self.glance[1])) < ON_HEADING:
             self.glances += 1
 
-    def back_off(self, nav: State, least_m: float, most_m: float) -> None:
-        """Go straight back: `least_m` from here, and on while this is asked for.
-
-        At most `most_m` from where it was nearest.
-        """
+    def back_off(self, nav: State) -> None:
+        """Go straight back, and on while this is asked for."""
         along, beside = self.place(nav.position)
         self.nearest = max(self.nearest, along)
-        wanted = max(self.nearest - least_m, self.nearest - most_m)
+        wanted = self.nearest - BACK_OFF_M
         if self.retreat is not None:
             before, beside = self.retreat
-            wanted = max(min(before, along - BACK_ON_M), self.nearest - most_m)
+            wanted = max(min(before, along - BACK_ON_M), self.nearest - BACK_OFF_MOST_M)
         if wanted < along:
             self.retreat = wanted, beside
 

@@ -39,7 +39,7 @@ from tokt.features.common.arrays import F64
 from tokt.inference.verdict import OBSTACLE, UNKNOWN
 
 from .autopilot import CRUISE_M_S, Mode, Setpoint
-from .manoeuvre import HALF_VIEW, MASK_WIDTH, Manoeuvre, bearing
+from .manoeuvre import BACK_OFF_MOST_M, HALF_VIEW, MASK_WIDTH, Manoeuvre, bearing
 from .vehicle import State, turn
 
 STEADY_S, STEADY_PX = 3.0, 25
@@ -90,8 +90,6 @@ HURRY_M = 1.5
 its hull begins 0.3 m before the camera."""
 SURE_TREND = 0.8
 """Confidence below which the time to contact by expansion does not count."""
-BACK_OFF_M, BACK_OFF_MOST_M = 3.0, 6.0
-"""How far back at least, and at most, from where it was nearest."""
 
 
 class Look(NamedTuple):
@@ -237,7 +235,7 @@ class Planner:
             return
         # What comes straight on is not outrun backwards.
         if self._too_near(datagram, wide) and not self._manoeuvre.oncoming:
-            self._manoeuvre.back_off(nav, BACK_OFF_M, BACK_OFF_MOST_M)
+            self._manoeuvre.back_off(nav)
 
     def _waits(self, t_s: float, datagram: dict[str, Any], nav: State) -> bool:
         """Whether it goes on to stand and look before it avoids what a verdict says."""
@@ -348,7 +346,7 @@ class Planner:
         self.avoidances.append(t_s)
         self._manoeuvre = Manoeuvre(nav.position, self._course(nav), side, 0.0)
         self._manoeuvre.suppose_wall()
-        self._manoeuvre.back_off(nav, BACK_OFF_M, BACK_OFF_MOST_M)
+        self._manoeuvre.back_off(nav)
 
     def _transit(self, nav: State) -> Setpoint:
         """To the goal."""

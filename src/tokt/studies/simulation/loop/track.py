@@ -72,8 +72,9 @@ class Track:
 
     def to_bytes(self, about: dict[str, Any]) -> bytes:
         """An npz file's content; `about` (plain JSON) says how it was flown."""
-        arrays = {key: value for key, value in vars(self).items() if isinstance(value, np.ndarray)}
-        names = {key: value for key, value in vars(self).items() if key not in arrays}
+        everything = vars(self)
+        arrays: dict[str, Any] = {k: v for k, v in everything.items() if isinstance(v, np.ndarray)}
+        names = {key: value for key, value in everything.items() if key not in arrays}
         words = json.dumps({"format": TRACK_FORMAT, "about": about, **names})
         file = io.BytesIO()
         np.savez_compressed(file, words=words, **arrays)

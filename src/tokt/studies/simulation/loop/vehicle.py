@@ -11,13 +11,14 @@ turns to the east (clockwise seen from above). So (z, x, y) are Fossen's north, 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from tokt.features.common.arrays import F64
 
+Axes = tuple[float, float, float, float]
 HULL_RADIUS_M = 0.8
 """Of the sphere about the vehicle's centre that must touch nothing: half the length of Minerva
 (1.44 m), whose motions these are, and a little more. The SUB-fighter 30k is 2.6 m long and 1.5 m
@@ -62,33 +63,29 @@ class State:
 
 @dataclass(frozen=True)
 class VehicleParameters:
-    """Masses, drag and thrusters; four numbers are for surge, sway, heave and yaw."""
+    """Masses, drag and thrusters; four numbers are for surge, sway, heave and yaw.
 
-    mass: tuple[float, float, float, float]  # of the rigid body, in air; kg, and kg m2 of yaw
-    added_mass: tuple[float, float, float, float]
-    linear_drag: tuple[float, float, float, float]  # N s/m, and N m s of yaw
-    quadratic_drag: tuple[float, float, float, float]  # N s2/m2, and N m s2 of yaw
-    greatest: Forces  # what the thrusters can do either way
-    rise_s: float  # seconds from nothing to that: they change no faster
+    They are those of NTNU's ROV Minerva, a SUB-fighter 7500: the published model nearest to the
+    SUB-fighter 30k, of the same maker and laboratory. Masses and drag: S. M. Mo, *Development of a
+    Simulation Platform for ROV Systems* (NTNU 2015), main diagonals. Greatest thrust, by order of
+    magnitude: rho n^2 D^4 K_T at 24 revolutions a second with the propellers' D (0.19 and 0.22 m),
+    K_T (about 0.25) and losses (0.72 and 0.58) given there. The rise time is assumed.
+    """
+
+    mass: Axes = (460.0, 460.0, 460.0, 50.31)  # of the rigid body, in air; kg, and kg m2 of yaw
+    added_mass: Axes = (293.0, 302.0, 326.0, 57.0)
+    linear_drag: Axes = (29.0, 41.0, 254.0, 45.0)  # N s/m, and N m s of yaw
+    quadratic_drag: Axes = (292.0, 584.0, 635.0, 100.0)  # N s2/m2, and N m s2 of yaw
+    # What the thrusters can do either way.
+    greatest: Forces = field(default=Forces(480.0, 190.0, 390.0, 100.0))
+    rise_s: float = 0.8  # seconds from nothing to that: they change no faster
 
     def drag(self, axis: int, speed: float) -> float:
         """Drag along an axis (0 surge, 1 sway, 2 heave, 3 yaw) at a speed through the water."""
         return (self.linear_drag[axis] + self.quadratic_drag[axis] * abs(speed)) * speed
 
 
-MINERVA = VehicleParameters(
-    mass=(460.0, 460.0, 460.0, 50.31),
-    added_mass=(293.0, 302.0, 326.0, 57.0),
-    linear_drag=(29.0, 41.0, 254.0, 45.0),
-    quadratic_drag=(292.0, 584.0, 635.0, 100.0),
-    greatest=Forces(480.0, 190.0, 390.0, 100.0),
-    rise_s=0.8,
-)
-"""NTNU's ROV Minerva, a SUB-fighter 7500: the published model nearest to the SUB-fighter 30k, of
-the same maker and laboratory. Masses and drag: S. M. Mo, *Development of a Simulation Platform for
-ROV Systems* (NTNU 2015), main diagonals. Greatest thrust, by order of magnitude: rho n^2 D^4 K_T
-at 24 revolutions a second with the propellers' D (0.19 and 0.22 m), K_T (about 0.25) and losses
-(0.72 and 0.58) given there. The rise time is assumed."""
+MINERVA = VehicleParameters()
 
 
 class Vehicle:
@@ -115,12 +112,10 @@ class Vehicle:
 
     def _thrust(self, dt_s: float, asked: Forces) -> Forces:
         """What the thrusters reach in this step of what is asked."""
-        share = dt_s / MINERVA.rise_s
-        reached = []
-        for wanted, now, most in zip(asked, self.applied, MINERVA.greatest, strict=True):
-            change = min(max(wanted, -most), most) - now
-            reached.append(now + min(max(change, -most * share), most * share))
-        return Forces(*reached)
+        now, most = np.array(self.applied), np.array(MINERVA.greatest)
+        at_once = most * (dt_s / MINERVA.rise_s)
+        change = np.clip(np.clip(asked, -most, most) - now, -at_once, at_once)
+        return Forces(*(now + change).tolist())
 
     def _rate(self, y: F64) -> F64:
         heading, u, v, w, r = y[3:].tolist()

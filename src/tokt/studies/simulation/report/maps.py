@@ -189,7 +189,7 @@ def _draw_small(axes: Axes, track: Track, chart: Chart, shift: F64, sheet: F64) 
 def _draw_way(axes: Axes, modes: Any, places: F64, width: float) -> list[Artist]:
     """Draw the way from each of places (n, 2) to the next, coloured by the mode there."""
     pieces, modes = np.stack([places[:-1], places[1:]], axis=1), modes[1 : len(places)]
-    style = {"lw": width, "capstyle": "round"}
+    style: Any = {"lw": width, "capstyle": "round"}
     return [
         axes.add_collection(
             LineCollection(list(pieces[modes == mode]), colors=color, label=mode.value, **style)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -85,7 +86,7 @@ class SyntheticRig:
         cameras = (self.left, no_distortion, self.right, no_distortion)
         turns = cv2.stereoRectify(*cameras, size, self.rotation, translation)[:2]
         storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-        values = (*cameras, self.rotation, translation * 1000.0, *turns, *size)
+        values: tuple[Any, ...] = (*cameras, self.rotation, translation * 1000.0, *turns, *size)
         for key, value in zip(_CALIBRATION_KEYS, values, strict=True):
             storage.write(key, value)
         storage.release()

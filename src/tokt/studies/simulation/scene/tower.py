@@ -147,18 +147,15 @@ def _tripod(turn: float) -> list[Frustum]:
 
 def _head(rng: np.random.Generator) -> list[Frustum]:
     """Mast, collar and lantern, from the legs up."""
-
-    def upright(low_m: float, high_m: float, radius_m: float, material: Material) -> Frustum:
-        return Frustum(_up(low_m), _up(high_m), radius_m, radius_m, material)
-
-    parts = [
-        upright(-0.62, 0.0, _MAST_RADIUS_M, WHITE),
-        upright(-0.06, 0.05, rng.uniform(0.17, 0.23), GROWTH),
-        upright(0.05, 0.12, 0.055, YELLOW),
-        upright(0.12, 0.15, 0.075, GREY),
-        upright(0.36, 0.40, 0.07, GREY),
-        upright(0.15, 0.30, 0.03, WHITE),
-    ]
+    cylinders = (
+        (-0.62, 0.0, _MAST_RADIUS_M, WHITE),
+        (-0.06, 0.05, rng.uniform(0.17, 0.23), GROWTH),
+        (0.05, 0.12, 0.055, YELLOW),
+        (0.12, 0.15, 0.075, GREY),
+        (0.36, 0.40, 0.07, GREY),
+        (0.15, 0.30, 0.03, WHITE),
+    )
+    parts = [Frustum(_up(low), _up(high), radius, radius, m) for low, high, radius, m in cylinders]
     for number in range(4):
         angle = np.pi / 4 + number * np.pi / 2
         foot = 0.06 * np.array([np.cos(angle), 0.0, np.sin(angle)])
