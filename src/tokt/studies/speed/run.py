@@ -170,8 +170,9 @@ def _measure(
     stereo = stereo_input(mission, calibration)
     # Every process started meanwhile uses this one's kernels, or fails, but no others.
     with single_thread(), patch.dict(os.environ, {VARIABLE: KERNELS.name}):
-        models = [texture.fit(examples, first) for texture in FEATURE_SETS]
-        best = fit_extractor_pair("best", extractor_for(DEFAULT_EXTRACTOR, "best"), examples, first)
+        asked = [(one.name, one.extractor) for one in FEATURE_SETS]
+        asked.append(("best", extractor_for(DEFAULT_EXTRACTOR, "best")))
+        *models, best = [fit_extractor_pair(*one, examples, first) for one in asked]
         results, compared, timed = measure_in_process(mission, models, best, size, progress, say)
         if stereo.calibration is not None:
             extent = (size.compared, size.timed, size.rounds)

@@ -412,12 +412,7 @@ class Hits(RayCaster):
             around[flat], y[flat] = x[flat], z[flat]
         self._paint(side.pixels, side.t, int(frusta.material_number[i]), around, y, facing)
 
-    def _paint(
-        self, pixels: I64, depth: F32, material_number: int, across: F32, along: F32,
-        facing: F32 | np.float32,
-    ) -> None:  # fmt: skip
-        self.depth[pixels] = depth
-        self.material_number[pixels] = material_number
-        self.across[pixels] = across
-        self.along[pixels] = along
-        self.facing[pixels] = facing
+    def _paint(self, pixels: I64, depth: F32, number: int, *surface: F32 | np.float32) -> None:
+        self.depth[pixels], self.material_number[pixels] = depth, number
+        for layer, values in zip((self.across, self.along, self.facing), surface, strict=True):
+            layer[pixels] = values

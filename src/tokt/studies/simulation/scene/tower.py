@@ -118,11 +118,10 @@ class Tower:
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Tower:
         """A tower of the mission's size, turned about its mast as `rng` has it."""
-        turn = rng.uniform(0.0, 2 * np.pi)
-        legs = _tripod(turn)
+        legs = _tripod(rng.uniform(0.0, 2 * np.pi))
         head = _head(rng)
         solids = (*head, *legs, *_braces(legs, rng))
-        return cls(tuple(solids), _growth(head, legs, rng), surface_textures(rng))
+        return cls(solids, _growth(head, legs, rng), surface_textures(rng))
 
 
 def upright(turn_rad: float) -> F64:
