@@ -86,25 +86,24 @@ def _obstacle_counts(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list
     return [sum(x != UNSURE and run.taxonomy.is_obstacle(x) for x in here) for here in said]
 
 
-def _chosen_frames(run: DemoRun, counts: list[int]) -> list[tuple[int, str]]:
+def _chosen_frames(run: DemoRun, counts: list[int]) -> dict[int, str]:
     """Frames worth a look: false alarms and misses of the champion, then an even sample."""
     scored = run.scored[run.champion]
     judged = list(zip(scored.frames, scored.status, counts, strict=True))
     false = [frame for frame, status, labelled in judged if status == OBSTACLE and not labelled]
     missed = [frame for frame, status, labelled in judged if status != OBSTACLE and labelled]
-    chosen = [(frame, "status 1 without a labelled obstacle") for frame in false[:2]]
-    chosen += [(frame, "an obstacle is labelled, but no status 1") for frame in missed[:2]]
-    rest = [frame for frame in scored.frames if frame not in {frame for frame, _ in chosen}]
+    chosen = dict.fromkeys(false[:2], "status 1 without a labelled obstacle")
+    chosen |= dict.fromkeys(missed[:2], "an obstacle is labelled, but no status 1")
+    rest = [frame for frame in scored.frames if frame not in chosen]
     sampled = evenly_spaced(rest, max(0, _PICTURES - len(chosen)))
-    chosen += [(frame, "evenly sampled") for frame in sampled]
-    return sorted(chosen)
+    return dict(sorted((chosen | dict.fromkeys(sampled, "evenly sampled")).items()))
 
 
 def _pictures(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list[dict[str, Any]]:
     bundle, scored = run.bundles[run.champion], run.scored[run.champion]
     said = dict(zip(scored.frames, zip(scored.values, scored.verdicts, strict=True), strict=True))
     pictures = []
-    for frame, why in _chosen_frames(run, _obstacle_counts(run, labels)):
+    for frame, why in _chosen_frames(run, _obstacle_counts(run, labels)).items():
         image = run.mission.read(frame, LEFT)
         values, verdict = said[frame]
         drawn = beside_labels(bundle, image, values, verdict, labels.get(frame, []), run.taxonomy)
