@@ -118,8 +118,8 @@ def test_the_pilot_flies_back_and_the_planner_goes_on(monkeypatch):
 @pytest.fixture
 def unpainted(monkeypatch):
     """Solids without growth and texture, which are nothing to hit and take 0.2 s to draw."""
-    for name in ("_growth", "surface_textures"):
-        monkeypatch.setattr(tower, name, lambda *_: ())
+    monkeypatch.setattr(tower, "_growth", lambda *_: tower.NO_STALKS)
+    monkeypatch.setattr(tower, "surface_textures", lambda _: ())
 
 
 @pytest.mark.usefixtures("unpainted")
