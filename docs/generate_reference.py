@@ -107,12 +107,12 @@ def command_line() -> str:
     return "\n".join([*lines, "See [exit codes](exit_codes.md).", ""])
 
 
-def _leaves(group: Any, name: str) -> Iterator[tuple[str, Any]]:
-    for each, command in _in_panels(group):
-        if hasattr(command, "commands"):
-            yield from _leaves(command, f"{name} {each}")
-        else:
-            yield f"{name} {each}", command
+def _leaves(command: Any, name: str) -> Iterator[tuple[str, Any]]:
+    if not hasattr(command, "commands"):
+        yield name, command
+        return
+    for each, below in _in_panels(command):
+        yield from _leaves(below, f"{name} {each}")
 
 
 def _in_panels(group: Any) -> list[tuple[str, Any]]:
@@ -131,9 +131,8 @@ def _overview(root: Any) -> list[str]:
     lines = []
     for panel, commands in groupby(_in_panels(root), lambda item: _panel(item[1])):
         rows = []
-        for first, group in commands:
-            inner = [*_leaves(group, f"tokt {first}")] if hasattr(group, "commands") else []
-            for name, one in inner or [(f"tokt {first}", group)]:
+        for first, command in commands:
+            for name, one in _leaves(command, f"tokt {first}"):
                 summary = (one.help or "").partition("\n\n")[0]
                 rows.append([f"[`{name}`](#{name.replace(' ', '-')})", as_cell(summary)])
         lines += ["", f"**{panel}**", "", table(["Command", ""], rows)]
@@ -163,13 +162,8 @@ def config() -> str:
     lines = ["## Keys", ""]
     for section, options in groupby(OPTIONS.values(), attrgetter("section")):
         rows = [
-            [
-                f"`{each.key}`",
-                _kind(each),
-                _default(each),
-                as_cell(each.only.partition(" (")[0]),
-                as_cell(each.text),
-            ]
+            [f"`{each.key}`", _kind(each), _default(each)]
+            + [as_cell(words) for words in (each.only.partition(" (")[0], each.text)]
             for each in options
         ]
         heads = ["key", "value", "default", "only for", "meaning"]

@@ -5,7 +5,6 @@ commands are run as they are shown, in a folder where the demo's mission is `syn
 lines are those that they printed. Takes two minutes.
 """
 
-import csv
 import os
 import socket
 import subprocess
@@ -17,7 +16,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import matplotlib
-from make_page_pictures import SETTLED_MS, TOKT, served, tab
+import pandas as pd
+from make_page_pictures import SETTLED_MS, TOKT, served, sign_in, tab, tokt
 from PIL import Image, ImageDraw, ImageFont
 from playwright.sync_api import Page
 
@@ -85,48 +85,30 @@ def captioned(picture: Image.Image, step: int, words: str) -> Image.Image:
     return whole
 
 
-def tokt(*arguments: str) -> list[str]:
-    """What a command prints, line by line."""
-    done = subprocess.run([TOKT, *arguments], check=True, capture_output=True, text=True)
-    return (done.stderr + done.stdout).splitlines()
-
-
 def label_scene() -> Scene:
     """A person paints the tower's patches of one frame."""
-    with (Path("synthetic") / "labels.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    with Path("others.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0].keys())
-        writer.writeheader()
-        writer.writerows(row for row in rows if int(row["frame"]) != FRAME)
+    labels = pd.read_csv("synthetic/labels.csv")
+    labels[labels.frame != FRAME].to_csv("others.csv", index=False)
     tokt("labels", "import", "others.csv", "--annotator", "anna")
-    tower = [
-        (int(row["row"]), int(row["col"]))
-        for row in rows
-        if int(row["frame"]) == FRAME and row["label"] == "subsea_installation"
-    ]
+    tower = labels[(labels.frame == FRAME) & (labels.label == "subsea_installation")]
     options = ("--no-browser", "--port", "0", "--annotator", "anna")
     with served("label", "synthetic", *options) as url, tab(*PAGE_SIZE) as page:
-        page.add_init_script(
-            """try { localStorage["tokt.identity"] = '{"who": "anna"}' } catch {}"""
-        )
-        page.goto(url)
+        sign_in(page, url)
         page.goto(f"{url.partition('?')[0]}#/label/left/{FRAME}")
         page.wait_for_timeout(SETTLED_MS)
         yield seen(page, None, "tokt label: what is open water, what is not?"), 1500
         page.keyboard.press(OBSTACLE_KEY)
         words = "Paint the patches of the tower"
-        for row in sorted({row for row, _ in tower}):
-            columns = [col for at, col in tower if at == row]
-            page.mouse.move(*middle(page, row, columns[0]))
+        for row, patches in tower.groupby("row"):
+            places = [middle(page, row, col) for col in patches.col]
+            page.mouse.move(*places[0])
             page.mouse.down()
-            for col in columns:
-                page.mouse.move(*middle(page, row, col))
+            for place in places:
+                page.mouse.move(*place)
             page.mouse.up()
-            yield seen(page, middle(page, row, columns[-1]), words), 130
+            yield seen(page, places[-1], words), 130
         button = page.get_by_text("Rest is ocean")
-        box = button.bounding_box()
-        assert box is not None
+        box = button.bounding_box() or {}
         button.click()
         at = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         page.wait_for_selector('#save-state[data-state="saved"]')
@@ -136,8 +118,7 @@ def label_scene() -> Scene:
 
 def middle(page: Page, row: int, col: int) -> tuple[float, float]:
     """Where a patch is on the labelling page."""
-    box = page.locator(".frame-canvas").bounding_box()
-    assert box is not None
+    box = page.locator(".frame-canvas").bounding_box() or {}
     room = box["width"] - MARGINS[0], box["height"] - MARGINS[1]
     scale = min(room[0] / FRAME_SIZE[0], room[1] / FRAME_SIZE[1])
     x = (room[0] - FRAME_SIZE[0] * scale) / 2 + (col + 0.5) * PATCH[0] * scale
@@ -231,7 +212,7 @@ def write(draw: ImageDraw.ImageDraw, printed: Sequence[str], x: int, columns: in
 
 def verdict_scene() -> Scene:
     """The live view of a run, and the datagrams that it sends."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+    with socket.socket(type=socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = str(free.getsockname()[1])
     heard: list[str] = []
@@ -239,9 +220,8 @@ def verdict_scene() -> Scene:
     listen = subprocess.Popen([TOKT, "listen", "--port", port], **to_read)
     reader = threading.Thread(target=lambda: heard.extend(listen.stdout or ()), daemon=True)
     reader.start()
-    run = (
-        f"--store ship --source synthetic --rate {RATE} --format v1 --udp 127.0.0.1:{port} --view 0"
-    )
+    run = f"--store ship --source synthetic --rate {RATE} --view 0"
+    run += f" --format v1 --udp 127.0.0.1:{port}"
     commands = [f"$ tokt run {run}", "", f"$ tokt listen --port {port}"]
     try:
         with served("run", *run.split()) as url, tab(*VIEW_SIZE) as page:

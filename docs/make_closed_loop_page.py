@@ -53,19 +53,21 @@ def about(results: dict[str, Any]) -> list[str]:
 
 def default_rows(results: dict[str, Any]) -> list[str]:
     """The default policy, scene by scene."""
-    head = ("scene", "collisions", "goal reached", "false avoidance", "least clearance", "detour")
-    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    rows = [["scene", "collisions", "goal reached", "false avoidance", "least clearance", "detour"]]
     for row in results["table"]:
         if row["method"] == DEFAULT:
             clearance, detour = row["clearance_min_m"], row["detour_median"]
-            cells = [
-                KINDS[row["scene"]].title,
-                *(rate(row, name) for name in ("collided", "reached", "false_avoidance")),
-                "" if clearance is None else f"{clearance:.2f} m",
-                "" if detour is None else f"{detour:.0%}",
-            ]
-            lines.append(f"| {' | '.join(cells)} |")
-    return lines
+            rates = (rate(row, name) for name in ("collided", "reached", "false_avoidance"))
+            clearance = "" if clearance is None else f"{clearance:.2f} m"
+            detour = "" if detour is None else f"{detour:.0%}"
+            rows.append([KINDS[row["scene"]].title, *rates, clearance, detour])
+    return table(rows)
+
+
+def table(rows: list[list[str]]) -> list[str]:
+    """Lines of Markdown; the first row is the head."""
+    head, *below = [f"| {' | '.join(row)} |" for row in rows]
+    return [head, "|" + "---|" * len(rows[0]), *below]
 
 
 def rate(row: dict[str, Any], name: str) -> str:
@@ -78,13 +80,12 @@ def other_rows(results: dict[str, Any]) -> list[str]:
     """The other methods: collisions, goals reached and false avoidance of so many runs."""
     rows = {(row["scene"], row["method"]): row for row in results["table"]}
     methods = [name for name in dict.fromkeys(name for _, name in rows) if name != DEFAULT]
-    lines = [f"| collided, arrived, falsely avoided | {' | '.join(methods)} |"]
-    lines.append("|" + "---|" * (1 + len(methods)))
+    lines = [["collided, arrived, falsely avoided", *methods]]
     for scene in dict.fromkeys(name for name, _ in rows):
         cells = [shown(rows.get((scene, method))) for method in methods]
         if any(cells):
-            lines.append(f"| {KINDS[scene].title} | {' | '.join(cells)} |")
-    return lines if methods else []
+            lines.append([KINDS[scene].title, *cells])
+    return table(lines) if methods else []
 
 
 def shown(row: dict[str, Any] | None) -> str:

@@ -5,7 +5,6 @@ mission with its model and some of its labels, then a run with a live view, and 
 both in headless Chromium.
 """
 
-import csv
 import re
 import shutil
 import subprocess
@@ -15,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pandas as pd
 from playwright.sync_api import Page, sync_playwright
 
 PICTURES = Path(__file__).parent / "pictures"
@@ -40,7 +40,11 @@ def main(out: Path) -> None:
         give_labels(mission, workspace)
         options = ["--no-browser", "--port", "0", "--annotator", "anna", "--workspace", workspace]
         with served("label", mission, *options, "--model", bundle) as url, tab(1280, 720) as page:
-            take(page, url)
+            sign_in(page, url)
+            for view, address in VIEWS.items():
+                page.goto(f"{url.partition('?')[0]}{address}")
+                page.wait_for_timeout(SETTLED_MS)
+                page.screenshot(path=PICTURES / f"{view}.jpg", type="jpeg", quality=82)
     run_options = ["--source", mission, "--rate", "10", "--udp", "127.0.0.1:9", "--view", "0"]
     with served("run", "--bundle", bundle, *run_options) as url, tab(720, 800) as page:
         page.goto(url)
@@ -76,41 +80,29 @@ def tab(width: int, height: int) -> Iterator[Page]:
 
 def give_labels(mission: Path, workspace: Path) -> None:
     """What two people labelled, and an audit of it."""
-    with (mission / "labels.csv").open(newline="") as file:
-        rows = [row for row in csv.DictReader(file) if int(row["frame"]) <= LABELLED]
-    for who in ("anna", "ben"):
+    anna = pd.read_csv(mission / "labels.csv").query("frame <= @LABELLED").reset_index()
+    ben = anna[anna.frame % 10 == 0].copy()
+    ben.loc[ben.index % 97 == 0, "label"] = "unsure"
+    for who, labels in (("anna", anna), ("ben", ben)):
         path = workspace / f"{who}.csv"
-        with path.open("w", newline="") as file:
-            writer = csv.DictWriter(file, rows[0].keys())
-            writer.writeheader()
-            for at, row in enumerate(rows):
-                if who == "anna" or int(row["frame"]) % 10 == 0:
-                    other = at % 97 == 0 and row["label"] != "unsure"
-                    writer.writerow({**row, "label": "unsure"} if other and who == "ben" else row)
-        run("labels", "import", path, "--workspace", workspace)
+        labels.drop(columns="index").to_csv(path, index=False)
+        tokt("labels", "import", path, "--workspace", workspace)
     build = ("--mission", mission, "--labels", workspace / "anna.csv", "--block", 5)
-    run("dataset", "build", mission.name, *build, "--workspace", workspace)
-    run("labels", "audit", mission.name, "--workspace", workspace)
+    tokt("dataset", "build", mission.name, *build, "--workspace", workspace)
+    tokt("labels", "audit", mission.name, "--workspace", workspace)
 
 
-def run(*arguments: object) -> None:
-    """Run a command of `tokt`."""
-    subprocess.run([TOKT, *map(str, arguments)], check=True)
+def tokt(*arguments: object) -> list[str]:
+    """What a command prints, line by line."""
+    command = [TOKT, *map(str, arguments)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    return (done.stderr + done.stdout).splitlines()
 
 
-def take(page: Page, url: str) -> None:
-    """A picture of each view of the labelling page."""
+def sign_in(page: Page, url: str) -> None:
+    """Open the labelling page as anna."""
     page.add_init_script("""try { localStorage["tokt.identity"] = '{"who": "anna"}' } catch {}""")
     page.goto(url)
-    for name, address in VIEWS.items():
-        show(page, f"{url.partition('?')[0]}{address}", f"{name}.jpg")
-
-
-def show(page: Page, address: str, name: str) -> None:
-    """Open a view and keep its picture."""
-    page.goto(address)
-    page.wait_for_timeout(SETTLED_MS)
-    page.screenshot(path=PICTURES / name, type="jpeg", quality=82)
 
 
 if __name__ == "__main__":

@@ -30,11 +30,8 @@ def main(out: Path) -> None:
         values, verdict = judged.decision_values, judged.verdict
         views.append(beside_labels(bundle, image, values, verdict, said, taxonomy))
     picture = cv2.resize(np.vstack(views), None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
-    cv2.imwrite(
-        str(Path(__file__).parent / "pictures" / "demo.jpg"),
-        picture,
-        [cv2.IMWRITE_JPEG_QUALITY, 82],
-    )
+    path = Path(__file__).parent / "pictures" / "demo.jpg"
+    cv2.imwrite(str(path), picture, [cv2.IMWRITE_JPEG_QUALITY, 82])
 
 
 main(Path(sys.argv[1]))

@@ -9,7 +9,5 @@ from pathlib import Path
 
 from tokt.studies.thesis.page import write_thesis_page
 
-RESULTS = "results.json"
-
-results = json.loads((Path(sys.argv[1]) / RESULTS).read_text(encoding="utf-8"))
+results = json.loads((Path(sys.argv[1]) / "results.json").read_text(encoding="utf-8"))
 write_thesis_page(results, Path(__file__).parent / "thesis.md")

@@ -36,7 +36,7 @@ from tokt.studies.simulation.scene.closed_loop_world import Placed, World
 from tokt.studies.simulation.scene.fish_and_dust import DustCloud, Puffs, School
 from tokt.studies.simulation.scene.obstacles import one_tower, trap
 from tokt.studies.simulation.scene.surfaces import STALK_MATERIAL, Materials, Surfaces
-from tokt.studies.simulation.scene.tower import Tower, upright
+from tokt.studies.simulation.scene.tower import NO_STALKS, Tower, upright
 from tokt.studies.simulation.scene.water import Water
 
 pytestmark = pytest.mark.xdist_group("renderer")
@@ -84,7 +84,7 @@ def mission_frame(scene, pose, tower, number, side=0, seed=3):
     view = View(pose.cameras(scene.rig)[side], tower)
     response = (scene.water.left, scene.water.right)[side]
     moment, sensor = (np.random.default_rng([seed, stream, number]) for stream in (4, 5))
-    exposure = expose(scene.water, scene.rig, pose, view, response, moment)
+    exposure = expose(scene.water, pose, view, response, moment)
     data = cv2.imencode(".jpg", develop(scene.water, exposure, sensor), JPEG)[1]
     return cv2.imdecode(data, cv2.IMREAD_COLOR), view, exposure
 
@@ -118,7 +118,7 @@ def test_a_tower_is_seen_and_lit_as_missions_have_it(scene, tower, z, heading, s
     materials = Materials(surfaces_of(world).materials, textures)
     fast = surface_light(scene.water, materials, maps, hits, water)
     gain = (scene.water.left, scene.water.right)[side].gain
-    slow = tower_light(scene.water, scene.rig, pose, view, water.reshape(fast.shape), gain)
+    slow = tower_light(scene.water, pose, view, water.reshape(fast.shape), gain)
     change = np.abs(fast - slow).ravel()
     assert np.quantile(change, 0.99) < 0.05  # grey levels; a texel's edge may fall on either side
     assert change.mean() < 0.02 * np.abs(slow).mean() + 1e-3
@@ -263,7 +263,7 @@ def old_and_new(scene, frames, side):
     for number in range(frames):
         position = place(0, 0.3, -30 + 0.9 * number)
         pose = CameraPose(position, np.eye(3), AHEAD)
-        old.append(mission_frame(scene, pose, Tower((), (), ()), number, side)[0])
+        old.append(mission_frame(scene, pose, Tower((), NO_STALKS, ()), number, side)[0])
         new.append(renderer.pair(float(number), position, 0.0, AHEAD)[side])
     return old, new
 

@@ -29,7 +29,7 @@ from tokt.studies.simulation.rendering.patch_labels import (
 from tokt.studies.simulation.rendering.raycast import View
 from tokt.studies.simulation.rendering.synthetic_mission import MissionScene, simulate_mission
 from tokt.studies.simulation.scene.rig import Camera
-from tokt.studies.simulation.scene.tower import WHITE, Cuboid, Frustum, Tower
+from tokt.studies.simulation.scene.tower import NO_STALKS, WHITE, Cuboid, Frustum, Tower
 
 pytestmark = pytest.mark.xdist_group("synthetic")  # what they share is made once
 
@@ -185,7 +185,7 @@ def test_depth_of_a_cylinder_and_a_box_is_that_of_geometry():
     matrix = np.array([[200.0, 0, 50], [0, 200.0, 40], [0, 0, 1]])
     camera = Camera(matrix, np.eye(3), np.array([0.0, 0.0, -3.0]), 101, 81)
     up, down = np.array([0.0, -0.4, 0.0]), np.array([0.0, 0.4, 0.0])
-    pole = View(camera, Tower((Frustum(up, down, 0.25, 0.25, WHITE),), (), nothing))
+    pole = View(camera, Tower((Frustum(up, down, 0.25, 0.25, WHITE),), NO_STALKS, nothing))
     depth = pole.image(pole.depth)
     assert depth[40, 50] == pytest.approx(2.75)
     # Silhouette: tan of the tangent's angle is r / sqrt(d^2 - r^2), here 0.0836 or 16.7 px.
@@ -193,7 +193,7 @@ def test_depth_of_a_cylinder_and_a_box_is_that_of_geometry():
     # The nearest point of the upper end is at depth 2.75, 0.4 m up: 29.1 px.
     assert np.flatnonzero(np.isfinite(depth[:, 50])).tolist() == list(range(40 - 29, 40 + 30))
     cube = Cuboid(np.zeros(3), np.eye(3), np.array([0.3, 0.2, 0.5]), WHITE)
-    box = View(camera, Tower((cube,), (), nothing))
+    box = View(camera, Tower((cube,), NO_STALKS, nothing))
     depth = box.image(box.depth)
     assert depth[np.isfinite(depth)] == pytest.approx(2.5)
     assert np.isfinite(depth).sum() == (2 * 24 + 1) * (2 * 16 + 1)

@@ -17,7 +17,7 @@ from tokt.studies.simulation.scene.obstacles import (
     sea_floor,
     trap,
 )
-from tokt.studies.simulation.scene.tower import GREY, Cuboid, Frustum, Tower, panels
+from tokt.studies.simulation.scene.tower import GREY, NO_STALKS, Cuboid, Frustum, Tower, panels
 from tokt.studies.simulation.scene.water import Water
 
 pytestmark = pytest.mark.xdist_group("world")
@@ -64,7 +64,7 @@ def test_clearance_is_that_of_points_all_over_the_surfaces():
         Cuboid(np.array([-0.6, 0.1, 0.2]), np.eye(3), np.array([0.2, 0.1, 0.05]), GREY),
     )
     at = (1.0, 0.5, -2.0)
-    world = World(Water(), (Placed(Tower(parts, (), ()), at),))
+    world = World(Water(), (Placed(Tower(parts, NO_STALKS, ()), at),))
     surface = np.concatenate([surface_points(solid) for solid in parts]) + at
     points = surface.mean(axis=0) + rng.normal(0, 0.8, (150, 3))
     brute = np.array([np.linalg.norm(surface - point, axis=1).min() for point in points])

@@ -237,7 +237,8 @@ def test_constant_patches_have_an_undetermined_correlation_only():
 @pytest.fixture(scope="module")
 def two_images(sea):
     mission = open_mission(sea)
-    return FEATURE_SETS[0].fit(examples_from_two_images(mission), mission.read(1))
+    texture, examples = FEATURE_SETS[0], examples_from_two_images(mission)
+    return fit_extractor_pair(texture.name, texture.extractor, examples, mission.read(1))
 
 
 def test_a_verdict_from_other_weights_is_not_exact(two_images, picture):
@@ -270,7 +271,8 @@ def test_refused_frames_are_not_timed(sea, tmp_path, no_progress):
     examples = examples_from_two_images(open_mission(sea))
     size = replace(ONE_OF_EACH, compared=2, timed=2)
     with single_thread():
-        models = [texture.fit(examples, black) for texture in FEATURE_SETS]
+        asked = [(one.name, one.extractor, examples, black) for one in FEATURE_SETS]
+        models = [fit_extractor_pair(*one) for one in asked]
         best = fit_extractor_pair("best", Moments(Quantization(8, 64, 1, 61)), examples, black)
         results, compared, timed = measure_in_process(mission, models, best, size, no_progress, str)
     assert (compared, timed) == (2, 1)

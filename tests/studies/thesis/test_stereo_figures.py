@@ -82,7 +82,7 @@ def dive(tmp_path_factory):
         ):
             view = View(camera, scene.tower)
             moment = np.random.default_rng([number, 7])
-            light = expose(scene.water, scene.rig, pose, view, response, moment)
+            light = expose(scene.water, pose, view, response, moment)
             image = develop(scene.water, light, np.random.default_rng([number, side]))
             name, letter = (("Left", "L"), ("Right", "R"))[side]
             cv2.imwrite(str(folder / name / f"d_{letter}_{number}.png"), image)

@@ -86,25 +86,24 @@ def _obstacle_counts(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list
     return [sum(x != UNSURE and run.taxonomy.is_obstacle(x) for x in here) for here in said]
 
 
-def _chosen_frames(run: DemoRun, counts: list[int]) -> list[tuple[int, str]]:
+def _chosen_frames(run: DemoRun, counts: list[int]) -> dict[int, str]:
     """Frames worth a look: false alarms and misses of the champion, then an even sample."""
     scored = run.scored[run.champion]
     judged = list(zip(scored.frames, scored.status, counts, strict=True))
     false = [frame for frame, status, labelled in judged if status == OBSTACLE and not labelled]
     missed = [frame for frame, status, labelled in judged if status != OBSTACLE and labelled]
-    chosen = [(frame, "status 1 without a labelled obstacle") for frame in false[:2]]
-    chosen += [(frame, "an obstacle is labelled, but no status 1") for frame in missed[:2]]
-    rest = [frame for frame in scored.frames if frame not in {frame for frame, _ in chosen}]
+    chosen = dict.fromkeys(false[:2], "status 1 without a labelled obstacle")
+    chosen |= dict.fromkeys(missed[:2], "an obstacle is labelled, but no status 1")
+    rest = [frame for frame in scored.frames if frame not in chosen]
     sampled = evenly_spaced(rest, max(0, _PICTURES - len(chosen)))
-    chosen += [(frame, "evenly sampled") for frame in sampled]
-    return sorted(chosen)
+    return dict(sorted((chosen | dict.fromkeys(sampled, "evenly sampled")).items()))
 
 
 def _pictures(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list[dict[str, Any]]:
     bundle, scored = run.bundles[run.champion], run.scored[run.champion]
     said = dict(zip(scored.frames, zip(scored.values, scored.verdicts, strict=True), strict=True))
     pictures = []
-    for frame, why in _chosen_frames(run, _obstacle_counts(run, labels)):
+    for frame, why in _chosen_frames(run, _obstacle_counts(run, labels)).items():
         image = run.mission.read(frame, LEFT)
         values, verdict = said[frame]
         drawn = beside_labels(bundle, image, values, verdict, labels.get(frame, []), run.taxonomy)
@@ -139,42 +138,17 @@ def _first_words(first: int | dict[str, int | None] | None) -> str:
     return ", ".join("none" if frame is None else str(frame) for frame in found) or "none"
 
 
-def _rows(run: DemoRun) -> list[dict[str, Any]]:
-    return [
-        {
-            "name": run.bundles[name].label,
-            "champion": name == run.champion,
-            "features": trained.request.extractor.dim,
-            "preset": trained.request.settings.preset,
-            "cv": trained.metrics,
-            "held": run.evaluations[name],
-            "megabytes": len(run.bundles[name].data) / 1e6,
-        }
-        for name, trained in run.trained.items()
-    ]
-
-
 def write_report(path: Path, run: DemoRun, bundle_file: Path) -> None:
     """Write the report of a demo that has gone through all its stages, its champion exported."""
     labels = _labels_by_frame(run)
-    champion = run.bundles[run.champion]
-    latency = [entry["latency_ms"] for entry in run.log]
     html = report_page(
         __package__,
-        {"first": _first_words},
+        {"first": _first_words, "numbers": format_frames},
         run=run,
-        champion=champion,
-        point=champion.operating_point,
-        cross_validated=run.trained[run.champion].metrics,
         bundle_file=bundle_file.name,
-        rows=_rows(run),
         pictures=_pictures(run, labels),
         plots=_curves(run, labels),
-        train_frames=format_frames(run.train_frames),
-        held_frames=format_frames(run.held_frames),
-        latency_median_ms=float(np.median(latency)),
-        latency_p95_ms=float(np.percentile(latency, 95)),
-        datagrams=[datagram.decode("ascii") for datagram in run.datagrams[-3:]],
+        latency_ms=np.percentile([entry["latency_ms"] for entry in run.log], (50, 95)).tolist(),
         kernels=KERNELS.name,
         machine=f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
         version=__version__,

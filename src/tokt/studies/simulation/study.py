@@ -132,8 +132,10 @@ def fly_study(study: Study, progress: Progress, say: Notice) -> Studied:
     studied = Studied(study, [outcome_of(track) for track in tracks], model, versions)
     results = json.dumps(studied.to_json(), indent=1, allow_nan=False)
     atomic.write_text(study.out / "results.json", results + "\n")
-    where = [_chart(track, study.width) for track in tracks]
-    write_report(study.out, tracks, where, _about(studied))
+    # What moves is on the map where it was when the vehicle was nearest. One scene at a time: each
+    # has 11 MB of textures.
+    seen = ((draw_scene(one.scene, one.seed, study.width), one.t_s[one.nearest]) for one in tracks)
+    write_report(study.out, tracks, [Chart.of(*each) for each in seen], _about(studied))
     return studied
 
 
@@ -188,12 +190,6 @@ def _fly(study: Study, flight: tuple[str, str, int]) -> None:
     track = replace(track, method=_label(method, study.planner))
     about = {"width": study.width, "version": __version__}
     atomic.write_bytes(_file(study, *flight), track.to_bytes(about))
-
-
-def _chart(track: Track, width: int) -> Chart:
-    """The map under a track, with what moves where it was when the vehicle was nearest."""
-    scene = draw_scene(track.scene, track.seed, width)
-    return Chart.of(scene, float(track.t_s[track.nearest]))
 
 
 def _bundle(study: Study, progress: Progress, say: Notice) -> Bundle | None:

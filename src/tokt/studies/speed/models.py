@@ -1,7 +1,5 @@
 """The same model for both sides: a scikit-learn classifier, and the bundle that tokt runs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -63,10 +61,6 @@ class ThesisFeatureSet:
     extractor: Extractor  # ours: all patches of a frame
     describe_patch: DescribePatch  # the thesis's: one patch
     describe_all: DescribeAll  # the libraries': all patches of a gray picture
-
-    def fit(self, examples: TrainingExamples, golden_frame: U8) -> ModelPair:
-        """Its model, for both sides."""
-        return fit_extractor_pair(self.name, self.extractor, examples, golden_frame)
 
 
 _ALL_LBP_10_5 = partial(all_lbp, points=10, radius=5)

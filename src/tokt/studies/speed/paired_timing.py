@@ -46,15 +46,8 @@ class Result:
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form."""
-        return {
-            "name": self.name,
-            "baseline_ms": self.baseline_ms,
-            "ours_ms": self.ours_ms,
-            "ratio": self.ratio,
-            "exact": self.exact,
-            "spread": list(self.spread),
-            **self.extras,
-        }
+        figures = {key: value for key, value in vars(self).items() if key != "extras"}
+        return {**figures, "spread": list(self.spread), "ratio": self.ratio, **self.extras}
 
 
 @contextmanager

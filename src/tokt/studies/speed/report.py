@@ -115,51 +115,35 @@ def _figure(value: float) -> str:
     return f"{value:.3f}" if value < 10 else f"{value:.1f}"
 
 
+_REMARKS = {
+    "baseline_patches_per_s": "{baseline_patches_per_s:,.0f} to {ours_patches_per_s:,.0f} "
+    "patches a second, {processes} process(es)",
+    "ours_mb": "peak memory {baseline_mb:.0f} MB to {ours_mb:.0f} MB",
+    "pictures_checked": "ours against ours: {baseline_is} against preset best ({features} "
+    "features; pictures alone {floor_ms} ms); asked: {asked}",
+    "max_relative_difference": "largest relative difference {max_relative_difference:.1g}",
+    "obstacle_patches": "{frames_checked} frames compared, {obstacle_patches} obstacle patches"
+    "{refused}{tied}; baseline the thesis's way, libraries used well {libraries_ms} ms",
+    "patches_checked": "{patches_checked} patches compared",
+    "not_the_detector_median_ms": "{of}: p99 {ours_p99_ms}, longest {ours_max_ms} ms; of it not "
+    "the detector: median {not_the_detector_median_ms}, p99 {not_the_detector_p99_ms} ms",
+    "of": "{of}",
+}
+"""What a case has to say besides its times, by a figure that it has; the first counts."""
+
+
 def _remark(case: Result) -> str:
-    """What a case has to say besides its times."""
-    extras = case.extras
-    if "baseline_patches_per_s" in extras:
-        pace = (extras["baseline_patches_per_s"], extras["ours_patches_per_s"])
-        return (
-            f"{pace[0]:,.0f} to {pace[1]:,.0f} patches a second, {extras['processes']} process(es)"
-        )
-    if extras.get("ours_mb") and extras.get("baseline_mb"):
-        return f"peak memory {extras['baseline_mb']:.0f} MB to {extras['ours_mb']:.0f} MB"
+    extras = {key: value for key, value in case.extras.items() if value is not None}
     if "pairs_checked" in extras:
         return _stereo_remark(extras)
-    if "pictures_checked" in extras:
-        return (
-            f"ours against ours: {extras['baseline_is']} against preset best "
-            f"({extras['features']} features; pictures alone {_figure(extras['floor_ms'])} ms); "
-            f"asked: {extras['asked']}"
-        )
-    if "max_relative_difference" in extras:
-        worst = extras["max_relative_difference"]
-        return "not finite" if worst is None else f"largest relative difference {worst:.1g}"
-    if "obstacle_patches" in extras:
-        refused = f", {extras['frames_refused']} refused" if extras["frames_refused"] else ""
-        ties = f", {extras['ties']} ties" if extras["ties"] else ""
-        return (
-            f"{extras['frames_checked']} frames compared, {extras['obstacle_patches']} obstacle "
-            f"patches{refused}{ties}; baseline the thesis's way, "
-            f"libraries used well {_figure(extras['libraries_ms'])} ms"
-        )
-    if "patches_checked" in extras:
-        return f"{extras['patches_checked']} patches compared"
-    if "not_the_detector_median_ms" in extras:
-        return _latency_remark(extras)
-    return str(extras["of"])
-
-
-def _latency_remark(extras: Mapping[str, Any]) -> str:
-    """The tails, and what the loop adds to the detector."""
-    ours, own = (
-        [_figure(extras[f"{name}_{place}_ms"]) for place in ("median", "p99", "max")]
-        for name in ("ours", "not_the_detector")
-    )
-    return (
-        f"{extras['of']}: p99 {ours[1]}, longest {ours[2]} ms; of it not the detector: median "
-        f"{own[0]}, p99 {own[1]} ms"
+    if case.extras.get("max_relative_difference", 0) is None:
+        return "not finite"
+    words = next(words for key, words in _REMARKS.items() if key in extras)
+    shown = {key: _figure(value) for key, value in extras.items() if key.endswith("_ms")}
+    frames, ties = extras.get("frames_refused"), extras.get("ties")
+    refused = f", {frames} refused" if frames else ""
+    return words.format_map(
+        {**extras, **shown, "refused": refused, "tied": f", {ties} ties" if ties else ""}
     )
 
 
@@ -168,8 +152,7 @@ def _stereo_remark(extras: Mapping[str, Any]) -> str:
     seen, count = extras["obstacle_pairs"], extras["pairs_checked"]
     parts = [f"obstacle in {seen['baseline']} (thesis) and {seen['ours']} (ours) of {count} pairs"]
     for key in ("with_obstacle", "without_obstacle"):
-        kind = extras[key]
-        if kind is not None:
+        if kind := extras.get(key):
             times = f"{_figure(kind['baseline_ms'])} to {_figure(kind['ours_ms'])} ms"
             parts.append(f"{key.replace('_', ' ')}: {times}, {kind['ratio']:.3g}x")
     parts.append(f"exact: {extras['exact_is']}")

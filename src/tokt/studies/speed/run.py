@@ -160,7 +160,6 @@ def _measure(
     mission: Mission,
     labels: Path | None,
     calibration: StereoCalibration | None,
-    shown_as: str,
     size: BenchSize,
     folder: Path,
     progress: Progress,
@@ -171,8 +170,9 @@ def _measure(
     stereo = stereo_input(mission, calibration)
     # Every process started meanwhile uses this one's kernels, or fails, but no others.
     with single_thread(), patch.dict(os.environ, {VARIABLE: KERNELS.name}):
-        models = [texture.fit(examples, first) for texture in FEATURE_SETS]
-        best = fit_extractor_pair("best", extractor_for(DEFAULT_EXTRACTOR, "best"), examples, first)
+        asked = [(one.name, one.extractor) for one in FEATURE_SETS]
+        asked.append(("best", extractor_for(DEFAULT_EXTRACTOR, "best")))
+        *models, best = [fit_extractor_pair(*one, examples, first) for one in asked]
         results, compared, timed = measure_in_process(mission, models, best, size, progress, say)
         if stereo.calibration is not None:
             extent = (size.compared, size.timed, size.rounds)
@@ -184,7 +184,7 @@ def _measure(
     about = {
         "machine": machine(),
         "kernels": kernels,
-        "mission": shown_as,
+        "mission": mission.name,
         "frame_size": f"{width}x{height} {'gray' if first.ndim == 2 else 'colour'}",
         "frames": {"compared": compared, "timed": timed},
         "model": examples.words,
@@ -222,8 +222,9 @@ def run_bench(
             say("-- render a mission")
             simulate_mission(folder / "embedded", n_frames=EMBEDDED_FRAMES, progress=progress)
         opened = open_mission(mission or folder / "embedded")
-        shown_as = opened.name if mission else "embedded (rendered)"
-        found = _measure(opened, labels, calibration, shown_as, size, folder, progress, say)
+        found = _measure(opened, labels, calibration, size, folder, progress, say)
+    if mission is None:
+        found.about["mission"] += " (rendered)"
     text = json.dumps(found.to_json(), indent=2, ensure_ascii=False, allow_nan=False)
     atomic.write_text(out / "bench.json", text + "\n")
     atomic.write_bytes(out / "bench.png", chart_png(found.results, found.about))

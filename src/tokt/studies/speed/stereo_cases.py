@@ -72,17 +72,12 @@ class PairCase(Case[Pair]):
     def __init__(self, name: str, exact_is: str) -> None:
         super().__init__(name)
         self._exact_is = exact_is
-        self._refused = 0
+        self.refused = 0  # pairs that ours did not judge
         self._obstacles = {"baseline": 0, "ours": 0}
 
     def baseline(self, item: Pair) -> object:
         """Undistort, match, stretch, contours."""
         return judge_pair(item.left, item.right)
-
-    def refused(self) -> bool:
-        """Count a pair that ours refuses to judge: False, as `check` says it."""
-        self._refused += 1
-        return False
 
     def compared(self, item: Pair, different: bool, obstacle: bool) -> bool:
         """Count a pair, and whether either way sees an obstacle: True, as `check` says it."""
@@ -101,7 +96,7 @@ class PairCase(Case[Pair]):
             "obstacle_pairs": dict(self._obstacles),
             "pairs_checked": self.checked,
             "pairs_different": self.wrong,
-            "pairs_refused": self._refused,
+            "pairs_refused": self.refused,
         }
 
 
@@ -130,7 +125,8 @@ class StereoPair(PairCase):
         """The matches of every pixel with tokt's kernels and with OpenCV's own block matching."""
         seen = self.sees_obstacle(item)
         if seen is None:
-            return self.refused()
+            self.refused += 1
+            return False
         ours, theirs = (
             detector.match(item.left, item.right) for detector in (self._detector, self._library)
         )
@@ -175,7 +171,8 @@ class PushbroomPair(PairCase):
     def check(self, item: Pair) -> bool:
         """Every depth that ours finds against the one that dense matching finds there."""
         if pair_shape_fault(item.frame, self._detector.calibration.frame_size):
-            return self.refused()
+            self.refused += 1
+            return False
         ours = self._detector.look(item.left, item.right).ravel()
         matches = self._dense.match(item.left, item.right)
         x, y = self._places[ours > 0].T

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tokt.inference.verdict import OBSTACLE
 from tokt.studies.simulation.loop.autopilot import Mode
 from tokt.studies.simulation.loop.track import Track
 from tokt.studies.simulation.loop.vehicle import State
@@ -90,7 +91,7 @@ def test_json_has_no_number_that_json_has_not():
 def test_a_track_knows_where_frames_were_taken():
     frames = [(0.5, 1, True), (1.5, 0, True), (1.75, 1, True)]
     track = recorded(STRAIGHT, [3.0, 1.0, 2.0], frames)
-    assert track.obstacle_places[:, 2] == pytest.approx([2.0, 7.0])
+    assert track.places(OBSTACLE)[:, 2] == pytest.approx([2.0, 7.0])
     assert track.nearest == 1
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.calls import refuses
-from tokt.studies.simulation.loop import flight
+from tokt.inference.outputs.udp import decode
+from tokt.studies.simulation.loop import flight, runtime_process
 from tokt.studies.simulation.loop.autopilot import CRUISE_M_S, Mode
 from tokt.studies.simulation.loop.flight import NONE, fly
 from tokt.studies.simulation.loop.runtime_process import RuntimeProcess
@@ -118,8 +119,8 @@ def test_the_pilot_flies_back_and_the_planner_goes_on(monkeypatch):
 @pytest.fixture
 def unpainted(monkeypatch):
     """Solids without growth and texture, which are nothing to hit and take 0.2 s to draw."""
-    for name in ("_growth", "surface_textures"):
-        monkeypatch.setattr(tower, name, lambda *_: ())
+    monkeypatch.setattr(tower, "_growth", lambda *_: tower.NO_STALKS)
+    monkeypatch.setattr(tower, "surface_textures", lambda _: ())
 
 
 @pytest.mark.usefixtures("unpainted")
@@ -145,6 +146,27 @@ def _ahead(scene):
         for point, share in zip(way, along[:, 0], strict=True)
     )
     return float(min(clearances))
+
+
+@pytest.mark.parametrize("late", [2, flight.TRIES])
+def test_a_run_with_a_late_verdict_is_flown_again(late, monkeypatch):
+    """What was late on a busy machine is no run of the seed: the next one is, or nobody's is."""
+    scene, flown = draw_scene("empty", 1, WIDTH), []
+    monkeypatch.setattr(flight, "MAX_S", 1.0)
+
+    def decoded(datagram):
+        said = decode(datagram)
+        if said["seq"] == 3:
+            flown.append(said["t"])
+        return said | {"reason": "late"} if said["seq"] == 3 and len(flown) <= late else said
+
+    monkeypatch.setattr(runtime_process, "decode", decoded)
+    if late == flight.TRIES:
+        refuses("too busy", flight.fly, scene, "disparity")
+        assert len(flown) == late
+    else:
+        assert len(flight.fly(scene, "disparity").frame_t_s) == 4
+        assert len(flown) == late + 1
 
 
 def test_a_runtime_that_cannot_start_says_why(tmp_path):

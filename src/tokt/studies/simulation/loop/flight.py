@@ -7,15 +7,15 @@
        └──────────────── forces ── autopilot <───────────────────────────────┘
 
 Time is simulated: no frame is rendered before the verdict on the one before has come, so that a
-run is the same however busy the machine is; but `fallback` goes by the wall clock where the model
-takes more than `tokt.inference.policy.policy.MAX_TEXTURE_S`. What a verdict's way takes at sea is
-put in as `LATENCY_S`.
+run is the same however busy the machine is. `fallback` goes by the wall clock where the model takes
+more than `tokt.inference.policy.policy.MAX_TEXTURE_S`: such a run is flown again. What a verdict's
+way takes at sea is put in as `LATENCY_S`.
 """
 
 import math
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,12 +23,13 @@ from typing import Any
 import numpy as np
 
 from tokt.features.common.arrays import F64, U8
+from tokt.features.common.errors import ToktError
 from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
 
 from .autopilot import STEP_S, Autopilot, Setpoint
 from .labview import AVOID_S, LabviewPlanner
 from .planner import Planner
-from .runtime_process import RuntimeProcess
+from .runtime_process import LateVerdictError, RuntimeProcess
 from .scenes import KINDS, LoopScene
 from .track import IN_VIEW_M, SaidOfFrame, Step, Track
 from .vehicle import HULL_RADIUS_M, Vehicle
@@ -47,6 +48,7 @@ LATENCY_S = 0.1
 7 ms at the 99th percentile, and a camera's exposure and transfer, assumed."""
 MAX_S = 240.0
 """A run that takes longer has not arrived; straight there takes under 30 s."""
+TRIES = 5
 PILOT_M = (2.0, 0.5)
 """How far back and up the pilot steers, from where he has taken over."""
 STEREO_SCALE = "1.0"
@@ -75,10 +77,13 @@ def uses_model(method: str) -> bool:
 def fly(scene: LoopScene, method: str, model: Path | None = None, planner: str = OURS) -> Track:
     """Fly to the goal, into something, or until time is up, by one of `METHODS` and `PLANNERS`.
 
-    A `ToktError` says that the runtime ended, hung or answered with anything but verdicts.
+    A `ToktError` says that the runtime ended, hung or answered with anything but verdicts, or was
+    late in each of `TRIES`.
     """
-    with _runtime(scene, method, model) as runtime:
-        return _Run(scene, method, runtime, planner).fly()
+    for _ in range(TRIES):
+        with suppress(LateVerdictError), _runtime(scene, method, model) as runtime:
+            return _Run(scene, method, runtime, planner).fly()
+    raise ToktError("the machine is too busy for verdicts in time: try fewer --jobs")
 
 
 @contextmanager

@@ -16,6 +16,8 @@ from tokt.features.common.arrays import F64
 
 from .vehicle import CAMERA_AHEAD_M, State, turn
 
+BACK_OFF_M, BACK_OFF_MOST_M = 3.0, 6.0
+"""How far back at least, and at most, from where it was nearest."""
 BACK_ON_M = 1.0
 """While it is to back off, it goes on for this much at least."""
 ON_HEADING = math.radians(4)
@@ -61,8 +63,7 @@ class Manoeuvre:
     side: int  # passed on: port (-1) or starboard (1)
     hold_along: float  # where along the vehicle goes sideways
     oncoming: bool = False  # whether what was seen comes towards the vehicle
-    retreat: float | None = None  # where to back off to, along and beside
-    retreat_beside: float = 0.0
+    retreat: tuple[float, float] | None = None  # where to back off to, along and beside
     nearest: float = -math.inf  # the farthest along at which it had to back off
     settled: int = 0  # verdicts since something new was seen
     absent: int = 0  # clear verdicts in a row that should not be, if what was seen is there
@@ -131,19 +132,16 @@ class Manoeuvre:
         if self.glance is not None and abs(turn(nav.heading_rad - self.glance[1])) < ON_HEADING:
             self.glances += 1
 
-    def back_off(self, nav: State, least_m: float, most_m: float) -> None:
-        """Go straight back: `least_m` from here, and on while this is asked for.
-
-        At most `most_m` from where it was nearest.
-        """
+    def back_off(self, nav: State) -> None:
+        """Go straight back, and on while this is asked for."""
         along, beside = self.place(nav.position)
         self.nearest = max(self.nearest, along)
-        wanted = max(self.nearest - least_m, self.nearest - most_m)
-        if self.retreat is None:
-            self.retreat_beside = beside
-        else:
-            wanted = max(min(self.retreat, along - BACK_ON_M), self.nearest - most_m)
-        self.retreat = wanted if wanted < along else self.retreat
+        wanted = self.nearest - BACK_OFF_M
+        if self.retreat is not None:
+            before, beside = self.retreat
+            wanted = max(min(before, along - BACK_ON_M), self.nearest - BACK_OFF_MOST_M)
+        if wanted < along:
+            self.retreat = wanted, beside
 
     def edge(self, along: float) -> float:
         """How far what is remembered and not yet behind reaches to the side passed on."""

@@ -39,7 +39,7 @@ from tokt.features.common.arrays import F64
 from tokt.inference.verdict import OBSTACLE, UNKNOWN
 
 from .autopilot import CRUISE_M_S, Mode, Setpoint
-from .manoeuvre import HALF_VIEW, MASK_WIDTH, Manoeuvre, bearing
+from .manoeuvre import BACK_OFF_MOST_M, HALF_VIEW, MASK_WIDTH, Manoeuvre, bearing
 from .vehicle import State, turn
 
 STEADY_S, STEADY_PX = 3.0, 25
@@ -90,8 +90,6 @@ HURRY_M = 1.5
 its hull begins 0.3 m before the camera."""
 SURE_TREND = 0.8
 """Confidence below which the time to contact by expansion does not count."""
-BACK_OFF_M, BACK_OFF_MOST_M = 3.0, 6.0
-"""How far back at least, and at most, from where it was nearest."""
 
 
 class Look(NamedTuple):
@@ -237,7 +235,7 @@ class Planner:
             return
         # What comes straight on is not outrun backwards.
         if self._too_near(datagram, wide) and not self._manoeuvre.oncoming:
-            self._manoeuvre.back_off(nav, BACK_OFF_M, BACK_OFF_MOST_M)
+            self._manoeuvre.back_off(nav)
 
     def _waits(self, t_s: float, datagram: dict[str, Any], nav: State) -> bool:
         """Whether it goes on to stand and look before it avoids what a verdict says."""
@@ -272,16 +270,13 @@ class Planner:
 
     def _is_wide(self, datagram: dict[str, Any]) -> bool:
         """Whether it fills so much of the view that it may go on on either side."""
-        box = datagram.get("box")
-        if box is not None and box[2] > WIDE_BOX * MASK_WIDTH:
-            return True
-        return (datagram["mean"] or 0.0) > WIDE_MEAN
+        _, _, width, _ = datagram.get("box") or (0, 0, 0, 0)
+        return width > WIDE_BOX * MASK_WIDTH or (datagram["mean"] or 0.0) > WIDE_MEAN
 
     def _too_near(self, datagram: dict[str, Any], wide: bool) -> bool:
         distance_m = datagram.get("distance_m")
-        if wide and (distance_m is None or distance_m < BACK_OFF_WIDE_M):
-            return True
-        near = distance_m is not None and distance_m < BACK_OFF_DISTANCE_M
+        least_m = BACK_OFF_WIDE_M if wide else BACK_OFF_DISTANCE_M
+        near = wide if distance_m is None else distance_m < least_m
         return near or self._contact_is_near(datagram)
 
     def _hurries(self, datagram: dict[str, Any], nav: State) -> bool:
@@ -351,7 +346,7 @@ class Planner:
         self.avoidances.append(t_s)
         self._manoeuvre = Manoeuvre(nav.position, self._course(nav), side, 0.0)
         self._manoeuvre.suppose_wall()
-        self._manoeuvre.back_off(nav, BACK_OFF_M, BACK_OFF_MOST_M)
+        self._manoeuvre.back_off(nav)
 
     def _transit(self, nav: State) -> Setpoint:
         """To the goal."""
@@ -362,10 +357,9 @@ class Planner:
     def _avoid(self, manoeuvre: Manoeuvre, nav: State) -> Setpoint:
         """Back, then beside, then past."""
         along, beside = manoeuvre.place(nav.position)
-        if manoeuvre.retreat is not None and along > manoeuvre.retreat + REACHED_M:
-            back = manoeuvre.retreat, manoeuvre.retreat_beside
-            return self._on_manoeuvre(manoeuvre, *back, Mode.BACK_OFF)
         if manoeuvre.retreat is not None:
+            if along > manoeuvre.retreat[0] + REACHED_M:
+                return self._on_manoeuvre(manoeuvre, *manoeuvre.retreat, Mode.BACK_OFF)
             manoeuvre.retreat = None
             manoeuvre.hold_along = along
         need = manoeuvre.edge(along) + BESIDE_M

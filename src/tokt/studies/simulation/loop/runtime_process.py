@@ -16,12 +16,17 @@ from typing import Any
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
 from tokt.inference.outputs.udp import decode
+from tokt.inference.reason import Reason
 from tokt.inference.sources.stream import encode_frame
 
 MAX_S = 60.0
 """Wall time in seconds for a start or a verdict: a process that takes longer is taken for dead."""
 _LOOK_S = 0.2
 _DATAGRAM = 65_536
+
+
+class LateVerdictError(ToktError):
+    """The machine was too busy for a verdict in time; an idle one would have said another."""
 
 
 class RuntimeProcess:
@@ -66,6 +71,8 @@ class RuntimeProcess:
         said = decode(self._receiver.recv(_DATAGRAM))
         if said["t"] != t:
             raise ToktError(f"the runtime spoke of the frame of {said['t']} s, not of {t} s")
+        if said["reason"] == Reason.LATE:
+            raise LateVerdictError(f"the verdict on the frame of {t} s came late")
         return said
 
     def _wait_for(self, readable: socket.socket, what: str) -> None:

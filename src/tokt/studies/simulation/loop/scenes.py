@@ -13,16 +13,17 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from tokt.features.common.arrays import F64
 from tokt.studies.simulation.scene import obstacles
-from tokt.studies.simulation.scene.closed_loop_world import World
+from tokt.studies.simulation.scene.closed_loop_world import Placed, World
 from tokt.studies.simulation.scene.fish_and_dust import DustCloud, School
 from tokt.studies.simulation.scene.rig import SyntheticRig
-from tokt.studies.simulation.scene.water import Water
+from tokt.studies.simulation.scene.water import Triple, Water
 
 from .vehicle import State
 
@@ -87,11 +88,9 @@ def _tower(rng: Rng, scene: LoopScene) -> LoopScene:
 
 
 def _two(rng: Rng, scene: LoopScene) -> LoopScene:
-    towers = tuple(
-        obstacles.one_tower(rng, (_offset(rng), 0.0, along)) for along in (0.0, SECOND_M)
-    )
+    towers = [obstacles.one_tower(rng, (_offset(rng), 0.0, z)) for z in (0.0, SECOND_M)]
     goal = scene.goal + np.array([0.0, 0.0, SECOND_M])
-    return replace(_with(scene, things=towers), goal=goal)
+    return replace(_with(scene, things=tuple(towers)), goal=goal)
 
 
 def _trap(rng: Rng, scene: LoopScene) -> LoopScene:
@@ -115,10 +114,10 @@ def _floor(rng: Rng, scene: LoopScene) -> LoopScene:
     floor, ground = obstacles.sea_floor(rng, FLOOR_M)
     scene = _tower(rng, scene)
     scene = _with(scene, floor=floor, things=(*scene.world.things, ground))
-    above = ALTITUDE_M - floor.altitude_m(scene.start.position)
-    start = scene.start.position - np.array([0.0, above, 0.0])
-    under = ALTITUDE_M - floor.altitude_m(scene.goal)
-    goal = scene.goal - np.array([0.0, under, 0.0])
+    start, goal = (
+        place - np.array([0.0, ALTITUDE_M - floor.altitude_m(place), 0.0])
+        for place in (scene.start.position, scene.goal)
+    )
     start = replace(scene.start, position=start)
     return replace(scene, start=start, goal=goal, altitude_m=ALTITUDE_M)
 
@@ -147,14 +146,9 @@ def _vehicle(rng: Rng, scene: LoopScene) -> LoopScene:
     return _with(scene, things=(obstacles.other_vehicle(rng, at, velocity, heading),))
 
 
-def _cable(rng: Rng, scene: LoopScene) -> LoopScene:
-    return _with(
-        scene, things=(obstacles.cable(rng, (_offset(rng), scene.start.position[1], 0.0)),)
-    )
-
-
-def _net(rng: Rng, scene: LoopScene) -> LoopScene:
-    return _with(scene, things=(obstacles.net(rng, (_offset(rng), scene.start.position[1], 0.0)),))
+def _across(make: Callable[[Rng, Triple], Placed], rng: Rng, scene: LoopScene) -> LoopScene:
+    """Something about the origin, at the vehicle's depth."""
+    return _with(scene, things=(make(rng, (_offset(rng), scene.start.position[1], 0.0)),))
 
 
 def _fish(rng: Rng, scene: LoopScene) -> LoopScene:
@@ -186,8 +180,8 @@ KINDS = {
     "structure": SceneKind("the goal is the tower: ends within 5 m of it", _structure),
     "pilot": SceneKind("one tower, the pilot takes over for 15 s", _pilot),
     "vehicle": SceneKind("another vehicle, which does not look", _vehicle),
-    "cable": SceneKind("a cable across the way", _cable),
-    "net": SceneKind("a lost fishing net", _net),
+    "cable": SceneKind("a cable across the way", partial(_across, obstacles.cable)),
+    "net": SceneKind("a lost fishing net", partial(_across, obstacles.net)),
     "empty": SceneKind("empty water with marine snow", lambda rng, scene: scene),
     "snow": SceneKind(f"empty water, {THICK_SNOW} times the snow", _snow),
     "fish": SceneKind("a school of fish, nothing to hit", _fish),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +15,7 @@ from tokt.features.common.arrays import F64, I64, Bools
 from tokt.features.common.errors import ToktError
 
 from .autopilot import Mode
-from .vehicle import State
+from .vehicle import HULL_RADIUS_M, State
 
 Step = tuple[float, State, Mode, float]
 """Time, the vehicle's state, the planner's mode, and the clearance."""
@@ -27,10 +28,6 @@ IN_VIEW_M = 10.0
 
 TRACK_FORMAT = 1
 """Version of a track's file."""
-_ARRAYS = (
-    *("t_s", "position", "heading", "mode", "clearance_m"),
-    *("frame_t_s", "frame_status", "frame_in_view", "avoidances_s"),
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,32 +72,39 @@ class Track:
 
     def to_bytes(self, about: dict[str, Any]) -> bytes:
         """An npz file's content; `about` (plain JSON) says how it was flown."""
-        names = {key: getattr(self, key) for key in ("title", "scene", "method", "seed", "reached")}
+        everything = vars(self)
+        arrays: dict[str, Any] = {k: v for k, v in everything.items() if isinstance(v, np.ndarray)}
+        names = {key: value for key, value in everything.items() if key not in arrays}
         words = json.dumps({"format": TRACK_FORMAT, "about": about, **names})
         file = io.BytesIO()
-        np.savez_compressed(file, words=words, **{key: getattr(self, key) for key in _ARRAYS})
+        np.savez_compressed(file, words=words, **arrays)
         return file.getvalue()
 
     @classmethod
     def from_bytes(cls, data: bytes) -> tuple[Track, dict[str, Any]]:
         """The same again, with `about`. Raises ToktError for a file of another format."""
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            words = json.loads(str(file["words"]))
-            if words.pop("format") != TRACK_FORMAT:
-                raise ToktError(f"a track of another format than {TRACK_FORMAT}")
-            about = words.pop("about")
-            return cls(**words, **{key: file[key] for key in _ARRAYS}), about
+            arrays = dict(file)
+        words = json.loads(str(arrays.pop("words")))
+        if words.pop("format") != TRACK_FORMAT:
+            raise ToktError(f"a track of another format than {TRACK_FORMAT}")
+        about = words.pop("about")
+        return cls(**words, **arrays), about
 
-    def at(self, t_s: F64) -> F64:
-        """(k, 3) Where the vehicle was at these times, k of them."""
-        return np.stack(
-            [np.interp(t_s, self.t_s, self.position[:, axis]) for axis in range(3)], axis=1
-        )
+    def places(self, status: int, until_s: float = math.inf) -> F64:
+        """(k, 3) Where the vehicle was when the frames of a status were taken, till a time."""
+        t_s = self.frame_t_s[(self.frame_status == status) & (self.frame_t_s <= until_s)]
+        return np.stack([np.interp(t_s, self.t_s, along) for along in self.position.T], axis=1)
 
     @property
-    def obstacle_places(self) -> F64:
-        """(k, 3) Where it was when a frame was taken that the verdict obstacle is of."""
-        return self.at(self.frame_t_s[self.frame_status == 1])
+    def least_m(self) -> float:
+        """The least clearance; infinite where there is nothing solid."""
+        return float(self.clearance_m.min())
+
+    @property
+    def collided(self) -> bool:
+        """Whether the hull touched something solid."""
+        return self.least_m < HULL_RADIUS_M
 
     @property
     def nearest(self) -> int:

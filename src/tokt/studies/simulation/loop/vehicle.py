@@ -11,13 +11,14 @@ turns to the east (clockwise seen from above). So (z, x, y) are Fossen's north, 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from tokt.features.common.arrays import F64
 
+Axes = tuple[float, float, float, float]
 HULL_RADIUS_M = 0.8
 """Of the sphere about the vehicle's centre that must touch nothing: half the length of Minerva
 (1.44 m), whose motions these are, and a little more. The SUB-fighter 30k is 2.6 m long and 1.5 m
@@ -62,33 +63,29 @@ class State:
 
 @dataclass(frozen=True)
 class VehicleParameters:
-    """Masses, drag and thrusters; four numbers are for surge, sway, heave and yaw."""
+    """Masses, drag and thrusters; four numbers are for surge, sway, heave and yaw.
 
-    mass: tuple[float, float, float, float]  # of the rigid body, in air; kg, and kg m2 of yaw
-    added_mass: tuple[float, float, float, float]
-    linear_drag: tuple[float, float, float, float]  # N s/m, and N m s of yaw
-    quadratic_drag: tuple[float, float, float, float]  # N s2/m2, and N m s2 of yaw
-    greatest: Forces  # what the thrusters can do either way
-    rise_s: float  # seconds from nothing to that: they change no faster
+    They are those of NTNU's ROV Minerva, a SUB-fighter 7500: the published model nearest to the
+    SUB-fighter 30k, of the same maker and laboratory. Masses and drag: S. M. Mo, *Development of a
+    Simulation Platform for ROV Systems* (NTNU 2015), main diagonals. Greatest thrust, by order of
+    magnitude: rho n^2 D^4 K_T at 24 revolutions a second with the propellers' D (0.19 and 0.22 m),
+    K_T (about 0.25) and losses (0.72 and 0.58) given there. The rise time is assumed.
+    """
+
+    mass: Axes = (460.0, 460.0, 460.0, 50.31)  # of the rigid body, in air; kg, and kg m2 of yaw
+    added_mass: Axes = (293.0, 302.0, 326.0, 57.0)
+    linear_drag: Axes = (29.0, 41.0, 254.0, 45.0)  # N s/m, and N m s of yaw
+    quadratic_drag: Axes = (292.0, 584.0, 635.0, 100.0)  # N s2/m2, and N m s2 of yaw
+    # What the thrusters can do either way.
+    greatest: Forces = field(default=Forces(480.0, 190.0, 390.0, 100.0))
+    rise_s: float = 0.8  # seconds from nothing to that: they change no faster
 
     def drag(self, axis: int, speed: float) -> float:
         """Drag along an axis (0 surge, 1 sway, 2 heave, 3 yaw) at a speed through the water."""
         return (self.linear_drag[axis] + self.quadratic_drag[axis] * abs(speed)) * speed
 
 
-MINERVA = VehicleParameters(
-    mass=(460.0, 460.0, 460.0, 50.31),
-    added_mass=(293.0, 302.0, 326.0, 57.0),
-    linear_drag=(29.0, 41.0, 254.0, 45.0),
-    quadratic_drag=(292.0, 584.0, 635.0, 100.0),
-    greatest=Forces(480.0, 190.0, 390.0, 100.0),
-    rise_s=0.8,
-)
-"""NTNU's ROV Minerva, a SUB-fighter 7500: the published model nearest to the SUB-fighter 30k, of
-the same maker and laboratory. Masses and drag: S. M. Mo, *Development of a Simulation Platform for
-ROV Systems* (NTNU 2015), main diagonals. Greatest thrust, by order of magnitude: rho n^2 D^4 K_T
-at 24 revolutions a second with the propellers' D (0.19 and 0.22 m), K_T (about 0.25) and losses
-(0.72 and 0.58) given there. The rise time is assumed."""
+MINERVA = VehicleParameters()
 
 
 class Vehicle:
@@ -105,53 +102,35 @@ class Vehicle:
         """Go on for `dt_s` seconds while the thrusters are asked for `forces` (Runge-Kutta 4)."""
         self.applied = self._thrust(dt_s, forces)
         old = self.state
-        place, velocity = old.position.tolist(), old.velocity_body.tolist()
-        y0 = (*place, old.heading_rad, *velocity, old.yaw_rate)
-        k1 = self._rate(y0)
-        k2 = self._rate(_along(y0, k1, dt_s / 2))
-        k3 = self._rate(_along(y0, k2, dt_s / 2))
-        k4 = self._rate(_along(y0, k3, dt_s))
-        y = [
-            a + dt_s / 6 * (b + 2 * c + 2 * d + e)
-            for a, b, c, d, e in zip(y0, k1, k2, k3, k4, strict=True)
-        ]
-        self.state = State(np.array(y[:3]), y[3], np.array(y[4:7]), y[7])
+        y = np.array([*old.position, old.heading_rad, *old.velocity_body, old.yaw_rate])
+        k1 = self._rate(y)
+        k2 = self._rate(y + dt_s / 2 * k1)
+        k3 = self._rate(y + dt_s / 2 * k2)
+        k4 = self._rate(y + dt_s * k3)
+        y += dt_s / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        self.state = State(y[:3], float(y[3]), y[4:7], float(y[7]))
 
     def _thrust(self, dt_s: float, asked: Forces) -> Forces:
         """What the thrusters reach in this step of what is asked."""
-        share = dt_s / MINERVA.rise_s
-        reached = []
-        for wanted, now, most in zip(asked, self.applied, MINERVA.greatest, strict=True):
-            change = min(max(wanted, -most), most) - now
-            reached.append(now + min(max(change, -most * share), most * share))
-        return Forces(*reached)
+        now, most = np.array(self.applied), np.array(MINERVA.greatest)
+        at_once = most * (dt_s / MINERVA.rise_s)
+        change = np.clip(np.clip(asked, -most, most) - now, -at_once, at_once)
+        return Forces(*(now + change).tolist())
 
-    def _rate(self, y: tuple[float, ...]) -> tuple[float, ...]:
-        _, _, _, heading, u, v, w, r = y
+    def _rate(self, y: F64) -> F64:
+        heading, u, v, w, r = y[3:].tolist()
         sine, cosine = math.sin(heading), math.cos(heading)
         east, down, north = self._current
         uc, vc = north * cosine + east * sine, east * cosine - north * sine
         ur, vr, wr = u - uc, v - vc, w - down
         own, tau = MINERVA, self.applied
-        m, (a_surge, a_sway, a_heave, a_yaw) = own.mass, own.added_mass
+        m, (a_surge, a_sway, _, _) = own.mass, own.added_mass
         surge = tau.surge - own.drag(0, ur) + m[0] * v * r + a_sway * vr * r + a_surge * r * vc
         sway = tau.sway - own.drag(1, vr) - m[1] * u * r - a_surge * ur * r - a_sway * r * uc
         heave = tau.heave - own.drag(2, wr)
         yaw = tau.yaw - own.drag(3, r) - (a_sway - a_surge) * ur * vr
-        return (
-            u * sine + v * cosine,
-            w,
-            u * cosine - v * sine,
-            r,
-            surge / (m[0] + a_surge),
-            sway / (m[1] + a_sway),
-            heave / (m[2] + a_heave),
-            yaw / (m[3] + a_yaw),
-        )
-
-
-def _along(y: tuple[float, ...], slope: tuple[float, ...], dt_s: float) -> tuple[float, ...]:
-    return tuple(a + dt_s * b for a, b in zip(y, slope, strict=True))
+        force, mass = np.array([surge, sway, heave, yaw]), np.add(m, own.added_mass)
+        return np.array([u * sine + v * cosine, w, u * cosine - v * sine, r, *(force / mass)])
 
 
 def turn(angle: float) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32
-from tokt.studies.simulation.scene.rig import SyntheticRig
+from tokt.studies.simulation.scene.rig import FULL_WIDTH, Camera, SyntheticRig
 from tokt.studies.simulation.scene.water import CameraResponse, Water
 
 from .raycast import View
@@ -51,31 +51,26 @@ class Exposure:
 
 
 def expose(
-    water: Water,
-    rig: SyntheticRig,
-    pose: CameraPose,
-    view: View,
-    response: CameraResponse,
-    rng: np.random.Generator,
+    water: Water, pose: CameraPose, view: View, response: CameraResponse, rng: np.random.Generator
 ) -> Exposure:
     """Image formation of one camera.
 
     `rng` is of the water at this moment: give both cameras the same, so that they see the same
     snow.
     """
-    shape = illumination(rig, response)
+    shape = illumination(view.camera, response)
     drift = rng.uniform(0.97, 1.03)
     clouds = rng.standard_normal((9, 12)).astype(np.float32)
-    uneven = 1 + UNEVEN * cv2.resize(clouds, (rig.width, rig.height), interpolation=cv2.INTER_CUBIC)
+    uneven = 1 + UNEVEN * cv2.resize(clouds, shape.shape[::-1], interpolation=cv2.INTER_CUBIC)
     veil = np.array(water.veil, np.float32) * (shape * uneven * np.float32(drift))[..., None]
     open_water = (veil + np.array(water.veil_floor, np.float32)) * np.float32(response.gain)
-    tower = tower_light(water, rig, pose, view, open_water, response.gain)
-    snow = marine_snow(water, rig, pose, view, rng)
+    tower = tower_light(water, pose, view, open_water, response.gain)
+    snow = marine_snow(water, pose, view, rng)
     tint = np.array(SNOW_TINT, np.float32) * np.float32(response.gain)
     return Exposure(open_water, tower, (snow * shape)[..., None] * tint)
 
 
-def illumination(rig: SyntheticRig, response: CameraResponse) -> F32:
+def illumination(rig: SyntheticRig | Camera, response: CameraResponse) -> F32:
     """Back-scattered light over the picture, 1 at its brightest: beam and vignette together."""
     x = (np.arange(rig.width, dtype=np.float32) + 0.5) / rig.width
     y = (np.arange(rig.height, dtype=np.float32) + 0.5) / rig.width
@@ -84,15 +79,13 @@ def illumination(rig: SyntheticRig, response: CameraResponse) -> F32:
     return np.asarray(np.outer(down, across) * vignette(x[None, :], y[:, None], rig), np.float32)
 
 
-def vignette(x: NDArray[Any], y: NDArray[Any], rig: SyntheticRig) -> NDArray[Any]:
+def vignette(x: NDArray[Any], y: NDArray[Any], rig: SyntheticRig | Camera) -> NDArray[Any]:
     """Fall-off of the lens towards the corners; x, y in frame widths."""
     radius_squared = (x - 0.5) ** 2 + (y - rig.height / rig.width / 2) ** 2
     return np.asarray(1 - 0.25 * (radius_squared / 0.39) ** 6)
 
 
-def tower_light(
-    water: Water, rig: SyntheticRig, pose: CameraPose, view: View, open_water: F32, gain: float
-) -> F32:
+def tower_light(water: Water, pose: CameraPose, view: View, open_water: F32, gain: float) -> F32:
     """The tower's change of the open water, in grey levels; it may darken."""
     change = np.zeros_like(open_water)
     pixels = view.pixels
@@ -112,9 +105,9 @@ def tower_light(
     facing = -(from_lamp * normal).sum(axis=0) / lamp_distance
     # Water scatters light round corners: a side that faces away is dim, not black.
     lit = np.where(np.abs(normal).sum(axis=0) > 0, DIM + FACING * facing.clip(0), NO_SIDE)
-    v, u = np.divmod(pixels, rig.width)
+    v, u = np.divmod(pixels, camera.width)
     lit *= np.exp(-0.5 * (off_axis / LAMP_BEAM_RAD) ** 2) / lamp_distance**2
-    lit *= gain * vignette((u + 0.5) / rig.width, (v + 0.5) / rig.width, rig)
+    lit *= gain * vignette((u + 0.5) / camera.width, (v + 0.5) / camera.width, camera)
     path = (lamp_distance + distance).astype(np.float32)
     flat = change.reshape(-1, 3)
     behind = open_water.reshape(-1, 3)[pixels]
@@ -122,8 +115,8 @@ def tower_light(
     seen *= np.array(water.lamp, np.float32) * lit[:, None].astype(np.float32)
     seen -= behind * np.exp(-water.veil_growth * distance)[:, None].astype(np.float32)
     flat[pixels] = np.minimum(seen, np.float32(BRIGHTEST))
-    spread = (water.blur_px + water.blur_px_per_m * float(distance.min())) * rig.scale
-    return scattered(change, v, u, spread, water.glow)
+    spread = water.blur_px + water.blur_px_per_m * float(distance.min())
+    return scattered(change, v, u, spread * (camera.width / FULL_WIDTH), water.glow)
 
 
 def scattered(change: F32, v: Any, u: Any, spread_px: float, glow: float) -> F32:

@@ -24,7 +24,14 @@ from tokt.studies.simulation.scene.surfaces import (
     Stalks,
     Surfaces,
 )
-from tokt.studies.simulation.scene.tower import GROWTH, TEXEL_M, TEXTURE_SIZE, Material, Tower
+from tokt.studies.simulation.scene.tower import (
+    CORNERS,
+    GROWTH,
+    TEXEL_M,
+    TEXTURE_SIZE,
+    Material,
+    Tower,
+)
 
 Real = NDArray[Any]
 """Of the precision of the rays."""
@@ -33,8 +40,6 @@ _NEAREST_M = 0.05
 """What is nearer to the image plane is not seen."""
 _OUTLINE_PX = 8000
 """Corners farther outside than this are cut off before the outline is drawn."""
-_CORNERS = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
-"""Of a cuboid, in half sizes."""
 
 
 class Side(NamedTuple):
@@ -103,7 +108,7 @@ class RayCaster:
     def faces(self, boxes: Boxes, origins: F64) -> Iterator[Face]:
         """Cast the rays at boxes; see `sides`."""
         centres = boxes.centre + origins[boxes.thing]
-        corners = centres[:, None] + (_CORNERS * boxes.half[:, None]) @ boxes.axes
+        corners = centres[:, None] + (CORNERS * boxes.half[:, None]) @ boxes.axes
         seen = self.camera.seen(corners)
         for i in self.in_view(seen):
             half, turn = boxes.half[i], (boxes.axes[i] @ self.camera.rotation.T)
@@ -113,7 +118,7 @@ class RayCaster:
             # Only faces that the camera is outside of.
             for axis in np.flatnonzero(np.abs(origin) > half).tolist():
                 sign = float(np.sign(origin[axis]))
-                pixels = self.inside(seen[i][_CORNERS[:, axis] == sign])
+                pixels = self.inside(seen[i][CORNERS[:, axis] == sign])
                 rays = turn @ self.rays(pixels)
                 first, second, o = (axis + 1) % 3, (axis + 2) % 3, origin.tolist()
                 # A ray along a face never meets it: infinite, and no hit.
@@ -365,7 +370,7 @@ class Hits(RayCaster):
     def add_fish(self, school: School, t_s: float) -> None:
         """Cast the rays at a school where it is at a time: ellipsoids."""
         centres, axes, half = school.shapes(t_s)
-        corners = self.camera.seen(centres[:, None] + (_CORNERS * half[:, None]) @ axes)
+        corners = self.camera.seen(centres[:, None] + (CORNERS * half[:, None]) @ axes)
         for i in self.in_view(corners):
             pixels = self.inside(corners[i])
             if len(pixels):
@@ -407,12 +412,7 @@ class Hits(RayCaster):
             around[flat], y[flat] = x[flat], z[flat]
         self._paint(side.pixels, side.t, int(frusta.material_number[i]), around, y, facing)
 
-    def _paint(
-        self, pixels: I64, depth: F32, material_number: int, across: F32, along: F32,
-        facing: F32 | np.float32,
-    ) -> None:  # fmt: skip
-        self.depth[pixels] = depth
-        self.material_number[pixels] = material_number
-        self.across[pixels] = across
-        self.along[pixels] = along
-        self.facing[pixels] = facing
+    def _paint(self, pixels: I64, depth: F32, number: int, *surface: F32 | np.float32) -> None:
+        self.depth[pixels], self.material_number[pixels] = depth, number
+        for layer, values in zip((self.across, self.along, self.facing), surface, strict=True):
+            layer[pixels] = values

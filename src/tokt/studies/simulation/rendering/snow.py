@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tokt.features.common.arrays import F32, F64, Bools
-from tokt.studies.simulation.scene.rig import FULL_WIDTH, Camera, SyntheticRig
+from tokt.studies.simulation.scene.rig import FULL_WIDTH, Camera
 from tokt.studies.simulation.scene.water import Water
 
 from .raycast import View
@@ -35,11 +35,10 @@ _REACHES = (2, 3, 4, 5, 6, 8, 11, 15, 21, 30, 45, 65, 95, 140, 200)
 """Half sizes of the squares that blobs are drawn in, px."""
 
 
-def marine_snow(
-    water: Water, rig: SyntheticRig, pose: CameraPose, view: View, rng: np.random.Generator
-) -> F32:
+def marine_snow(water: Water, pose: CameraPose, view: View, rng: np.random.Generator) -> F32:
     """Particles near the cameras: faint discs out of focus, drawn out by the vehicle's motion."""
     count, camera = water.snow_per_frame, view.camera
+    width, height, scale = camera.width, camera.height, camera.width / FULL_WIDTH
     depth = np.cbrt(rng.uniform(_NEAR_M**3, _FAR_M**3, count))
     across, down = rng.uniform(*_ACROSS, count), rng.uniform(*_DOWN, count)
     size = rng.lognormal(0.0, _SIZE_SIGMA, count)
@@ -48,10 +47,10 @@ def marine_snow(
     there = camera.seen(points)
     where = camera.place(there)
     streak = camera.place(camera.seen(points - pose.velocity * _EXPOSURE_S)) - where
-    radius = _blur_px(depth, rig.scale)
-    amount = water.snow_brightness * rig.scale**2 * size / depth**2
-    fine = np.zeros((rig.height, rig.width), np.float32)
-    coarse = np.zeros((rig.height // _COARSE + 1, rig.width // _COARSE + 1), np.float32)
+    radius = _blur_px(depth, scale)
+    amount = water.snow_brightness * scale**2 * size / depth**2
+    fine = np.zeros((height, width), np.float32)
+    coarse = np.zeros((height // _COARSE + 1, width // _COARSE + 1), np.float32)
     seen = there[:, 2] > _NEAR_M / 2
     seen &= ~_hidden(camera, view.depth, where, there[:, 2])
     where, radius, streak, amount = where[seen], radius[seen], streak[seen], amount[seen]
@@ -60,7 +59,7 @@ def marine_snow(
     _splat(coarse, (where[big] - (_COARSE - 1) / 2) / _COARSE, radius[big] / _COARSE,
            streak[big] / _COARSE, amount[big] / _COARSE**2)  # fmt: skip
     whole = cv2.resize(coarse, None, fx=_COARSE, fy=_COARSE, interpolation=cv2.INTER_LINEAR)
-    fine += whole[: rig.height, : rig.width]
+    fine += whole[:height, :width]
     return fine
 
 

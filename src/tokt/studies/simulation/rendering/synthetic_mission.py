@@ -192,7 +192,7 @@ def _render_frame(scene: MissionScene, folder: Path, number: int) -> RenderedFra
     responses = (scene.water.left, scene.water.right)
     for side, (view, response) in enumerate(zip(views, responses, strict=True)):
         moment = np.random.default_rng([scene.seed, _MOMENT, number])
-        exposure = expose(scene.water, scene.rig, pose, view, response, moment)
+        exposure = expose(scene.water, pose, view, response, moment)
         if side == 0:
             labels = _write_truth(folder, number, view, exposure)
         sensor = np.random.default_rng([scene.seed, _SENSOR, number, side])

@@ -55,16 +55,14 @@ def outcome_of(track: Track) -> FlightOutcome:
     steps = np.diff(track.position, axis=0)
     path_m = float(np.linalg.norm(steps, axis=1).sum())
     straight_m = float(np.linalg.norm(track.position[-1] - track.position[0]))
-    clearance_m = float(track.clearance_m.min()) - HULL_RADIUS_M
-    collided = clearance_m < 0
-    arrived = track.reached and not collided
+    arrived = track.reached and not track.collided
     return FlightOutcome(
         scene=track.scene,
         method=track.method,
         seed=track.seed,
-        collided=collided,
+        collided=track.collided,
         reached=arrived,
-        clearance_m=clearance_m,
+        clearance_m=track.least_m - HULL_RADIUS_M,
         path_m=path_m,
         detour=path_m / straight_m - 1.0 if arrived else math.nan,
         time_s=float(track.t_s[-1]),

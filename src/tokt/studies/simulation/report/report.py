@@ -1,11 +1,11 @@
 """The page about many runs: a table of scenes and methods, and maps. One file, no network."""
 
 import base64
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from tokt import __version__
@@ -33,12 +33,12 @@ def write_report(
     runs = pd.DataFrame([outcome.to_json() for outcome in outcomes])
     atomic.write_text(out / "runs.csv", runs.to_csv(index=False))
     sections = _sections(out, tracks, charts)
-    titles = {track.scene: track.title for track in tracks}
     page = report_page(
         __package__,
         version=__version__,
         words=words,
-        rows=[_shown(row, titles) for row in rows.to_dict("records")],
+        titles={track.scene: track.title for track in tracks},
+        rows=rows.astype(object).where(rows.notna(), None).to_dict("records"),
         sections=sections,
         hull_m=HULL_RADIUS_M,
         confidence=CONFIDENCE,
@@ -56,7 +56,7 @@ def _sections(out: Path, tracks: Sequence[Track], charts: Sequence[Chart]) -> li
     animated: set[str] = set()
     sections = []
     for (scene, method), group in groups.items():
-        nearest, chart = min(group, key=lambda one: one[0].clearance_m.min())
+        nearest, chart = min(group, key=lambda one: one[0].least_m)
         name = f"{scene}-{method}"
         all_runs = overview([track for track, _ in group], [chart for _, chart in group])
         files = {f"{name}.png": all_runs, f"{name}-{nearest.seed}.png": still(nearest, chart)}
@@ -66,39 +66,11 @@ def _sections(out: Path, tracks: Sequence[Track], charts: Sequence[Chart]) -> li
         for file, data in files.items():
             atomic.write_bytes(out / "maps" / file, data)
         whole, *maps = (_uri(*file) for file in files.items())
-        solid = bool(np.isfinite(nearest.clearance_m.min()))
-        shown = {"nearest": nearest, "solid": solid, "overview": whole, "maps": maps}
-        sections.append({"runs": len(group), **shown})
+        shown = {"nearest": nearest, "overview": whole, "maps": maps, "runs": len(group)}
+        sections.append({**shown, "solid": math.isfinite(nearest.least_m)})
     return sections
 
 
 def _uri(name: str, data: bytes) -> str:
-    kind = "webp" if name.endswith(".webp") else "png"
+    kind = Path(name).suffix.removeprefix(".")
     return f"data:image/{kind};base64," + base64.b64encode(data).decode("ascii")
-
-
-def _shown(row: Mapping[Any, Any], titles: Mapping[str, str]) -> dict[str, str | int | bool]:
-    """A row of the table in words."""
-
-    def rate(name: str) -> str:
-        low, high = 100 * row[f"{name}_low"], 100 * row[f"{name}_high"]
-        return f"{row[name]} ({low:.1f} to {high:.1f} %)"
-
-    def number(name: str, pattern: str) -> str:
-        return "" if pd.isna(row[name]) else pattern.format(row[name])
-
-    return {
-        "scene": titles[row["scene"]],
-        "method": row["method"],
-        "runs": row["runs"],
-        "hit": row["collided"] > 0,
-        "collided": rate("collided"),
-        "reached": rate("reached"),
-        "false_avoidance": rate("false_avoidance"),
-        "clearance_min": number("clearance_min_m", "{:.2f}"),
-        "clearance_median": number("clearance_median_m", "{:.2f}"),
-        "detour_median": number("detour_median", "{:.0%}"),
-        "detour_most": number("detour_most", "{:.0%}"),
-        "time": number("time_median_s", "{:.0f}"),
-        "false_status": f"{row['false_status_frames']} / {row['frames']}",
-    }

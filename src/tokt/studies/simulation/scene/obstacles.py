@@ -5,18 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from .closed_loop_world import Floor, Placed
-from .tower import (
-    GREY,
-    YELLOW,
-    Cuboid,
-    Frustum,
-    Material,
-    Solid,
-    Tower,
-    panels,
-    surface_textures,
-    upright,
-)
+from .tower import GREY, YELLOW, Cuboid, Frustum, Material, Solid, Tower, bare, panels, upright
 from .water import Triple
 
 _GROUND = Material((0.30, 0.38, 0.40), rust=(0.16, 0.24, 0.28), rusted=0.7)
@@ -68,16 +57,14 @@ def other_vehicle(
         for start, end, radius in bars:
             ends = np.array(start) @ axes, np.array(end) @ axes
             solids.append(Frustum(*ends, radius, radius, GREY))
-    return Placed(Tower(tuple(solids), (), surface_textures(rng)), at, velocity)
+    return Placed(bare(rng, solids), at, velocity)
 
 
 def cable(rng: np.random.Generator, at: Triple) -> Placed:
     """A cable that hangs slanting through the water, from far above to far below."""
     foot = np.array([*rng.uniform(-1.5, 1.5, 1), 8.0, *rng.uniform(-0.5, 0.5, 1)])
     radius = rng.uniform(*CABLE_M)
-    return Placed(
-        Tower((Frustum(foot, -foot, radius, radius, _ROPE),), (), surface_textures(rng)), at
-    )
+    return Placed(bare(rng, [Frustum(foot, -foot, radius, radius, _ROPE)]), at)
 
 
 def net(
@@ -93,11 +80,11 @@ def net(
         (x, down, _TWINE_M) for x in np.linspace(-across, across, round(width_m / _MESH_M) + 1)
     ]
     turn = upright(float(rng.uniform(-0.5, 0.5)))
-    solids = tuple(
+    solids = [
         Frustum((middle - half) @ turn, (middle + half) @ turn, radius, radius, _ROPE)
         for middle, half, radius in lines
-    )
-    return Placed(Tower(solids, (), surface_textures(rng)), at)
+    ]
+    return Placed(bare(rng, solids), at)
 
 
 def sea_floor(rng: np.random.Generator, level_m: float) -> tuple[Floor, Placed]:
@@ -108,15 +95,10 @@ def sea_floor(rng: np.random.Generator, level_m: float) -> tuple[Floor, Placed]:
     slabs = []
     for (z0, y0), (z1, y1) in pairwise(zip(north, down, strict=True)):
         slope = np.arctan2(y1 - y0, z1 - z0)
-        axes = np.array(
-            [
-                [1.0, 0.0, 0.0],
-                [0.0, np.cos(slope), -np.sin(slope)],
-                [0.0, np.sin(slope), np.cos(slope)],
-            ]
-        )
+        cos, sin = np.cos(slope), np.sin(slope)
+        axes = np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
         half = np.array([_FLOOR_M, _GROUND_M, np.hypot(z1 - z0, y1 - y0)]) / 2
         centre = np.array([0.0, (y0 + y1) / 2, (z0 + z1) / 2]) + half[1] * axes[1]
         slabs.append(Cuboid(centre, axes, half, _GROUND))
-    ground = Placed(Tower(tuple(slabs), (), surface_textures(rng)), (0.0, 0.0, 0.0))
-    return Floor(tuple(north.tolist()), tuple(down.tolist())), ground
+    floor = Floor(tuple(north.tolist()), tuple(down.tolist()))
+    return floor, Placed(bare(rng, slabs), (0.0, 0.0, 0.0))

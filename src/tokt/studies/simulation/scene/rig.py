@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ from tokt.features.common.arrays import F64, I64
 FULL_WIDTH = 1360
 """Frame width in pixels of the mission camera; every length in px is given at this width."""
 FULL_HEIGHT = 1024
+_CALIBRATION_KEYS = "K1", "D1", "K2", "D2", "R", "T_mm", "R1", "R2", "image_width", "image_height"
 _FOCAL_PX = 2222.0
 _BASELINE_M = 0.3055
 
@@ -81,21 +83,10 @@ class SyntheticRig:
         no_distortion = np.zeros(5)
         translation = self.translation_m.reshape(3, 1)
         size = (self.width, self.height)
-        rectified = cv2.stereoRectify(
-            self.left, no_distortion, self.right, no_distortion, size, self.rotation, translation
-        )
+        cameras = (self.left, no_distortion, self.right, no_distortion)
+        turns = cv2.stereoRectify(*cameras, size, self.rotation, translation)[:2]
         storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-        for key, value in (
-            ("K1", self.left),
-            ("D1", no_distortion),
-            ("K2", self.right),
-            ("D2", no_distortion),
-            ("R", self.rotation),
-            ("T_mm", translation * 1000.0),
-            ("R1", rectified[0]),
-            ("R2", rectified[1]),
-            ("image_width", self.width),
-            ("image_height", self.height),
-        ):
+        values: tuple[Any, ...] = (*cameras, self.rotation, translation * 1000.0, *turns, *size)
+        for key, value in zip(_CALIBRATION_KEYS, values, strict=True):
             storage.write(key, value)
         storage.release()

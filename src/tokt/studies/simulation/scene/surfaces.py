@@ -8,13 +8,12 @@ import numpy as np
 from tokt.features.common.arrays import F32, F64, I64
 
 from .fish_and_dust import FISH
-from .tower import GROWTH, TEXEL_M, Cuboid, Frustum, Material, Tower
+from .tower import GROWTH, NO_STALKS, RIM_POINTS, TEXEL_M, Cuboid, Frustum, Material, Tower
 
 Texture = tuple[F32, ...]
 """Levels of (size, size, 2) brightness and rust, each at half the detail of the one before."""
 
 _LEVELS = 5
-_HULL_POINTS = 16
 STALK_MATERIAL, FISH_MATERIAL = 0, 1
 
 
@@ -25,14 +24,13 @@ class Frusta:
     """
 
     def __init__(self, solids: Sequence[Frustum], thing: I64, material_number: I64) -> None:
-        hulls = [solid.rims(_HULL_POINTS, outside=True) for solid in solids]
         self.start = np.array([solid.start for solid in solids]).reshape(-1, 3)
         self.axes = np.array([solid.frame() for solid in solids]).reshape(-1, 3, 3)
         self.length = np.array([solid.length for solid in solids])
         self.radius = np.array([solid.start_radius for solid in solids])
         self.end_radius = np.array([solid.end_radius for solid in solids])
         self.slope = (self.end_radius - self.radius) / self.length
-        self.hull = np.array(hulls).reshape(-1, 2 * _HULL_POINTS, 3)
+        self.hull = np.array([solid.hull() for solid in solids]).reshape(-1, 2 * RIM_POINTS, 3)
         self.thing, self.material_number = thing, material_number
 
     def distances_m(self, points: F64) -> F64:
@@ -85,11 +83,10 @@ class Stalks:
     """Lines from root to tip (n, 2, 3), each with the number of the thing that it grows on."""
 
     def __init__(self, shapes: Sequence[Tower]) -> None:
-        stalks = [(thing, stalk) for thing, shape in enumerate(shapes) for stalk in shape.stalks]
-        self.ends = np.array([(stalk.root, stalk.tip) for _, stalk in stalks]).reshape(-1, 2, 3)
-        self.half_width = np.array([stalk.half_width for _, stalk in stalks])
-        self.brightness = np.array([stalk.brightness for _, stalk in stalks])
-        self.thing = np.array([thing for thing, _ in stalks], np.int64)
+        stalks = np.concatenate([NO_STALKS, *(shape.stalks for shape in shapes)])
+        self.ends = stalks[:, :6].reshape(-1, 2, 3)
+        self.half_width, self.brightness = stalks[:, 6:].T
+        self.thing = np.repeat(np.arange(len(shapes)), [len(shape.stalks) for shape in shapes])
 
 
 class Surfaces:

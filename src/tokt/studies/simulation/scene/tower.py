@@ -13,6 +13,9 @@ import numpy as np
 
 from tokt.features.common.arrays import F32, F64
 
+RIM_POINTS = 16
+CORNERS = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
+"""Of a cuboid, in half sizes."""
 _UP = np.array([0.0, -1.0, 0.0])
 _TOWARDS_VEHICLE = np.array([0.0, 0.0, -1.0])
 _TOP_OF_LEGS_M, _FEET_M = 0.50, 2.30
@@ -22,6 +25,7 @@ _STALKS_PER_M2 = 25
 TEXTURE_SIZE = 1024
 """Texels along a side of the surface texture, which repeats."""
 TEXEL_M = 0.0015
+NO_STALKS = np.zeros((0, 8))
 
 
 @dataclass(frozen=True)
@@ -67,14 +71,14 @@ class Frustum:
         """Length in metres."""
         return float(np.linalg.norm(self.end - self.start))
 
-    def rims(self, count: int, *, outside: bool = False) -> list[F64]:
-        """Points (count, 3) on the rim of its start and of its end, or of polygons around these."""
-        angles = np.arange(count) * 2 * np.pi / count
+    def hull(self) -> F64:
+        """(2 * `RIM_POINTS`, 3) Corners of polygons around the rims of its start and of its end."""
+        angles = np.arange(RIM_POINTS) * 2 * np.pi / RIM_POINTS
         side, _, other = self.frame()
         ring = np.outer(np.cos(angles), side) + np.outer(np.sin(angles), other)
-        if outside:
-            ring /= np.cos(np.pi / count)
-        return [self.start + self.start_radius * ring, self.end + self.end_radius * ring]
+        ring /= np.cos(np.pi / RIM_POINTS)
+        ends = self.start + self.start_radius * ring, self.end + self.end_radius * ring
+        return np.concatenate(ends)
 
     def on_surface(self, angle: float, along: float) -> tuple[F64, F64]:
         """A point of the side, at `angle` (rad) and fraction `along`, and its outward normal."""
@@ -93,18 +97,12 @@ class Cuboid:
     half: F64
     material: Material
 
+    def hull(self) -> F64:
+        """(8, 3) Its corners."""
+        return np.asarray(self.centre + (CORNERS * self.half) @ self.axes)
+
 
 Solid = Frustum | Cuboid
-
-
-@dataclass(frozen=True)
-class Stalk:
-    """Something thin that grows out of the tower; a line of a given half-width in metres."""
-
-    root: F64
-    tip: F64
-    half_width: float
-    brightness: float
 
 
 @dataclass(frozen=True)
@@ -112,7 +110,7 @@ class Tower:
     """All solids and stalks, and the texture that is fixed to the solids."""
 
     solids: tuple[Solid, ...]
-    stalks: tuple[Stalk, ...]
+    stalks: F64  # (n, 8): root and tip of thin lines that grow on it, half width, brightness
     # (TEXTURE_SIZE, TEXTURE_SIZE, 2): relative brightness and rust of a texel, both 0..1; then each
     # is the one before it at half the detail, for surfaces farther away.
     textures: tuple[F32, ...]
@@ -120,11 +118,10 @@ class Tower:
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Tower:
         """A tower of the mission's size, turned about its mast as `rng` has it."""
-        turn = rng.uniform(0.0, 2 * np.pi)
-        legs = _tripod(turn)
+        legs = _tripod(rng.uniform(0.0, 2 * np.pi))
         head = _head(rng)
         solids = (*head, *legs, *_braces(legs, rng))
-        return cls(tuple(solids), tuple(_growth(head, legs, rng)), surface_textures(rng))
+        return cls(solids, _growth(head, legs, rng), surface_textures(rng))
 
 
 def upright(turn_rad: float) -> F64:
@@ -149,18 +146,15 @@ def _tripod(turn: float) -> list[Frustum]:
 
 def _head(rng: np.random.Generator) -> list[Frustum]:
     """Mast, collar and lantern, from the legs up."""
-
-    def upright(low_m: float, high_m: float, radius_m: float, material: Material) -> Frustum:
-        return Frustum(_up(low_m), _up(high_m), radius_m, radius_m, material)
-
-    parts = [
-        upright(-0.62, 0.0, _MAST_RADIUS_M, WHITE),
-        upright(-0.06, 0.05, rng.uniform(0.17, 0.23), GROWTH),
-        upright(0.05, 0.12, 0.055, YELLOW),
-        upright(0.12, 0.15, 0.075, GREY),
-        upright(0.36, 0.40, 0.07, GREY),
-        upright(0.15, 0.30, 0.03, WHITE),
-    ]
+    cylinders = (
+        (-0.62, 0.0, _MAST_RADIUS_M, WHITE),
+        (-0.06, 0.05, rng.uniform(0.17, 0.23), GROWTH),
+        (0.05, 0.12, 0.055, YELLOW),
+        (0.12, 0.15, 0.075, GREY),
+        (0.36, 0.40, 0.07, GREY),
+        (0.15, 0.30, 0.03, WHITE),
+    )
+    parts = [Frustum(_up(low), _up(high), radius, radius, m) for low, high, radius, m in cylinders]
     for number in range(4):
         angle = np.pi / 4 + number * np.pi / 2
         foot = 0.06 * np.array([np.cos(angle), 0.0, np.sin(angle)])
@@ -183,7 +177,7 @@ def _braces(legs: list[Frustum], rng: np.random.Generator) -> list[Frustum | Cub
     return parts
 
 
-def _growth(head: list[Frustum], legs: list[Frustum], rng: np.random.Generator) -> list[Stalk]:
+def _growth(head: list[Frustum], legs: list[Frustum], rng: np.random.Generator) -> F64:
     """Stalks on the collar, the mast and the legs, denser and longer on the collar."""
     stalks = []
     overgrown = ((head[1], 320, 0.08), (head[0], 130, 0.06), *((leg, 90, 0.06) for leg in legs))
@@ -193,8 +187,8 @@ def _growth(head: list[Frustum], legs: list[Frustum], rng: np.random.Generator) 
             direction = normal + rng.normal(0.0, 0.35, 3)
             length = longest_m * rng.uniform(0.3, 1.0)
             tip = root + length * direction / np.linalg.norm(direction)
-            stalks.append(Stalk(root, tip, rng.uniform(0.0015, 0.005), rng.uniform(0.6, 1.7)))
-    return stalks
+            stalks.append([*root, *tip, rng.uniform(0.0015, 0.005), rng.uniform(0.6, 1.7)])
+    return np.array(stalks)
 
 
 def panels(
@@ -209,11 +203,16 @@ def panels(
         half = np.array([width, height_m, _PANEL_THICKNESS_M]) / 2
         panel = Cuboid(np.array([x, 0.0, z]), upright(turn), half, PANEL)
         solids.append(panel)
-        stalks += _growth_on_panel(rng, panel)
-    return Tower(tuple(solids), tuple(stalks), surface_textures(rng))
+        stalks.append(_growth_on_panel(rng, panel))
+    return Tower(tuple(solids), np.concatenate(stalks), surface_textures(rng))
 
 
-def _growth_on_panel(rng: np.random.Generator, panel: Cuboid) -> list[Stalk]:
+def bare(rng: np.random.Generator, solids: Iterable[Solid]) -> Tower:
+    """Solids on which nothing grows."""
+    return Tower(tuple(solids), NO_STALKS, surface_textures(rng))
+
+
+def _growth_on_panel(rng: np.random.Generator, panel: Cuboid) -> F64:
     """Stalks on both faces of a panel."""
     count = int(2 * _STALKS_PER_M2 * 4 * panel.half[0] * panel.half[1])
     face = rng.choice([-1.0, 1.0], count)
@@ -223,14 +222,8 @@ def _growth_on_panel(rng: np.random.Generator, panel: Cuboid) -> list[Stalk]:
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     tips = roots + 0.06 * rng.uniform(0.3, 1.0, (count, 1)) * directions
     width, bright = rng.uniform(0.0015, 0.005, count), rng.uniform(0.6, 1.7, count)
-
-    def world(points: F64) -> F64:
-        return np.asarray(panel.centre + points @ panel.axes)
-
-    return [
-        Stalk(root, tip, float(w), float(b))
-        for root, tip, w, b in zip(world(roots), world(tips), width, bright, strict=True)
-    ]
+    ends = [panel.centre + points @ panel.axes for points in (roots, tips)]
+    return np.column_stack([*ends, width, bright])
 
 
 def surface_textures(rng: np.random.Generator) -> tuple[F32, ...]:
