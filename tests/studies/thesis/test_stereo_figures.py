@@ -32,8 +32,8 @@ from tokt.studies.thesis.exhibits.exhibit import ClaimAgreement, Exhibit
 from tokt.studies.thesis.exhibits.synchrony_figure import offset_of
 from tokt.studies.thesis.exhibits.trend_figure import (
     depth_trend,
+    means_of_patches,
     means_of_stereo,
-    means_of_texture,
     score,
     trend_against_depth,
 )
@@ -297,23 +297,37 @@ def approach() -> pd.Series:
     return pd.Series(depths, pd.Index(FRAMES, name="frame"))
 
 
-def means(depth_m: pd.Series, power: float = -2.0) -> pd.Series:
+def means(depth_m: pd.Series, power: float = -2.0) -> pd.DataFrame:
     """An area that goes with a power of the depth."""
-    return 20 * (depth_m / 5) ** power
+    return pd.DataFrame({"mean": 20 * (depth_m / 5) ** power, "whole": True})
 
 
-def test_a_thing_wholly_in_view_has_the_depth_s_trend():
+def test_a_thing_wholly_in_view_has_the_depth_s_trend_and_time():
     depth = approach()
     found = score(trend_against_depth(means(depth), depth))
     assert found["sign_agreement"] == 1 and found["same_sign"] > 25 and found["opposite_sign"] == 0
     assert found["rank_correlation"] == pytest.approx(-1, abs=1e-3)
+    assert found["contacts"] > 10
+    assert found["contact_ratio_50"] == pytest.approx(1, abs=0.05)
 
 
-def test_means_of_a_texture_method_are_of_judged_frames():
-    mean, status = pd.Series({1: 4.0, 2: 5.0, 3: 4.0}), pd.Series({1: 1, 2: 1, 3: UNKNOWN})
-    curves: Any = SimpleNamespace(mean={"lbp": mean}, status={"lbp": status})
-    seen = means_of_texture(curves, "lbp", [1, 2, 3, 4])
-    assert seen.tolist() == pytest.approx([4, 5, np.nan, np.nan], nan_ok=True)
+def test_what_leaves_the_picture_has_no_time_to_contact():
+    depth = approach()
+    found = score(trend_against_depth(means(depth).assign(whole=False), depth))
+    assert found["contacts"] == 0 and np.isnan(found["contact_ratio_50"])
+
+
+def test_means_of_patches_are_of_judged_frames_and_whole_inside_the_picture():
+    inside, cut = np.zeros((2, 10, 10), bool)
+    inside[4:6, 4:6] = cut[4:6, :2] = True
+    patches = {1: inside.ravel(), 2: cut.ravel(), 3: inside.ravel()}
+    mean, status = pd.Series({1: 4.0, 2: 4.0, 3: 4.0}), pd.Series({1: 1, 2: 1, 3: UNKNOWN})
+    curves: Any = SimpleNamespace(
+        patches={"lbp": patches}, mean={"lbp": mean}, status={"lbp": status}
+    )
+    seen = means_of_patches(curves, "lbp", [1, 2, 3, 4])
+    assert seen["mean"].tolist() == pytest.approx([4, 4, np.nan, np.nan], nan_ok=True)
+    assert seen["whole"].tolist() == [True, False, False, False]
 
 
 def test_a_turned_sign_and_shuffled_depths_are_found_out():
@@ -331,9 +345,11 @@ def test_a_turned_sign_and_shuffled_depths_are_found_out():
 def test_how_the_depth_changes():
     t = np.arange(12) * STEP_S
     for speed, trend in ((-0.5, GROWING), (0.5, SHRINKING), (0.02, STEADY)):
-        assert depth_trend(t, 5 + speed * (t - t[-1])) == trend
-    assert depth_trend(t, np.where(t == t[-1], np.nan, 5.0)) is None
-    assert depth_trend(t[-3:], np.full(3, 5.0)) is None
+        found = depth_trend(t, 5 + speed * (t - t[-1]))
+        assert found[0] == trend and (found[1] is None) == (trend != GROWING)
+    assert depth_trend(t, 5 - 0.5 * (t - t[-1])) == (GROWING, pytest.approx(10))
+    assert depth_trend(t, np.where(t == t[-1], np.nan, 5.0)) == (None, None)
+    assert depth_trend(t[-3:], np.full(3, 5.0)) == (None, None)
 
 
 def test_stereo_gives_the_true_depths_to_hold_against(context, dive):

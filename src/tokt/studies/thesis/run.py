@@ -111,7 +111,7 @@ EXHIBITS: tuple[Planned, ...] = (
     Planned("figure-6.1", "Are the two cameras synchronous?", "figure 6.1", synchrony_figure),
     Planned(
         "trend",
-        "Mean value over time: relative distance and trend",
+        "Mean value over time: relative distance, trend and time to contact",
         "sections 5.2.1 and 7.2",
         trend_exhibit,
     ),

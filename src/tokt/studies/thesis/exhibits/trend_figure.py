@@ -1,4 +1,4 @@
-"""The trend of the mean value, against stereo depth on the same frames.
+"""The trend and the time to contact from expansion, against stereo depth on the same frames.
 
 An area goes with 1 / depth squared while a thing is wholly in view: a mean that changes by s a
 second goes with a depth that changes by -s / 2. The depth's slope is that of the same last seconds,
@@ -14,9 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy.stats import theilslopes
 
-from tokt.features.common.arrays import F64
+from tokt.features.common.arrays import F64, Bools
 from tokt.features.common.errors import FrameError, ToktError
 from tokt.inference.frame import Frame
+from tokt.inference.policy.assembly import StereoSetup
 from tokt.inference.policy.temporal_cues import (
     GROWING,
     HORIZON_S,
@@ -26,6 +27,7 @@ from tokt.inference.policy.temporal_cues import (
     STEADY,
     STEADY_PER_S,
     TrendEstimator,
+    wholly_in_view,
 )
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
@@ -43,6 +45,7 @@ SECONDS_A_FRAME = 0.35
 mission's."""
 STEREO = "tokt stereo"
 MIN_FRAMES = 12
+_SPREAD = (10, 50, 90)
 _COLORS = {GROWING: "#c0392b", STEADY: "#4a8f4a", SHRINKING: "#2d6cb3", None: "0.75"}
 _COLOR_WORDS = ("growing: comes nearer", "steady", "shrinking: goes away", "none")
 MOVING = (GROWING, SHRINKING)
@@ -63,7 +66,7 @@ def trend_exhibit(context: StudyContext) -> Exhibit:
     texture = [name for name in (TOKT_TEXTURE, *context.thesis) if name in curves.patches]
     whose = {curves.methods[name].title: curves.methods[name].kind for name in texture}
     whose[STEREO] = OURS
-    means = [*(means_of_texture(curves, name, frames) for name in texture), by_stereo]
+    means = [*(means_of_patches(curves, name, frames) for name in texture), by_stereo]
     held = {
         title: trend_against_depth(mean, depth_m) for title, mean in zip(whose, means, strict=True)
     }
@@ -75,7 +78,8 @@ def trend_exhibit(context: StudyContext) -> Exhibit:
         tables=(
             Table(
                 "trend_against_depth",
-                "Asked: something is seen, and the change of the stereo depth is known.",
+                "Asked: something is seen, and the change of the stereo depth is known. Contact "
+                "ratios: time to contact from expansion over that from depth, percentiles.",
                 scores.rename(columns=lambda name: name.replace("_", " ")).reset_index(),
             ),
         ),
@@ -90,28 +94,42 @@ def trend_exhibit(context: StudyContext) -> Exhibit:
     )
 
 
-def means_of_texture(curves: Curves, name: str, frames: Sequence[int]) -> pd.Series:
-    """Means of a texture method's curve by frame; nan for one that it did not judge."""
-    return curves.mean[name].where(curves.status[name] != UNKNOWN).reindex(frames)
+def means_of_patches(curves: Curves, name: str, frames: Sequence[int]) -> pd.DataFrame:
+    """Means of a texture method's curve by frame, and whether what it saw is wholly in view.
+
+    A frame that it did not judge has no mean.
+    """
+    patches = curves.patches[name]
+    mean = curves.mean[name].where(curves.status[name] != UNKNOWN).reindex(frames)
+    whole = [number in patches and _whole(patches[number]) for number in frames]
+    return pd.DataFrame({"mean": mean, "whole": np.isfinite(mean) & np.array(whole)})
+
+
+def _whole(patches: Bools) -> bool:
+    """Whether the patches lie wholly in the picture, at any of the grid's sizes."""
+    height, width = GRID.rows * 27, GRID.cols * 36
+    return wholly_in_view(verdict_from_mask(GRID.paint(patches, height, width), "texture"))
 
 
 def means_of_stereo(
     context: StudyContext, calibration: StereoCalibration, frames: Sequence[int]
-) -> tuple[pd.Series, pd.Series]:
-    """Means of the runtime's own disparity, and medians of the matched depths in metres, by frame.
+) -> tuple[pd.DataFrame, pd.Series]:
+    """The runtime's own disparity over frames in their order, as `trend_against_depth` takes it.
 
-    The frames are taken in their order; nan is what is not known.
+    Depths are medians of the matched ones.
     """
-    detector = DisparityDetector(calibration, GRID)
-    mean, depth_m = (pd.Series(np.nan, pd.Index(frames, name="frame")) for _ in range(2))
+    detector, blind_m = DisparityDetector(calibration, GRID), StereoSetup(calibration).blind_m
+    depth_m = pd.Series(np.nan, pd.Index(frames, name="frame"))
+    means = pd.DataFrame({"mean": depth_m, "whole": False})
     for number in context.progress(frames, len(frames), "trend: stereo"):
         detection, matches = detector.observe(_pair(context, number))
         if detection.mask is None:
             continue
-        mean[number] = verdict_from_mask(detection.mask, "disparity").mean or 0.0
+        verdict = verdict_from_mask(detection.mask, "disparity", distance_m=detection.distance_m)
+        means.loc[number] = verdict.mean or 0.0, wholly_in_view(verdict, blind_m)
         if matches is not None and matches.valid.any():
             depth_m[number] = np.median(detector.depth_m(matches)[matches.valid])
-    return mean, depth_m
+    return means, depth_m
 
 
 def _pair(context: StudyContext, number: int) -> Frame:
@@ -122,40 +140,42 @@ def _pair(context: StudyContext, number: int) -> Frame:
         return Frame(number, float(number), None, None)
 
 
-def trend_against_depth(mean: pd.Series, depth_m: pd.Series) -> pd.DataFrame:
-    """Follow a method's means by frame, and hold each trend against the depth.
+def trend_against_depth(seen: pd.DataFrame, depth_m: pd.Series) -> pd.DataFrame:
+    """Follow a method's means, and hold each trend against the depth.
 
-    A mean is nan where the method did not judge, a depth where nothing was measured. ``trend`` is
-    as a datagram would have it, ``by_depth`` what it would be by the depth alone; what is not known
-    is missing.
+    By frame `seen` has the ``mean`` of the method's 0/255 mask, nan where it did not judge, and
+    whether what it saw lies ``whole`` in the picture; a depth is nan where nothing was measured.
+    ``trend`` and ``contact_s`` are as a datagram would have them, ``by_depth`` and
+    ``contact_s_by_depth`` what they would be by the depth alone. What is not known is missing.
     """
-    held = pd.DataFrame({"mean": mean, "depth_m": depth_m.reindex(mean.index)})
+    held = seen.assign(depth_m=depth_m.reindex(seen.index))
     times, depths = held.index.to_numpy() * SECONDS_A_FRAME, held.depth_m.to_numpy()
-    estimator = TrendEstimator()
-    said = [
-        estimator.add(float(t_s), float(value) if np.isfinite(value) else None).trend
-        for t_s, value in zip(times, mean, strict=True)
-    ]
-    true = [depth_trend(times[:n], depths[:n]) for n in range(1, 1 + len(held))]
-    return held.join(pd.DataFrame({"trend": said, "by_depth": true}, held.index, dtype=object))
+    estimator, rows = TrendEstimator(), []
+    for place, (t_s, one) in enumerate(zip(times, seen.itertuples(), strict=True), 1):
+        mean = float(one.mean) if np.isfinite(one.mean) else None
+        said = estimator.add(float(t_s), mean, bool(one.whole))
+        rows.append((said.trend, said.contact_s, *depth_trend(times[:place], depths[:place])))
+    columns = ["trend", "contact_s", "by_depth", "contact_s_by_depth"]
+    return held.join(pd.DataFrame(rows, held.index, columns, dtype=object))
 
 
-def depth_trend(times_s: F64, depths_m: F64) -> str | None:
+def depth_trend(times_s: F64, depths_m: F64) -> tuple[str | None, float | None]:
     """What the mean should do at the last of some times, by the seconds that a trend looks at.
 
-    One of `TRENDS`; None where the last depth is not known, or too few before it are.
+    One of `TRENDS`, None where the last depth is not known, or too few before it are; and the depth
+    over its closing speed in seconds, None where it does not fall.
     """
     if not len(depths_m) or not np.isfinite(depths_m[-1]):
-        return None
+        return None, None
     used = np.isfinite(depths_m) & (times_s > times_s[-1] - HORIZON_S)
     t, z = times_s[used] - times_s[-1], depths_m[used]
     if len(z) < MIN_SLOTS or -t[0] < MIN_SPAN_S:
-        return None
+        return None, None
     line = theilslopes(z, t)
     of_the_mean = -2 * line.slope / line.intercept
     if of_the_mean > STEADY_PER_S:
-        return GROWING
-    return SHRINKING if of_the_mean < -STEADY_PER_S else STEADY
+        return GROWING, -line.intercept / line.slope
+    return SHRINKING if of_the_mean < -STEADY_PER_S else STEADY, None
 
 
 def score(held: pd.DataFrame) -> dict[str, float | int | None]:
@@ -171,12 +191,17 @@ def score(held: pd.DataFrame) -> dict[str, float | int | None]:
         Frames in which the thing comes nearer and *steady* or *shrinking* is said.
     rank_correlation : float or None
         Spearman's, of mean and depth: -1 would be a relative distance.
+    contacts : int
+        Frames with a time to contact by both, the mean and the depth.
+    contact_ratio_10, contact_ratio_50, contact_ratio_90 : float
+        Percentiles of the one by the mean over the one by the depth; nan without any.
     """
     seen = held[held["mean"] > STATUS_MEAN_THRESHOLD]
     asked = seen[seen.by_depth.notna()]
     signed = asked[asked.by_depth.isin(MOVING) & asked.trend.isin(MOVING)]
     same = int((signed.by_depth == signed.trend).sum())
     missed = (asked.by_depth == GROWING) & asked.trend.isin((STEADY, SHRINKING))
+    ratios = (held.contact_s / held.contact_s_by_depth).dropna().astype(float)
     return {
         "asked": len(asked),
         "said": int(asked.trend.notna().sum()),
@@ -185,6 +210,8 @@ def score(held: pd.DataFrame) -> dict[str, float | int | None]:
         "sign_agreement": same / len(signed) if len(signed) else None,
         "missed_approach": int(missed.sum()),
         "rank_correlation": _ranks(seen.dropna(subset="depth_m")),
+        "contacts": len(ratios),
+        **{f"contact_ratio_{percent}": ratios.quantile(percent / 100) for percent in _SPREAD},
     }
 
 
@@ -204,7 +231,7 @@ def _words(context: StudyContext, frames: Sequence[int], texture: Sequence[str])
         f"{STEADY_PER_S / 2:g} of the depth a second is steady.",
         LEARNT_ELSEWHERE if texture else "No texture method judged these frames.",
         "Where it fails: what leaves the picture, or is too near for stereo, shrinks while it "
-        "comes nearer.",
+        "comes nearer. A time to contact is said only while the whole thing is in the picture.",
     )
 
 
