@@ -97,7 +97,8 @@ def centre_and_box(context: StudyContext) -> Exhibit:
         (
             "The thesis's way is that of its published program, which looks for outer contours "
             "after a dilation by 5x5 pixels. Corrected, as tokt sends it: no dilation, Ypos from "
-            "the centre's y, the box is the union of the contours' boxes.",
+            "the centre's y, the box is the union of the contours' boxes. The thesis divides by "
+            "each contour's area, and prints no guard against one of none.",
             f"The mission's figures are of the {len(mission)} frames and methods in which the "
             "thesis's method says obstacle. None is of an image it learnt from.",
         ),
