@@ -14,10 +14,11 @@ tokt deploy tower-1.tokt store --reason "first"
 tokt store store --trust boat.pub --reason "keys"
 tokt deploy tower-2.tokt store --reason "signed"
 tokt run --store store --source dive --log run.jsonl --log-values --record rec --format v2
-rm -rf boat.key work/cache store/*.spare dive/depth dive/masks dive/Right
-# Of the recording its first six frames, as of a run that was killed then.
+rm -rf boat.key work/cache store/*.spare dive/depth dive/masks dive/Right \
+    work/mlartifacts/*/artifacts/plots
+# Of the recording its first two frames, as of a run that was killed then.
 cd rec/run-*
-sed -i '9,$d' recording.jsonl
-ls Left/*.png | grep -vE '_L_[1-6]\.png$' | xargs rm
+sed -i '5,$d' recording.jsonl
+ls Left/*.png | grep -vE '_L_[12]\.png$' | xargs rm
 cd ../..
 tar -cf - . | xz -9e > ../files_of_0_1_0.tar.xz
