@@ -14,8 +14,8 @@ What cannot be told from a new picture:
 - One compressed below quality 70 (85 in pictures 360 wide), or with noise of 3 grey levels and
   more put on top; part of a picture compressed otherwise each time, at times.
 - One that froze before the run began and changes all over: no picture without its noise is known.
-- One with noise on top, for a while after lamps have made all water noisier (`NOISY_TIMES`), and
-  before what is textured all over.
+- One with noise on top, or compressed again, before what is textured all over: new pictures of it
+  are alike too (`GROWS`). One that moves by parts of a pixel as well (`DRIFT`).
 - Less than `PART` of a picture.
 
 A label written into each picture, which covers `PART` of it, looks like a part that is frozen.
@@ -87,13 +87,18 @@ slowly was frozen by its own texture before: 17 of 24 frames of a drawn reef. Me
 picture and more, close to the tower; of that reef 0.1."""
 _FAR_PX, _TILE_PX = 16, 64
 
-NOISY_TIMES = 1.5
-"""Noise is also compared only where a row's finest differences are at most so many times those of
-the camera's quietest picture (medians). A finely textured wall before a vehicle on station was
-frozen by its texture before. Measured: in nine tenths of water at most 1.5 times, on rendered walls
-2 times and more."""
-_FORGOTTEN = 1.002
-"""The quietest picture's differences count so many times as much from picture to picture."""
+GROWS = 2.0
+"""Signs agree so many times as much as in any of the last pictures. A finely textured wall comes to
+rest before a vehicle by less and less of a pixel: new pictures are alike as well then, and more and
+more. A frozen one is so at once. Such walls were frozen for good before: the closed loop's."""
+
+DRIFT = 6.0
+"""Standard errors by which fine detail has moved in a picture that is none again, as a wall's does
+where a vehicle stops at once. Measured: copies of 82 frames in three sizes with noise, other light
+or compressed again, 4.9 at most; a drawn wall that moves by a tenth of a pixel, 10 and more."""
+_STEEPEST = 16
+"""Grey levels from pixel to pixel. Of edges that are steeper, a part: few would decide."""
+_PARTS, _FEWEST_LINES = 4, 8
 
 _NONE, _ALL = np.uint64(0), np.uint64(2**64 - 1)  # of a tile's pixels
 _INSIDE = np.full(8, 2 ** (_BLOCK - _LAG) - 1, np.uint8).view(np.uint64)
@@ -132,47 +137,77 @@ def _look(picture: U8) -> _Look:
     return _Look(rows, hashes, signs, int(np.bitwise_count(signs).sum()) / max(inside, 1))
 
 
-def _quiet(rows: U8, noise: float) -> tuple[U64, float]:
-    """Where rows show noise alone, and the median of their finest differences.
-
-    They change no more over some pixels than over `_LAG`, and there no more than by `NOISY_TIMES`
-    of `noise`, such a median, or their own.
-    """
+def _quiet(rows: U8) -> U64:
+    """Where rows show noise alone: they change no more over some pixels than over `_LAG`."""
     wide = max(rows.shape[1] - _LAG, 0) // _TILE_PX * _TILE_PX  # of whole tiles
     earlier, later = rows[:, :wide], rows[:, _LAG : wide + _LAG]
     if not earlier.size:
-        return np.zeros((len(rows), 0), np.uint64), noise
+        return np.zeros((len(rows), 0), np.uint64)
     far = np.zeros(earlier.shape, np.uint8)
     far[:, _FAR_PX:] = cv2.absdiff(earlier[:, _FAR_PX:], earlier[:, :-_FAR_PX])
     near, over = (
         cv2.reduce(each.reshape(-1, _TILE_PX), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)
         for each in (cv2.absdiff(earlier, later), far)
     )
-    level = float(np.median(near))
-    tiles = (over <= QUIET * near) & (near <= NOISY_TIMES * min(level, noise))
+    tiles = over <= QUIET * near
     if np.count_nonzero(tiles) < QUIET_PART * len(tiles):
         tiles[:] = False
-    return np.where(tiles, _ALL, _NONE).reshape(len(rows), -1), level
+    return np.where(tiles, _ALL, _NONE).reshape(len(rows), -1)
 
 
 def _plane(picture: U8) -> U8:
     return picture if picture.ndim == 2 else picture[:, :, 1]
 
 
-def _gives_again(one: U64, others: U64) -> bool:
-    """Whether a picture's signs agree with those of one of the others as only one's own do."""
+def _likeness(one: U64, others: U64) -> tuple[float, float, int]:
+    """By how much more a picture's signs agree with those of one of the others than by chance.
+
+    Then what of that chance may do at most, and which one of the others it is.
+    """
     found = [
-        ((alike - opposite) / (alike + opposite), 1 / (alike + opposite))
-        for alike, opposite in KERNELS.sign_counts(one, others).tolist()
+        ((alike - opposite) / (alike + opposite), 1 / (alike + opposite), place)
+        for place, (alike, opposite) in enumerate(KERNELS.sign_counts(one, others).tolist())
         if alike + opposite >= _FEWEST_SIGNS
     ]
-    if len(found) < 2:
-        return False
-    *rest, (best, its_variance) = sorted(found)
+    # Where most of the others show too much else, what is by chance is not known.
+    if len(found) < max(2, len(others) // 2 + 1):
+        return 0.0, SAME_NOISE, 0
+    *rest, (best, its_variance, place) = sorted(found)
     # The middle one: where a copy was not known, it and its picture agree as well.
-    by_chance, variance = rest[(len(rest) - 1) // 2]
-    least = max(SAME_NOISE, _SIGMAS * math.sqrt(variance + its_variance))
-    return bool(best - by_chance > least)
+    by_chance, variance, _ = rest[(len(rest) - 1) // 2]
+    return best - by_chance, max(SAME_NOISE, _SIGMAS * math.sqrt(variance + its_variance)), place
+
+
+def _lines(picture: U8) -> tuple[U8, U8]:
+    """Some rows of a picture, and some columns."""
+    plane = _plane(picture)
+    some = (
+        each[max(len(each) // _ROWS, 1) // 2 :: max(len(each) // _ROWS, 1)]
+        for each in (plane, plane.T)
+    )
+    rows, columns = map(np.ascontiguousarray, some)
+    return rows, columns
+
+
+def _drifts(old: U8, new: U8) -> bool:
+    """Whether fine detail has moved along lines, all of them or the same part of each.
+
+    The shift of least squares (Lucas and Kanade 1981), judged by how it differs from line to line.
+    What noise, brightness and compression do to a copy points neither way.
+    """
+    before, after = (
+        np.diff(each.astype(np.float32), axis=1).clip(-_STEEPEST, _STEEPEST) for each in (old, new)
+    )
+    both = before + after
+    # Without the ends, whose one-sided slopes noise alone would move inwards.
+    moved = (both[:, 2:] - both[:, :-2]) * (after - before)[:, 1:-1]
+    length = moved.shape[1] // _PARTS * _PARTS
+    if len(moved) < _FEWEST_LINES or not length:
+        return False
+    parts = moved[:, :length].reshape(len(moved), _PARTS, -1).sum(axis=2)
+    sums = np.column_stack([parts, parts.sum(axis=1)])
+    error = sums.std(axis=0, ddof=1) / math.sqrt(len(sums))
+    return bool((np.abs(sums.mean(axis=0)) > DRIFT * error).any())
 
 
 def _middles(picture: U8) -> tuple[U64, U64]:
@@ -206,8 +241,9 @@ class _Camera:
         self._known = np.zeros((0, 0, 0), np.uint64)  # a ring of hashes, the last one's at `_place`
         self._place = 0
         self._signs: deque[U64] = deque(maxlen=COMPARED)  # of the last pictures with noise
+        self._lines: deque[tuple[U8, U8]] = deque(maxlen=COMPARED)  # of these, rows and columns
         self._compared = np.zeros((0, 0, 0, 0), np.uint64)  # the same, as one array
-        self._noise = math.inf  # finest differences of the quietest picture
+        self._likeness: deque[float] = deque(maxlen=COMPARED)  # of new pictures to those before
         self._middles: tuple[U64, U64] | None = None
         self._new: _Look | None = None  # the last one's, until it is prepared for
 
@@ -217,8 +253,9 @@ class _Camera:
         look, last = _look(picture), self._picture
         if last is None or last.shape != picture.shape:
             self._known = np.zeros((REMEMBERED, *look.hashes.shape), np.uint64)
-            self._signs.clear()
-            self._middles, self._noise = None, math.inf
+            for each in (self._signs, self._lines, self._likeness):
+                each.clear()
+            self._middles = None
         elif self._is_last(last, picture, look):
             return self._repeated(frame, limits)
         elif words := self._old(last, picture, look):
@@ -238,9 +275,8 @@ class _Camera:
         if min(self._picture.shape[:2]) >= 2 * _WORD:
             self._middles = _middles(_plane(self._picture))
         if look.noise > NOISY:
-            quiet, level = _quiet(look.rows, self._noise)
-            self._noise = min(_FORGOTTEN * self._noise, level)
-            self._signs.append(look.signs & quiet)
+            self._signs.append(look.signs & _quiet(look.rows))
+            self._lines.append(_lines(self._picture))
         none = np.zeros((0, *look.signs.shape), np.uint64)
         self._compared = np.stack(self._signs) if self._signs else none
 
@@ -273,8 +309,11 @@ class _Camera:
         middles = self._middles if look.noise > NOISY else None
         if middles is not None and _moved(_plane(last), middles, _plane(picture)):
             return "gives its last picture again, moved"
-        if _gives_again(look.signs, self._compared):
+        like, least, place = _likeness(look.signs, self._compared)
+        least = max(least, GROWS * max(self._likeness, default=0.0))
+        if like > least and not any(map(_drifts, self._lines[place], _lines(picture))):
             return "gives an earlier picture again with the same noise"
+        self._likeness.append(like)
         return ""
 
 

@@ -115,26 +115,48 @@ def test_buffers_that_go_round_are_told_where_each_picture_is_changed_as_well(bu
     assert not any(told[: 4 + buffers]) and all(told[4 + buffers : -1]) and not told[-1]
 
 
-def on_station(first, last):
-    """A finely textured wall that comes into view, and before which the vehicle then keeps station.
-
-    It passes by until its texture is twice the noise, then drifts by a tenth of a pixel a picture.
-    """
-    texture = cv2.GaussianBlur(RNG.normal(0, 1, (HEIGHT + 60, WIDTH + 60)), (0, 0), 0.7)
-    texture *= 2.0 / texture.std()
-    for number in range(first, last):
-        by = 2.5 * min(number, 10) + 0.1 * number
-        shift = np.float64([[1, 0, -by], [0, 1, -by / 2]])
-        wall = cv2.warpAffine(texture, shift, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC)
-        yield water(LIGHT + min(number / 10, 1.0) * wall)
+def wall(number, moved_px, share=1.0) -> NDArray[np.uint8]:
+    """A finely textured wall, twice as rough as noise, of which a share is in the picture."""
+    texture = cv2.GaussianBlur(
+        np.random.default_rng(number).normal(0, 1, (HEIGHT + 60, WIDTH + 60)), (0, 0), 0.7
+    )
+    shift = np.float64([[1, 0, -moved_px], [0, 1, -moved_px / 2]])
+    seen = cv2.warpAffine(texture, shift, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC)
+    return water(LIGHT + 2.0 / texture.std() * share * seen)
 
 
-def test_a_wall_before_a_vehicle_on_station_is_no_frozen_picture():
-    before = [water(LIGHT) for _ in range(12)]
-    wall = list(on_station(0, 40))
-    assert faults([*before, *wall]) == [""] * 52
-    again = faults([*before, *wall, wall[-3], wall[-2]])
+def stopping(number, steps_px):
+    """Pictures of a wall that comes into view, and before which the vehicle comes to rest."""
+    places = np.cumsum(steps_px)
+    return [wall(number, at, min(n / 10, 1.0)) for n, at in enumerate(places)]
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("slows", "rest_px"), [(0.0, 0.1), (0.5, 0.1), (0.5, 0.0), (0.75, 0.1), (0.75, 0.0)]
+)
+def test_a_wall_before_a_vehicle_on_station_is_no_frozen_picture(seed, slows, rest_px):
+    """It stops at once, or more and more slowly; then it drifts a little, or not at all."""
+    steps = [2.5] * 10 + [rest_px + 2.5 * slows**n for n in range(1, 30)]
+    before, pictures = [water(LIGHT) for _ in range(12)], stopping(seed, steps)
+    assert faults([*before, *pictures]) == [""] * 51
+    again = faults([*before, *pictures, pictures[-3], pictures[-2]])
     assert not any(again[:-2]) and all("earlier picture again" in words for words in again[-2:])
+
+
+LAMP = np.where(light(1, 0) > 0.825, 40.0, -20.0)  # a quarter of the picture is lit, the rest black
+
+
+@pytest.mark.parametrize("quieter", [LIGHT, LAMP])
+@pytest.mark.parametrize("seen", [LIGHT, LAMP])
+@pytest.mark.parametrize("change", ["dithered", "compressed otherwise each time"])
+def test_one_quieter_picture_of_before_hides_no_frozen_one(quieter, seen, change):
+    first = jpeg(water(quieter, 1.5), 80)
+    before, ring = ([water(seen, 1.5) for _ in range(n)] for n in (11, 4))
+    pictures = [AT_ONCE[change](one, number) for number, one in enumerate(before)]
+    again = [AT_ONCE[change](ring[number % 4], number) for number in range(12)]
+    told = faults([first, *pictures, *again])
+    assert not any(told[:16]) and all(told[16:])
 
 
 def test_a_picture_repeated_within_the_limits_is_no_ring():
