@@ -21,9 +21,9 @@ from .vehicle import State
 OFFSET_M = 3.0
 """From the vehicle to its new waypoint, ahead and aside; the thesis prints no figures."""
 BEHIND_IT = (math.pi, OFFSET_M)
-BEHIND_OBSTACLE = (math.pi / 4, 7.0)
+BEHIND_OBSTACLE = (math.pi / 4, 8.5)
 """The fault: how far the offset's frame is turned to the other side, and the offset. A waypoint
-10 m right ahead is beyond a tower that is seen 6 to 8 m away."""
+12 m right ahead is beyond a tower, wherever that is seen first."""
 AVOID_S = 10.0
 """How long it avoids, where that goes by time."""
 
