@@ -30,7 +30,7 @@ MAPS = (
     ("tower-fallback-sea-trial-201", "the waypoint behind the obstacle"),
 )
 HEIGHT_PX = 640
-WENT_STEPS = 120
+WENT_STEPS = 180
 """After so many control steps it is seen to which side it went."""
 
 
