@@ -6,15 +6,19 @@ picture is pictures/sea_trial.jpg.
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
-from tokt.studies.simulation.loop.scenes import KINDS, draw_scene
+from tokt.studies.simulation.loop.flight import PLANNERS
+from tokt.studies.simulation.loop.scenes import KINDS, LoopScene, draw_scene
 from tokt.studies.simulation.loop.track import Track
+from tokt.studies.simulation.loop.vehicle import State
 from tokt.studies.simulation.report.maps import Chart, still
+from tokt.studies.simulation.report.outcome import GROUND_IN_VIEW
 
 DOCS = Path(__file__).parent
 PAGE, PICTURE = DOCS / "explanation" / "closed_loop.md", DOCS / "pictures" / "sea_trial.jpg"
@@ -26,6 +30,8 @@ MAPS = (
     ("tower-fallback-sea-trial-201", "the waypoint behind the obstacle"),
 )
 HEIGHT_PX = 640
+WENT_STEPS = 180
+"""After so many control steps it is seen to which side it went."""
 
 
 def main(out: Path) -> None:
@@ -71,7 +77,9 @@ def table(rows: list[list[str]]) -> list[str]:
 
 
 def rate(row: dict[str, Any], name: str) -> str:
-    """How often, of how many runs, and the bounds of the rate in percent."""
+    """How often, of how many runs, and the bounds in percent; - where it cannot happen."""
+    if name == "false_avoidance" and row["scene"] in GROUND_IN_VIEW:
+        return "-"
     low, high = 100 * row[f"{name}_low"], 100 * row[f"{name}_high"]
     return f"{row[name]} of {row['runs']} ({low:.1f} to {high:.1f} %)"
 
@@ -92,7 +100,8 @@ def shown(row: dict[str, Any] | None) -> str:
     """Counts of one scene and method."""
     if row is None:
         return ""
-    return f"{row['collided']}, {row['reached']}, {row['false_avoidance']} of {row['runs']}"
+    false = "-" if row["scene"] in GROUND_IN_VIEW else row["false_avoidance"]
+    return f"{row['collided']}, {row['reached']}, {false} of {row['runs']}"
 
 
 def picture(out: Path, width: int) -> Any:
@@ -100,7 +109,8 @@ def picture(out: Path, width: int) -> Any:
     maps = []
     for name, words in MAPS:
         track, _ = Track.from_bytes((out / "flights" / f"{name}.npz").read_bytes())
-        chart = Chart.of(draw_scene(track.scene, track.seed, width), 0.0)
+        scene = draw_scene(track.scene, track.seed, width)
+        chart = replace(Chart.of(scene, 0.0), waypoint=first_waypoint(track, scene))
         drawn = cv2.imdecode(np.frombuffer(still(track, chart), np.uint8), cv2.IMREAD_COLOR)
         size = (round(drawn.shape[1] * HEIGHT_PX / len(drawn)), HEIGHT_PX)
         small = cv2.resize(drawn, size, interpolation=cv2.INTER_AREA)
@@ -108,6 +118,16 @@ def picture(out: Path, width: int) -> Any:
         cv2.putText(small, words, (60, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (40, 40, 40), 1, 16)
         maps.append(small)
     return np.hstack(maps)
+
+
+def first_waypoint(track: Track, scene: LoopScene) -> Any:
+    """Where the first avoidance led to: the rule's place there, on the side that it went to."""
+    planner = PLANNERS[track.method.removeprefix(f"{DEFAULT}-")]
+    step = int(np.searchsorted(track.t_s, track.avoidances_s[0] - 1e-6))
+    at, later = track.position[step], track.position[step + WENT_STEPS]
+    nav = State(at, float(track.heading[step]), np.zeros(3))
+    sides = [planner(scene).target(0.0, nav, {"status": 1, "x": x}).position for x in (-1, 1)]
+    return max(sides, key=lambda place: (place - at) @ (later - at))
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from tokt.studies.simulation.loop.scenes import KINDS, draw_scene
 from tokt.studies.simulation.loop.track import Track
 from tokt.studies.simulation.rendering.synthetic_mission import check_width
 from tokt.studies.simulation.report.maps import Chart
-from tokt.studies.simulation.report.outcome import FlightOutcome, outcome_of, table
+from tokt.studies.simulation.report.outcome import GROUND_IN_VIEW, FlightOutcome, outcome_of, table
 from tokt.studies.simulation.report.report import write_report
 from tokt.training.options import Notice
 from tokt.training.parallel import mapped
@@ -107,7 +107,8 @@ class Studied:
         """Lines for people: one for each scene and method, the seeds, and where the report is."""
         lines = [
             f"{row.scene:9} {row.method:10} collisions {row.collided:3d} of {row.runs}, "
-            f"arrived {row.reached:3d}, false avoidance in {row.false_avoidance:3d}"
+            f"arrived {row.reached:3d}, false avoidance in "
+            f"{'-' if row.scene in GROUND_IN_VIEW else row.false_avoidance:>3}"
             for row in self.table.itertuples(index=False)
         ]
         return [*lines, self.split_words(), f"report: {self.study.out / 'report.html'}"]

@@ -58,6 +58,23 @@ def test_an_avoidance_is_false_where_nothing_solid_was_in_the_picture():
     assert outcome.false_statuses == 2 and outcome.frames == 5 and outcome.unknown_frames == 1
 
 
+def test_who_goes_back_from_what_stays_unknown_with_nothing_in_view_is_counted():
+    """Not one that holds, backs off from what it was shown, or has something solid in view."""
+    place = State(np.zeros(3), 0.0, np.zeros(3))
+    modes = [Mode.HOLD, Mode.BACK_OFF] * 4 + [Mode.HOLD]
+    steps = [(5.0 * n + 0.1, place, mode, math.inf) for n, mode in enumerate(modes)]
+    heard = {0.0: (-1, False), 5.0: (-1, False), 10.0: (0, False), 15.0: (1, False)}
+    heard |= {20.0: (-1, False), 25.0: (-1, True), 30.0: (-1, False), 35.0: (-1, False)}
+    # The verdict of the last one is on its way still.
+    frames = [(t_s, *said) for t_s, said in heard.items()] + [(35.05, 1, False)]
+    runs = [
+        outcome_of(Track.recorded("d", "dust", method, 3, steps[:count], frames, (), False))
+        for method, count in (("m", 9), ("m", 1))
+    ]
+    assert [run.false_retreats for run in runs] == [2, 0]
+    assert table(runs).loc[0, "went_back"] == 1 and table(runs).loc[0, "false_avoidance"] == 0
+
+
 def test_bounds_are_clopper_and_pearson_s():
     low, high = bounds(0, 100)
     assert low == 0.0 and high == pytest.approx(1 - 0.025 ** (1 / 100))
@@ -174,3 +191,18 @@ def test_the_page_has_the_table_and_the_worst_run_and_needs_no_other_file(chart,
         rows = list(csv.DictReader(handle))
     assert [row["collided"] for row in rows] == ["False", "False", "True"]
     assert len(list(csv.DictReader((tmp_path / "table.csv").open()))) == 2
+    assert "went back, nothing in view" in page and "<td>-</td>" not in page
+
+
+def test_no_false_avoidance_is_told_where_the_ground_is_always_in_view(chart, tmp_path):
+    run = replace(track([Mode.TRANSIT] * 2, 1, 2.0), scene="floor")
+    write_report(tmp_path, [run], [chart], [])
+    assert "<td>-</td>" in (tmp_path / "report.html").read_text("utf-8")
+
+
+def test_a_map_shows_the_waypoint(chart):
+    run = track([Mode.TRANSIT] * 3, 0, 1.5)
+    plain, marked = (
+        picture(still(run, replace(chart, waypoint=to))) for to in (None, np.array([1.0, 0.0, 9.0]))
+    )
+    assert pixels(marked, ORANGE) > pixels(plain, ORANGE) + 40

@@ -50,6 +50,14 @@ def test_a_tower_is_hit_by_who_does_not_listen_and_passed_by_who_does(avoided):
     assert (avoided.frame_status == 1).any() and len(avoided.avoidances_s) >= 1
 
 
+def test_who_does_not_listen_ends_where_the_mission_does_too():
+    """It comes to rest before the tower: this scene's control hits nothing."""
+    scene = draw_scene("structure", SEED, WIDTH)
+    deaf = fly(scene, NONE)
+    assert deaf.reached and not deaf.collided
+    assert 4.0 < np.linalg.norm(deaf.position[-1] - scene.goal) <= scene.end_m
+
+
 def test_the_same_seed_is_the_same_run(avoided, monkeypatch):
     monkeypatch.setattr(flight, "MAX_S", BEGINS_S)
     again = flown("tower", "disparity")

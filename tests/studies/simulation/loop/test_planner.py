@@ -1,12 +1,14 @@
 """The planner's rules, a datagram at a time."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tokt.inference.outputs.udp import decode
 from tokt.studies.simulation.loop.autopilot import Mode
+from tokt.studies.simulation.loop.flight import PLANNERS
 from tokt.studies.simulation.loop.labview import LabviewPlanner
 from tokt.studies.simulation.loop.planner import (
     PATIENCE_S,
@@ -16,6 +18,7 @@ from tokt.studies.simulation.loop.planner import (
     WAIT_S,
     Planner,
 )
+from tokt.studies.simulation.loop.scenes import draw_scene
 from tokt.studies.simulation.loop.vehicle import State
 
 GOAL = np.array([0.0, 0.0, 20.0])
@@ -343,14 +346,33 @@ def test_or_it_avoids_for_a_time():
     assert modes == [Mode.AVOID] * 40 + [Mode.TRANSIT] * 3
 
 
-@pytest.mark.parametrize(
-    ("way", "east", "north"), [(0.0, 3, 3), (math.pi, -3, -3), (math.pi / 2, -3, 3)]
-)
-def test_the_fault_at_sea_puts_the_waypoint_behind_the_vehicle_or_the_obstacle(way, east, north):
-    """What is ahead to port is to be passed to starboard; on a way north the fault is none."""
-    planner = LabviewPlanner(GOAL, heading_rad=way)
-    target = planner.target(0.0, state(), v1(1, 50))
-    assert target.position == pytest.approx([east, 0.0, north])
+@pytest.mark.parametrize("x", [-50, 50])
+@pytest.mark.parametrize("seed", [1001, 1002])
+@pytest.mark.parametrize("seen_m", [-6.3, -10.4])
+def test_the_fault_at_sea_puts_the_waypoint_behind_the_vehicle_or_the_obstacle(seen_m, seed, x):
+    scene = draw_scene("tower", seed, 360)
+    tower = scene.world.things[0].at
+    nav = state(north=seen_m)
+    target = PLANNERS["sea-trial"](scene).target(0.0, nav, v1(1, x))
+    east, _, north = target.position - nav.position
+    assert target.mode is Mode.AVOID
+    if seed % 2 == 0:
+        assert north < -2.0 and east * x < 0, "behind the vehicle"
+        return
+    to_east, _, to_north = tower - nav.position
+    # The tower's feet reach 0.85 m, and the hull 0.8: it does not pass beside it on the way there.
+    assert math.hypot(east, north) > math.hypot(to_east, to_north) + 0.85, "beyond the tower"
+    assert abs(to_east * north - to_north * east) / math.hypot(east, north) < 0.8 + 0.85
+
+
+@pytest.mark.parametrize("name", [*PLANNERS, "none"])
+def test_each_planner_ends_on_station_within_metres_of_the_structure(name):
+    scene = replace(draw_scene("empty", 1001, 360), goal=GOAL, end_m=5.0)
+    planner = Planner(GOAL, True, 5.0) if name == "none" else PLANNERS[name](scene)
+    assert planner.target(0.0, state(surge=0.6), v2(0)).mode is Mode.TRANSIT
+    assert planner.target(0.25, state(north=15.2, surge=0.6), v2(1, 50)).mode is Mode.HOLD
+    assert not planner.reached, "not at rest yet"
+    assert planner.target(0.5, state(north=15.5), v2(0)).mode is Mode.HOLD and planner.reached
 
 
 def test_the_control_hears_nothing():

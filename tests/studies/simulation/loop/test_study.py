@@ -136,8 +136,9 @@ def test_the_page_has_the_study_s_figures_and_keeps_its_words(tmp_path, monkeypa
     spec.loader.exec_module(script)
     assert script.PAGE.read_text(encoding="utf-8").count(script.BEGIN) == 1
     out = tmp_path / "out"
-    command = ["simulate", out, "--closed-loop", "--scenes", "empty", "--jobs", 1, "--runs", 2]
-    succeeds(*command, "--methods", "disparity,none")
+    command = ["simulate", out, "--closed-loop", "--jobs", 1, "--runs", 2]
+    command += ["--scenes", "empty,floor"]
+    assert "false avoidance in   -" in succeeds(*command, "--methods", "disparity,none").out
     monkeypatch.setattr(script, "PAGE", page)
     monkeypatch.setattr(script, "DEFAULT", "disparity")
     page.write_text(f"Before.\n{script.BEGIN}old\n{script.END}After.\n", encoding="utf-8")
@@ -146,6 +147,7 @@ def test_the_page_has_the_study_s_figures_and_keeps_its_words(tmp_path, monkeypa
         text = page.read_text(encoding="utf-8")
         assert text.startswith("Before.\n") and text.endswith("After.\n") and "old" not in text
         assert "| 0 of 2 (0.0 to 84.2 %) |" in text and "| 0, 0, 0 of 2 |" in text
+        assert "| - |" in text and "| 0, 0, - of 2 |" in text, "the ground is always in view"
         assert f"Seeds from 1 to 2, of frames 360 pixels wide. tokt {__version__} flew" in text
 
 

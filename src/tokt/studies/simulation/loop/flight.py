@@ -27,7 +27,7 @@ from tokt.features.common.errors import ToktError
 from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
 
 from .autopilot import STEP_S, Autopilot, Setpoint
-from .labview import AVOID_S, LabviewPlanner
+from .labview import AVOID_S, BEHIND_IT, BEHIND_OBSTACLE, LabviewPlanner
 from .planner import Planner
 from .runtime_process import LateVerdictError, RuntimeProcess
 from .scenes import KINDS, LoopScene
@@ -57,14 +57,16 @@ EPOCH_S = 1_461_149_301.0
 """The simulated clock's time at the start, UTC: the sea trial's day."""
 
 
-_SEA_TRIAL_RAD = (math.pi, math.pi / 2)
-"""Where the way led, by seed: with the fault the waypoint is behind the vehicle or the obstacle."""
+_SEA_TRIAL = (BEHIND_IT, BEHIND_OBSTACLE)
+"""The fault of even and of odd seeds."""
 OURS = "tokt"
 PLANNERS: dict[str, Callable[[LoopScene], Planner | LabviewPlanner]] = {
     OURS: lambda scene: Planner(scene.goal, end_m=scene.end_m),
-    "labview": lambda scene: LabviewPlanner(scene.goal),
-    "labview-timed": lambda scene: LabviewPlanner(scene.goal, avoid_s=AVOID_S),
-    "sea-trial": lambda scene: LabviewPlanner(scene.goal, AVOID_S, _SEA_TRIAL_RAD[scene.seed % 2]),
+    "labview": lambda scene: LabviewPlanner(scene.goal, None, scene.end_m),
+    "labview-timed": lambda scene: LabviewPlanner(scene.goal, AVOID_S, scene.end_m),
+    "sea-trial": lambda scene: LabviewPlanner(
+        scene.goal, AVOID_S, scene.end_m, _SEA_TRIAL[scene.seed % 2]
+    ),
 }
 """Ours; the thesis's rule, till the obstacle is out of view or for a time; its fault at sea."""
 
@@ -114,8 +116,8 @@ class _Run:
         self._renderer = StereoRenderer(scene.world, scene.rig, scene.seed)
         self._vehicle = Vehicle(scene.start, scene.world.current)
         self._autopilot = Autopilot()
-        deaf = runtime is None
-        self._planner = Planner(scene.goal, deaf) if deaf else PLANNERS[planner](scene)
+        deaf = Planner(scene.goal, deaf=True, end_m=scene.end_m)
+        self._planner = deaf if runtime is None else PLANNERS[planner](scene)
         self._piloted: F64 | None = None  # where the pilot steers to
         self._steps: list[Step] = []
         self._frames: list[SaidOfFrame] = []

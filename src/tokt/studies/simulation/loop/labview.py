@@ -2,8 +2,8 @@
 
 At status 1 a new waypoint ahead and to the side, for a certain time *or* until the obstacle is out
 of view (paper, part 2); at status 0 the goal again. It goes from waypoint to waypoint, looking
-where it goes. At sea the offset was taken as north and east, not as ahead and to starboard: the
-waypoint came to lie behind the vehicle, or behind the obstacle (table 4.2, attempts 2 and 4).
+where it goes. At sea the offset was taken in another frame than the vehicle's own: the waypoint
+came to lie behind the vehicle, or behind the obstacle (table 4.2, attempts 2 and 4).
 """
 
 import math
@@ -15,11 +15,15 @@ from tokt.features.common.arrays import F64
 from tokt.inference.verdict import OBSTACLE
 
 from .autopilot import Mode, Setpoint
-from .planner import ARRIVED_M, REACHED_M, SILENCE_S, steered
+from .planner import ARRIVED_M, REACHED_M, SILENCE_S, Planner, steered
 from .vehicle import State
 
-AHEAD_M, ASIDE_M = 3.0, 3.0
-"""From the vehicle to its new waypoint; the thesis prints no figures."""
+OFFSET_M = 3.0
+"""From the vehicle to its new waypoint, ahead and aside; the thesis prints no figures."""
+BEHIND_IT = (math.pi, OFFSET_M)
+BEHIND_OBSTACLE = (math.pi / 4, 8.5)
+"""The fault: how far the offset's frame is turned to the other side, and the offset. A waypoint
+12 m right ahead is beyond a tower, wherever that is seen first."""
 AVOID_S = 10.0
 """How long it avoids, where that goes by time."""
 
@@ -27,18 +31,20 @@ AVOID_S = 10.0
 class LabviewPlanner:
     """One transit to one goal, by the printed rule.
 
-    `avoid_s` is how long it avoids; None is until the obstacle is out of view. `heading_rad` makes
-    the fault of the sea trial: the offset is taken as one in the world's frame, on a way that leads
-    there. None is right: the offset is one of the body-fixed frame.
+    `avoid_s` is how long it avoids; None is until the obstacle is out of view. `end_m` is as for
+    `Planner`. `fault` is the sea trial's, `BEHIND_IT` or `BEHIND_OBSTACLE`; without one the offset
+    is in the body-fixed frame.
     """
 
     def __init__(
-        self, goal: F64, avoid_s: float | None = None, heading_rad: float | None = None
-    ) -> None:
+        self, goal: F64, avoid_s: float | None = None, end_m: float | None = None,
+        fault: tuple[float, float] = (0.0, OFFSET_M),
+    ) -> None:  # fmt: skip
         self.goal = np.asarray(goal, np.float64)
         self.reached = False
         self.avoidances: list[float] = []
-        self._avoid_s, self._turned = avoid_s, -(heading_rad or 0.0)
+        self._avoid_s, (self._turned, self._offset_m) = avoid_s, fault
+        self._straight = Planner(goal, deaf=True, end_m=end_m)
         self._waypoint: F64 | None = None
         self._began_s, self._heard_s = 0.0, -math.inf
 
@@ -51,6 +57,10 @@ class LabviewPlanner:
         if heard is not None:
             self._heard_s = t_s
             self._take_in(t_s, heard, nav)
+        straight = self._straight.target(t_s, nav)
+        if straight.mode is Mode.HOLD:
+            self.reached = self._straight.reached
+            return straight
         if self._waypoint is None:
             self.reached = float(np.linalg.norm(self.goal - nav.position)) < ARRIVED_M
             return steered(nav, self.goal, Mode.TRANSIT)
@@ -72,8 +82,8 @@ class LabviewPlanner:
         elif self._avoid_s is not None:
             return
         # Away from it; to the left where it is right ahead.
-        aside = ASIDE_M if (heard["x"] or 0) > 0 else -ASIDE_M
-        way = nav.heading_rad + self._turned
+        side = 1 if (heard["x"] or 0) > 0 else -1
+        way = nav.heading_rad - side * self._turned
         sine, cosine = math.sin(way), math.cos(way)
-        offset = [AHEAD_M * sine + aside * cosine, 0.0, AHEAD_M * cosine - aside * sine]
-        self._waypoint = nav.position + offset
+        offset = np.array([sine + side * cosine, 0.0, cosine - side * sine])
+        self._waypoint = nav.position + self._offset_m * offset

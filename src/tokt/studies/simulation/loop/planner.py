@@ -178,7 +178,7 @@ class Planner:
         (3,) that a pilot who has taken over steers to.
         """
         if self._deaf:
-            return self._transit(nav)
+            return self._hold(t_s, nav) if self._ends(nav) else self._transit(nav)
         if pilot is not None:
             return self._piloted(t_s, nav, pilot)
         if heard is not None:

@@ -9,6 +9,9 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from tokt.inference.verdict import UNKNOWN
+from tokt.studies.simulation.loop.autopilot import STEP_S, Mode
+from tokt.studies.simulation.loop.flight import LATENCY_S
 from tokt.studies.simulation.loop.track import Track
 from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
 
@@ -16,6 +19,8 @@ CONFIDENCE = 0.95
 FRESH_S = 2.5
 """An avoidance is of what was in view at most this long before: the frame rule and the way of the
 datagram take up to a second and a half."""
+GROUND_IN_VIEW = ("floor",)
+"""Scenes in which something solid is always in view: no avoidance can be told to be false."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +43,7 @@ class FlightOutcome:
     time_s: float
     avoidances: int
     false_avoidances: int
+    false_retreats: int  # it went back from what stayed unknown, with nothing solid in view
     false_statuses: int
     frames: int
     unknown_frames: int
@@ -68,14 +74,24 @@ def outcome_of(track: Track) -> FlightOutcome:
         time_s=float(track.t_s[-1]),
         avoidances=len(track.avoidances_s),
         false_avoidances=sum(_is_false(track, t_s) for t_s in track.avoidances_s),
+        false_retreats=_false_retreats(track),
         false_statuses=int(((track.frame_status == 1) & ~track.frame_in_view).sum()),
         frames=len(track.frame_status),
         unknown_frames=int((track.frame_status == -1).sum()),
     )
 
 
+def _false_retreats(track: Track) -> int:
+    """How often it began to go back while the newest verdict heard was unknown."""
+    began = (track.mode[1:] == Mode.BACK_OFF) & (track.mode[:-1] == Mode.HOLD)
+    times = track.t_s[1:][began]
+    newest = np.searchsorted(track.frame_t_s, times - LATENCY_S + STEP_S / 2) - 1
+    unknown = times[track.frame_status[newest] == UNKNOWN]
+    return sum(_is_false(track, t_s) for t_s in unknown)
+
+
 def _is_false(track: Track, t_s: float) -> bool:
-    """Whether nothing solid was in any frame of the time before an avoidance."""
+    """Whether nothing solid was in any frame of the time before."""
     recent = (track.frame_t_s <= t_s) & (track.frame_t_s >= t_s - FRESH_S)
     return not track.frame_in_view[recent].any()
 
@@ -92,13 +108,15 @@ def bounds(happened: int, runs: int) -> tuple[float, float]:
 def table(outcomes: Sequence[FlightOutcome]) -> pd.DataFrame:
     """A row for each scene and method, in the order in which they first occur.
 
-    Columns: scene, method, runs; collided, reached, false_avoidance (runs in which it happened,
-    each with ``_low`` and ``_high``, the bounds of its rate at 95 % confidence); clearance_min_m,
-    clearance_median_m (NaN where nothing is solid); detour_median, detour_most and time_median_s
-    (of the runs that arrived, NaN without any); false_status_frames, frames.
+    Columns: scene, method, runs; collided, reached, false_avoidance, went_back (runs in which it
+    happened, the last by `FlightOutcome.false_retreats`, each with ``_low`` and ``_high``, the
+    bounds of its rate at 95 % confidence); clearance_min_m, clearance_median_m (NaN where nothing
+    is solid); detour_median, detour_most and time_median_s (of the runs that arrived, NaN without
+    any); false_status_frames, frames.
     """
     frame = pd.DataFrame([asdict(outcome) for outcome in outcomes])
     frame["false_avoidance"] = frame["false_avoidances"] > 0
+    frame["went_back"] = frame["false_retreats"] > 0
     groups = frame.groupby(["scene", "method"], sort=False)
     return pd.DataFrame(
         [{"scene": scene, "method": method, **_row(part)} for (scene, method), part in groups]
@@ -107,7 +125,7 @@ def table(outcomes: Sequence[FlightOutcome]) -> pd.DataFrame:
 
 def _row(part: pd.DataFrame) -> dict[str, float | int]:
     row: dict[str, float | int] = {"runs": len(part)}
-    for name in ("collided", "reached", "false_avoidance"):
+    for name in ("collided", "reached", "false_avoidance", "went_back"):
         happened = int(part[name].sum())
         row[name] = happened
         row[f"{name}_low"], row[f"{name}_high"] = bounds(happened, len(part))

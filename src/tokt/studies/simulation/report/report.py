@@ -15,7 +15,7 @@ from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
 from tokt.training.evaluation.report import report_page
 
 from .maps import Chart, animation, overview, still
-from .outcome import CONFIDENCE, FRESH_S, outcome_of, table
+from .outcome import CONFIDENCE, FRESH_S, GROUND_IN_VIEW, outcome_of, table
 
 
 def write_report(
@@ -43,6 +43,7 @@ def write_report(
         hull_m=HULL_RADIUS_M,
         confidence=CONFIDENCE,
         fresh_s=FRESH_S,
+        ground_in_view=GROUND_IN_VIEW,
         in_view_m=IN_VIEW_M,
     )
     atomic.write_text(out / "report.html", page)
