@@ -70,6 +70,13 @@ def undrawn(coarse, request, monkeypatch):
         monkeypatch.setattr(Figure, "savefig", lambda figure, buffer, **_: buffer.write(b"none"))
 
 
+@pytest.fixture(autouse=True)
+def one_small_scene(monkeypatch):
+    """One narrow rendered pair, for time."""
+    monkeypatch.setattr(centre_figures, "SCENES", (1,))
+    monkeypatch.setattr(centre_figures, "FULL_WIDTH", WIDTH)
+
+
 @pytest.fixture
 def drawn():
     """Figures are drawn, coarsely."""
@@ -318,16 +325,15 @@ def test_a_mask_is_finer_than_blocks_or_not(fitting, agreement):
     assert fineness_claim(fitting).agreement is ClaimAgreement[agreement]
 
 
-def test_masks_are_held_against_the_exact_one(context, monkeypatch):
+def test_masks_are_held_against_the_exact_one(monkeypatch):
     """What stands for the thesis's map is what is there, then everything, then nothing."""
-    monkeypatch.setattr(centre_figures, "SCENES", (1,))
     monkeypatch.setattr(centre_figures, "dilated", lambda mask: mask)
     pair = LitScene(WIDTH, 1).at(BLUE)
     exact = undistorted(at_thesis_size(pair.mask), LEFT_CAMERA)
     found = []
     for said in (np.where(exact >= 128, 255, 0), np.full_like(exact, 255), np.zeros_like(exact)):
         monkeypatch.setattr(centre_figures, "thesis_map", lambda *_, said=said: said)
-        found += centre_figures.fitting_the_exact_mask(context)
+        found += centre_figures.fitting_the_exact_mask()
     (exactly, blocks), (everything, same), (nothing, _) = found
     assert exactly == 1 and nothing == 0 and blocks == same
     assert 0 < everything < 0.5 < blocks < 1, "blocks beat a mask that is no good"

@@ -21,6 +21,7 @@ from tokt.studies.baselines.thesis_centre import (
 from tokt.studies.baselines.thesis_stereo import LEFT_CAMERA, cropped, undistorted
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.simulation.rendering.patch_labels import coverage
+from tokt.studies.simulation.scene.rig import FULL_WIDTH
 from tokt.studies.thesis.light_scene import BLUE, LitScene
 from tokt.studies.thesis.methods.curves import THESIS
 
@@ -37,7 +38,6 @@ from .frame_drawing import (
     show_frame,
     show_mask,
 )
-from .light_figures import rendered_width
 
 SCENES = (1, 2, 3)
 """Seeds of the rendered pairs."""
@@ -106,7 +106,7 @@ def centre_and_box(context: StudyContext) -> Exhibit:
             f"The mission's figures are of the {len(mission)} frames and methods in which the "
             "thesis's method says obstacle. None is of an image it learnt from.",
         ),
-        (box_claim(mission), fineness_claim(fitting_the_exact_mask(context))),
+        (box_claim(mission), fineness_claim(fitting_the_exact_mask())),
         plots=(
             Plot(
                 "contours-centre-box",
@@ -152,15 +152,14 @@ def box_claim(every: Sequence[BothWays]) -> Claim:
     )
 
 
-def fitting_the_exact_mask(context: StudyContext) -> list[tuple[float, float]]:
-    """Overlap with what is there, of the thesis's disparity mask and of blocks, a pair a scene.
+def fitting_the_exact_mask() -> list[tuple[float, float]]:
+    """Overlap with what is there, of the thesis's disparity mask and of blocks, a rendered pair.
 
-    Labels are by patch, so that the pairs are rendered. The blocks are those that the tower covers
-    by half: no method's, but the best that blocks can do. All as the map is seen, without margin.
+    The blocks are those covered by half: no method's, but the best that blocks can do.
     """
     found = []
     for seed in SCENES:
-        pair = LitScene(rendered_width(context), seed).at(BLUE)
+        pair = LitScene(FULL_WIDTH, seed).at(BLUE)
         left, right, exact = (np.asarray(one) for one in (pair.left, pair.right, pair.mask))
         blocks = GRID.paint(coverage(exact >= 128, GRID) >= _MOSTLY, *exact.shape)
         there, covered = (

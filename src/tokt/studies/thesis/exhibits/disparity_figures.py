@@ -17,6 +17,7 @@ from scipy.stats import spearmanr
 
 from tokt.features.common.arrays import F64, I64, U8, Bools
 from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import LEFT
 from tokt.inference.frame import Frame
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.matching import Matches
@@ -95,7 +96,7 @@ def disparity_figures(context: StudyContext) -> Exhibit:
     picture = DepthPicture(DisparityDetector(calibration, GRID).rectifier, *ends)
     numbers = {
         **_control(rows),
-        **_cloud_numbers(shown, context.truth(best)),
+        **_cloud_numbers(shown, context.truth(best, LEFT)),
         "matched_points": len(covered),
         "points_searched": float(covered.mean()) if len(covered) else None,
     }

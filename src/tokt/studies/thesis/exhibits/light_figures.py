@@ -98,18 +98,14 @@ def _truth(
     return mask, truth, "the frame's labels"
 
 
-def rendered_width(context: StudyContext) -> int:
-    """As wide as the mission's frames if that can be rendered."""
-    return int(np.clip(context.any_picture().shape[1], *RENDERED_WIDTHS))
-
-
 def bad_lighting(context: StudyContext) -> Exhibit:
     """A picture in bad light, a mask of what is in it, every method's predictions (5.6 to 5.8).
 
     The picture is that of ``--picture`` with the person's mask of ``--picture-mask``; without it a
     rendered river by day, whose mask is exact. Low light is rendered either way.
     """
-    width = rendered_width(context)
+    # As wide as the mission's frames if that can be rendered.
+    width = int(np.clip(context.any_picture().shape[1], *RENDERED_WIDTHS))
     bad = given_picture(context) or LitScene(width, SEED, fish=True).at(
         BRIGHT,
         "bright green water by day, a tower and fish. Both are to be found, as nobody would call "

@@ -8,6 +8,7 @@ import pandas as pd
 
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import LEFT
 from tokt.studies.baselines.thesis_stereo import (
     CROP_PX,
     LEFT_CAMERA,
@@ -118,10 +119,10 @@ def sweep_claim(sweep: pd.DataFrame) -> Claim:
 
 def seen_at_the_edges(context: StudyContext) -> pd.DataFrame:
     """Seen parts of labelled obstacles that touch either edge: a row a pair, nan without any."""
-    enough = [n for n in context.pairs if context.obstacle_patches.get(n, 0) >= _MIN_PATCHES]
+    enough = [n for n in context.pairs if (context.truth(n, LEFT) == 1).sum() >= _MIN_PATCHES]
     rows = []
     for number in evenly_spaced(enough, MIRRORED_FRAMES):
-        pair, truth = pair_of(context, number), context.truth(number)
+        pair, truth = pair_of(context, number), context.truth(number, LEFT)
         first = int(np.flatnonzero((truth.reshape(GRID.rows, GRID.cols) == 1).any(axis=0))[0])
         moved = [_moved_left(one, first * one.shape[1] // GRID.cols) for one in pair]
         there = np.zeros((GRID.rows, GRID.cols), np.int8)
