@@ -175,7 +175,7 @@ def reproduce(
     ] = None,
     camera: Annotated[
         str,
-        Option(help="left or right: whose frames the texture methods judge, by its own labels."),
+        Option(help="left or right: the texture methods' camera. Left labels serve both."),
     ] = "left",
     labels: Annotated[
         Path | None,
