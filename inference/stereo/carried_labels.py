@@ -93,19 +93,15 @@ class LabelCarrier:
         return [names[int(code)] for code in shares.argmax(axis=1)]
 
     def sure_clear(self, labels: Sequence[str | None], clear: Collection[str]) -> list[bool]:
-        """Which right patches show nothing, however far, that lies off the left frame's clear ones.
-
-        Parameters are those of `carry`; no nearer than `matching.NEAREST_M`.
-        """
+        """Which right patches, by labels as in `carry`, can show nothing but clear left ones."""
         x0, y0, x1, y1 = self._boxes.T
         told, found = np.array([label in clear for label in labels]), []
         for places in self._places:
             (left, top), (right, bottom) = places.min(axis=0), places.max(axis=0)
-            right += self._reach
-            seen = (x0 < right) & (x1 > left) & (y0 < bottom) & (y1 > top)
-            corners = [(x, y) for x in (left, right) for y in (top, bottom)]
-            seen_at = self._views.to_frame(np.array(corners))
-            inside = (seen_at >= -0.5).all() and (seen_at <= np.array(self._frame_size) - 0.5).all()
+            seen = (x0 < right + self._reach) & (x1 > left) & (y0 < bottom) & (y1 > top)
+            corners = np.array([(x, y) for x in (left, right + self._reach) for y in (top, bottom)])
+            there = self._views.to_frame(corners) + 0.5
+            inside = (there >= 0).all() and (there <= self._frame_size).all()
             found.append(bool(inside and told[seen].all()))
         return found
 

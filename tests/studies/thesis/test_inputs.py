@@ -41,9 +41,9 @@ def test_left_labels_are_carried_to_a_camera_that_has_none(right):
 
 
 def test_the_left_map_has_left_labels_whatever_the_camera(right, reproduced):
-    assert np.array_equal(right.truth(12, "left"), reproduced.truth(12))
+    assert np.array_equal(right.left_labelled[12], reproduced.truth(12))
     assert not np.array_equal(right.truth(12), reproduced.truth(12))
-    assert np.array_equal(reproduced.truth(12, "left"), reproduced.truth(12))
+    assert np.array_equal(reproduced.left_labelled[12], reproduced.truth(12))
 
 
 def test_open_ocean_is_where_the_left_frame_is(right, reproduced):

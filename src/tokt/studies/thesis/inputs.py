@@ -29,6 +29,7 @@ from tokt.training.rig.calibrate.self_calibration import BASELINE_MM, plain_star
 from .patch_scores import Truth
 
 LABEL_FILE, CALIBRATION_FILE = "labels.csv", "calibration.yml"
+UNKNOWN: Truth = np.full(GRID.n_patches, -1, np.int8)
 SURVEYED = 80
 """Pairs looked at for something in them, spread over the mission."""
 
@@ -187,15 +188,15 @@ class StudyInputs:
 
     @cached_property
     def left_labelled(self) -> dict[int, Truth]:
-        """The same of left frames, whatever camera the request has."""
-        left = self.request.camera == LEFT
-        return self._truths_of(self.labels if left else self._labels_of(LEFT))
+        """The same of left frames, for what is made of the pair."""
+        asked = self.request.camera == LEFT
+        return self._truths_of(self.labels if asked else self._labels_of(LEFT))
 
     def _truths_of(self, records: Sequence[LabelRecord] | None) -> dict[int, Truth]:
         found: dict[int, Truth] = {}
         for one in records or []:
             if one.label not in (UNSURE, None):
-                patches = found.setdefault(one.frame, np.full(GRID.n_patches, -1, np.int8))
+                patches = found.setdefault(one.frame, UNKNOWN.copy())
                 patches[one.row * GRID.cols + one.col] = self.taxonomy.is_obstacle(str(one.label))
         return dict(sorted(found.items()))
 
@@ -204,13 +205,9 @@ class StudyInputs:
         """Patches labelled as an obstacle, by frame; only frames with a label that is sure."""
         return {number: int((truth == 1).sum()) for number, truth in self.labelled.items()}
 
-    def truth(self, number: int, camera: str = "") -> Truth:
-        """Labels of a frame's patches, or of the left one's; -1 all over without one that is sure.
-
-        The left one's are for what is made of the pair.
-        """
-        known = self.left_labelled if camera == LEFT else self.labelled
-        return known.get(number, np.full(GRID.n_patches, -1, np.int8))
+    def truth(self, number: int) -> Truth:
+        """Labels of a frame's patches; -1 everywhere without one that is sure."""
+        return self.labelled.get(number, UNKNOWN)
 
     @cached_property
     def truths(self) -> dict[int, Truth]:

@@ -39,8 +39,7 @@ from .frame_drawing import (
     show_mask,
 )
 
-SCENES = (1, 2, 3)
-"""Seeds of the rendered pairs."""
+SCENES = (1, 2, 3)  # seeds of the rendered pairs
 _SOME, _MOSTLY = 0.1, 0.5
 """Parts of the masks, and of a patch."""
 
@@ -152,7 +151,7 @@ def box_claim(every: Sequence[BothWays]) -> Claim:
     )
 
 
-def fitting_the_exact_mask() -> list[tuple[float, float]]:
+def fitting_the_exact_mask() -> list[list[float]]:
     """Overlap with what is there, of the thesis's disparity mask and of blocks, a rendered pair.
 
     The blocks are those covered by half: no method's, but the best that blocks can do.
@@ -166,12 +165,11 @@ def fitting_the_exact_mask() -> list[tuple[float, float]]:
             cropped(undistorted(at_thesis_size(one), LEFT_CAMERA)) >= 128 for one in (exact, blocks)
         )
         mask = dilated(dilated(cropped(thesis_map(left, right)))) > 0
-        either = [(one & there).sum() / (one | there).sum() for one in (mask, covered)]
-        found.append((float(either[0]), float(either[1])))
+        found.append([(one & there).sum() / (one | there).sum() for one in (mask, covered)])
     return found
 
 
-def fineness_claim(fitting: Sequence[tuple[float, float]]) -> Claim:
+def fineness_claim(fitting: Sequence[Sequence[float]]) -> Claim:
     """Whether the thesis's disparity mask is finer than a mask of blocks can be."""
     claim = Claim.about("the disparity mask is finer than the block mask", "figures 3.21 to 3.24")
     finer = [mask > blocks for mask, blocks in fitting]
