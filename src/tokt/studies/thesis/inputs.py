@@ -152,9 +152,8 @@ class StudyInputs:
                 there = carrier.carry(self.left(number), right, labels, [clear])
                 for patch, sure in enumerate(carrier.sure_clear(labels, [clear])):
                     if label := clear if sure else there[patch]:
-                        row, col = divmod(patch, GRID.cols)
-                        cell = {"frame": number, "row": row, "col": col, "label": label}
-                        found.append(replace(left[0], camera=RIGHT, **cell))
+                        at = replace(left[0], row=patch // GRID.cols, col=patch % GRID.cols)
+                        found.append(replace(at, camera=RIGHT, frame=number, label=label))
         except ToktError as error:
             self.say(f"no labels of right frames, nor carried from left ones: {error}")
             return []
