@@ -28,8 +28,9 @@ class LabelCarrier:
     """Carries a left frame's labels to the right frame of the same moment.
 
     A patch is looked for in the right view, from `matching.NEAREST_M` on: by normalised
-    correlation, and only where the way back leads to it. Clear is carried nowhere: the right camera
+    correlation, and only where the way back leads to it. Clear is not looked for: the right camera
     may see what is hidden from the left one, or beside its view, and open water is like itself.
+    `sure_clear` tells which right patches can show nothing but clear ones.
 
     Raises
     ------
@@ -90,6 +91,19 @@ class LabelCarrier:
         shares = np.stack([(asked == code).mean(axis=1) for code in range(len(names))], axis=1)
         shares[:, 0] = _MIN_SHARE
         return [names[int(code)] for code in shares.argmax(axis=1)]
+
+    def sure_clear(self, labels: Sequence[str | None], clear: Collection[str]) -> list[bool]:
+        """Which right patches, by labels as in `carry`, can show nothing but clear left ones."""
+        x0, y0, x1, y1 = self._boxes.T
+        told, found = np.array([label in clear for label in labels]), []
+        for places in self._places:
+            (left, top), (right, bottom) = places.min(axis=0), places.max(axis=0)
+            seen = (x0 < right + self._reach) & (x1 > left) & (y0 < bottom) & (y1 > top)
+            corners = np.array([(x, y) for x in (left, right + self._reach) for y in (top, bottom)])
+            there = self._views.to_frame(corners) + 0.5
+            inside = (there >= 0).all() and (there <= self._frame_size).all()
+            found.append(bool(inside and told[seen].all()))
+        return found
 
     def _shift(self, views: list[F32], box: I64) -> int | None:
         """How many pixels further left a patch of the left view lies in the right one."""

@@ -174,8 +174,7 @@ def reproduce(
         Path | None, Option(help="Stereo calibration. Default: calibrate from the frames.")
     ] = None,
     camera: Annotated[
-        str,
-        Option(help="left or right: whose frames the texture methods judge, by its own labels."),
+        str, Option(help="left or right: the texture methods' camera. Left labels serve both.")
     ] = "left",
     labels: Annotated[
         Path | None,

@@ -77,3 +77,22 @@ def test_any_label_is_carried(carrier):
 def test_frames_of_another_size_are_refused(carrier):
     frame = np.zeros((512, 680), np.uint8)
     refuses("is for 1360x1024, not 680x512", carrier.carry, frame, frame, ["ocean"] * 100, CLEAR)
+
+
+@settings(max_examples=scaled(40), deadline=None)
+@given(x=st.integers(0, 1040), y=st.integers(0, 700), disparity_px=st.integers(0, 390))
+def test_a_right_patch_is_clear_where_all_that_it_may_show_is(carrier, x, y, disparity_px):
+    labels = labels_of(coverage(x, y) * 1e6)  # a patch that any of it touches is no ocean
+    told = np.reshape(carrier.sure_clear(labels, CLEAR), (10, 10))
+    assert not told[coverage(x - disparity_px, y).reshape(10, 10) > 0.02].any()
+    assert not told[:, 7:].any(), "what is near lies beside the left frame"
+
+
+def test_open_water_of_both_cameras_is_clear(carrier):
+    sea = ["ocean"] * 100
+    told = np.reshape(carrier.sure_clear(sea, CLEAR), (10, 10))
+    assert told[:, :6].all() and not told[:, 7:].any()
+    assert not any(carrier.sure_clear([None] * 100, CLEAR))
+    told = np.reshape(carrier.sure_clear([*sea[:55], None, *sea[56:]], CLEAR), (10, 10))
+    assert not told[5, 4] and not told[5, 5], "one patch nobody labelled"
+    assert told[5, 0] and told[2, 5]

@@ -270,7 +270,11 @@ def test_masks_of_superpixels_and_grid_are_judged_by_area_contours_and_score():
         claim = superpixel_figure.mask_claim({**as_printed, **other})
         assert claim.agreement is ClaimAgreement.PARTLY, other
     against = {"area_ratio": 0.9, "grid_contours": 20, "slic_f1": 0.9, "overlap": 0.2}
-    assert superpixel_figure.mask_claim({**as_printed, **against}).agreement is ClaimAgreement.NO
+    for kept, agreement in (({}, "NO"), ({"overlap": 0.7}, "NO"), ({"grid_contours": 9}, "NO")):
+        claim = superpixel_figure.mask_claim({**as_printed, **against, **kept})
+        assert claim.agreement is ClaimAgreement[agreement], kept
+    half = {**as_printed, **against, "overlap": 0.7, "grid_contours": 9}
+    assert superpixel_figure.mask_claim(half).agreement is ClaimAgreement.PARTLY
     without = superpixel_figure.mask_claim({**as_printed, "overlap": None})
     assert without.agreement is ClaimAgreement.UNAVAILABLE
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tokt.features.common.errors import ToktError
 from tokt.inference.verdict import verdict_from_mask
 from tokt.studies.baselines.thesis_centre import leaves_frame, thesis_centre
+from tokt.studies.baselines.thesis_stereo import LEFT_CAMERA, undistorted
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.exhibits import centre_figures, training_image_figures
 from tokt.studies.thesis.exhibits.centre_figures import (
@@ -21,6 +22,7 @@ from tokt.studies.thesis.exhibits.centre_figures import (
     centre_and_box,
     fineness_claim,
 )
+from tokt.studies.thesis.exhibits.disparity_figures import at_thesis_size
 from tokt.studies.thesis.exhibits.dot_figures import (
     alike_claim,
     by_thesis,
@@ -39,6 +41,7 @@ from tokt.studies.thesis.exhibits.training_image_figures import (
     training_images,
     variety_claim,
 )
+from tokt.studies.thesis.light_scene import BLUE, LitScene
 from tokt.studies.thesis.methods.curves import THESIS, Curves
 from tokt.studies.thesis.methods.mission_models import TOKT_TEXTURE, learnt_from_labels
 from tokt.studies.thesis.patch_scores import (
@@ -65,6 +68,13 @@ def undrawn(coarse, request, monkeypatch):
     """Figures are put together, but not even coarsely drawn where a test does not ask for it."""
     if "drawn" not in request.fixturenames:
         monkeypatch.setattr(Figure, "savefig", lambda figure, buffer, **_: buffer.write(b"none"))
+
+
+@pytest.fixture(autouse=True)
+def one_small_scene(monkeypatch):
+    """One narrow rendered pair, for time."""
+    monkeypatch.setattr(centre_figures, "SCENES", (1,))
+    monkeypatch.setattr(centre_figures, "FULL_WIDTH", WIDTH)
 
 
 @pytest.fixture
@@ -304,21 +314,29 @@ def test_masks_are_alike_by_what_both_mark(marked, agreement):
 
 
 @pytest.mark.parametrize(
-    ("share", "agreement"), [(0.8, "YES"), (0.2, "PARTLY"), (0.0, "NO"), (None, "UNAVAILABLE")]
+    ("fitting", "agreement"),
+    [
+        ([(0.8, 0.6), (0.7, 0.6)], "YES"),
+        ([(0.8, 0.6), (0.5, 0.6)], "PARTLY"),
+        ([(0.6, 0.6), (0.5, 0.6)], "NO"),
+    ],
 )
-def test_a_mask_is_finer_than_blocks_or_not(share, agreement):
-    assert fineness_claim(share).agreement is ClaimAgreement[agreement]
+def test_a_mask_is_finer_than_blocks_or_not(fitting, agreement):
+    assert fineness_claim(fitting).agreement is ClaimAgreement[agreement]
 
 
-def test_a_mask_of_whole_patches_is_no_finer(context, monkeypatch):
-    """What stands for the thesis's map has whole patches, then half ones."""
-    blocks = np.zeros((1000, 1400), np.uint8)
-    blocks[300:500, 400:600] = 255
-    for mask, share in ((blocks, 0), (np.roll(blocks, 50, axis=1), 2 / 3)):
-        monkeypatch.setattr(centre_figures, "thesis_map", lambda *_, mask=mask: mask)
-        monkeypatch.setattr(centre_figures, "dilated", lambda mask: mask)
-        found = centre_figures._partly_white(context, context.structure_frame)
-        assert found == pytest.approx(share)
+def test_masks_are_held_against_the_exact_one(monkeypatch):
+    """What stands for the thesis's map is what is there, then everything, then nothing."""
+    monkeypatch.setattr(centre_figures, "dilated", lambda mask: mask)
+    pair = LitScene(WIDTH, 1).at(BLUE)
+    exact = undistorted(at_thesis_size(pair.mask), LEFT_CAMERA)
+    found = []
+    for said in (np.where(exact >= 128, 255, 0), np.full_like(exact, 255), np.zeros_like(exact)):
+        monkeypatch.setattr(centre_figures, "thesis_map", lambda *_, said=said: said)
+        found += centre_figures.fitting_the_exact_mask()
+    (exactly, blocks), (everything, same), (nothing, _) = found
+    assert exactly == 1 and nothing == 0 and blocks == same
+    assert 0 < everything < 0.5 < blocks < 1, "blocks beat a mask that is no good"
 
 
 def test_the_box_is_around_the_obstacle_or_not():

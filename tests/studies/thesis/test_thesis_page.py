@@ -70,7 +70,7 @@ def results_of(missing: str = "") -> dict[str, Any]:
         why, no = "it\nis not so.", ClaimAgreement.NO
         claim = Claim("is it so", "yes, 12.5 %", found, why, agreement=no)
         made = Exhibit(
-            ("Split by a | and <em>.",),
+            ("Split by a | and <em>.", f"Theirs, of {key}.", f"Here: {key} 70.1."),
             (claim,),
             (Table("printed_rows", f"Caption of {key}.", table),),
             key=key,
@@ -83,6 +83,8 @@ def results_of(missing: str = "") -> dict[str, Any]:
     return {
         "format": 1,
         "mission": mission,
+        "seconds": 60004.5,
+        "machine": {"cores": 60005},
         "about": ["ocean is frame 60003"],
         "exhibits": exhibits,
     }
@@ -105,7 +107,7 @@ def test_every_figure_of_the_results_is_on_the_page():
     page = thesis_page(results)
     for exhibit in results["exhibits"]:
         assert exhibit["claims"][0]["found"] in page
-    for number in ("60001", "60002", "60003"):
+    for number in ("60001", "60002", "60003", "60004.5 s on 60005 cores"):
         assert number in page
     assert "| is it so | yes, 12.5 % |" in page
     assert "| *does not agree*; it is not so |\n" in page
@@ -114,6 +116,7 @@ def test_every_figure_of_the_results_is_on_the_page():
 def test_the_run_times_table_is_on_the_page_and_no_other():
     page = thesis_page(results_of())
     assert f"Caption of {TIMED}.\n" in page and "Caption of a." not in page
+    assert f"\nTheirs, of {TIMED}. Here: {TIMED} 70.1.\n" in page and "Theirs, of a" not in page
     assert "| method | ms |\n|---|---|\n| a\\|b | 0.1235 |\n| c |  |\n" in page
 
 

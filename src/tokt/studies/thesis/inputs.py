@@ -1,7 +1,7 @@
 """Inputs of a study: frames, labels, the thesis's models, cameras; each read once."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.frames.image_file import read_image
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, open_mission
 from tokt.inference.stereo.calibration import StereoCalibration
+from tokt.inference.stereo.carried_labels import LabelCarrier
 from tokt.labels.formats.options import Progress
 from tokt.labels.merge import merge_annotators
 from tokt.labels.record import LabelRecord
@@ -28,6 +29,7 @@ from tokt.training.rig.calibrate.self_calibration import BASELINE_MM, plain_star
 from .patch_scores import Truth
 
 LABEL_FILE, CALIBRATION_FILE = "labels.csv", "calibration.yml"
+UNKNOWN: Truth = np.full(GRID.n_patches, -1, np.int8)
 SURVEYED = 80
 """Pairs looked at for something in them, spread over the mission."""
 
@@ -126,8 +128,39 @@ class StudyInputs:
         """What is known of the frames' patches: one record a patch, annotators merged.
 
         From the file of the request, or ``labels.csv`` in the mission's folder or beside it; None
-        where there is neither. Records of `unsure` are among them.
+        where there is neither. Records of `unsure` are among them. A right camera without any has
+        the left one's, as far as the calibration can carry them.
         """
+        return self.carried_labels or self._labels_of(self.request.camera)
+
+    def _labels_of(self, camera: str) -> list[LabelRecord] | None:
+        every = self._all_labels
+        return every if every is None else [one for one in every if one.camera == camera]
+
+    @cached_property
+    def carried_labels(self) -> list[LabelRecord]:
+        """The left frames' labels in the right ones of the same moments; none where it has some."""
+        left, found = self._labels_of(LEFT), []
+        if not left or self._labels_of(self.request.camera):
+            return []
+        classes = self.taxonomy.classes
+        clear, other = (next(c.name for c in classes if c.obstacle is one) for one in (False, True))
+        try:
+            carrier = LabelCarrier(self.needed_calibration(), GRID)
+            for number, right in self.decoded([n for n in self.pairs if n in self.left_labelled]):
+                labels = [(clear, other, None)[code] for code in self.left_labelled[number]]
+                there = carrier.carry(self.left(number), right, labels, [clear])
+                for patch, sure in enumerate(carrier.sure_clear(labels, [clear])):
+                    if label := clear if sure else there[patch]:
+                        at = replace(left[0], row=patch // GRID.cols, col=patch % GRID.cols)
+                        found.append(replace(at, camera=RIGHT, frame=number, label=label))
+        except ToktError as error:
+            self.say(f"no labels of right frames, nor carried from left ones: {error}")
+            return []
+        return found
+
+    @cached_property
+    def _all_labels(self) -> list[LabelRecord] | None:
         if not self.mission.path.is_dir() and self.request.labels is None:
             return None
         places = (self.mission.path, self.mission.path.parent)
@@ -145,15 +178,24 @@ class StudyInputs:
             raise
         if remark:
             self.say(remark)
-        return [one for one in merge_annotators(mine).records if one.camera == self.request.camera]
+        return merge_annotators(mine).records
 
     @cached_property
     def labelled(self) -> dict[int, Truth]:
         """Labels of the patches of every frame that has a label that is sure, in order."""
+        return self._truths_of(self.labels)
+
+    @cached_property
+    def left_labelled(self) -> dict[int, Truth]:
+        """The same of left frames, for what is made of the pair."""
+        asked = self.request.camera == LEFT
+        return self._truths_of(self.labels if asked else self._labels_of(LEFT))
+
+    def _truths_of(self, records: Sequence[LabelRecord] | None) -> dict[int, Truth]:
         found: dict[int, Truth] = {}
-        for one in self.labels or []:
+        for one in records or []:
             if one.label not in (UNSURE, None):
-                patches = found.setdefault(one.frame, np.full(GRID.n_patches, -1, np.int8))
+                patches = found.setdefault(one.frame, UNKNOWN.copy())
                 patches[one.row * GRID.cols + one.col] = self.taxonomy.is_obstacle(str(one.label))
         return dict(sorted(found.items()))
 
@@ -164,7 +206,7 @@ class StudyInputs:
 
     def truth(self, number: int) -> Truth:
         """Labels of a frame's patches; -1 everywhere without one that is sure."""
-        return self.labelled.get(number, np.full(GRID.n_patches, -1, np.int8))
+        return self.labelled.get(number, UNKNOWN)
 
     @cached_property
     def truths(self) -> dict[int, Truth]:
@@ -173,8 +215,9 @@ class StudyInputs:
 
     @cached_property
     def ocean_frames(self) -> list[int]:
-        """Frames of which every patch is labelled, as clear."""
-        return [number for number, truth in self.labelled.items() if (truth == 0).all()]
+        """Frames of which every patch is labelled, as clear; of left ones where carried."""
+        known = self.left_labelled if self.carried_labels else self.labelled
+        return [number for number, truth in known.items() if (truth == 0).all()]
 
     @cached_property
     def ocean(self) -> TrainingImage:

@@ -214,7 +214,8 @@ def about(context: StudyContext) -> list[str]:
     labels = "without labels"
     if context.labels:
         labels = (
-            f"labels of {len(context.obstacle_patches)} frames, "
+            f"labels{' carried from the left camera' * bool(context.carried_labels)} "
+            f"of {len(context.obstacle_patches)} frames, "
             f"{sum(count > 0 for count in context.obstacle_patches.values())} of them with an "
             f"obstacle, {len(context.ocean_frames)} of open ocean all over"
         )

@@ -40,9 +40,10 @@ def curve_figures(context: StudyContext) -> Exhibit:
     """Draw and score the curves of all methods."""
     scores = score_methods(context)
     firsts = {name: int(first) for name, first in scores[FIRST].dropna().items()}
+    order = order_claim(dict.fromkeys(scores.index) | firsts)
     return Exhibit(
         _words(context),
-        (_detection_claim(context, scores), order_claim(firsts), alike_claim(context.curves)),
+        (_detection_claim(context, scores), order, alike_claim(context.curves)),
         _tables(context, scores),
         _plots(context, firsts),
     )
@@ -238,18 +239,20 @@ def _detection_claim(context: StudyContext, scores: pd.DataFrame) -> Claim:
     return claim(found, why, agreement=agreement)
 
 
-def order_claim(firsts: Mapping[str, int]) -> Claim:
-    """Sections 6.2 and 7.1: which method sees the obstacle first."""
+def order_claim(firsts: Mapping[str, int | None]) -> Claim:
+    """Sections 6.2 and 7.1: which method sees the obstacle first; None for one that never does."""
     claim = Claim.about(
         "Haralick sees the obstacle first, LBP and disparity together",
         "Haralick a few images before LBP (sections 6.2 and 7.1; 5.2.1 says at the same time)",
     )
-    lbp, haralick, disparity = (firsts.get(name) for name in _OF_THE_FIGURES)
-    if lbp is None or haralick is None or disparity is None:
-        return claim("not all detect", "it needs a first detection of all three")
+    seen = [firsts[name] for name in _OF_THE_FIGURES if name in firsts]
+    if len(seen) < len(_OF_THE_FIGURES) or set(seen) == {None}:
+        return claim("not measured", "it needs all three methods, and a detection by one")
+    lbp, haralick, disparity = (np.inf if one is None else one for one in seen)
     first, together = haralick < min(lbp, disparity), abs(lbp - disparity) <= TOGETHER_FRAMES
+    said = ("never" if one is None else one for one in seen)
     return claim(
-        f"first detections: Haralick {haralick}, disparity {disparity}, LBP (10, 5) {lbp}",
+        "first detections: LBP (10, 5) {}, Haralick {}, disparity {}".format(*said),
         f"together: {TOGETHER_FRAMES} frames apart at most; in part: Haralick's place alone. "
         "Another image than the film still moves LBP's and Haralick's",
         agreement=ClaimAgreement.of(first and together, first),

@@ -34,7 +34,7 @@ from tokt.studies.baselines.thesis_stereo import (
     thesis_cloud,
 )
 from tokt.studies.baselines.thesis_texture import GRID
-from tokt.studies.thesis.inputs import StudyInputs
+from tokt.studies.thesis.inputs import UNKNOWN, StudyInputs
 from tokt.studies.thesis.patch_scores import Truth
 from tokt.training.evaluation.pictures import raise_contrast
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
@@ -95,7 +95,7 @@ def disparity_figures(context: StudyContext) -> Exhibit:
     picture = DepthPicture(DisparityDetector(calibration, GRID).rectifier, *ends)
     numbers = {
         **_control(rows),
-        **_cloud_numbers(shown, context.truth(best)),
+        **_cloud_numbers(shown, context.left_labelled.get(best, UNKNOWN)),
         "matched_points": len(covered),
         "points_searched": float(covered.mean()) if len(covered) else None,
     }

@@ -118,10 +118,11 @@ def sweep_claim(sweep: pd.DataFrame) -> Claim:
 
 def seen_at_the_edges(context: StudyContext) -> pd.DataFrame:
     """Seen parts of labelled obstacles that touch either edge: a row a pair, nan without any."""
-    enough = [n for n in context.pairs if context.obstacle_patches.get(n, 0) >= _MIN_PATCHES]
+    truths = {n: truth for n, truth in context.left_labelled.items() if n in context.pairs}
+    enough = [number for number, truth in truths.items() if (truth == 1).sum() >= _MIN_PATCHES]
     rows = []
     for number in evenly_spaced(enough, MIRRORED_FRAMES):
-        pair, truth = pair_of(context, number), context.truth(number)
+        pair, truth = pair_of(context, number), truths[number]
         first = int(np.flatnonzero((truth.reshape(GRID.rows, GRID.cols) == 1).any(axis=0))[0])
         moved = [_moved_left(one, first * one.shape[1] // GRID.cols) for one in pair]
         there = np.zeros((GRID.rows, GRID.cols), np.int8)

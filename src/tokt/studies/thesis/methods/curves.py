@@ -6,7 +6,7 @@ themselves.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -52,6 +52,7 @@ from .mission_models import (
 
 THESIS_DISPARITY = "disparity"
 TOKT_STEREO, TOKT_MODEL = "tokt_stereo", "tokt_model"
+ONE_CAMERA = SizeChange.name, TOKT_MODEL  # which is the one asked for
 
 MakeMethod = Callable[[], SinglePolicy | SizeChange | Thirds]
 """Makes what judges a run of frames; it goes to another process."""
@@ -132,12 +133,16 @@ def _judge_pair(task: FrameTask, found: FrameResult) -> None:
         found.status[THESIS_DISPARITY] = int(judged.obstacle)
 
 
-def _judge_sequence(folder: Path, made_by: tuple[str, MakeMethod]) -> tuple[str, pd.DataFrame]:
+def _judge_sequence(
+    folder: Path, camera: str, made_by: tuple[str, MakeMethod]
+) -> tuple[str, pd.DataFrame]:
     """A method's status, mean and distance of what is nearest, for a mission's frames in order."""
     cv2.setNumThreads(1)
     mission, (name, make) = open_mission(folder), made_by
     method, rows = make(), {}
     for frame in MissionSource(mission, SYSTEM_CLOCK, stereo=RIGHT in mission.cameras):
+        if camera == RIGHT and name in ONE_CAMERA:
+            frame = replace(frame, left=frame.right, left_fault=frame.right_fault)
         verdict = method.judge(frame).verdict
         rows[frame.number] = verdict.status, verdict.mean, verdict.distance_m
     found = pd.DataFrame.from_dict(rows, orient="index", columns=["status", "mean", "distance_m"])
@@ -343,7 +348,7 @@ def _add_runs(curves: Curves, inputs: StudyInputs) -> None:
         runs[TOKT_STEREO] = Method("tokt stereo", OURS, words), partial(_stereo, calibration)
     if inputs.request.model is not None:
         runs[TOKT_MODEL] = _model_method(inputs), partial(_model, inputs.request.model)
-    judge = partial(_judge_sequence, inputs.mission.path)
+    judge = partial(_judge_sequence, inputs.mission.path, inputs.request.camera)
     judged = mapped(judge, [(name, make) for name, (_, make) in runs.items()], inputs.request.jobs)
     for name, found in inputs.progress(judged, len(runs), "curves, in order of frames"):
         curves.add(name, runs[name][0], found["mean"], found.status)
