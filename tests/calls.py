@@ -95,5 +95,6 @@ def free_port() -> int:
 def run_python(*arguments, folder=None, **environment):
     """Run ``python ARGUMENTS`` in a folder, with more in its environment, to its end."""
     command, where = [sys.executable, *map(str, arguments)], {**os.environ, **environment}
-    how = {"capture_output": True, "text": True, "timeout": MAX_S, "check": False}
+    # Some work for a minute where nothing runs beside them.
+    how = {"capture_output": True, "text": True, "timeout": 10 * MAX_S, "check": False}
     return subprocess.run(command, cwd=folder, env=where, **how)
