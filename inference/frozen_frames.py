@@ -125,9 +125,13 @@ def _weights(width: int) -> U64:
     return weights
 
 
+def _some(lines: U8) -> U8:
+    step = max(len(lines) // _ROWS, 1)
+    return lines[step // 2 :: step]
+
+
 def _look(picture: U8) -> _Look:
-    step = max(len(picture) // _ROWS, 1)
-    rows = one_channel(picture[step // 2 :: step])
+    rows = one_channel(_some(picture))
     if rows.shape[1] < _FEWEST_WORDS * _WORD:
         none = np.zeros((2, len(rows), 0), np.uint64)
         return _Look(rows, none[0], none, 0.0)
@@ -181,12 +185,7 @@ def _likeness(one: U64, others: U64) -> tuple[float, float, int]:
 def _lines(picture: U8) -> tuple[U8, U8]:
     """Some rows of a picture, and some columns."""
     plane = _plane(picture)
-    some = (
-        each[max(len(each) // _ROWS, 1) // 2 :: max(len(each) // _ROWS, 1)]
-        for each in (plane, plane.T)
-    )
-    rows, columns = map(np.ascontiguousarray, some)
-    return rows, columns
+    return np.ascontiguousarray(_some(plane)), np.ascontiguousarray(_some(plane.T))
 
 
 def _drifts(old: U8, new: U8) -> bool:
@@ -243,7 +242,7 @@ class _Camera:
         self._signs: deque[U64] = deque(maxlen=COMPARED)  # of the last pictures with noise
         self._lines: deque[tuple[U8, U8]] = deque(maxlen=COMPARED)  # of these, rows and columns
         self._compared = np.zeros((0, 0, 0, 0), np.uint64)  # the same, as one array
-        self._likeness: deque[float] = deque(maxlen=COMPARED)  # of new pictures to those before
+        self._alike: deque[float] = deque(maxlen=COMPARED)  # of new pictures to those before
         self._middles: tuple[U64, U64] | None = None
         self._new: _Look | None = None  # the last one's, until it is prepared for
 
@@ -253,7 +252,7 @@ class _Camera:
         look, last = _look(picture), self._picture
         if last is None or last.shape != picture.shape:
             self._known = np.zeros((REMEMBERED, *look.hashes.shape), np.uint64)
-            for each in (self._signs, self._lines, self._likeness):
+            for each in (self._signs, self._lines, self._alike):
                 each.clear()
             self._middles = None
         elif self._is_last(last, picture, look):
@@ -310,10 +309,10 @@ class _Camera:
         if middles is not None and _moved(_plane(last), middles, _plane(picture)):
             return "gives its last picture again, moved"
         like, least, place = _likeness(look.signs, self._compared)
-        least = max(least, GROWS * max(self._likeness, default=0.0))
+        least = max(least, GROWS * max(self._alike, default=0.0))
         if like > least and not any(map(_drifts, self._lines[place], _lines(picture))):
             return "gives an earlier picture again with the same noise"
-        self._likeness.append(like)
+        self._alike.append(like)
         return ""
 
 

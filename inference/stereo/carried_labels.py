@@ -94,16 +94,14 @@ class LabelCarrier:
 
     def sure_clear(self, labels: Sequence[str | None], clear: Collection[str]) -> list[bool]:
         """Which right patches, by labels as in `carry`, can show nothing but clear left ones."""
-        x0, y0, x1, y1 = self._boxes.T
-        told, found = np.array([label in clear for label in labels]), []
-        for places in self._places:
-            (left, top), (right, bottom) = places.min(axis=0), places.max(axis=0)
-            seen = (x0 < right + self._reach) & (x1 > left) & (y0 < bottom) & (y1 > top)
-            corners = np.array([(x, y) for x in (left, right + self._reach) for y in (top, bottom)])
-            there = self._views.to_frame(corners) + 0.5
-            inside = (there >= 0).all() and (there <= self._frame_size).all()
-            found.append(bool(inside and told[seen].all()))
-        return found
+        start, end = self._places.min(axis=1), self._places.max(axis=1) + np.array([self._reach, 0])
+        x, y = np.stack([start, end]).transpose(2, 0, 1).astype(np.float64)
+        corners = _points(x, y, np.array([0.0, 1.0]))
+        there = self._views.to_frame(corners).reshape(len(start), -1, 2) + 0.5
+        inside = ((there >= 0) & (there <= self._frame_size)).all(axis=(1, 2))
+        seen = (self._boxes[:, :2] < end[:, None]) & (self._boxes[:, 2:] > start[:, None])
+        other = np.array([label not in clear for label in labels])
+        return [bool(sure) for sure in inside & ~(seen.all(axis=2) & other).any(axis=1)]
 
     def _shift(self, views: list[F32], box: I64) -> int | None:
         """How many pixels further left a patch of the left view lies in the right one."""

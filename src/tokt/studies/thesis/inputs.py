@@ -135,7 +135,7 @@ class StudyInputs:
 
     def _labels_of(self, camera: str) -> list[LabelRecord] | None:
         every = self._all_labels
-        return every if every is None else [one for one in every if one.camera == camera]
+        return every and [one for one in every if one.camera == camera]
 
     @cached_property
     def carried_labels(self) -> list[LabelRecord]:
@@ -188,8 +188,7 @@ class StudyInputs:
     @cached_property
     def left_labelled(self) -> dict[int, Truth]:
         """The same of left frames, for what is made of the pair."""
-        asked = self.request.camera == LEFT
-        return self._truths_of(self.labels if asked else self._labels_of(LEFT))
+        return self._truths_of(self._labels_of(LEFT))
 
     def _truths_of(self, records: Sequence[LabelRecord] | None) -> dict[int, Truth]:
         found: dict[int, Truth] = {}

@@ -57,15 +57,13 @@ EPOCH_S = 1_461_149_301.0
 """The simulated clock's time at the start, UTC: the sea trial's day."""
 
 
-_SEA_TRIAL = (BEHIND_IT, BEHIND_OBSTACLE)
-"""The fault of even and of odd seeds."""
 OURS = "tokt"
 PLANNERS: dict[str, Callable[[LoopScene], Planner | LabviewPlanner]] = {
     OURS: lambda scene: Planner(scene.goal, end_m=scene.end_m),
     "labview": lambda scene: LabviewPlanner(scene.goal, None, scene.end_m),
     "labview-timed": lambda scene: LabviewPlanner(scene.goal, AVOID_S, scene.end_m),
     "sea-trial": lambda scene: LabviewPlanner(
-        scene.goal, AVOID_S, scene.end_m, _SEA_TRIAL[scene.seed % 2]
+        scene.goal, AVOID_S, scene.end_m, (BEHIND_IT, BEHIND_OBSTACLE)[scene.seed % 2]
     ),
 }
 """Ours; the thesis's rule, till the obstacle is out of view or for a time; its fault at sea."""

@@ -9,9 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from tokt.inference.verdict import UNKNOWN
-from tokt.studies.simulation.loop.autopilot import STEP_S, Mode
-from tokt.studies.simulation.loop.flight import LATENCY_S
+from tokt.studies.simulation.loop.autopilot import Mode
 from tokt.studies.simulation.loop.track import Track
 from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
 
@@ -43,7 +41,7 @@ class FlightOutcome:
     time_s: float
     avoidances: int
     false_avoidances: int
-    false_retreats: int  # it went back from what stayed unknown, with nothing solid in view
+    false_retreats: int  # it began to go back, and nothing solid had been in view
     false_statuses: int
     frames: int
     unknown_frames: int
@@ -58,6 +56,8 @@ class FlightOutcome:
 
 def outcome_of(track: Track) -> FlightOutcome:
     """Judge a flight by its track."""
+    going_back = track.mode == Mode.BACK_OFF
+    retreats_s = track.t_s[1:][going_back[1:] & ~going_back[:-1]]
     steps = np.diff(track.position, axis=0)
     path_m = float(np.linalg.norm(steps, axis=1).sum())
     straight_m = float(np.linalg.norm(track.position[-1] - track.position[0]))
@@ -74,20 +74,11 @@ def outcome_of(track: Track) -> FlightOutcome:
         time_s=float(track.t_s[-1]),
         avoidances=len(track.avoidances_s),
         false_avoidances=sum(_is_false(track, t_s) for t_s in track.avoidances_s),
-        false_retreats=_false_retreats(track),
+        false_retreats=sum(_is_false(track, t_s) for t_s in retreats_s),
         false_statuses=int(((track.frame_status == 1) & ~track.frame_in_view).sum()),
         frames=len(track.frame_status),
         unknown_frames=int((track.frame_status == -1).sum()),
     )
-
-
-def _false_retreats(track: Track) -> int:
-    """How often it began to go back while the newest verdict heard was unknown."""
-    began = (track.mode[1:] == Mode.BACK_OFF) & (track.mode[:-1] == Mode.HOLD)
-    times = track.t_s[1:][began]
-    newest = np.searchsorted(track.frame_t_s, times - LATENCY_S + STEP_S / 2) - 1
-    unknown = times[track.frame_status[newest] == UNKNOWN]
-    return sum(_is_false(track, t_s) for t_s in unknown)
 
 
 def _is_false(track: Track, t_s: float) -> bool:
@@ -109,8 +100,8 @@ def table(outcomes: Sequence[FlightOutcome]) -> pd.DataFrame:
     """A row for each scene and method, in the order in which they first occur.
 
     Columns: scene, method, runs; collided, reached, false_avoidance, went_back (runs in which it
-    happened, the last by `FlightOutcome.false_retreats`, each with ``_low`` and ``_high``, the
-    bounds of its rate at 95 % confidence); clearance_min_m, clearance_median_m (NaN where nothing
+    happened, the last as `false_retreats`, each with ``_low`` and ``_high``, the bounds of its rate
+    at 95 % confidence); clearance_min_m, clearance_median_m (NaN where nothing
     is solid); detour_median, detour_most and time_median_s (of the runs that arrived, NaN without
     any); false_status_frames, frames.
     """
