@@ -118,6 +118,8 @@ class Verdict:
     anchor_x: float | None = None
     anchor_y: float | None = None
     anchor_size: float | None = None
+    # Of an object that somebody named: held, searching or lost (`policy.object_tracker`).
+    anchor: str | None = None
 
 
 def health_of(*words: str) -> str:

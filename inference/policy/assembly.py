@@ -16,6 +16,7 @@ from tokt.inference.frame import Frame
 from tokt.inference.texture.detector import ReloadableTextureDetector, TextureDetector
 from tokt.inference.verdict import PUSHBROOM, Detector
 
+from .object_tracker import ObjectTracker
 from .policy import POLICIES, EitherPolicy, FallbackPolicy, Policy, SinglePolicy, guarded
 from .temporal_cues import Anchor, TemporalCues
 
@@ -76,7 +77,7 @@ class StereoSetup:
 class Assembly:
     """A policy, and the texture detector in it whose model can be exchanged."""
 
-    policy: Policy
+    policy: TemporalCues
     texture: ReloadableTextureDetector | None  # None where the policy has no model
     stereo: StereoSetup | None
     grid: Grid  # which disparity's mask is as wide as
@@ -107,6 +108,7 @@ def assemble(
     threads: int = 1,
     stopwatch: Stopwatch = SYSTEM_STOPWATCH,
     anchor: Anchor | None = None,
+    tracker: ObjectTracker | None = None,
 ) -> Assembly:
     """Assemble the policy of that name.
 
@@ -123,7 +125,9 @@ def assemble(
     stopwatch : Stopwatch
         What a policy measures lateness with.
     anchor : Anchor, optional
-        What is to be held in the picture.
+        The size at which something is to be held in the picture.
+    tracker : ObjectTracker, optional
+        The object that is to be held there.
 
     Raises
     ------
@@ -143,20 +147,21 @@ def assemble(
     disparity = None if stereo is None else stereo.detector(grid)
     blind_m = 0.0 if stereo is None else stereo.blind_m
     if name == "disparity" and disparity is not None:
-        policy: Policy = TemporalCues(SinglePolicy(disparity), None, anchor, blind_m)
-        return Assembly(policy, None, stereo, grid)
+        cues = TemporalCues(SinglePolicy(disparity), None, anchor, blind_m, tracker)
+        return Assembly(cues, None, stereo, grid)
     texture = ReloadableTextureDetector(
         None if model is None else TextureDetector(model, threads), fault
     )
     if name == "texture":
-        policy = SinglePolicy(texture)
+        policy: Policy = SinglePolicy(texture)
     elif disparity is None:
         policy = SinglePolicy(texture, note="no fallback: there is no stereo calibration")
     elif name == "either":
         policy = EitherPolicy(texture, disparity)
     else:
         policy = FallbackPolicy(texture, disparity, stopwatch)
-    return Assembly(TemporalCues(policy, texture, anchor, blind_m), texture, stereo, grid)
+    cues = TemporalCues(policy, texture, anchor, blind_m, tracker)
+    return Assembly(cues, texture, stereo, grid)
 
 
 def _check(name: str, has_model: bool, has_calibration: bool, threads: int) -> None:

@@ -146,6 +146,12 @@ class ObjectModel:
         self.strength = float(strengths[-1])
         self._channels: F64 = whiten.T @ axes[:, : -_CHANNELS - 1 : -1]
 
+    def box_at(self, place: Place) -> Box:
+        """The box around the object at a place, in shares of the picture's sides."""
+        times, high = math.exp(place.size), WIDTH * self._aspect
+        wide, tall = times * self.wide / WIDTH, times * self.high / high
+        return place.x / WIDTH - wide / 2, place.y / high - tall / 2, wide, tall
+
     def fits(self, picture: U8) -> bool:
         """Whether a picture has the shape of the one that this was learnt from."""
         height, width = picture.shape[:2]

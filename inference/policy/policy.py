@@ -47,6 +47,8 @@ class Judgement:
     boundary: float | None = None
     mask: U8 | None = None
     grid: Grid | None = None
+    # Around the object that is held: x, y, width and height in shares of the picture's.
+    held: tuple[float, float, float, float] | None = None
 
 
 class Policy(Protocol):

@@ -12,11 +12,15 @@ from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import NamedTuple
 
+import numpy as np
+
 from tokt.features.common.errors import ToktError
 from tokt.inference.frame import Frame
 from tokt.inference.texture.detector import ReloadableTextureDetector
 from tokt.inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN, Verdict
 
+from .object_model import ObjectModel, Place
+from .object_tracker import ObjectTracker
 from .policy import Judgement, Policy
 
 MIN_SIZE, MAX_SIZE = 0.01, 0.9
@@ -352,32 +356,48 @@ def wholly_in_view(verdict: Verdict, blind_m: float = 0.0) -> bool:
     )
 
 
+ALONE = 0.8
+"""Of what a detector sees, in the box of an object: then the distance is that object's."""
+
+
 @dataclass(eq=False)
 class TemporalCues:
     """Another policy's verdicts, with their trend over time and the anchor's errors.
 
     A trend is that of one method and one model: where another one judges, as the policy's may be
     exchanged, it begins anew. It needs frames with times (`Frame.timed`). `blind_m` is as in
-    `wholly_in_view`.
+    `wholly_in_view`. With a `tracker` the errors are those of the object that it holds, and the
+    wanted size is that in the box where no `anchor` says another.
     """
 
     policy: Policy
     texture: ReloadableTextureDetector | None = None
     anchor: Anchor | None = None
     blind_m: float = 0.0
+    tracker: ObjectTracker | None = None
 
     def __post_init__(self) -> None:
         self._watch = TrendEstimator()
         self._detector = None if self.texture is None else self.texture.detector
         self._method = ""
+        self._number = 0
+
+    def hold(self, model: ObjectModel | None, number: int | None) -> None:
+        """Hold another object from the next frame on, named in an earlier one; None holds none."""
+        if model is None or number is None:
+            self.tracker = None
+            return
+        self.tracker = ObjectTracker(model, unseen=max(self._number - number, 0))
 
     def judge(self, frame: Frame) -> Judgement:
         """The policy's answer, with what follows from it."""
+        self._number = frame.number
         judgement = self.policy.judge(frame)
         verdict = judgement.verdict
         trend = self._trend(frame, verdict)
-        errors = AnchorErrors() if self.anchor is None else self.anchor.errors(verdict)
-        if trend.trend is None and errors.x is None:
+        errors, held = self._errors(frame, judgement)
+        state = None if self.tracker is None else self.tracker.state
+        if trend.trend is None and errors.x is None and state is None:
             return judgement
         with_cues = replace(
             verdict,
@@ -387,8 +407,41 @@ class TemporalCues:
             anchor_x=errors.x,
             anchor_y=errors.y,
             anchor_size=errors.size,
+            anchor=state,
         )
-        return replace(judgement, verdict=with_cues)
+        return replace(judgement, verdict=with_cues, held=held)
+
+    def _errors(
+        self, frame: Frame, judgement: Judgement
+    ) -> tuple[AnchorErrors, tuple[float, float, float, float] | None]:
+        """The anchor's errors, and the box around the object that somebody named."""
+        if self.tracker is None:
+            verdict = judgement.verdict
+            return AnchorErrors() if self.anchor is None else self.anchor.errors(verdict), None
+        model = self.tracker.model
+
+        def distance_m(place: Place) -> float | None:
+            """Of what is there, where nothing is seen anywhere else."""
+            mask, box = judgement.mask, model.box_at(place)
+            if mask is None or judgement.verdict.distance_m is None:
+                return None
+            high, wide = mask.shape
+            x0, y0 = max(round(box[0] * wide), 0), max(round(box[1] * high), 0)
+            x1, y1 = round((box[0] + box[2]) * wide), round((box[1] + box[3]) * high)
+            inside = int(np.count_nonzero(mask[y0 : max(y1, 0), x0 : max(x1, 0)]))
+            alone = inside >= ALONE * int(np.count_nonzero(mask)) > 0
+            return judgement.verdict.distance_m if alone else None
+
+        place = self.tracker.look(frame.left, frame.missed, distance_m)
+        if place is None:
+            return AnchorErrors(), None
+        x, y, wide, high = model.box_at(place)
+        wanted = 0.0 if self.anchor is None else 0.5 * math.log(self.anchor.size / model.share)
+        beside = (
+            min(max(round(2 * at - 1, 3), -1.0), 1.0) + 0.0 for at in (x + wide / 2, y + high / 2)
+        )
+        size = round(place.size - wanted, 3) + 0.0
+        return AnchorErrors(*beside, size), (x, y, wide, high)
 
     def _trend(self, frame: Frame, verdict: Verdict) -> Trend:
         if not frame.timed:

@@ -83,6 +83,8 @@ class RunStart:
     frame_rule: Mapping[str, Any] | None = None  # the model's, as JSON
     record: str | None = None  # where frames are recorded
     anchor: float | None = None  # share of the picture at which an object is to be held
+    anchor_from: str | None = None  # the object's box, as it was given; a file by its whole path
+    anchor_mark: str | None = None  # of the picture that it is a box of
     fixed_boundary: bool = False  # whether the boundary was left where training put it
     software: Mapping[str, str] = field(default_factory=software)
 
@@ -131,7 +133,10 @@ def _text(value: Any) -> str:
     return value
 
 
-_LATER = {"model_note": "", "anchor": None, "fixed_boundary": False}
+_LATER = {
+    **{"model_note": "", "anchor": None, "fixed_boundary": False},
+    **{"anchor_from": None, "anchor_mark": None},
+}
 """What the first logs do not have."""
 _READ: dict[str, Callable[[Any], Any]] = {
     "str": _text,

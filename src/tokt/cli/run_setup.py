@@ -48,6 +48,7 @@ from tokt.inference.monitoring.status_line import StatusLine
 from tokt.inference.monitoring.watchdog import RESTARTS_VARIABLE, Notifier
 from tokt.inference.outputs.udp import DEFAULT_RECEIVER, UdpSender, parse_receiver, version_of
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
+from tokt.inference.policy.object_naming import NamedBox, NamedObject, named_object
 from tokt.inference.policy.temporal_cues import Anchor
 from tokt.inference.publisher import Observer, Sender
 from tokt.inference.recording.log import JsonLines, LinesApart, LogRotation
@@ -55,7 +56,7 @@ from tokt.inference.recording.run_log import RunLog, events_path, new_run_id
 from tokt.inference.recording.run_start import ModelName, RunStart
 from tokt.inference.report import Event, EventQueue
 from tokt.inference.runtime import Runtime, Summary
-from tokt.inference.sources.files import open_source
+from tokt.inference.sources.files import MissionSource, open_source
 from tokt.inference.sources.open import is_camera_source, open_camera_source
 from tokt.inference.sources.stream import StreamSource, is_stream_source
 from tokt.inference.sources.video.address import is_video_source
@@ -116,10 +117,15 @@ def _useless(config: RunConfig) -> dict[str, str]:
 
 
 def _check_told(config: RunConfig) -> None:
-    """Refuse an anchor or a place of which nobody would hear, and a share that cannot be held."""
+    """Refuse an anchor or a place of which nobody would hear, and what cannot be held."""
     if config.policy.anchor is not None:
         Anchor(config.policy.anchor)
-    asked = {"anchor": config.policy.anchor, "nmea": config.source.nmea}
+    if config.policy.anchor_from is not None:
+        NamedBox.parse(config.policy.anchor_from)
+    asked = {
+        **{"anchor": config.policy.anchor, "anchor-from": config.policy.anchor_from},
+        "nmea": config.source.nmea,
+    }
     version = version_of(config.outputs.format)
     receivers = config.outputs.udp or []
     versions = {parse_receiver(text, version).version for text in receivers} or {version}
@@ -228,9 +234,11 @@ def run(config: RunConfig) -> Summary:
         nmea_fault = _read_nmea(config.source, vehicle, opened)
         model = RunModel(config.model)
         size = config.policy.anchor
-        anchor = None if size is None else Anchor(size)
+        anchor, named = None if size is None else Anchor(size), _named_object(config, source)
         assembly = assemble(
-            *(config.policy.policy, model.loader, pairs, config.model.threads), anchor=anchor
+            *(config.policy.policy, model.loader, pairs, config.model.threads),
+            anchor=anchor,
+            tracker=None if named is None else named.tracker,
         )
         if config.source.pixel_format == "Mono8" and model.bundle and model.bundle.needs_colour:
             label = model.bundle.label
@@ -266,7 +274,7 @@ def run(config: RunConfig) -> Summary:
             alive=alive,
             place=vehicle.place,
         )
-        events.put(_start_event(config, model, source))
+        events.put(_start_event(config, model, source, named))
         # What was made up to here stays: the collector need not go through it at sea.
         gc.freeze()
         with stop_on_signal(source.stop) as signals:
@@ -341,7 +349,16 @@ def _model_watch(
     return watch
 
 
-def _start_event(config: RunConfig, model: RunModel, source: Source) -> Event:
+def _named_object(config: RunConfig, source: Source) -> NamedObject | None:
+    """The object to hold from the start, if one is named."""
+    text = config.policy.anchor_from
+    mission = source.mission if isinstance(source, MissionSource) else None
+    return None if text is None else named_object(text, mission, config.source.pixel_format)
+
+
+def _start_event(
+    config: RunConfig, model: RunModel, source: Source, held: NamedObject | None
+) -> Event:
     """How the run begins, for the log."""
     bundle, named = model.bundle, config.source.source
     is_path = not (is_camera_source(named) or is_stream_source(named))
@@ -351,6 +368,8 @@ def _start_event(config: RunConfig, model: RunModel, source: Source) -> Event:
         source=str(Path(named).absolute()) if is_path else without_credentials(named),
         live=source.live,
         model=None if bundle is None else ModelName(bundle.label, bundle.sha256),
+        anchor_from=None if held is None else held.text,
+        anchor_mark=None if held is None else held.mark,
         model_fault=model.fault,
         model_note="; ".join(model.notes),
         frame_rule=None if bundle is None else bundle.operating_point.rule.to_json(),
