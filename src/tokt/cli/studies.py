@@ -70,7 +70,10 @@ def simulate(
             help="Fly a vehicle that tokt run steers, instead of rendering a mission.",
         ),
     ] = False,
-    scenes: Annotated[str | None, Option(help="Scenes, separated by commas. Default: all.")] = None,
+    scenes: Annotated[
+        str | None,
+        Option(help="Scenes, separated by commas. Default: all but those of the anchor."),
+    ] = None,
     methods: Annotated[
         str | None, Option(help="Any of texture,disparity,either,fallback,none. Default: all.")
     ] = None,
@@ -101,7 +104,7 @@ def simulate(
         _render(folder, seed, frames, width, jobs, json)
         return
     from tokt.studies.simulation.loop.flight import METHODS, WIDTH
-    from tokt.studies.simulation.loop.scenes import KINDS
+    from tokt.studies.simulation.loop.scenes import KINDS, STATIONS
     from tokt.studies.simulation.study import Study, fly_study
 
     if runs < 1:
@@ -110,7 +113,7 @@ def simulate(
         raise ToktError(f"a seed is 0 or more, not {seed}")
     study = Study(
         out=folder,
-        scenes=_named(scenes, tuple(KINDS)),
+        scenes=_named(scenes, tuple(name for name in KINDS if name not in STATIONS)),
         methods=_named(methods, METHODS),
         seeds=range(seed, seed + runs),
         width=WIDTH if width is None else width,

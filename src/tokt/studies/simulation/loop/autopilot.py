@@ -42,9 +42,9 @@ STEP_S = 0.05
 
 
 # Gains, chosen for the masses and thrusters of `MINERVA`. A metre of position error asks for
-# _POSITION m/s; a metre a second of velocity error for _VELOCITY m/s2, and its integral for
+# POSITION_GAIN m/s; a metre a second of velocity error for _VELOCITY m/s2, and its integral for
 # _INTEGRAL; the same of the heading.
-_POSITION, _VELOCITY, _INTEGRAL = 0.5, 1.2, 0.25
+POSITION_GAIN, _VELOCITY, _INTEGRAL = 0.5, 1.2, 0.25
 _HEADING, _YAW_RATE, _YAW_INTEGRAL = 0.8, 2.0, 0.4
 _MAX_SWAY_M_S = 0.35
 """The fastest it goes sideways, back, up or down."""
@@ -71,12 +71,12 @@ class Autopilot:
         east, down, north = (target.position - state.position).tolist()
         sine, cosine = math.sin(state.heading_rad), math.cos(state.heading_rad)
         surge, sway = north * cosine + east * sine, east * cosine - north * sine
-        speed, whole = target.speed_m_s, _POSITION * math.hypot(surge, sway)
-        aside = (_POSITION * error / _MAX_SWAY_M_S for error in (-surge, abs(sway)))
+        speed, whole = target.speed_m_s, POSITION_GAIN * math.hypot(surge, sway)
+        aside = (POSITION_GAIN * error / _MAX_SWAY_M_S for error in (-surge, abs(sway)))
         # One factor for both: the way stays straight. Depth has its own: over a slope the altitude
         # is held, however far it is to go.
-        gain = _POSITION / max(whole / speed if speed > 0 else math.inf, *aside, 1.0)
-        heave = min(max(_POSITION * down, -_MAX_SWAY_M_S), _MAX_SWAY_M_S)
+        gain = POSITION_GAIN / max(whole / speed if speed > 0 else math.inf, *aside, 1.0)
+        heave = min(max(POSITION_GAIN * down, -_MAX_SWAY_M_S), _MAX_SWAY_M_S)
         return gain * surge, gain * sway, heave
 
     def _force(self, axis: int, wanted: float, have: float) -> float:

@@ -20,19 +20,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
+from tokt.features.common import atomic
 from tokt.features.common.arrays import F64, U8
 from tokt.features.common.errors import ToktError
 from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
+from tokt.studies.simulation.scene.tower import upright
 
+from .anchor_planner import AnchorPlanner
 from .autopilot import STEP_S, Autopilot, Setpoint
 from .labview import AVOID_S, BEHIND_IT, BEHIND_OBSTACLE, LabviewPlanner
 from .planner import Planner
 from .runtime_process import LateVerdictError, RuntimeProcess
-from .scenes import KINDS, LoopScene
+from .scenes import KINDS, LoopScene, Station
 from .track import IN_VIEW_M, SaidOfFrame, Step, Track
-from .vehicle import HULL_RADIUS_M, Vehicle
+from .vehicle import HULL_RADIUS_M, State, Vehicle
 
 NONE = "none"
 METHODS = ("texture", "disparity", "either", "fallback", NONE)
@@ -95,12 +99,55 @@ def _runtime(scene: LoopScene, method: str, model: Path | None) -> Iterator[Runt
     if model is not None:
         options += ["--bundle", str(model)]
     with tempfile.TemporaryDirectory(prefix="tokt-closed-loop-") as folder:
+        if scene.station is not None:
+            options += ["--anchor-from", _named(scene, scene.station, Path(folder))]
         if method in _OF_PAIRS:
             calibration = Path(folder) / "calibration.yml"
             scene.rig.write(calibration)
             options += ["--calibration", str(calibration), "--stereo-scale", STEREO_SCALE]
         with RuntimeProcess(options) as runtime:
             yield runtime
+
+
+def _named(scene: LoopScene, station: Station, folder: Path) -> str:
+    """What the person names before the run: a picture from the start, and the box there."""
+    start, file = scene.start, folder / "named.png"
+    renderer = StereoRenderer(scene.world, scene.rig, scene.seed)
+    picture = renderer.left(0.0, start.camera, start.heading_rad, start.velocity_world)
+    atomic.write_bytes(file, cv2.imencode(".png", picture)[1].tobytes())
+    (x, y), (wide, high) = _projected(scene, station, start)
+    box = ",".join(f"{side:.0f}" for side in (x - wide / 2, y - high / 2, wide, high))
+    return f"{file}:{box}"
+
+
+def _projected(scene: LoopScene, station: Station, state: State) -> tuple[F64, F64]:
+    """Where the object is in the left picture, and its size there, in pixels: x, y."""
+    camera, _ = scene.rig.cameras(upright(state.heading_rad), state.camera)
+    seen = camera.seen(station.middle)
+    size = camera.matrix[0, 0] / seen[2] * np.array([station.wide_m, station.high_m])
+    return camera.place(seen), size
+
+
+NO_ANCHOR, NOT_HELD, HELD_IT, HELD_ANOTHER = range(-1, 3)
+"""What was said of the anchor in a frame, held against where the object is."""
+TRUE_PART, TRUE_SIZE = 0.25, 0.3
+"""The centre that was said may be this part of the object's size beside it, and ln of the size."""
+
+
+def anchor_truth(scene: LoopScene, state: State, said: dict[str, Any]) -> int:
+    """Whether a datagram speaks of the object that was named."""
+    station = scene.station
+    if station is None:
+        return NO_ANCHOR
+    if said["anchor_size"] is None:
+        return NOT_HELD
+    middle, size = _projected(scene, station, state)
+    frame = np.array([scene.rig.width, scene.rig.height])
+    told = (np.array([said["anchor_x"], said["anchor_y"]]) + 1) / 2 * frame
+    beside = np.abs(told - middle) > TRUE_PART * size
+    ratio = station.distance_m / float(station.middle[2] - state.camera[2])
+    wrong = beside.any() or abs(said["anchor_size"] - math.log(ratio)) > TRUE_SIZE
+    return HELD_ANOTHER if wrong else HELD_IT
 
 
 class _Run:
@@ -116,30 +163,38 @@ class _Run:
         self._autopilot = Autopilot()
         deaf = Planner(scene.goal, deaf=True, end_m=scene.end_m)
         self._planner = deaf if runtime is None else PLANNERS[planner](scene)
+        if scene.station is not None:
+            self._planner = AnchorPlanner(scene.goal)
         self._piloted: F64 | None = None  # where the pilot steers to
         self._steps: list[Step] = []
         self._frames: list[SaidOfFrame] = []
         self._said: tuple[float, dict[str, Any]] | None = None
 
     def fly(self) -> Track:
-        for step in range(round(MAX_S / STEP_S)):
+        station = self._scene.station
+        for step in range(round((MAX_S if station is None else station.until_s) / STEP_S)):
             t_s = step * STEP_S
             if step % STEPS_A_FRAME == 0:
                 self._frame(step // STEPS_A_FRAME + 1, t_s)
             heard = None
             if self._said is not None and t_s >= self._said[0] + LATENCY_S - STEP_S / 2:
                 heard, self._said = self._said[1], None
+            if station is not None:
+                self._vehicle.current = station.current.at(t_s)
             state = self._vehicle.state
             target = self._at_altitude(self._planner.target(t_s, state, heard, self._pilot(t_s)))
             clearance = float(self._scene.world.clearance_m(state.position[None], t_s)[0])
             self._steps.append((t_s, state, target.mode, clearance))
             if self._planner.reached or clearance < HULL_RADIUS_M:
                 break
-            self._vehicle.step(STEP_S, self._autopilot.forces(state, target))
+            # On station nothing tells it where it is, nor its speed over ground.
+            nav = state if station is None else self._vehicle.through_water
+            self._vehicle.step(STEP_S, self._autopilot.forces(nav, target))
         scene, planner = self._scene, self._planner
         return Track.recorded(
             KINDS[scene.name].title, scene.name, self._method, scene.seed, self._steps,
             self._frames, planner.avoidances, planner.reached,
+            None if station is None else scene.goal,
         )  # fmt: skip
 
     def _pilot(self, t_s: float) -> F64 | None:
@@ -172,7 +227,8 @@ class _Run:
         self._said = (t_s, said)
         state = self._vehicle.state
         in_view = self._renderer.sees_solid(t_s, state.camera, state.heading_rad, IN_VIEW_M)
-        self._frames.append((t_s, said["status"], in_view))
+        anchor = anchor_truth(self._scene, state, said)
+        self._frames.append((t_s, said["status"], in_view, anchor))
 
     def _look(self, t_s: float) -> tuple[U8 | None, U8 | None]:
         blind, state = self._scene.blind_s, self._vehicle.state

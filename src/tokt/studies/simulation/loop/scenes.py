@@ -11,6 +11,8 @@
         +--------> x (east)
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -23,9 +25,10 @@ from tokt.studies.simulation.scene import obstacles
 from tokt.studies.simulation.scene.closed_loop_world import Placed, World
 from tokt.studies.simulation.scene.fish_and_dust import DustCloud, School
 from tokt.studies.simulation.scene.rig import SyntheticRig
+from tokt.studies.simulation.scene.tower import panels
 from tokt.studies.simulation.scene.water import Triple, Water
 
-from .vehicle import State
+from .vehicle import CAMERA_AHEAD_M, State
 
 Rng = np.random.Generator
 
@@ -48,8 +51,44 @@ STRUCTURE_M = 5.0
 """The mission at sea ended so near to the structure, on station (paper, part 1)."""
 PILOT_S = 15.0
 """How long the pilot flies."""
+STATION_S, STATION_CURRENT_M_S = 600.0, (0.05, 0.2)
+"""How long station is kept, and the mean current there."""
 ON_WAY_M_S = 0.6
 """About what the vehicle goes: who crosses its way straight on meets it."""
+
+
+class Current(NamedTuple):
+    """The water's velocity at each time: a mean, and swings about it, slow ones and fast ones."""
+
+    mean: F64  # (3,), east, down, north, m/s
+    swing: F64  # (n, 3), m/s
+    rate: F64  # (n,), rad/s
+    phase: F64  # (n,), rad
+
+    @classmethod
+    def draw(cls, rng: Rng) -> Current:
+        """As those of some days at sea."""
+        way, speed = rng.uniform(0, 2 * np.pi), rng.uniform(*STATION_CURRENT_M_S)
+        mean = np.array([speed * np.sin(way), rng.uniform(-0.02, 0.02), speed * np.cos(way)])
+        swing = rng.normal(0.0, [0.02, 0.005, 0.02], (12, 3))
+        rate = 2 * np.pi / np.geomspace(4.0, 300.0, 12)
+        return cls(mean, swing, rate, rng.uniform(0, 2 * np.pi, 12))
+
+    def at(self, t_s: float) -> Triple:
+        """The water's velocity, m/s."""
+        east, down, north = self.mean + np.sin(self.rate * t_s + self.phase) @ self.swing
+        return float(east), float(down), float(north)
+
+
+class Station(NamedTuple):
+    """What the vehicle parks before: an upright rectangle that a person drew around it."""
+
+    middle: F64  # (3,), world, m
+    wide_m: float
+    high_m: float
+    distance_m: float  # of the camera where it is named, and wanted
+    current: Current
+    until_s: float
 
 
 @dataclass(frozen=True)
@@ -65,6 +104,7 @@ class LoopScene:
     blind_s: tuple[float, float] | None = None  # between which the cameras give no picture
     pilot_s: tuple[float, float] | None = None  # between which a pilot flies
     altitude_m: float | None = None  # to be held above the sea floor; None: the goal's depth
+    station: Station | None = None  # to be kept; then the goal is the vehicle's wanted place
     end_m: float | None = None  # so near to the goal it ends, on station; None: at the goal
 
 
@@ -170,6 +210,49 @@ def _dust(rng: Rng, scene: LoopScene) -> LoopScene:
     return _with(scene, dust=(DustCloud.draw(rng, at, drift),))
 
 
+def _anchor(rng: Rng, scene: LoopScene) -> LoopScene:
+    """Parked before a tower, with another structure beside it in three of four seeds."""
+    tower = obstacles.one_tower(rng, (0.0, 0.0, 0.0))
+    beside = float(rng.choice([-1.0, 1.0])) * rng.uniform(0.9, 1.6, 2)
+    north = rng.uniform(-0.5, 2.5, 2)
+    another = obstacles.one_tower(
+        rng, (float(beside[0]), float(rng.uniform(-0.3, 0.3)), float(north[0]))
+    )
+    wall = Placed(
+        panels(rng, [(0.0, 0.0, float(rng.uniform(-0.6, 0.6)), 0.8)], 1.5),
+        (float(-beside[1]), 0.2, float(north[1])),
+    )
+    things = ((tower,), (tower, another), (tower, wall), (tower, another, wall))[scene.seed % 4]
+    # As people draw it: about the head of the tower, from its lantern to its legs.
+    middle = np.array([*rng.normal([0.0, 0.12], 0.02), 0.0])
+    wide_m, high_m = rng.uniform(0.5, 0.6), rng.uniform(0.9, 1.05)
+    distance_m = float(rng.uniform(3.2, 4.5))
+    station = Station(
+        middle, float(wide_m), float(high_m), distance_m, Current.draw(rng), STATION_S
+    )
+    goal = middle - np.array([0.0, 0.0, distance_m + CAMERA_AHEAD_M])
+    start = State(goal + rng.normal(0.0, [0.1, 0.06, 0.0]), 0.0, np.zeros(3))
+    scene = _with(scene, things=things, current=station.current.at(0.0))
+    return replace(scene, goal=goal, start=start, station=station)
+
+
+def _anchor_lost(rng: Rng, scene: LoopScene) -> LoopScene:
+    """The same for 2.5 minutes, in which dust hides the tower and the cameras fail."""
+    scene = _anchor(rng, scene)
+    assert scene.station is not None
+    side = float(rng.choice([-1.0, 1.0]))
+    drift = np.array([-0.12 * side, 0.0, 0.0])
+    clouds = tuple(
+        DustCloud.draw(rng, (side * 0.12 * at_s, 0.1, -1.6), drift)
+        for at_s in (38.0, 42.0, 46.0, 50.0)
+    )
+    return replace(
+        _with(scene, dust=clouds),
+        station=scene.station._replace(until_s=150.0),
+        blind_s=(110.0, 116.0),
+    )
+
+
 KINDS = {
     "tower": SceneKind("one tower", _tower),
     "two": SceneKind("two towers in succession (thesis, figure 5.9)", _two),
@@ -186,8 +269,12 @@ KINDS = {
     "snow": SceneKind(f"empty water, {THICK_SNOW} times the snow", _snow),
     "fish": SceneKind("a school of fish, nothing to hit", _fish),
     "dust": SceneKind("a cloud of sediment, nothing to hit", _dust),
+    "anchor": SceneKind("ten minutes on station before a tower in a current", _anchor),
+    "anchor-lost": SceneKind("on station, the tower behind dust for a while", _anchor_lost),
 }
 """By name, in the order of tables."""
+STATIONS = ("anchor", "anchor-lost")
+"""Those in which station is kept before an object, and nothing is avoided."""
 
 
 def draw_scene(name: str, seed: int, width: int) -> LoopScene:

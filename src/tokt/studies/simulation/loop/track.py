@@ -19,9 +19,10 @@ from .vehicle import HULL_RADIUS_M, State
 
 Step = tuple[float, State, Mode, float]
 """Time, the vehicle's state, the planner's mode, and the clearance."""
-SaidOfFrame = tuple[float, int, bool]
-"""When a frame was taken, its status (-1 also where nothing was said), and whether something solid
-was before the camera, near enough to be seen."""
+SaidOfFrame = tuple[float, int, bool, int]
+"""When a frame was taken, its status (-1 also where nothing was said), whether something solid was
+before the camera, near enough to be seen, and what was said of the anchor: -1 without one, 0 it is
+not held, 1 it is, 2 it is not where the object is."""
 IN_VIEW_M = 10.0
 """What is solid and farther off, along the camera's axis, counts as nothing to see."""
 
@@ -48,15 +49,18 @@ class Track:
     frame_status: I64  # (m,): 1 obstacle, 0 clear, -1 unknown or nothing said
     frame_in_view: Bools  # (m,): something solid, within `IN_VIEW_M`
     avoidances_s: F64  # (k,): when the planner began to avoid
+    frame_anchor: I64  # (m,): as in `SaidOfFrame`
+    station: F64  # (3,): the wanted place before an object, m; (0,) without one
 
     @classmethod
     def recorded(
         cls, title: str, scene: str, method: str, seed: int, steps: Sequence[Step],
         frames: Sequence[SaidOfFrame], avoidances_s: Sequence[float], reached: bool,
+        station: F64 | None = None,
     ) -> Track:  # fmt: skip
         """The track of a run's steps and frames."""
         times, states, modes, clearances = zip(*steps, strict=True)
-        said = np.array(frames, np.float64).reshape(-1, 3)
+        said = np.array(frames, np.float64).reshape(-1, 4)
         return cls(
             title, scene, method, seed, reached,
             t_s=np.array(times),
@@ -68,6 +72,8 @@ class Track:
             frame_status=said[:, 1].astype(np.int64),
             frame_in_view=said[:, 2].astype(np.bool_),
             avoidances_s=np.array(avoidances_s, np.float64),
+            frame_anchor=said[:, 3].astype(np.int64),
+            station=np.zeros(0) if station is None else station,
         )  # fmt: skip
 
     def to_bytes(self, about: dict[str, Any]) -> bytes:
@@ -89,12 +95,22 @@ class Track:
         if words.pop("format") != TRACK_FORMAT:
             raise ToktError(f"a track of another format than {TRACK_FORMAT}")
         about = words.pop("about")
+        # What the first tracks do not have.
+        arrays.setdefault("frame_anchor", np.full(len(arrays["frame_t_s"]), -1))
+        arrays.setdefault("station", np.zeros(0))
         return cls(**words, **arrays), about
 
     def places(self, status: int, until_s: float = math.inf) -> F64:
         """(k, 3) Where the vehicle was when the frames of a status were taken, till a time."""
         t_s = self.frame_t_s[(self.frame_status == status) & (self.frame_t_s <= until_s)]
         return np.stack([np.interp(t_s, self.t_s, along) for along in self.position.T], axis=1)
+
+    @property
+    def off_m(self) -> F64:
+        """(n,) Metres from the wanted place before an object; empty without one."""
+        if not len(self.station):
+            return self.station
+        return np.asarray(np.linalg.norm(self.position - self.station, axis=1))
 
     @property
     def least_m(self) -> float:

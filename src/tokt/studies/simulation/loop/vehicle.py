@@ -11,7 +11,7 @@ turns to the east (clockwise seen from above). So (z, x, y) are Fossen's north, 
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -96,7 +96,15 @@ class Vehicle:
     ) -> None:
         self.state = start
         self.applied = Forces()  # what the thrusters do now
-        self._current = current_m_s
+        self.current = current_m_s
+
+    @property
+    def through_water(self) -> State:
+        """The same state, its speeds through the water."""
+        east, down, north = self.current
+        sine, cosine = math.sin(self.state.heading_rad), math.cos(self.state.heading_rad)
+        current = np.array([north * cosine + east * sine, east * cosine - north * sine, down])
+        return replace(self.state, velocity_body=self.state.velocity_body - current)
 
     def step(self, dt_s: float, forces: Forces) -> None:
         """Go on for `dt_s` seconds while the thrusters are asked for `forces` (Runge-Kutta 4)."""
@@ -120,7 +128,7 @@ class Vehicle:
     def _rate(self, y: F64) -> F64:
         heading, u, v, w, r = y[3:].tolist()
         sine, cosine = math.sin(heading), math.cos(heading)
-        east, down, north = self._current
+        east, down, north = self.current
         uc, vc = north * cosine + east * sine, east * cosine - north * sine
         ur, vr, wr = u - uc, v - vc, w - down
         own, tau = MINERVA, self.applied

@@ -10,6 +10,7 @@ import pandas as pd
 from scipy import stats
 
 from tokt.studies.simulation.loop.autopilot import Mode
+from tokt.studies.simulation.loop.scenes import STATIONS
 from tokt.studies.simulation.loop.track import Track
 from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
 
@@ -17,7 +18,9 @@ CONFIDENCE = 0.95
 FRESH_S = 2.5
 """An avoidance is of what was in view at most this long before: the frame rule and the way of the
 datagram take up to a second and a half."""
-GROUND_IN_VIEW = ("floor",)
+SETTLES_S, STATION_M = 30.0, 0.5
+"""Seconds in which station is come to, and how far off it may be afterwards: then it is reached."""
+GROUND_IN_VIEW = ("floor", *STATIONS)
 """Scenes in which something solid is always in view: no avoidance can be told to be false."""
 
 
@@ -45,6 +48,10 @@ class FlightOutcome:
     false_statuses: int
     frames: int
     unknown_frames: int
+    # Before an object, after `SETTLES_S`; NaN and 0 without one.
+    off_m: float  # the farthest from the wanted place
+    held: float  # share of the frames in which the object is held
+    held_another: int  # frames, of all, in which what is held is not that object
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form; what is not finite is None."""
@@ -61,7 +68,10 @@ def outcome_of(track: Track) -> FlightOutcome:
     steps = np.diff(track.position, axis=0)
     path_m = float(np.linalg.norm(steps, axis=1).sum())
     straight_m = float(np.linalg.norm(track.position[-1] - track.position[0]))
-    arrived = track.reached and not track.collided
+    settled, said = track.t_s >= SETTLES_S, track.frame_anchor[track.frame_t_s >= SETTLES_S]
+    station = len(track.station) > 0
+    off_m = float(track.off_m[settled].max()) if station and settled.any() else math.nan
+    arrived = (off_m <= STATION_M if station else track.reached) and not track.collided
     return FlightOutcome(
         scene=track.scene,
         method=track.method,
@@ -70,7 +80,7 @@ def outcome_of(track: Track) -> FlightOutcome:
         reached=arrived,
         clearance_m=track.least_m - HULL_RADIUS_M,
         path_m=path_m,
-        detour=path_m / straight_m - 1.0 if arrived else math.nan,
+        detour=path_m / straight_m - 1.0 if arrived and not station else math.nan,
         time_s=float(track.t_s[-1]),
         avoidances=len(track.avoidances_s),
         false_avoidances=sum(_is_false(track, t_s) for t_s in track.avoidances_s),
@@ -78,6 +88,9 @@ def outcome_of(track: Track) -> FlightOutcome:
         false_statuses=int(((track.frame_status == 1) & ~track.frame_in_view).sum()),
         frames=len(track.frame_status),
         unknown_frames=int((track.frame_status == -1).sum()),
+        off_m=off_m,
+        held=float((said > 0).mean()) if station and len(said) else math.nan,
+        held_another=int((track.frame_anchor == 2).sum()),
     )
 
 
@@ -103,7 +116,8 @@ def table(outcomes: Sequence[FlightOutcome]) -> pd.DataFrame:
     happened, the last as `false_retreats`, each with ``_low`` and ``_high``, the bounds of its rate
     at 95 % confidence); clearance_min_m, clearance_median_m (NaN where nothing
     is solid); detour_median, detour_most and time_median_s (of the runs that arrived, NaN without
-    any); false_status_frames, frames.
+    any); off_most_m, held_median, held_another_frames (of those before an object);
+    false_status_frames, frames.
     """
     frame = pd.DataFrame([asdict(outcome) for outcome in outcomes])
     frame["false_avoidance"] = frame["false_avoidances"] > 0
@@ -128,6 +142,9 @@ def _row(part: pd.DataFrame) -> dict[str, float | int]:
         "detour_median": float(arrived["detour"].median()),
         "detour_most": float(arrived["detour"].max()),
         "time_median_s": float(arrived["time_s"].median()),
+        "off_most_m": float(part["off_m"].max()),
+        "held_median": float(part["held"].median()),
+        "held_another_frames": int(part["held_another"].sum()),
         "false_status_frames": int(part["false_statuses"].sum()),
         "frames": int(part["frames"].sum()),
     }
