@@ -48,8 +48,8 @@ _FAINT = 0.1
 _BLANK = 8.0
 _SHRUNK = 1e-2
 _LEVELS_STEP = 0.02
-_FINE = [0.04 * step for step in range(-3, 4)]
-_MARGIN = 8
+_FINE = [0.05 * step for step in range(-2, 3)]
+_MARGIN = 6
 
 _IMAGE = Quantization(gain=8, smooth=5, window=61, by=FRAME)
 _EXTRACTOR = Join(
@@ -126,6 +126,7 @@ class ObjectModel:
         self._learn(features, _inside(box, scale / CELL))
         self._own = pictures.picture(_IMAGE)[_inside(box, scale)]
         self._levels: dict[int, U8] = {}
+        self._visible: dict[tuple[int, tuple[int, int]], F32] = {}
         self.templates = [self._template(picture, float(size)) for size in SIZES]
         rival = Likeness(self, picture).best(without=self.place)
         self.alike = 0.0 if rival is None else max(rival.likeness, 0.0)
@@ -145,6 +146,23 @@ class ObjectModel:
         strengths, axes = np.linalg.eigh(own.T @ own / len(own))
         self.strength = float(strengths[-1])
         self._channels: F64 = whiten.T @ axes[:, : -_CHANNELS - 1 : -1]
+
+    @property
+    def border(self) -> tuple[int, int]:
+        """Half of the largest template, rows and columns: so far it may leave the picture."""
+        rows, cols = self.templates[-1].cells.shape[:2]
+        return rows // 2, cols // 2
+
+    def visible(self, which: int, shape: tuple[int, int]) -> F32:
+        """(rows, cols) The share of a template that lies in a picture of so many cells."""
+        if (which, shape) not in self._visible:
+            cells = self.templates[which].cells
+            rows, cols = (side // 2 for side in cells.shape[:2])
+            there = np.ones(shape, np.float32)
+            there = cv2.copyMakeBorder(there, rows, rows, cols, cols, cv2.BORDER_CONSTANT)
+            share = cv2.matchTemplate(there, np.square(cells).sum(axis=2), cv2.TM_CCORR)
+            self._visible[which, shape] = np.maximum(share, 1e-6)
+        return self._visible[which, shape]
 
     def box_at(self, place: Place) -> Box:
         """The box around the object at a place, in shares of the picture's sides."""
@@ -197,9 +215,12 @@ class Likeness:
 
     def __init__(self, model: ObjectModel, picture: U8) -> None:
         self._model = model
-        self._seen, self._levels = model.channels(picture, WIDTH)
-        self._energy = np.square(self._seen).sum(axis=2)
-        self._maps: dict[int, F32] = {}
+        seen, self._levels = model.channels(picture, WIDTH)
+        self._shape = seen.shape[:2]
+        down, across = self._border = model.border
+        around = down, down, across, across, cv2.BORDER_CONSTANT
+        self._seen = np.asarray(cv2.copyMakeBorder(seen, *around), np.float32)
+        self._energy = cv2.integral(np.square(self._seen).sum(axis=2))
 
     def best(self, reach: Reach | None = None, without: Place | None = None) -> Place | None:
         """The place most like the object, within reach, and not on the place that is left out."""
@@ -207,7 +228,9 @@ class Likeness:
         for which, template in enumerate(self._model.templates):
             if reach is not None and abs(template.size - reach.about.size) > reach.size:
                 continue
-            likeness, (x, y) = self._map(which), self._middles(which)
+            likeness, x, y = self._map(which, reach)
+            if not likeness.size:
+                continue
             likeness = np.where(self._allowed(x, y, reach, without), likeness, -1.0)
             row, col = divmod(int(likeness.argmax()), likeness.shape[1])
             if likeness[row, col] > found.likeness:
@@ -215,44 +238,41 @@ class Likeness:
                 found = Place(*there, float(likeness[row, col]))
         return found if found.likeness > -1.0 else None
 
-    def _map(self, which: int) -> F32:
-        """(rows, cols) Likeness of a template's places, a cell apart; -1 where it leaves the view.
+    def _map(self, which: int, reach: Reach | None) -> tuple[F32, F64, F64]:
+        """Likeness of a template's places within reach, a cell apart, and their x and y in pixels.
 
-        The cosine between the template and what is in its window, over what both have in the view.
+        The cosine between the template and what is in its window, over what of it is in the view;
+        -1 where that is too little.
         """
-        if which not in self._maps:
-            template, seen = self._model.templates[which], self._seen
-            rows, cols = template.cells.shape[:2]
-            (top, left), there = (rows // 2, cols // 2), np.ones(seen.shape[:2], np.float32)
-            padded, energy, visible = (
-                cv2.copyMakeBorder(each, top, top, left, left, cv2.BORDER_CONSTANT)
-                for each in (seen, self._energy, there)
-            )
-            window = np.ones((rows, cols), np.float32), np.square(template.cells).sum(axis=2)
-            alike, inside, share = (
-                cv2.matchTemplate(where, what, cv2.TM_CCORR)
-                for where, what in (
-                    (padded, template.cells),
-                    (energy, window[0]),
-                    (visible, window[1]),
-                )
-            )
-            least = _FAINT * template.energy
-            share = np.maximum(share, 1e-6)
-            found = alike / np.sqrt(share * np.maximum(inside, least * share))
-            found[share < MIN_VISIBLE] = -1.0
-            self._maps[which] = found.astype(np.float32)
-        return self._maps[which]
-
-    def _middles(self, which: int) -> tuple[F64, F64]:
-        """Columns and rows of the places of a template's map, in pixels."""
         template = self._model.templates[which]
-        (rows, cols), (x, y) = template.cells.shape[:2], template.corner
-        down, across = self._map(which).shape
-        return (
-            (np.arange(across) - cols // 2) * CELL - x,
-            (np.arange(down) - rows // 2) * CELL - y,
+        visible = self._model.visible(which, self._shape)
+        (rows, cols), (x0, y0) = template.cells.shape[:2], template.corner
+        x = (np.arange(visible.shape[1]) - cols // 2) * CELL - x0
+        y = (np.arange(visible.shape[0]) - rows // 2) * CELL - y0
+        first, last = (0, 0), visible.shape
+        if reach is not None:
+            about, px = reach.about, np.array([-reach.px, reach.px])
+            (first_y, last_y), (first_x, last_x) = (
+                np.searchsorted(axis, at + px) for axis, at in ((y, about.y), (x, about.x))
+            )
+            first, last = (int(first_y), int(first_x)), (int(last_y), int(last_x))
+        there = slice(first[0], last[0]), slice(first[1], last[1])
+        share = visible[there]
+        if not share.size:
+            return share, x, y
+        # Windows in the padded map, by their first cell and one past the last.
+        top, left = first[0] + self._border[0] - rows // 2, first[1] + self._border[1] - cols // 2
+        bottom, right = top + share.shape[0], left + share.shape[1]
+        seen = self._seen[top : bottom + rows - 1, left : right + cols - 1]
+        alike = cv2.matchTemplate(seen, template.cells, cv2.TM_CCORR)
+        upper, lower = (
+            self._energy[at : at + share.shape[0], left : right + cols] for at in (top, top + rows)
         )
+        columns = lower - upper
+        inside = columns[:, cols:] - columns[:, :-cols]
+        found = alike / np.sqrt(share * np.maximum(inside, _FAINT * template.energy * share))
+        found[share < MIN_VISIBLE] = -1.0
+        return found.astype(np.float32), x[there[1]], y[there[0]]
 
     def _allowed(self, x: F64, y: F64, reach: Reach | None, without: Place | None) -> Bools:
         allowed = np.ones((len(y), len(x)), bool)
@@ -260,7 +280,7 @@ class Likeness:
             about = reach.about
             allowed &= np.hypot(x - about.x, (y - about.y)[:, None]) <= reach.px
         if without is not None:
-            times = float(np.exp(without.size)) / 2
+            times = math.exp(without.size) / 2
             beside = np.abs(x - without.x) > times * self._model.wide
             allowed &= beside | (np.abs(y - without.y) > times * self._model.high)[:, None]
         return allowed

@@ -244,7 +244,7 @@ def _anchor_lost(rng: Rng, scene: LoopScene) -> LoopScene:
     drift = np.array([-0.12 * side, 0.0, 0.0])
     clouds = tuple(
         DustCloud.draw(rng, (side * 0.12 * at_s, 0.1, -1.6), drift)
-        for at_s in (38.0, 42.0, 46.0, 50.0)
+        for at_s in (58.0, 61.0)
     )
     return replace(
         _with(scene, dust=clouds),
