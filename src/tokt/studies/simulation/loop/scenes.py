@@ -53,6 +53,8 @@ PILOT_S = 15.0
 """How long the pilot flies."""
 STATION_S, STATION_CURRENT_M_S = 600.0, (0.05, 0.2)
 """How long station is kept, and the mean current there."""
+DUST_M_S = 0.3
+"""Of the dust that passes between the vehicle and its object: it is hidden for some 10 s."""
 ON_WAY_M_S = 0.6
 """About what the vehicle goes: who crosses its way straight on meets it."""
 
@@ -241,10 +243,10 @@ def _anchor_lost(rng: Rng, scene: LoopScene) -> LoopScene:
     scene = _anchor(rng, scene)
     assert scene.station is not None
     side = float(rng.choice([-1.0, 1.0]))
-    drift = np.array([-0.12 * side, 0.0, 0.0])
+    drift = np.array([-DUST_M_S * side, 0.0, 0.0])
     clouds = tuple(
-        DustCloud.draw(rng, (side * 0.12 * at_s, 0.1, -1.6), drift)
-        for at_s in (58.0, 61.0)
+        DustCloud.draw(rng, (side * DUST_M_S * at_s, 0.1, -1.6), drift)
+        for at_s in (58.0, 58.0, 60.0, 60.0)
     )
     return replace(
         _with(scene, dust=clouds),
