@@ -17,7 +17,7 @@ from .autopilot import POSITION_GAIN, Mode, Setpoint
 from .planner import SILENCE_S
 from .vehicle import State
 
-GAIN, INTEGRAL, DERIVATIVE = 0.30, 0.03, 0.10
+GAIN, INTEGRAL, DERIVATIVE = 0.5, 0.05, 0.3
 """Of the error in metres: 1/s, 1/s2 and none. Chosen on seeds 1001 to 1012."""
 ASSUMED_M = 4.0
 """Distance that errors are taken to be at: nobody tells it."""
