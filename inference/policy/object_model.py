@@ -52,6 +52,7 @@ _FINE = [0.05 * step for step in range(-2, 3)]
 _MARGIN = 6
 
 _IMAGE = Quantization(gain=8, smooth=5, window=61, by=FRAME)
+_DETAIL = Quantization(gain=8, smooth=5, window=21, by=FRAME)
 _EXTRACTOR = Join(
     [
         Lbp(8, 5, "frame", _IMAGE, NEAREST),
@@ -124,7 +125,7 @@ class ObjectModel:
         self.share = self.wide * self.high / (WIDTH * height * scale)
         pictures, features = _cells(picture, WIDTH)
         self._learn(features, _inside(box, scale / CELL))
-        self._own = pictures.picture(_IMAGE)[_inside(box, scale)]
+        self._own = pictures.picture(_DETAIL)[_inside(box, scale)]
         self._levels: dict[int, U8] = {}
         self._visible: dict[tuple[int, tuple[int, int]], F32] = {}
         self.templates = [self._template(picture, float(size)) for size in SIZES]
@@ -176,16 +177,16 @@ class ObjectModel:
         return width >= CELL and abs(height / width / self._aspect - 1) <= ASPECT_TOLERANCE
 
     def channels(self, picture: U8, width: int) -> tuple[F32, U8]:
-        """What tells the object from the rest, (rows, cols, 4), and the levels it comes from."""
+        """What tells the object from the rest, (rows, cols, 4), and its fine detail, in levels."""
         pictures, features = _cells(picture, width)
         found = (features - self._mean) @ self._channels
         found /= np.sqrt(_BLANK**2 + np.square(found).sum(axis=2, keepdims=True))
         # Cells do not lie on the object alike in any two pictures.
         blurred = cv2.blur(found.astype(np.float32), (3, 3))
-        return np.asarray(blurred, np.float32), pictures.picture(_IMAGE)
+        return np.asarray(blurred, np.float32), pictures.picture(_DETAIL)
 
     def levels_at(self, size: float) -> U8:
-        """The object itself at another size, in levels."""
+        """The object's fine detail at another size, in levels."""
         at = round(size / _LEVELS_STEP)
         if at not in self._levels:
             times, (high, wide) = math.exp(at * _LEVELS_STEP), self._own.shape
@@ -286,7 +287,7 @@ class Likeness:
         return allowed
 
     def refined(self, place: Place) -> tuple[Place, float]:
-        """The place to the pixel, and the correlation (-1..1) of the levels with the object's."""
+        """The place to the pixel, and the correlation (-1..1) of the fine detail there."""
         fits = [self._fit(place, place.size + step) for step in _FINE]
         best = max(range(len(fits)), key=lambda at: fits[at][0])
         match, x, y = fits[best]

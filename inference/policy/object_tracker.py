@@ -32,14 +32,16 @@ QUEUE = 5
 STEP_PX, STEP_SIZE = 20.0, 0.12
 """Farther than this from there, beside twice its longest step of late, it cannot be in the next
 frame; in pixels of a picture 360 wide, and of ln of the size."""
-WIDENS_PX, WIDENS_SIZE = 6.0, 0.02
+WIDENS_PX, WIDENS_SIZE = 4.0, 0.02
 """By which that grows with each frame in which it is not seen."""
-MAX_PX, MAX_SIZE = 120.0, 0.45
+MAX_PX, MAX_SIZE = 120.0, 0.4
 AGAIN, SEARCHED = 3, 600
-HOLDS, FINDS = 0.2, 0.5
+HOLDS, FINDS = 0.2, 0.4
 """Of the way from the likeness of what else there is to 1: what keeps it held, what finds it."""
-MATCH_HOLDS, MATCH_FINDS = 0.6, 0.8
-"""The same of the correlation of its pixels."""
+MATCH_HOLDS, MATCH_FINDS = 0.5, 0.87
+"""The same of the correlation of its fine detail, which another of the same make does not have."""
+MATCH_LESS, MIN_MATCH = 0.1, 0.7
+"""In water that lets less through it has to be as high as when it was held first, less so much."""
 BESIDE = 0.02
 """By which what is found is more like the object than anything else in the picture."""
 RIVALS_EVERY = 8
@@ -64,7 +66,9 @@ class ObjectTracker:
         self._anywhere = anywhere
         self._unseen = unseen  # frames since it was held, or named
         self._found: list[Place] = []
-        self._own: list[float] = []  # ln of its size times its distance, when it was held first
+        # When it was held first: ln of its size times its distance, correlations.
+        self._own: list[float] = []
+        self._matches: list[float] = []
         self._frames = 0
 
     def look(
@@ -122,6 +126,8 @@ class ObjectTracker:
         place, match = likeness.refined(place)
         if match < MATCH_HOLDS:
             return None
+        if len(self._matches) < QUEUE:
+            self._matches.append(match)
         self._frames += 1
         if self._frames % RIVALS_EVERY == 1:
             beside = likeness.best(without=place)
@@ -139,13 +145,19 @@ class ObjectTracker:
         if beside is not None and beside.likeness > place.likeness - BESIDE:
             return None
         place, match = likeness.refined(place)
-        if match < MATCH_FINDS:
+        if match < self._match_needed:
             return None
         if self._found:
             x, y, size = _step(self._found[-1], place)
             if math.hypot(x, y) > STEP_PX or abs(size) > STEP_SIZE:
                 self._found = []
         return place
+
+    @property
+    def _match_needed(self) -> float:
+        if len(self._matches) < QUEUE:
+            return MATCH_FINDS
+        return min(max(float(np.median(self._matches)) - MATCH_LESS, MIN_MATCH), MATCH_FINDS)
 
     def _is_same(self, place: Place, metres: float | None) -> bool:
         """Whether its size and its distance are those of the thing that was held first."""
