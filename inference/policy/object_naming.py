@@ -90,7 +90,8 @@ class ObjectNaming:
 
     def name(self, number: int, picture: U8 | None, box: Box) -> None:
         """Learn what is in a box of a frame; from any thread."""
-        told = {"frame": number, "box": [*box]}
+        mark = None if picture is None else pixel_mark(picture)
+        told = {"frame": number, "box": [*box], "mark": mark}
         try:
             if picture is None:
                 raise ToktError(f"frame {number} is not kept any more: draw again")
@@ -103,7 +104,7 @@ class ObjectNaming:
 
     def release(self) -> None:
         """Hold nothing any more; from any thread."""
-        told = {"frame": None, "box": None}
+        told = {"frame": None, "box": None, "mark": None}
         words = "no object is held any more"
         self._waiting.append((Event(self._time_s(), NAMED, words, told), None))
 

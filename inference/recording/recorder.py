@@ -26,6 +26,7 @@ from tokt.features.common.errors import os_errors_as, os_words
 from tokt.inference.clock import Clock
 from tokt.inference.config import RecordingConfig
 from tokt.inference.frame import Frame
+from tokt.inference.policy.object_naming import NAMED
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.publisher import Observer
 from tokt.inference.report import Event, Report
@@ -192,7 +193,7 @@ MEMORY_MB = 400.0
 """Frames in memory, those of the last seconds and those that wait for the disk: some 4 s of two
 colour cameras of 1360x1024 at 10 frames a second."""
 
-KEPT_EVENTS = frozenset({START, MODEL})
+KEPT_EVENTS = frozenset({START, MODEL, NAMED})
 """Events that a replay of the recording needs."""
 TRIGGER_EVENTS = frozenset({"drift", "shadow_differs"})
 """Events that open a clip."""
