@@ -22,6 +22,7 @@ WAITING, OLD, ENDED = "WAITING", "OLD", "ENDED"
 
 Colour = tuple[int, int, int]
 _WHITE, _BLACK, _YELLOW, _GREY = (255, 255, 255), (0, 0, 0), (0, 200, 255), (70, 70, 70)
+_GREEN: Colour = (120, 255, 120)
 _COLOURS: dict[str, Colour] = {"OBSTACLE": (30, 30, 200), "CLEAR": (60, 110, 20)}
 _RANKS = {CLEAR: 1, UNKNOWN: 2, OBSTACLE: 3}
 """A column of the strip shows the worst status of its time, 0 where nothing was said."""
@@ -44,6 +45,8 @@ class ViewMoment:
     picture: U8 | None = None
     mask: U8 | None = None  # as of `tokt.inference.policy.policy.Judgement`
     grid: Grid | None = None
+    held: tuple[float, float, float, float] | None = None
+    named: str = ""  # what was said last of an object that somebody named
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,8 @@ class Shown:
     why: str
     age_s: float
     facts: dict[str, str] = field(default_factory=dict)
+    frame: int | None = None  # whose picture it is, and which rows of it are the camera's
+    rows: tuple[int, int] = (BANNER, BANNER)
 
 
 @dataclass(eq=False)
@@ -67,13 +72,14 @@ class ViewState:
     ended: str = ""
     moment: ViewMoment | None = None
     picture: U8 | None = None
+    frame: int | None = None  # the picture's
     statuses: list[tuple[float, int]] = field(default_factory=list)
 
     def take(self, moment: ViewMoment) -> None:
         """Show this from now on."""
         self.moment = moment
         if moment.picture is not None:
-            self.picture = moment.picture
+            self.picture, self.frame = moment.picture, moment.report.frame
         oldest = moment.said_s - STRIP_S - self.stale_s
         said = [*self.statuses, *moment.statuses]
         self.statuses = [each for each in said if each[0] >= oldest]
@@ -92,7 +98,11 @@ class ViewState:
         elif age_s > self.stale_s:
             seen = "an obstacle was seen; " if verdict.status == OBSTACLE else ""
             word, why = OLD, f"{seen}nothing newer for {age_s:.1f} s"
-        return Shown(word, why, age_s, _facts(verdict, word in _COLOURS))
+        facts = _facts(verdict, word in _COLOURS)
+        if told := self.moment.named or verdict.anchor or "":
+            facts = {"object": told, **facts}
+        high = 0 if self.picture is None else len(self.picture)
+        return Shown(word, why, age_s, facts, self.frame, (BANNER, BANNER + high))
 
     def draw(self, shown: Shown, now: float) -> U8:
         """The picture of a moment: BGR, of one size as long as the frames are, both sides even."""
@@ -161,6 +171,13 @@ def _draw_verdict(frame: U8, moment: ViewMoment) -> None:
         frame[(mask > 0) & ((rows + columns) % 13 < 2)] = _YELLOW
         outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         cv2.drawContours(frame, outlines, -1, _YELLOW, 2)
+    if moment.held is not None:
+        left, top, held_wide, held_high = np.array(moment.held) * ([WIDTH, height] * 2)
+        corners = (left, top), (left + held_wide, top + held_high)
+        one, other = [(round(float(x)), round(float(y))) for x, y in corners]
+        cv2.rectangle(frame, one, other, _BLACK, 5)
+        cv2.rectangle(frame, one, other, _GREEN, 2)
+        _write(frame, "HELD", (max(one[0], 0), max(one[1] - 6, 18)), 0.7, _GREEN)
     if verdict.box is None:
         return
     x, y, box_wide, box_high = verdict.box

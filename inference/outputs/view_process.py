@@ -38,7 +38,7 @@ def serve(
     """Show what comes until there is no more; what the process runs.
 
     It answers that it has begun, and each moment once that is drawn: with why the video is not
-    written to `part`, or nothing.
+    written to `part`, or nothing, and what was asked for on the page meanwhile.
     """
     # Who started it ends it, when the pipe closes.
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -64,7 +64,8 @@ def serve(
         _show(state, moment, pictures, video)
         if moment is not None:
             with suppress(OSError):  # that the run is gone is seen by who reads
-                connection.send("" if video is None else video.fault)
+                asked = [] if server is None else server.take_drawings()
+                connection.send(("" if video is None else video.fault, asked))
     if video is not None:
         video.close()
     if pictures.watched:

@@ -2,8 +2,10 @@
 
 The page asks for one picture after the other: none waits in a socket, so that a slow network makes
 pictures fewer and not older. Its words come with each, in a header. Whoever connects gets pictures
-of here and can change nothing.
+of here, and can change one thing: which object is held.
 """
+
+from __future__ import annotations
 
 import hmac
 import io
@@ -13,10 +15,12 @@ import secrets
 import socket
 import threading
 import time
+from collections import deque
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import parse_qsl
 
 from tokt.features.common.address import LOOPBACK_NAMES, host_header
@@ -29,6 +33,7 @@ MAX_CLIENTS, MAX_REQUEST = 64, 16_384
 REQUEST_S = 5.0
 """Longest time in seconds that a client takes to ask, or to take what it is sent."""
 _POLL_S, _FRESH_S, _WATCHED_S = 0.25, 0.5, 2.0
+_DRAWINGS = 8
 _SEND_BYTES = 1 << 17
 """Of a stream that wait in the system: a picture or two."""
 _PAGE = Path(__file__).with_name("view.html")
@@ -40,11 +45,32 @@ _HEADERS = {
     "Cross-Origin-Resource-Policy": "cross-origin",
 }
 # Without frame-ancestors: any page may frame this one, as Cockpit does, its desktop program from no
-# address at all. Nothing here can be clicked, and no other page can read what it frames.
+# address at all. In a frame it shows no buttons, and no other page can read what it frames.
 _POLICY = (
     "default-src 'none'; script-src 'nonce-NONCE'; style-src 'nonce-NONCE'; img-src blob: data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'"
 )
+
+
+class Drawing(NamedTuple):
+    """What somebody drew on a frame, by its number: a box, or that one begins; None lets go."""
+
+    frame: int | None
+    box: tuple[float, ...] | None  # its left, upper, right and lower edge in parts of the frame
+
+    @classmethod
+    def read(cls, frame: str, box: str) -> Drawing:
+        """Read a request's; ValueError if it is none."""
+        if not frame:
+            return cls(None, None)
+        edges = tuple(float(edge) for edge in box.split(",")) if box else None
+        if edges is not None and not (
+            len(edges) == 4 and 0 <= edges[0] < edges[2] <= 1 and 0 <= edges[1] < edges[3] <= 1
+        ):
+            raise ValueError("no box within a frame")
+        if not (frame.isascii() and frame.isdigit() and len(frame) < 16):
+            raise ValueError("no number")
+        return cls(int(frame), edges)
 
 
 class Pictures:
@@ -95,7 +121,12 @@ class ViewServer(ThreadingHTTPServer):
         # What is accepted has it too.
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BYTES)
         self.socket, self.token, self.pictures = listener, token, pictures
+        self.drawings: deque[Drawing] = deque(maxlen=_DRAWINGS)
         threading.Thread(target=self.serve_forever, args=(_POLL_S,), daemon=True).start()
+
+    def take_drawings(self) -> list[Drawing]:
+        """What was asked for since the last call, oldest first."""
+        return [self.drawings.popleft() for _ in range(len(self.drawings))]
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
         """Whether there is room for one more: each has a thread."""
@@ -129,7 +160,16 @@ class _ViewHandler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer what only looks."""
-        answers = {"/": self._page, "/picture": self._picture, "/stream.mjpg": self._stream}
+        self._route({"/": self._page, "/picture": self._picture, "/stream.mjpg": self._stream})
+
+    def do_POST(self) -> None:
+        """Take what was drawn. Another site's page cannot send this header without being let."""
+        if "X-Tokt" not in self.headers:
+            self.send_error(403, "This is for the page of this server")
+        else:
+            self._route({"/object": self._object})
+
+    def _route(self, answers: dict[str, Callable[[], None]]) -> None:
         path, _, query = self.path.partition("?")
         self._query = dict(parse_qsl(query))
         found = [host_header(text) for text in self.headers.get_all("host", [])]
@@ -161,6 +201,15 @@ class _ViewHandler(BaseHTTPRequestHandler):
         self._answer(
             "image/jpeg", jpeg, {"X-Tokt": json.dumps({"number": number, **asdict(shown)})}
         )
+
+    def _object(self) -> None:
+        asked = (self._query.get(name, "") for name in ("frame", "box"))
+        try:
+            self.server.drawings.append(Drawing.read(*asked))
+        except ValueError:
+            self.send_error(400, "A box is left,upper,right,lower in parts of a frame")
+            return
+        self._answer("text/plain", b"", {})
 
     def _stream(self) -> None:
         """Send one picture after the other; the newest, however long the client takes."""

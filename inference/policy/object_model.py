@@ -34,8 +34,9 @@ SIZES = 0.06 * np.arange(-10, 11)
 """ln of the sizes that are looked for, over the size in the box: 0.55 to 1.8 times."""
 MIN_VISIBLE = 0.6
 """Share of a template that has to lie in the picture."""
-MIN_CELLS = 12
-"""Of a box: fewer cells look like too much else."""
+MIN_CELLS, MIN_SIDE, MAX_SHARE = 12, 3, 0.8
+"""Of a box: with fewer cells it looks like too much else; and its share of the picture, the rest of
+which it is told from."""
 MAX_ALIKE = 0.9
 """Likeness of the naming picture's own rest above which the object cannot be told from it."""
 MIN_STRENGTH = 4.0
@@ -98,11 +99,11 @@ def box_fault(box: Box, height: int, width: int) -> str:
         x >= 0 and y >= 0 and wide > 0 and high > 0 and x + wide <= width and y + high <= height
     ):
         return f"it is not inside the picture of {width}x{height}"
-    cells = (wide * WIDTH / width // CELL) * (high * WIDTH / width // CELL)
-    if cells < MIN_CELLS:
-        return (
-            f"it is too small: {MIN_CELLS} times a {60 / CELL:.0f}th of the picture's width squared"
-        )
+    cells = [side * WIDTH / width // CELL for side in (wide, high)]
+    if min(cells) < MIN_SIDE or cells[0] * cells[1] < MIN_CELLS:
+        return f"it is too small: {MIN_CELLS} squares of {CELL * width / WIDTH:.0f} px is the least"
+    if wide * high > MAX_SHARE * width * height:
+        return f"it covers more than {100 * MAX_SHARE:.0f} % of the picture"
     return ""
 
 
@@ -128,9 +129,10 @@ class ObjectModel:
         self._own = pictures.picture(_DETAIL)[_inside(box, scale)]
         self._levels: dict[int, U8] = {}
         self._visible: dict[tuple[int, tuple[int, int]], F32] = {}
-        self.templates = [self._template(picture, float(size)) for size in SIZES]
-        rival = Likeness(self, picture).best(without=self.place)
-        self.alike = 0.0 if rival is None else max(rival.likeness, 0.0)
+        if self.strength >= MIN_STRENGTH:
+            self.templates = [self._template(picture, float(size)) for size in SIZES]
+            rival = Likeness(self, picture).best(without=self.place)
+            self.alike = 0.0 if rival is None else max(rival.likeness, 0.0)
         if self.strength < MIN_STRENGTH or self.alike > MAX_ALIKE:
             raise ToktError("the box cannot be held: what is in it looks like what is around it")
 

@@ -228,8 +228,8 @@ class _History:
 
     That is every frame of the run (`since_start`), as many as the model's frame rule looks at
     (`for_texture`), or as a trend does (`for_trend`). `objects` says that
-    the pictures in which objects were named are there. It is `broken` for the first one after frames
-    that are not known.
+    the pictures in which objects were named are there. It is `broken` for the first one after
+    frames that are not known.
     """
 
     def __init__(self, window: int) -> None:

@@ -48,7 +48,7 @@ from tokt.inference.monitoring.status_line import StatusLine
 from tokt.inference.monitoring.watchdog import RESTARTS_VARIABLE, Notifier
 from tokt.inference.outputs.udp import DEFAULT_RECEIVER, UdpSender, parse_receiver, version_of
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
-from tokt.inference.policy.object_naming import NamedBox, NamedObject, named_object
+from tokt.inference.policy.object_naming import NamedBox, NamedObject, ObjectNaming, named_object
 from tokt.inference.policy.temporal_cues import Anchor
 from tokt.inference.publisher import Observer, Sender
 from tokt.inference.recording.log import JsonLines, LinesApart, LogRotation
@@ -245,7 +245,8 @@ def run(config: RunConfig) -> Summary:
             raise ToktError(f"model {label} looks at colours: not with --pixel-format Mono8")
         if assembly.texture is not None:
             assembly.texture.note = "; ".join(model.notes)
-        looking = _observers(config, pairs, senders, source, events, opened, nmea_fault)
+        naming = ObjectNaming(assembly.policy, SYSTEM_CLOCK.time)
+        looking = _observers(config, pairs, senders, source, events, opened, nmea_fault, naming)
         for line in model.words():
             say(line)
         # Who writes to the terminal from now on writes across it.
@@ -270,7 +271,7 @@ def run(config: RunConfig) -> Summary:
             observers=looking.observers,
             limits=config.limits,
             events=events,
-            between=tuple if watch is None else watch.exchange,
+            between=lambda: [*(() if watch is None else watch.exchange()), *naming.take()],
             alive=alive,
             place=vehicle.place,
         )
@@ -426,7 +427,7 @@ def _senders(
     return senders
 
 
-def _live_view(config: RunConfig, events: EventQueue) -> Observer:
+def _live_view(config: RunConfig, events: EventQueue, naming: ObjectNaming) -> Observer:
     """The view, and where it is said."""
     from tokt.features.common.address import kept_token
     from tokt.inference.outputs.view import LOOPBACK, LiveView, listening, view_url
@@ -443,7 +444,7 @@ def _live_view(config: RunConfig, events: EventQueue) -> Observer:
             token = kept_token(DEFAULT_WORKSPACE / "view-token")
         say(f"view: {view_url(host, port, token)}")
     record, stale_s = wanted.view_record, config.limits.stale_s
-    return LiveView(listener, token, record, stale_s, events.put, listen)
+    return LiveView(listener, token, record, stale_s, events.put, listen, naming)
 
 
 class _Observers(NamedTuple):
@@ -464,6 +465,7 @@ def _observers(
     events: EventQueue,
     opened: ExitStack,
     nmea_fault: Callable[[], str],
+    naming: ObjectNaming,
 ) -> _Observers:
     """Everybody that was asked for; closed with `opened`."""
     run, wanted, model = new_run_id(SYSTEM_CLOCK), config.recording, config.model
@@ -499,7 +501,7 @@ def _observers(
         metrics = Metrics(*address, RunCollector(counts, SYSTEM_CLOCK, *parts))
         opened.callback(metrics.close)
     if config.monitoring.view is not None or config.monitoring.view_record is not None:
-        keep(_live_view(config, events))
+        keep(_live_view(config, events, naming))
     if model.shadow is not None and model.shadow_log is not None:
         from tokt.inference.replay.replay import model_named
         from tokt.inference.replay.shadow import Challenger, Shadow
