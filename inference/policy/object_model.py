@@ -32,6 +32,8 @@ WIDTH, CELL = 360, 6
 """In pixels: the width that pictures are resized to, and the side of a cell."""
 SIZES = 0.06 * np.arange(-10, 11)
 """ln of the sizes that are looked for, over the size in the box: 0.55 to 1.8 times."""
+SOUGHT = 0.4
+"""Of ln of the size: in what is smaller yet, too much looks like the object."""
 MIN_VISIBLE = 0.6
 """Share of a template that has to lie in the picture."""
 MIN_CELLS, MIN_SIDE, MAX_SHARE = 12, 3, 0.8
@@ -226,10 +228,15 @@ class Likeness:
         self._energy = cv2.integral(np.square(self._seen).sum(axis=2))
 
     def best(self, reach: Reach | None = None, without: Place | None = None) -> Place | None:
-        """The place most like the object, within reach, and not on the place that is left out."""
+        """The place most like the object, and not on the place that is left out.
+
+        Within reach; without one anywhere, of a size not more than `SOUGHT` from that in the box.
+        """
         found = Place(0.0, 0.0, 0.0, -1.0)
         for which, template in enumerate(self._model.templates):
-            if reach is not None and abs(template.size - reach.about.size) > reach.size:
+            if abs(template.size - (0.0 if reach is None else reach.about.size)) > (
+                SOUGHT if reach is None else reach.size
+            ):
                 continue
             likeness, x, y = self._map(which, reach)
             if not likeness.size:

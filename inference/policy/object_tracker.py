@@ -21,7 +21,7 @@ import numpy as np
 
 from tokt.features.common.arrays import U8
 
-from .object_model import Likeness, ObjectModel, Place, Reach
+from .object_model import SOUGHT, Likeness, ObjectModel, Place, Reach
 
 Distance = Callable[[Place], float | None]
 HELD, SEARCHING, LOST = "held", "searching", "lost"
@@ -34,7 +34,7 @@ STEP_PX, STEP_SIZE = 20.0, 0.12
 frame; in pixels of a picture 360 wide, and of ln of the size."""
 WIDENS_PX, WIDENS_SIZE = 4.0, 0.02
 """By which that grows with each frame in which it is not seen."""
-MAX_PX, MAX_SIZE = 120.0, 0.4
+MAX_PX, MAX_SIZE = 120.0, SOUGHT
 AGAIN, SEARCHED = 3, 600
 HOLDS, FINDS = 0.2, 0.4
 """Of the way from the likeness of what else there is to 1: what keeps it held, what finds it."""
@@ -42,8 +42,9 @@ MATCH_HOLDS, MATCH_FINDS = 0.5, 0.87
 """The same of the correlation of its fine detail, which another of the same make does not have."""
 MATCH_LESS, MIN_MATCH = 0.1, 0.7
 """In water that lets less through it has to be as high as when it was held first, less so much."""
-BESIDE = 0.02
-"""By which what is found is more like the object than anything else in the picture."""
+BESIDE, BESIDE_MATCH = 0.02, 0.1
+"""By which what is found is more like the object than anything else in the picture, or has more of
+its fine detail."""
 RIVALS_EVERY = 8
 """Frames from one look at all else in the picture to the next, while it is held."""
 SAME_THING = 0.35
@@ -142,11 +143,12 @@ class ObjectTracker:
         if place is None or place.likeness < self._bar(FINDS, self._alike):
             return None
         beside = likeness.best(without=place)
-        if beside is not None and beside.likeness > place.likeness - BESIDE:
-            return None
         place, match = likeness.refined(place)
         if match < self._match_needed:
             return None
+        if beside is not None and beside.likeness > place.likeness - BESIDE:
+            if likeness.refined(beside)[1] > match - BESIDE_MATCH:
+                return None
         if self._found:
             x, y, size = _step(self._found[-1], place)
             if math.hypot(x, y) > STEP_PX or abs(size) > STEP_SIZE:
