@@ -141,6 +141,22 @@ class LinearModel:
         """For each row of decision values whether that patch is an obstacle."""
         return np.asarray(self.obstacle, bool)[self.predicted(values)]
 
+    def class_patches(self, values: F64) -> dict[str, tuple[int, ...]]:
+        """For each class that a row of decision values is of, these rows' numbers.
+
+        Classes that are obstacles come first, then those of the most rows. The first class that is
+        no obstacle, water, is left out.
+        """
+        predicted = self.predicted(values)
+        counts = np.bincount(predicted, minlength=len(self.classes))
+        if not all(self.obstacle):
+            counts[self.obstacle.index(False)] = 0
+        order = sorted(range(len(counts)), key=lambda each: (not self.obstacle[each], -counts[each]))
+        seen = [each for each in order if counts[each]]
+        return {
+            self.classes[each]: tuple(np.flatnonzero(predicted == each).tolist()) for each in seen
+        }
+
     def obstacle_score(self, values: F64) -> F64:
         """How far each patch is on the obstacle side; above 0 exactly where it is one.
 

@@ -1,4 +1,4 @@
-"""`tokt replay` and `tokt shadow`: a run's frames judged again, or by a challenger beside it."""
+"""`tokt replay`, `tokt findings`, `tokt shadow`: what a run's log tells, by itself or anew."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from .output import answer, progress, say
 from .output import print_line as print
 
 if TYPE_CHECKING:
+    from tokt.inference.replay.findings import Finding
     from tokt.inference.policy.assembly import StereoSetup
     from tokt.inference.replay.logged_run import LoggedRun
     from tokt.inference.replay.mcap_file import Exported
@@ -114,6 +115,80 @@ def replay(
     about = {"run": logged.run, "frames": logged.n_frames, "model": by, "notes": warnings}
     answer(json, {**about, **tally.to_json()}, lambda: _show_replay(plan, tally, by))
     return 0 if tally.agrees else DIFFERENT
+
+
+def findings(
+    logs: Annotated[list[Path], Argument(metavar="LOG...", help="Logs of `tokt run`.")],
+    output: Annotated[
+        Path,
+        Option("--output", "-o", metavar="FILE", help="File to write: .geojson, .csv or .html."),
+    ],
+    classes: Annotated[
+        str | None,
+        Option(
+            help="Classes to look for, separated by commas. Default: those in at most half of the "
+            "frames."
+        ),
+    ] = None,
+    ahead: Annotated[
+        float,
+        Option(
+            metavar="METRES",
+            help="How far ahead of the vehicle's position the middle of the picture looks.",
+        ),
+    ] = 0.0,
+    min_frames: Annotated[
+        int, Option(help="Frames in which a thing must be seen to be a finding.", min=1)
+    ] = 3,
+    odometry: Annotated[
+        Path | None,
+        Option(help="Poses by frame (CSV) for the way along the track. Default: the run's own."),
+    ] = None,
+    source: Annotated[
+        Path | None, Option(help="Mission that has the pictures. Default: the log's source.")
+    ] = None,
+    store: Annotated[
+        Path | None, Option(help="Store that has the run's own models. Default: the run's.")
+    ] = None,
+    run: LoggedRunOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Group what logs' frames show into findings: a fault of a pipeline, a thing on a site.
+
+    Each has its class, its frames, its best picture, its place and a confidence. Review them with
+    `tokt label --findings`.
+    """
+    from tokt.features.common.atomic import write_text
+    from tokt.features.common.errors import os_errors_as
+    from tokt.inference.replay.findings import find, open_track, wanted_classes
+    from tokt.inference.replay.findings_file import ENDINGS, HTML, write_findings
+
+    if (ending := output.suffix.lower()) not in ENDINGS:
+        raise ToktError(f"findings are written as {', '.join(ENDINGS)}, not {output.name}")
+    if len(logs) > 1 and (run, source, odometry) != (None, None, None):
+        raise ToktError("--run, --source and --odometry are of one log: name just one")
+    chosen = None if classes is None else [name.strip() for name in classes.split(",")]
+    tracks = [open_track(log, run, source, store, odometry) for log in logs]
+    found = [it for track in tracks for it in find(track, chosen, ahead, min_frames)]
+    if ending == HTML:
+        from tokt.training.findings.report import findings_page
+
+        named = chosen or sorted({name for track in tracks for name in wanted_classes(track)})
+        missions = {track.run.run: track.mission for track in tracks}
+        with os_errors_as(f"cannot write {output}"):
+            write_text(output, findings_page(found, missions, named))
+    else:
+        write_findings(output, found)
+    value = {"file": str(output), "findings": [it.to_json()["properties"] for it in found]}
+    answer(json, value, lambda: _show_findings(output, found))
+
+
+def _show_findings(output: Path, found: Sequence[Finding]) -> None:
+    for number, it in enumerate(found, 1):
+        place = "" if it.along_m is None else f", {it.along_m:.1f} m along"
+        frames = f"frames {it.first_frame} to {it.last_frame}"
+        print(f"{number}: {it.label}, {frames}{place}, confidence {it.confidence:.2f}")
+    print(f"{output}: {counted(len(found), 'finding')}")
 
 
 def _show_export(target: Path, done: Exported) -> None:
