@@ -151,7 +151,9 @@ class LinearModel:
         counts = np.bincount(predicted, minlength=len(self.classes))
         if not all(self.obstacle):
             counts[self.obstacle.index(False)] = 0
-        order = sorted(range(len(counts)), key=lambda each: (not self.obstacle[each], -counts[each]))
+        order = sorted(
+            range(len(counts)), key=lambda each: (not self.obstacle[each], -counts[each])
+        )
         seen = [each for each in order if counts[each]]
         return {
             self.classes[each]: tuple(np.flatnonzero(predicted == each).tolist()) for each in seen

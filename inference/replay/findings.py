@@ -11,12 +11,14 @@ Neighbouring patches of any wanted class are one thing, whose class is that of m
 a model that is unsure between two faults makes no two findings of one.
 """
 
+from __future__ import annotations
+
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -26,13 +28,15 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import Mission
 from tokt.inference.stereo.odometry import Odometry, load_odometry
-from tokt.models.bundle.bundle import Bundle
 
 from .logged_run import LoggedRun, logged_lines, open_run
 from .replay import models_of_run, pictures_of
 
-MIN_FRAMES = 3
-"""Frames in which a thing is seen before it is a finding."""
+if TYPE_CHECKING:
+    from tokt.models.bundle.bundle import Bundle
+
+MIN_FRAMES, MIN_PATCHES = 3, 3
+"""Frames in which a thing is seen, and patches of its best frame, before it is a finding."""
 RARE_SHARE = 0.5
 """A class that is seen in more of the frames is a background, and no finding, unless asked for."""
 GAP_FRAMES = 3
@@ -41,6 +45,8 @@ REACH = 2.0
 """Patches that the centre of a thing may move from a frame to the next."""
 SAME_M = 1.0
 """Metres along the track within which two groups that share a class are one finding."""
+APART = 3.0
+"""Patches between the centres of two groups in one frame from which they are two things."""
 MIDDLE = 0.2
 """Part of the picture's height from its middle within which a thing tells its place."""
 _SMOOTHED = 4
@@ -180,7 +186,8 @@ def _sound(line: Mapping[str, Any], model: Bundle, where: str) -> dict[str, Any]
 def _along(lines: Sequence[Mapping[str, Any]], poses: Odometry | None) -> F64:
     """Metres along the track for each frame, from the first that has a position."""
     if poses is not None:
-        places = [poses[line["frame"]].position_m if line["frame"] in poses else None for line in lines]
+        known_poses = [poses.get(line["frame"]) for line in lines]
+        places = [None if pose is None else pose.position_m for pose in known_poses]
     else:
         places = [_flat(line, lines) for line in lines]
     along = np.full(len(lines), np.nan)
@@ -219,6 +226,13 @@ class _Sighting:
     y: float
     classes: Counter[str]
 
+    def moved_since(self, group: _Group) -> float:
+        """How far its centre is from a group's last, in patches a frame; 0 where they overlap."""
+        last = group.last
+        if not set(self.cells).isdisjoint(last.cells):
+            return 0.0
+        return math.hypot(last.x - self.x, last.y - self.y) / (self.at - last.at)
+
 
 @dataclass
 class _Group:
@@ -228,15 +242,24 @@ class _Group:
 
     @property
     def last(self) -> _Sighting:
+        """The newest."""
         return self.sightings[-1]
 
     @property
     def label(self) -> str:
+        """The class of most of its patches."""
         return self.classes.most_common(1)[0][0]
 
     @property
     def classes(self) -> Counter[str]:
+        """Its patches by class, over all frames."""
         return sum((each.classes for each in self.sightings), Counter())
+
+    def apart(self, other: _Group) -> bool:
+        """Whether some frame shows the two at places of their own."""
+        there = {each.at: each for each in other.sightings}
+        pairs = ((each, there[each.at]) for each in self.sightings if each.at in there)
+        return any(math.hypot(one.x - two.x, one.y - two.y) > APART for one, two in pairs)
 
 
 def find(
@@ -244,6 +267,7 @@ def find(
     classes: Sequence[str] | None = None,
     ahead_m: float = 0.0,
     min_frames: int = MIN_FRAMES,
+    min_patches: int = MIN_PATCHES,
 ) -> list[Finding]:
     """The findings of one run, along its track.
 
@@ -253,8 +277,8 @@ def find(
         Classes that are looked for. By default those in at most `RARE_SHARE` of the frames.
     ahead_m : float
         How far ahead of the vehicle's position the picture's middle looks, in metres.
-    min_frames : int
-        Frames in which a thing must be seen.
+    min_frames, min_patches : int
+        Frames in which a thing must be seen, and patches that it has in its best frame.
 
     Raises
     ------
@@ -264,14 +288,12 @@ def find(
     wanted = wanted_classes(track) if classes is None else tuple(classes)
     seen = {name for line in track.lines for name in line["seen"]}
     if unknown := [name for name in wanted if name not in seen]:
-        raise ToktError(f"{track.run.path}: never saw {', '.join(unknown)} (it saw {', '.join(sorted(seen))})")
+        it_saw = ", ".join(sorted(seen)) or "nothing"
+        raise ToktError(f"{track.run.path}: never saw {', '.join(unknown)} (it saw {it_saw})")
     groups = _grouped(track, frozenset(wanted))
-    found = [
-        (group, _place_m(group, track, ahead_m)) for group in groups if len(group.sightings) > 0
-    ]
-    merged = _merged(found, track, ahead_m)
-    kept = [each for each in merged if len({it.at for it in each[0].sightings}) >= min_frames]
-    return [_finding(group, along_m, track, frozenset(wanted)) for group, along_m in kept]
+    merged = _merged([(group, _place_m(group, track, ahead_m)) for group in groups], track, ahead_m)
+    found = [_finding(group, along_m, track) for group, along_m in merged]
+    return [it for it in found if it.frames >= min_frames and len(it.patches) >= min_patches]
 
 
 def wanted_classes(track: LoggedTrack) -> tuple[str, ...]:
@@ -280,9 +302,12 @@ def wanted_classes(track: LoggedTrack) -> tuple[str, ...]:
     return tuple(name for name, n in counts.items() if n <= RARE_SHARE * len(track.lines))
 
 
-def _sightings(line: Mapping[str, Any], at: int, grid: Grid, wanted: frozenset[str]) -> list[_Sighting]:
+def _sightings(
+    line: Mapping[str, Any], at: int, grid: Grid, wanted: frozenset[str]
+) -> list[_Sighting]:
     """Each patch or group of neighbouring ones of the wanted classes."""
-    labels = {cell: name for name, cells in line["seen"].items() if name in wanted for cell in cells}
+    seen = ((name, cells) for name, cells in line["seen"].items() if name in wanted)
+    labels = {cell: name for name, cells in seen for cell in cells}
     if not labels:
         return []
     mask = np.zeros((grid.rows, grid.cols), np.uint8)
@@ -293,7 +318,8 @@ def _sightings(line: Mapping[str, Any], at: int, grid: Grid, wanted: frozenset[s
         rows, cols = np.nonzero(parts == part)
         cells = tuple((rows * grid.cols + cols).tolist())
         classes = Counter(labels[cell] for cell in cells)
-        found.append(_Sighting(at, cells, float(cols.mean()) + 0.5, float(rows.mean()) + 0.5, classes))
+        x, y = float(cols.mean()) + 0.5, float(rows.mean()) + 0.5
+        found.append(_Sighting(at, cells, x, y, classes))
     return found
 
 
@@ -303,11 +329,8 @@ def _grouped(track: LoggedTrack, wanted: frozenset[str]) -> list[_Group]:
     for at, line in enumerate(track.lines):
         followed = [each for each in groups if 0 < at - each.last.at <= GAP_FRAMES]
         for seen in _sightings(line, at, track.grid, wanted):
-            def away(group: _Group, seen: _Sighting = seen) -> float:
-                return math.hypot(group.last.x - seen.x, group.last.y - seen.y) / (seen.at - group.last.at)
-
-            near = min(followed, key=away, default=None)
-            if near is not None and away(near) <= REACH:
+            near = min(followed, key=seen.moved_since, default=None)
+            if near is not None and seen.moved_since(near) <= REACH:
                 followed.remove(near)
                 near.sightings.append(seen)
             else:
@@ -329,7 +352,7 @@ def _place_m(group: _Group, track: LoggedTrack, ahead_m: float) -> float | None:
     along, off = along[good], off[good]
     near = np.abs(off) <= MIDDLE
     if near.sum() >= 2 and np.ptp(off[near]) > 0.5 / track.grid.rows:
-        slope, here = np.polyfit(off[near], along[near], 1)
+        here = np.polyfit(off[near], along[near], 1)[1]
         return float(np.clip(here, along.min(), along.max())) + ahead_m
     return float(along[np.abs(off).argmin()]) + ahead_m
 
@@ -342,7 +365,7 @@ def _merged(
     for group, along_m in sorted(found, key=lambda each: (each[1] is None, each[1] or 0.0)):
         for at, (other, other_m) in enumerate(merged):
             near = along_m is not None and other_m is not None and along_m - other_m <= SAME_M
-            if near and other.classes.keys() & group.classes.keys():
+            if near and other.classes.keys() & group.classes.keys() and not other.apart(group):
                 both = sorted(other.sightings + group.sightings, key=lambda each: each.at)
                 joined = _Group(both)
                 merged[at] = joined, _place_m(joined, track, ahead_m)
@@ -352,12 +375,10 @@ def _merged(
     return merged
 
 
-def _finding(
-    group: _Group, along_m: float | None, track: LoggedTrack, wanted: frozenset[str]
-) -> Finding:
+def _finding(group: _Group, along_m: float | None, track: LoggedTrack) -> Finding:
     label, rows = group.label, track.grid.rows
     best = max(
-        group.sightings, key=lambda each: (each.classes[label] * (1 - abs(each.y / rows - 0.5)))
+        group.sightings, key=lambda each: each.classes[label] * (1 - abs(each.y / rows - 0.5))
     )
     frames = len({each.at for each in group.sightings})
     first, last = group.sightings[0].at, group.sightings[-1].at

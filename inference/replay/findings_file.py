@@ -37,6 +37,7 @@ def _table(findings: Sequence[Finding]) -> str:
     names = [each.name for each in fields(Finding)]
     rows.writerow(["finding", *names])
     for number, found in enumerate(findings, 1):
-        values = (getattr(found, name) for name in names)
-        rows.writerow([number, *(" ".join(map(str, it)) if type(it) is tuple else it for it in values)])
+        values = {name: getattr(found, name) for name in names}
+        values["patches"] = " ".join(map(str, found.patches))
+        rows.writerow([number, *values.values()])
     return text.getvalue()

@@ -10,7 +10,8 @@ from tokt.features.frames.mission import LEFT
 from .audit_csv import Audit, AuditedPatch
 from .text_file import objects, of_kind, read_json, whole
 
-FORMAT = 1
+NEWEST = 1
+"""The newest format that is read (`tokt.inference.replay.findings_file.FORMAT`)."""
 _RULE = "what a run saw and nobody labelled yet, along its track"
 
 
@@ -27,7 +28,7 @@ def findings_audit(path: Path, mission: str, grid: Grid) -> Audit:
     """
     value = of_kind(read_json(path), dict, f"{path}")
     try:
-        check_format(value.get("tokt_findings"), FORMAT, f"{path}: the list of findings")
+        check_format(value.get("tokt_findings"), NEWEST, f"{path}: the list of findings")
     except ValueError:
         raise ToktError(f"{path} holds no findings of tokt") from None
     patches: list[AuditedPatch] = []

@@ -1,7 +1,6 @@
 """Findings as one HTML file that needs no other: a strip along the track, a picture of each."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import cv2

@@ -88,8 +88,7 @@ def label(
         Option(help="Carry labels from the left camera to the right one by this calibration."),
     ] = None,
     findings: Annotated[
-        Path | None,
-        Option(help="Review findings of this mission (.geojson of `tokt findings`)."),
+        Path | None, Option(help="Review findings of this mission (.geojson of `tokt findings`).")
     ] = None,
     no_browser: Annotated[
         bool, Option("--no-browser", help="Print the address and open no browser.")

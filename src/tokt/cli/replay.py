@@ -17,8 +17,8 @@ from .output import answer, progress, say
 from .output import print_line as print
 
 if TYPE_CHECKING:
-    from tokt.inference.replay.findings import Finding
     from tokt.inference.policy.assembly import StereoSetup
+    from tokt.inference.replay.findings import Finding
     from tokt.inference.replay.logged_run import LoggedRun
     from tokt.inference.replay.mcap_file import Exported
     from tokt.inference.replay.replay import Replay, ReplayStretch, Tally
@@ -140,6 +140,9 @@ def findings(
     min_frames: Annotated[
         int, Option(help="Frames in which a thing must be seen to be a finding.", min=1)
     ] = 3,
+    min_patches: Annotated[
+        int, Option(help="Patches that it must have in its best picture.", min=1)
+    ] = 3,
     odometry: Annotated[
         Path | None,
         Option(help="Poses by frame (CSV) for the way along the track. Default: the run's own."),
@@ -169,7 +172,7 @@ def findings(
         raise ToktError("--run, --source and --odometry are of one log: name just one")
     chosen = None if classes is None else [name.strip() for name in classes.split(",")]
     tracks = [open_track(log, run, source, store, odometry) for log in logs]
-    found = [it for track in tracks for it in find(track, chosen, ahead, min_frames)]
+    found = [it for track in tracks for it in find(track, chosen, ahead, min_frames, min_patches)]
     if ending == HTML:
         from tokt.training.findings.report import findings_page
 
