@@ -624,3 +624,27 @@ def test_a_frame_fits_again_when_a_small_window_grows(open_page):
             "() => document.querySelector('.frame-canvas').clientHeight"
             " === document.querySelector('.stage').clientHeight"
         )
+
+
+def test_a_confirmed_finding_becomes_labels(open_page, server, changes):
+    rows = [("net", 35, 3, 1), ("net", 35, 4, 1), ("net", 36, 0, 2), ("net", 36, 1, 2)]
+    patches_ = tuple(
+        AuditedPatch(*("tiny", "left", frame, 0, col), "", "reef", 0.0, f"finding {n}: reef", n)
+        for _, frame, col, n in rows
+    )
+    write_audit(server.workspace, Audit("found", "Findings of tiny", GRID, "a rule.", patches_))
+    page = open_page("#/audit/found", ".tile")
+    page.keyboard.press("Home")
+    page.keyboard.press("y")  # the whole finding, not one patch of it
+    toast(page, "2 patches are decided")
+    saved(page)
+    assert changes() == {(35, 3): "reef", (35, 4): "reef"}
+    page.get_by_role("button", name="decided 2").wait_for()
+    page.keyboard.press("3")  # the next one is sand
+    saved(page)
+    assert changes() == {(35, 3): "reef", (35, 4): "reef", (36, 0): "sand", (36, 1): "sand"}
+    undo(page)
+    undo(page)
+    page.get_by_role("button", name="open 4").wait_for()
+    assert changes() == {}
+    (server.workspace / "audits" / "found.json").unlink()
