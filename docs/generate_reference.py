@@ -80,7 +80,13 @@ FORMATS = {
 }
 """The version of each file format: where it stands in the code, and what has it."""
 _CODE = re.compile(r"(\d+) (.+?)(?=[;,] \d|\.?$)")
-_KINDS = {bool: "true or false", int: "whole number", float: "number", list: "array", dict: "object"}
+_KINDS = {
+    bool: "true or false",
+    int: "whole number",
+    float: "number",
+    list: "array",
+    dict: "object",
+}
 
 
 def table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:

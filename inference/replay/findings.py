@@ -54,7 +54,7 @@ _EARTH_M = 6_371_000.0
 
 
 @dataclass(frozen=True)
-class Finding:
+class InspectionFinding:
     """One thing that was seen; None is what is not known."""
 
     label: str  # its class
@@ -268,7 +268,7 @@ def find(
     ahead_m: float = 0.0,
     min_frames: int = MIN_FRAMES,
     min_patches: int = MIN_PATCHES,
-) -> list[Finding]:
+) -> list[InspectionFinding]:
     """The findings of one run, along its track.
 
     Parameters
@@ -375,7 +375,7 @@ def _merged(
     return merged
 
 
-def _finding(group: _Group, along_m: float | None, track: LoggedTrack) -> Finding:
+def _finding(group: _Group, along_m: float | None, track: LoggedTrack) -> InspectionFinding:
     label, rows = group.label, track.grid.rows
     best = max(
         group.sightings, key=lambda each: each.classes[label] * (1 - abs(each.y / rows - 0.5))
@@ -386,7 +386,7 @@ def _finding(group: _Group, along_m: float | None, track: LoggedTrack) -> Findin
     line = track.lines[best.at]
     of_class = set(line["seen"].get(label, ()))
     lat, lon = track.place(math.nan if along_m is None else along_m)
-    return Finding(
+    return InspectionFinding(
         label=label,
         first_frame=track.lines[first]["frame"],
         last_frame=track.lines[last]["frame"],

@@ -10,7 +10,7 @@ from pathlib import Path
 from tokt.features.common.atomic import write_text
 from tokt.features.common.errors import os_errors_as
 
-from .findings import Finding
+from .findings import InspectionFinding
 
 FORMAT = 1
 """Of the GeoJSON file. To change it: raise this, keep reading the older ones in
@@ -18,23 +18,23 @@ FORMAT = 1
 GEOJSON, CSV, HTML = ENDINGS = (".geojson", ".csv", ".html")
 
 
-def write_findings(path: Path, findings: Sequence[Finding]) -> None:
+def write_findings(path: Path, findings: Sequence[InspectionFinding]) -> None:
     """Write them all as a ``.geojson`` or ``.csv`` file; ToktError if it cannot be written."""
     text = _table(findings) if path.suffix.lower() == CSV else _collection(findings)
     with os_errors_as(f"cannot write {path}"):
         write_text(path, text)
 
 
-def _collection(findings: Sequence[Finding]) -> str:
+def _collection(findings: Sequence[InspectionFinding]) -> str:
     features = [each.to_json() for each in findings]
     value = {"type": "FeatureCollection", "tokt_findings": FORMAT, "features": features}
     return json.dumps(value, indent=1, allow_nan=False) + "\n"
 
 
-def _table(findings: Sequence[Finding]) -> str:
+def _table(findings: Sequence[InspectionFinding]) -> str:
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
-    names = [each.name for each in fields(Finding)]
+    names = [each.name for each in fields(InspectionFinding)]
     rows.writerow(["finding", *names])
     for number, found in enumerate(findings, 1):
         values = {name: getattr(found, name) for name in names}

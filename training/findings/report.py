@@ -11,7 +11,7 @@ from tokt.features.common.errors import FrameError, ToktError
 from tokt.features.common.machine import installed_version
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import Mission
-from tokt.inference.replay.findings import Finding
+from tokt.inference.replay.findings import InspectionFinding
 from tokt.training.evaluation.pictures import jpeg_uri
 from tokt.training.evaluation.report import report_page
 
@@ -21,13 +21,15 @@ _COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 
 
 def findings_page(
-    findings: Sequence[Finding], missions: Mapping[str, Mission | None], classes: Sequence[str]
+    findings: Sequence[InspectionFinding],
+    missions: Mapping[str, Mission | None],
+    classes: Sequence[str],
 ) -> str:
     """The page, with the picture of each finding whose mission is there.
 
     Parameters
     ----------
-    findings : sequence of Finding
+    findings : sequence of InspectionFinding
     missions : dict of str to Mission or None
         By a finding's run.
     classes : sequence of str
@@ -35,7 +37,7 @@ def findings_page(
     """
     names = sorted({found.label for found in findings})
     colours = {name: _COLOURS[at % len(_COLOURS)] for at, name in enumerate(names)}
-    runs: dict[str, list[tuple[int, Finding, str]]] = {run: [] for run in missions}
+    runs: dict[str, list[tuple[int, InspectionFinding, str]]] = {run: [] for run in missions}
     for number, found in enumerate(findings, 1):
         runs[found.run].append((number, found, _picture(found, missions[found.run])))
     strips = {run: _strip(rows, colours) for run, rows in runs.items()}
@@ -45,7 +47,9 @@ def findings_page(
     )
 
 
-def _strip(rows: list[tuple[int, Finding, str]], colours: Mapping[str, str]) -> dict[str, Any]:
+def _strip(
+    rows: list[tuple[int, InspectionFinding, str]], colours: Mapping[str, str]
+) -> dict[str, Any]:
     """Where along the track each finding stands, in per cent of its way."""
     placed = [(number, found) for number, found, _ in rows if found.along_m is not None]
     ways = [found.along_m or 0.0 for _, found in placed]
@@ -57,7 +61,7 @@ def _strip(rows: list[tuple[int, Finding, str]], colours: Mapping[str, str]) -> 
     return {"end": end, "marks": marks}
 
 
-def _picture(found: Finding, mission: Mission | None) -> str:
+def _picture(found: InspectionFinding, mission: Mission | None) -> str:
     """The best frame as a data URI, its patches outlined; empty where it is not there."""
     if mission is None:
         return ""

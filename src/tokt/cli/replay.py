@@ -18,7 +18,7 @@ from .output import print_line as print
 
 if TYPE_CHECKING:
     from tokt.inference.policy.assembly import StereoSetup
-    from tokt.inference.replay.findings import Finding
+    from tokt.inference.replay.findings import InspectionFinding
     from tokt.inference.replay.logged_run import LoggedRun
     from tokt.inference.replay.mcap_file import Exported
     from tokt.inference.replay.replay import Replay, ReplayStretch, Tally
@@ -186,7 +186,7 @@ def findings(
     answer(json, value, lambda: _show_findings(output, found))
 
 
-def _show_findings(output: Path, found: Sequence[Finding]) -> None:
+def _show_findings(output: Path, found: Sequence[InspectionFinding]) -> None:
     for number, it in enumerate(found, 1):
         place = "" if it.along_m is None else f", {it.along_m:.1f} m along"
         frames = f"frames {it.first_frame} to {it.last_frame}"
