@@ -171,9 +171,9 @@ MEANINGS = {
     "heading_deg": "of the vehicle, from north, clockwise; null where not known, or older than 2 s",
     "lat_deg": "of the vehicle, north positive; null where not known, or older than 2 s",
     "lon_deg": "of the vehicle, east positive; null where not known, or older than 2 s",
-    "classes": "for each class seen but water the box around its patches, x0, y0, width and height, "
-    "and its share of the mask. Null without a model of several classes. Obstacles come first, then "
-    "the largest; what is beyond 500 bytes, or the datagram, is left out",
+    "classes": "for each class seen but water the box around its patches, x0, y0, width, height, "
+    "and its share of the mask. Null without a model of several classes. Obstacles come first, "
+    "then the largest; what is beyond 500 bytes, or the datagram, is left out",
     "run": "the run's id: a log holds run after run",
     "frame": "the frame's number in its source; null in a heartbeat's line",
     "missed": "frames not delivered since the one before",
