@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -49,7 +49,8 @@ _MOMENT, _SENSOR = 4, 5
 """Numbers of the random streams of a frame; the scene's are 0 to 3."""
 _FARTHEST_MM = np.iinfo(np.uint16).max
 
-Progress = Callable[[Iterable["RenderedFrame"], int, str], Iterable["RenderedFrame"]]
+Progress = Callable[[Iterable[Any], int, str], Iterable[Any]]
+Frame = TypeVar("Frame")
 
 
 @dataclass(frozen=True)
@@ -133,15 +134,15 @@ def simulate_mission(
         If `out` is there and not an empty folder, or a number is out of range.
     """
     out = Path(out)
-    _check(out, seed, n_frames, width, jobs)
+    check_request(out, seed, n_frames, width, jobs)
     scene = MissionScene.draw(seed, n_frames, width)
     name = out.resolve().name
-    if out.is_dir():
-        out.rmdir()
     with new_folder(out) as folder:
         for part in ("Left", "Right", "masks", "depth"):
             (folder / part).mkdir()
-        frames = _render_all(scene, folder, jobs or os.cpu_count() or 1, progress)
+        frames = render_all(
+            lambda number: _render_frame(scene, folder, number), n_frames, jobs, progress
+        )
         labels = labels_csv(name, ((one.number, one.labels) for one in frames), DEFAULT_GRID)
         (folder / "labels.csv").write_bytes(labels)
         scene.rig.write(folder / "calibration.yml")
@@ -149,7 +150,8 @@ def simulate_mission(
     return _summary(out, scene, frames)
 
 
-def _check(out: Path, seed: int, n_frames: int, width: int, jobs: int | None) -> None:
+def check_request(out: Path, seed: int, n_frames: int, width: int, jobs: int | None) -> None:
+    """Refuse what no mission can be rendered from; an empty folder `out` is taken away."""
     if out.is_dir() and any(out.iterdir()):
         raise ToktError(f"{out} is not empty; give the name of a new folder")
     if out.exists() and not out.is_dir():
@@ -161,6 +163,8 @@ def _check(out: Path, seed: int, n_frames: int, width: int, jobs: int | None) ->
     check_width(width)
     if jobs is not None and jobs < 1:
         raise ToktError(f"at least one job is needed, not {jobs}")
+    if out.is_dir():
+        out.rmdir()
 
 
 def check_width(width: int) -> None:
@@ -169,15 +173,13 @@ def check_width(width: int) -> None:
         raise ToktError(f"frames are {_MIN_WIDTH} to {FULL_WIDTH} pixels wide, not {width}")
 
 
-def _render_all(
-    scene: MissionScene, folder: Path, jobs: int, progress: Progress | None
-) -> list[RenderedFrame]:
-    total = len(scene.poses)
-    with ThreadPoolExecutor(jobs) as pool:
+def render_all(
+    render: Callable[[int], Frame], total: int, jobs: int | None, progress: Progress | None
+) -> list[Frame]:
+    """What `render` returns of frames 1 to `total`, made in `jobs` threads."""
+    with ThreadPoolExecutor(jobs or os.cpu_count() or 1) as pool:
         try:
-            done: Iterable[RenderedFrame] = pool.map(
-                lambda number: _render_frame(scene, folder, number), range(1, total + 1)
-            )
+            done: Iterable[Frame] = pool.map(render, range(1, total + 1))
             if progress is not None:
                 done = progress(done, total, "simulate")
             return list(done)
@@ -198,7 +200,7 @@ def _render_frame(scene: MissionScene, folder: Path, number: int) -> RenderedFra
         sensor = np.random.default_rng([scene.seed, _SENSOR, number, side])
         folder_name, letter = (("Left", "L"), ("Right", "R"))[side]
         image = develop(scene.water, exposure, sensor)
-        _write_image(folder / folder_name / f"sim_{letter}_{number}.jpg", image, JPEG)
+        write_image(folder / folder_name / f"sim_{letter}_{number}.jpg", image, JPEG)
     nearest = float(views[0].depth.min())
     nearest_m = round(nearest, 4) if np.isfinite(nearest) else None
     return RenderedFrame(number, nearest_m, round(float(np.linalg.norm(pose.centre)), 4), labels)
@@ -209,8 +211,8 @@ def _write_truth(folder: Path, number: int, view: View, exposure: Exposure) -> l
     depth = view.image(view.depth)
     mask = np.isfinite(depth)
     millimetres = np.where(mask, np.rint(depth * 1000), 0).clip(0, _FARTHEST_MM)
-    _write_image(folder / "masks" / f"L_{number}.png", mask.astype(np.uint8) * 255, _PNG)
-    _write_image(folder / "depth" / f"L_{number}.png", millimetres.astype(np.uint16), _PNG)
+    write_image(folder / "masks" / f"L_{number}.png", mask.astype(np.uint8) * 255, _PNG)
+    write_image(folder / "depth" / f"L_{number}.png", millimetres.astype(np.uint16), _PNG)
     covered = coverage(mask, DEFAULT_GRID)
     if not mask.any():
         return patch_labels(covered, covered)
@@ -218,7 +220,8 @@ def _write_truth(folder: Path, number: int, view: View, exposure: Exposure) -> l
     return patch_labels(covered, seen)
 
 
-def _write_image(path: Path, image: NDArray[Any], parameters: list[int]) -> None:
+def write_image(path: Path, image: NDArray[Any], parameters: list[int]) -> None:
+    """Encode and write a picture; its name says how."""
     good, data = cv2.imencode(path.suffix, image, parameters)
     if not good:
         raise RuntimeError(f"OpenCV cannot encode {path.name}")
