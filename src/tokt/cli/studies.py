@@ -16,13 +16,14 @@ from .output import answer, progress, say
 from .output import print_line as print
 
 if TYPE_CHECKING:
+    from tokt.studies.simulation.rendering.pipeline_mission import PipelineMission
     from tokt.studies.simulation.rendering.synthetic_mission import SyntheticMission
 
 ProcessesOption = Annotated[
     int | None, Option("--jobs", help="Processes. Default: one per core.", min=1)
 ]
 _NOT_EXACT = 1
-_FOR_MISSIONS = ("frames",)
+_FOR_MISSIONS = ("frames", "pipeline")
 _FOR_CLOSED_LOOP = ("scenes", "methods", "runs", "model", "planner")
 
 
@@ -58,7 +59,10 @@ def simulate(
             help="Seed; the same one gives the same bytes. In the closed loop: of the first run."
         ),
     ] = 1,
-    frames: Annotated[int, Option(help="Number of stereo pairs to render.")] = 120,
+    frames: Annotated[
+        int | None,
+        Option(help="Number of stereo pairs to render. Default: 120, 400 along a pipeline."),
+    ] = None,
     width: Annotated[
         int | None,
         Option(help="Frame width in pixels. Default: 1360 for a mission, 360 in the closed loop."),
@@ -68,6 +72,13 @@ def simulate(
         Option(
             "--closed-loop",
             help="Fly a vehicle that tokt run steers, instead of rendering a mission.",
+        ),
+    ] = False,
+    pipeline: Annotated[
+        bool,
+        Option(
+            "--pipeline",
+            help="Render a dive along a pipeline instead: a fault for each 20 frames.",
         ),
     ] = False,
     scenes: Annotated[str | None, Option(help="Scenes, separated by commas. Default: all.")] = None,
@@ -98,7 +109,10 @@ def simulate(
             where = "for a mission, not for --closed-loop" if closed_loop else "for --closed-loop"
             raise ToktError(f"--{name} is {where}")
     if not closed_loop:
-        _render(folder, seed, frames, width, jobs, json)
+        given = {"seed": seed, "jobs": jobs, "progress": progress}
+        given |= {} if frames is None else {"n_frames": frames}
+        given |= {} if width is None else {"width": width}
+        _render(folder, pipeline, given, json)
         return
     from tokt.studies.simulation.loop.flight import METHODS, WIDTH
     from tokt.studies.simulation.loop.scenes import KINDS
@@ -128,17 +142,25 @@ def _named(text: str | None, default: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-def _render(
-    folder: Path, seed: int, frames: int, width: int | None, jobs: int | None, json: bool
-) -> None:
+def _render(folder: Path, pipeline: bool, given: dict[str, Any], json: bool) -> None:
+    from tokt.studies.simulation.rendering.pipeline_mission import simulate_pipeline
     from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
-    from tokt.studies.simulation.scene.rig import FULL_WIDTH
 
-    wide = FULL_WIDTH if width is None else width
-    mission = simulate_mission(
-        folder, seed=seed, n_frames=frames, width=wide, jobs=jobs, progress=progress
+    if pipeline:
+        dive = simulate_pipeline(folder, **given)
+        answer(json, asdict(dive), lambda: _print_dive(dive))
+    else:
+        mission = simulate_mission(folder, **given)
+        answer(json, asdict(mission), lambda: _print_mission(mission))
+
+
+def _print_dive(dive: PipelineMission) -> None:
+    faults = ", ".join(f"{count} {kind}" for kind, count in dive.faults.items())
+    print(
+        f"{dive.path}: {dive.frames} stereo pairs of {dive.width}x{dive.height} along "
+        f"{dive.length_m} m of pipeline; faults: {faults}"
     )
-    answer(json, asdict(mission), lambda: _print_mission(mission))
+    _print_patches(dive)
 
 
 def _print_mission(mission: SyntheticMission) -> None:
@@ -147,6 +169,10 @@ def _print_mission(mission: SyntheticMission) -> None:
         f"{mission.path}: {mission.frames} stereo pairs of {mission.width}x{mission.height}, "
         f"{mission.ocean_frames} of open ocean, {mission.obstacle_frames} with the tower, {nearest}"
     )
+    _print_patches(mission)
+
+
+def _print_patches(mission: PipelineMission | SyntheticMission) -> None:
     print("patches: " + ", ".join(f"{count} {label}" for label, count in mission.patches.items()))
 
 

@@ -40,7 +40,7 @@ _AHEAD_M = 1.3
 """From below the camera to what it looks at."""
 _CLEAR_M = 4.0
 """How near a fault must be for a person to name it."""
-_HAZE = 3.0
+_HAZE = 2.0
 """Beyond this, over the veil's growth, a person cannot be sure of the floor."""
 _TAXONOMY = Taxonomy(
     (

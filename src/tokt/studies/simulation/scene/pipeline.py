@@ -116,11 +116,12 @@ def _plan(
 
 def _paint(rng: np.random.Generator) -> F32:
     """Each material's albedo: a day's own, and so near each other that colour alone says little."""
-    gray = {SAND: (0.16, 0.30), PIPE: (0.14, 0.32), DAMAGE: (0.16, 0.36), GROWTH: (0.14, 0.32),
-            NET: (0.12, 0.34), STONE: (0.12, 0.26)}  # fmt: skip
+    gray = {SAND: (0.26, 0.50), PIPE: (0.24, 0.52), DAMAGE: (0.26, 0.55), GROWTH: (0.24, 0.52),
+            STONE: (0.22, 0.45)}  # fmt: skip
     paint = np.zeros((3, max(gray) + 1))
     for material, (low, high) in gray.items():
         paint[:, material] = rng.uniform(low, high) * rng.uniform(0.8, 1.25, 3)
+    paint[:, NET] = paint[:, PIPE] * rng.uniform(0.9, 1.15)  # cords are seen on it, light or dark
     return paint.astype(np.float32)
 
 
@@ -239,7 +240,7 @@ class _Map:
         y = np.linspace(-reach, reach, size[0], dtype=np.float32)[:, None]
         x = np.linspace(-reach, reach, size[1], dtype=np.float32)
         ragged = cv2.GaussianBlur(noise(rng, size, 32, 0.8), (0, 0), 3)
-        inside = x**4 + y**4 + np.float32(0.25) * ragged < 1
+        inside = x * x + y * y + np.float32(0.3) * ragged < 1
         if fault.kind != NET:
             inside &= self.label[window] == PIPE
         draw = {DAMAGE: self._damage, GROWTH: self._growth, NET: self._net}[fault.kind]
@@ -283,7 +284,7 @@ class _Map:
                 across += spacing * np.float32(0.5) * cv2.GaussianBlur(
                     noise(rng, size, 64, 1.0), (0, 0), 4)  # fmt: skip
                 mesh |= across % spacing < rng.uniform(1.6, 2.2)
-        light = rng.choice([0.1, 0.95]) + np.float32(0.05) * noise(rng, size, 1, 0.0)
+        light = rng.choice([0.1, 1.0]) + np.float32(0.05) * noise(rng, size, 1, 0.0)
         return mesh, np.asarray(light, np.float32)
 
     def _shadows(self, faults: tuple[Fault, ...]) -> None:
