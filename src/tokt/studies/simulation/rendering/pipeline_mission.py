@@ -20,7 +20,7 @@ from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.inference.stereo.odometry import COLUMNS
 from tokt.labels.taxonomy import FILE_NAME, LabelClass, Taxonomy
 from tokt.studies.simulation.scene.closed_loop_world import World
-from tokt.studies.simulation.scene.pipeline import CLASSES, SAND, Pipeline
+from tokt.studies.simulation.scene.pipeline import CLASSES, PIPE, SAND, Pipeline
 from tokt.studies.simulation.scene.rig import FULL_WIDTH, SyntheticRig
 from tokt.studies.simulation.scene.water import Water
 
@@ -40,6 +40,8 @@ _AHEAD_M = 1.3
 """From below the camera to what it looks at."""
 _CLEAR_M = 4.0
 """How near a fault must be for a person to name it."""
+_FAULT_COVERAGE = 0.25
+"""Share of a patch from which a fault counts: on less of it there is no texture to see."""
 _HAZE = 2.0
 """Beyond this, over the veil's growth, a person cannot be sure of the floor."""
 _TAXONOMY = Taxonomy(
@@ -124,10 +126,12 @@ class _Dive:
         found = np.full(DEFAULT_GRID.n_patches, OCEAN, object)
         for number, name in CLASSES.items():
             mask = np.isfinite(depth) & ((label == number) | (number == SAND))
-            limit = _HAZE / self.water.veil_growth if name in ("sand", "pipe") else _CLEAR_M
+            limit, share = _CLEAR_M, _FAULT_COVERAGE
+            if number in (SAND, PIPE):
+                limit, share = _HAZE / self.water.veil_growth, MIN_COVERAGE
             touched = coverage(mask, DEFAULT_GRID)
             if touched.any():
-                sure = coverage(mask & (depth < limit), DEFAULT_GRID) >= MIN_COVERAGE
+                sure = coverage(mask & (depth < limit), DEFAULT_GRID) >= share
                 found[touched > 0] = UNSURE
                 found[sure] = name
         return list(found)

@@ -260,30 +260,28 @@ class _Map:
         return np.ones(size, bool), np.asarray(light, np.float32)
 
     def _growth(self, size: tuple[int, int]) -> tuple[Bools, F32]:
-        """Marine growth: heads of 1 to 4 cm on top of each other, each dark at its rim."""
-        rng = self.rng
-        light = np.full(size, 0.2, np.float32)
-        base = rng.uniform(2.0, 3.5)
-        for _ in range(round(size[0] * size[1] / base**2 / 2)):
+        """Marine growth: soft round heads of 3 to 8 cm on top of each other, dark between them."""
+        rng, base = self.rng, self.rng.uniform(4.5, 7.5)
+        light = np.full(size, 0.1, np.float32)
+        for _ in range(round(size[0] * size[1] / base**2)):
             row, column = rng.uniform((0, 0), size)
-            radius, bright = base * rng.lognormal(0.0, 0.3), rng.uniform(0.35, 0.95)
-            for part, value in ((1.3, 0.2), (0.9, bright), (0.4, bright + 0.15)):
-                self._ellipse(light, row, column, (part * radius, part * radius), 0, value)
-        light += np.float32(0.03) * noise(rng, size, 1, 0.0)
-        return np.ones(size, bool), light
+            radius, bright = base * rng.lognormal(0.0, 0.3), rng.uniform(0.6, 1.0)
+            for part in np.arange(1.0, 0.0, -0.2).tolist():
+                part_axes = (part * radius, part * radius)
+                self._ellipse(light, row, column, part_axes, 0, bright * (1 - part**2) + 0.1)
+        light = cv2.GaussianBlur(light, (0, 0), 1.0)
+        return np.ones(size, bool), light + np.float32(0.03) * noise(rng, size, 1, 0.0)
 
     def _net(self, size: tuple[int, int]) -> tuple[Bools, F32]:
-        """An old net: one or two layers of crumpled meshes over what is under it."""
+        """An old net: crumpled meshes of 4 to 7 cm over what is under it."""
         rng = self.rng
         mesh = np.zeros(size, bool)
-        for _ in range(rng.integers(1, 3)):
-            turn, spacing = rng.uniform(0, np.pi), rng.uniform(0.035, 0.06) / TEXEL_M
-            row, column = np.indices(size, np.float32)
-            for angle in (turn, turn + rng.uniform(1.1, 1.6)):
-                across = row * np.cos(angle) + column * np.sin(angle)
-                across += spacing * np.float32(0.5) * cv2.GaussianBlur(
-                    noise(rng, size, 64, 1.0), (0, 0), 4)  # fmt: skip
-                mesh |= across % spacing < rng.uniform(1.6, 2.2)
+        turn, spacing = rng.uniform(0, np.pi), rng.uniform(0.04, 0.07) / TEXEL_M
+        row, column = np.indices(size, np.float32)
+        for angle in (turn, turn + rng.uniform(1.1, 1.6)):
+            across = row * np.cos(angle) + column * np.sin(angle)
+            crumpled = cv2.GaussianBlur(noise(rng, size, 64, 1.0), (0, 0), 5)
+            mesh |= (across + spacing * np.float32(0.4) * crumpled) % spacing < rng.uniform(2, 2.8)
         light = rng.choice([0.1, 1.0]) + np.float32(0.05) * noise(rng, size, 1, 0.0)
         return mesh, np.asarray(light, np.float32)
 
