@@ -78,7 +78,7 @@ def simulate(
         bool,
         Option(
             "--pipeline",
-            help="Render a dive along a pipeline instead: a fault for each 20 frames.",
+            help="Render a dive along a pipeline with known faults, instead of one to a tower.",
         ),
     ] = False,
     scenes: Annotated[str | None, Option(help="Scenes, separated by commas. Default: all.")] = None,
@@ -101,8 +101,8 @@ def simulate(
 ) -> None:
     """Render a synthetic mission, or fly the closed loop.
 
-    A mission has exact labels, masks and depth. A closed loop that was cut short goes on in its
-    folder, and what is flown there later joins it.
+    A mission has exact labels, masks and depth, or labels and a list of faults. A closed loop that
+    was cut short goes on in its folder, and what is flown there later joins it.
     """
     for name in _FOR_MISSIONS if closed_loop else _FOR_CLOSED_LOOP:
         if is_written(context, name):

@@ -16,6 +16,7 @@ import numpy as np
 
 from tokt.features.common.arrays import F64
 from tokt.features.common.atomic import new_folder
+from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.inference.stereo.odometry import COLUMNS
 from tokt.labels.taxonomy import FILE_NAME, LabelClass, Taxonomy
@@ -31,7 +32,8 @@ from .synthetic_mission import JPEG, SCENE_FORMAT, Progress, check_request, rend
 from .trajectory import rotation, sway
 
 _FRAME_S = 0.5
-_FRAMES_A_FAULT = 20
+_ENDS, _FRAMES_A_FAULT = 40, 18
+"""Frames of both ends, where nothing is planted, and between one fault and the next."""
 _ALTITUDE_M = 1.95
 _PITCH_DEG, _UP_DEG = 55.0, -14.0
 """Below the horizon: of the dive, and of its first and last frames, which look into open water."""
@@ -81,7 +83,7 @@ class _Dive:
         self.seed, self.rig, self.water = seed, SyntheticRig(rig, width), Water.draw(water)
         self.along = np.cumsum(steps) - steps[0]
         length = float(self.along[-1])
-        self.pipeline = Pipeline.draw(route, length, max(n_frames // _FRAMES_A_FAULT, 1))
+        self.pipeline = Pipeline.draw(route, length, max((n_frames - _ENDS) // _FRAMES_A_FAULT, 1))
         self.altitude, self.aside = (
             middle + reach * sway(track, time) for middle, reach in ((_ALTITUDE_M, 0.04), (0, 0.08))
         )
@@ -113,9 +115,7 @@ class _Dive:
             maps, _ = self._renderer.camera(side)
             along = float(self.along[i]) + _AHEAD_M
             hits = FloorHits(cameras[side], maps.rays, maps.lamp, self.pipeline, along)
-            frame = self._renderer.picture(
-                side, i * _FRAME_S, hits, cameras[0], self.velocities[i]
-            )
+            frame = self._renderer.picture(side, i * _FRAME_S, hits, cameras[0], self.velocities[i])
             write_image(folder / name / f"sim_{letter}_{number}.jpg", frame, JPEG)
             labels = labels or self._labels(hits)
         return labels
@@ -146,7 +146,7 @@ def simulate_pipeline(
     jobs: int | None = None,
     progress: Progress | None = None,
 ) -> PipelineMission:
-    """Render a dive along a pipeline, with a fault for each 20 frames.
+    """Render a dive along a pipeline: 400 frames are 110 m with 20 faults, 3 m apart or more.
 
     Writes ``Left/``, ``Right/``, ``labels.csv``, ``taxonomy.toml``, ``calibration.yml``,
     ``odometry.csv``, ``faults.csv`` and ``scene.json``. A fault's ``along_m`` is the place of its
@@ -154,9 +154,12 @@ def simulate_pipeline(
     below the camera of each frame. The folder `out` appears when all of it is written.
 
     Parameters and errors are those of
-    `tokt.studies.simulation.rendering.synthetic_mission.simulate_mission`.
+    `tokt.studies.simulation.rendering.synthetic_mission.simulate_mission`; 40 frames are the
+    fewest.
     """
     out = Path(out)
+    if n_frames < _ENDS:
+        raise ToktError(f"a dive along a pipeline has at least {_ENDS} frames, not {n_frames}")
     check_request(out, seed, n_frames, width, jobs)
     dive, name = _Dive(seed, n_frames, width), out.resolve().name
     with new_folder(out) as folder:

@@ -1,4 +1,4 @@
-"""A pipeline half buried in sand: its route, its faults, and a map of what lies on it and beside it.
+"""A pipeline half buried in sand: its route, its faults, and a map of all that lies there.
 
 World axes are metres: x right, y down from the floor, z ahead. The map lies unrolled along the
 pipe: its rows run along the axis, its columns across, round the pipe and on over the floor.
@@ -20,7 +20,7 @@ HALF_M = 1.8
 SAND, PIPE, DAMAGE, GROWTH, NET, STONE = range(1, 7)
 """Materials; all but stones, which lie in the sand, are classes of patches too."""
 CLASSES = {SAND: "sand", PIPE: "pipe", DAMAGE: "damage", GROWTH: "growth", NET: "net"}
-FIRST_M, LAST_M = 5.0, 5.0
+_END_M = 5.0
 """Nothing is planted this near to the route's ends, where the camera looks up."""
 _APART_M = 3.0
 _JOINT_M = 12.2
@@ -58,7 +58,7 @@ class Pipeline:
         lift = -radius * rng.uniform(0.0, 0.3)
         bend = (rng.uniform(0.3, 0.8), rng.uniform(70.0, 100.0), rng.uniform(0.0, 2 * np.pi))
         half_arc = radius * np.arccos(-lift / radius)
-        faults = _plan(rng, length_m, n_faults, half_arc)
+        faults = plan_faults(rng, length_m, n_faults, half_arc)
         bright, what = _Map(rng, length_m, half_arc).filled(faults)
         return cls(length_m, radius, lift, bend, faults, _paint(rng), bright, what)
 
@@ -75,7 +75,12 @@ class Pipeline:
         turn = 2 * np.pi / period
         slope = reach * turn * np.cos(turn * z + phase)
         along = np.cumsum(np.sqrt(1 + slope**2)) * 0.01
-        return along - np.interp(0.0, z, along), reach * np.sin(turn * z + phase), z, np.arctan(slope)
+        return (
+            along - np.interp(0.0, z, along),
+            reach * np.sin(turn * z + phase),
+            z,
+            np.arctan(slope),
+        )
 
     def axis(self, along_m: float) -> tuple[F64, float]:
         """World point of the axis at a place along it, and its heading there."""
@@ -96,16 +101,16 @@ class Pipeline:
         return np.asarray(cv2.pyrDown(cv2.pyrDown(self.bright)), np.uint8)
 
 
-def _plan(
+def plan_faults(
     rng: np.random.Generator, length_m: float, n_faults: int, half_arc: float
 ) -> tuple[Fault, ...]:
-    """Faults of all kinds, each in its own part of the way."""
-    part = (length_m - FIRST_M - LAST_M) / n_faults
+    """Faults of all kinds in turn, each somewhere in its own part of the way."""
+    part = (length_m - 2 * _END_M) / n_faults
     play = max(part - _APART_M, 0.0) / 2
     kinds = rng.permutation(np.resize([DAMAGE, GROWTH, NET], n_faults))
     faults = []
     for number, kind in enumerate(kinds.tolist()):
-        along = FIRST_M + (number + 0.5) * part + rng.uniform(-play, play)
+        along = _END_M + (number + 0.5) * part + rng.uniform(-play, play)
         length, width = rng.uniform(0.4, 0.8), rng.uniform(0.35, 0.55)
         if kind == NET:
             width = 2 * half_arc + rng.uniform(0.1, 0.5)
@@ -187,7 +192,7 @@ class _Map:
         sizes = 0.012 * rng.lognormal(0.0, 0.5, count)
         for row in rng.uniform(0, rows, round(rows * TEXEL_M / 12)):
             side = rng.choice([-1, 1]) * (self.half_arc + rng.uniform(0.05, 0.4) / TEXEL_M)
-            heap = (row, self.middle + side) + rng.normal(0, 0.15 / TEXEL_M, (6, 2))
+            heap = rng.normal((row, self.middle + side), 0.15 / TEXEL_M, (6, 2))
             places, sizes = np.vstack([places, heap]), np.append(sizes, rng.uniform(0.03, 0.09, 6))
         for (row, column), size in zip(places, sizes / TEXEL_M, strict=True):
             axes = (max(size, 1), max(size * rng.uniform(0.5, 1), 1))
@@ -287,8 +292,9 @@ class _Map:
 
     def _shadows(self, faults: tuple[Fault, ...]) -> None:
         """Soft shadows across the whole map, where no fault is."""
-        rows = np.arange(self.size[0], dtype=np.float32)[:, None] * np.float32(TEXEL_M)
+        rim = np.linspace(-1.5, 1.5, 300, dtype=np.float32)[:, None]
         for before, after in zip(faults[::5], faults[1::5], strict=False):
-            centre = (before.along_m + after.along_m) / 2
-            dark = np.exp(-(((rows - centre) / np.float32(self.rng.uniform(0.15, 0.3))) ** 4))
-            self.bright -= (self.bright + np.float32(0.3)) * dark * np.float32(0.45)
+            first = round((before.along_m + after.along_m) / 2 / TEXEL_M) - len(rim) // 2
+            lit = self.bright[first : first + len(rim)]
+            dark = np.exp(-((rim / np.float32(self.rng.uniform(0.4, 0.8))) ** 4))
+            lit -= (lit + np.float32(0.3)) * dark * np.float32(0.45)
