@@ -16,7 +16,6 @@ from .output import answer, progress, say
 from .output import print_line as print
 
 if TYPE_CHECKING:
-    from tokt.studies.simulation.rendering.pipeline_mission import PipelineMission
     from tokt.studies.simulation.rendering.synthetic_mission import SyntheticMission
 
 ProcessesOption = Annotated[
@@ -63,6 +62,10 @@ def simulate(
         int | None,
         Option(help="Number of stereo pairs to render. Default: 120, 400 along a pipeline."),
     ] = None,
+    pipeline: Annotated[
+        bool,
+        Option("--pipeline", help="Render a dive along a pipeline with known faults, no approach."),
+    ] = False,
     width: Annotated[
         int | None,
         Option(help="Frame width in pixels. Default: 1360 for a mission, 360 in the closed loop."),
@@ -72,13 +75,6 @@ def simulate(
         Option(
             "--closed-loop",
             help="Fly a vehicle that tokt run steers, instead of rendering a mission.",
-        ),
-    ] = False,
-    pipeline: Annotated[
-        bool,
-        Option(
-            "--pipeline",
-            help="Render a dive along a pipeline with known faults, instead of one to a tower.",
         ),
     ] = False,
     scenes: Annotated[str | None, Option(help="Scenes, separated by commas. Default: all.")] = None,
@@ -109,10 +105,7 @@ def simulate(
             where = "for a mission, not for --closed-loop" if closed_loop else "for --closed-loop"
             raise ToktError(f"--{name} is {where}")
     if not closed_loop:
-        given = {"seed": seed, "jobs": jobs, "progress": progress}
-        given |= {} if frames is None else {"n_frames": frames}
-        given |= {} if width is None else {"width": width}
-        _render(folder, pipeline, given, json)
+        _render(folder, seed, frames, pipeline, width, jobs, json)
         return
     from tokt.studies.simulation.loop.flight import METHODS, WIDTH
     from tokt.studies.simulation.loop.scenes import KINDS
@@ -142,37 +135,29 @@ def _named(text: str | None, default: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-def _render(folder: Path, pipeline: bool, given: dict[str, Any], json: bool) -> None:
-    from tokt.studies.simulation.rendering.pipeline_mission import simulate_pipeline
-    from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
+def _render(
+    folder: Path, seed: int, frames: int | None, pipeline: bool, width: int | None,
+    jobs: int | None, json: bool,
+) -> None:  # fmt: skip
+    from tokt.studies.simulation.rendering.pipeline_scene import PipelineScene
+    from tokt.studies.simulation.rendering.synthetic_mission import MissionScene, simulate_mission
+    from tokt.studies.simulation.scene.rig import FULL_WIDTH
 
-    if pipeline:
-        dive = simulate_pipeline(folder, **given)
-        answer(json, asdict(dive), lambda: _print_dive(dive))
-    else:
-        mission = simulate_mission(folder, **given)
-        answer(json, asdict(mission), lambda: _print_mission(mission))
-
-
-def _print_dive(dive: PipelineMission) -> None:
-    faults = ", ".join(f"{count} {kind}" for kind, count in dive.faults.items())
-    print(
-        f"{dive.path}: {dive.frames} stereo pairs of {dive.width}x{dive.height} along "
-        f"{dive.length_m} m of pipeline; faults: {faults}"
+    draw, usual = (PipelineScene.draw, 400) if pipeline else (MissionScene.draw, 120)
+    wide = FULL_WIDTH if width is None else width
+    many = usual if frames is None else frames
+    mission = simulate_mission(
+        folder, seed=seed, n_frames=many, width=wide, jobs=jobs, progress=progress, draw=draw
     )
-    _print_patches(dive)
+    answer(json, asdict(mission), lambda: _print_mission(mission))
 
 
 def _print_mission(mission: SyntheticMission) -> None:
     nearest = "never in view" if mission.nearest_m is None else f"nearest {mission.nearest_m:.2f} m"
     print(
         f"{mission.path}: {mission.frames} stereo pairs of {mission.width}x{mission.height}, "
-        f"{mission.ocean_frames} of open ocean, {mission.obstacle_frames} with the tower, {nearest}"
+        f"{mission.ocean_frames} of open ocean, {mission.obstacle_frames} with obstacles, {nearest}"
     )
-    _print_patches(mission)
-
-
-def _print_patches(mission: PipelineMission | SyntheticMission) -> None:
     print("patches: " + ", ".join(f"{count} {label}" for label, count in mission.patches.items()))
 
 

@@ -16,7 +16,8 @@ from tokt.features.frames.mission import open_mission
 from tokt.inference.stereo.calibration import load_calibration
 from tokt.inference.stereo.odometry import load_odometry
 from tokt.labels.taxonomy import Taxonomy
-from tokt.studies.simulation.rendering.pipeline_mission import simulate_pipeline
+from tokt.studies.simulation.rendering.pipeline_scene import PipelineScene
+from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt.studies.simulation.scene.pipeline import plan_faults
 
 pytestmark = pytest.mark.xdist_group("pipeline")  # what they share is made once
@@ -28,7 +29,9 @@ N_FRAMES = 94
 @pytest.fixture(scope="module")
 def dive(tmp_path_factory):
     out = tmp_path_factory.mktemp("pipeline") / "dive"
-    return out, simulate_pipeline(out, seed=1, n_frames=N_FRAMES, width=360, jobs=1)
+    return out, simulate_mission(
+        out, draw=PipelineScene.draw, seed=1, n_frames=N_FRAMES, width=360, jobs=1
+    )
 
 
 def rows(path):
@@ -65,7 +68,7 @@ def test_same_seed_same_bytes_whatever_the_jobs(tmp_path):
     prints = []
     for parent, seed, jobs in (("a", 7, 1), ("b", 7, 3), ("c", 8, 1)):
         out = tmp_path / parent / "dive"
-        simulate_pipeline(out, seed=seed, n_frames=40, width=120, jobs=jobs)
+        simulate_mission(out, draw=PipelineScene.draw, seed=seed, n_frames=40, width=120, jobs=jobs)
         files = sorted(path for path in out.rglob("*") if path.is_file())
         assert len(files) == 40 * 2 + 6
         prints.append([hashlib.sha256(path.read_bytes()).hexdigest() for path in files])
@@ -81,15 +84,15 @@ def test_readers_of_tokt_read_it(dive):
     poses = load_odometry(out / "odometry.csv")
     told = json.loads((out / "scene.json").read_text())["frames"]
     assert list(poses) == [frame["frame"] for frame in told] == list(range(1, N_FRAMES + 1))
-    for frame in told:
-        pose = poses[frame["frame"]]
-        assert -pose.position_m[1] == pytest.approx(frame["altitude_m"], abs=1e-3)
-        down = np.degrees(np.arcsin(pose.rotation[1, 2]))
-        assert down == pytest.approx(frame["pitch_deg"], abs=0.1)
+    down = [np.degrees(np.arcsin(pose.rotation[1, 2])) for pose in poses.values()]
+    assert max(down[:5] + down[-5:]) < -10
+    assert min(down[16:-16]) > 50
     names = Taxonomy.load(out / "taxonomy.toml").names
     assert names == ("ocean", "sand", "pipe", "damage", "growth", "net")
     assert set(summary.patches) == {*names, "unsure"}
-    assert sum(summary.faults.values()) == len(rows(out / "faults.csv")) == 3
+    assert len({fault["class"] for fault in rows(out / "faults.csv")}) == 3
+    assert summary.ocean_frames >= 16
+    assert 1.2 < summary.nearest_m < 1.7
 
 
 def test_labels_name_a_fault_where_its_centre_is_seen(dive):

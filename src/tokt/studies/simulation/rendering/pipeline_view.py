@@ -35,7 +35,7 @@ class FloorHits(Hits):
         self, camera: Camera, rays: F32, lamp: F64, pipeline: Pipeline, along_m: float
     ) -> None:
         super().__init__(camera, rays, lamp)
-        self._pipeline, self._shape = pipeline, (camera.height, camera.width)
+        self._pipeline = pipeline
         point, heading = pipeline.axis(along_m)
         axes = upright(heading)
         turn = axes @ camera.rotation.T
@@ -62,29 +62,20 @@ class FloorHits(Hits):
         across[won] = np.arctan2(x, -y) * np.float32(radius)
         self.facing[:] = floor - ly
         self.facing[won] = ((lx - x) * x + (ly - y) * y) / np.float32(radius)
-        self._look_up(across, np.float32(along_m + oz) + t * z, t)
+        self._look_up(across, np.float32(along_m + oz) + t * z)
 
-    def _look_up(self, across: F32, along: F32, t: F32) -> None:
-        """Read the map: what lies there, and its brightness at the detail of a pixel's size."""
+    def _look_up(self, across: F32, along: F32) -> None:
+        """Read the map: what lies there, and its brightness."""
         # OpenCV reads in pictures of fewer than 32,768 rows: in what is in view.
-        rows = len(self._pipeline.bright)
-        first = int(np.clip(along.min() / TEXEL_M, 0, rows - 8)) // 4 * 4
-        last = int(np.clip(along.max() / TEXEL_M + 8, first + 8, rows))
-        column = (across + np.float32(HALF_M)).reshape(self._shape)
-        row = (along - np.float32(first * TEXEL_M)).reshape(self._shape)
-
-        def read(plane: U8, texel: float, how: int) -> U8:
-            where = (v * np.float32(1 / texel) - np.float32(0.5) for v in (column, row))
-            return np.asarray(cv2.remap(plane, *where, how, borderMode=cv2.BORDER_REFLECT_101))
-
+        first, last = (np.clip(end / TEXEL_M, 0, None) for end in (along.min(), along.max()))
+        rows = slice(max(min(int(first), len(self._pipeline.bright) - 8), 0), int(last) + 8)
+        column = across * np.float32(1 / TEXEL_M) + np.float32(HALF_M / TEXEL_M - 0.5)
+        row = along * np.float32(1 / TEXEL_M) - np.float32(rows.start + 0.5)
+        shape, edge = (self.camera.height, self.camera.width), cv2.BORDER_REFLECT_101
+        where = column.reshape(shape), row.reshape(shape)
         pipeline = self._pipeline
-        self.what = read(pipeline.what[first:last], TEXEL_M, cv2.INTER_NEAREST)
-        bright = read(pipeline.bright[first:last], TEXEL_M, cv2.INTER_LINEAR).astype(np.float32)
-        blurred = t.reshape(self._shape) * np.float32(1 / self.camera.matrix[0, 0] / TEXEL_M / 3)
-        if blurred.max() > 0.5:
-            coarse = pipeline.coarse[first // 4 : -(-last // 4)]
-            far = read(coarse, 4 * TEXEL_M, cv2.INTER_LINEAR).astype(np.float32)
-            bright += (blurred - np.float32(0.5)).clip(0, 1) * (far - bright)
+        self.what = cv2.remap(pipeline.what[rows], *where, cv2.INTER_NEAREST, borderMode=edge)
+        bright = cv2.remap(pipeline.bright[rows], *where, cv2.INTER_LINEAR, borderMode=edge)
         self.along = bright.ravel() * np.float32(1 / 255)
         self.across = 1 - self.along
         self.material_number = (self.what & 7).ravel().astype(np.int64)
