@@ -15,8 +15,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from itertools import pairwise
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,9 +46,11 @@ GAP_FRAMES = 3
 REACH = 2.0
 """Patches that the centre of a thing may move from a frame to the next."""
 SAME_M = 1.0
-"""Metres along the track within which two groups that share a class are one finding."""
+"""Metres along the track, each way, within which what is seen is one thing."""
+MIN_PROJECTED = 30
+"""Sightings of things that passed the picture's middle before its rows have their places."""
 APART = 3.0
-"""Patches between the centres of two groups in one frame from which they are two things."""
+"""Patches across the picture without any sighting, from which there are two things."""
 MIDDLE = 0.2
 """Part of the picture's height from its middle within which a thing tells its place."""
 _SMOOTHED = 4
@@ -216,7 +220,7 @@ def _flat(line: Mapping[str, Any], lines: Sequence[Mapping[str, Any]]) -> F64 | 
     return np.array([east, north]) * _EARTH_M
 
 
-@dataclass
+@dataclass(eq=False)
 class _Sighting:
     """A thing in one frame."""
 
@@ -255,12 +259,6 @@ class _Group:
         """Its patches by class, over all frames."""
         return sum((each.classes for each in self.sightings), Counter())
 
-    def apart(self, other: _Group) -> bool:
-        """Whether some frame shows the two at places of their own."""
-        there = {each.at: each for each in other.sightings}
-        pairs = ((each, there[each.at]) for each in self.sightings if each.at in there)
-        return any(math.hypot(one.x - two.x, one.y - two.y) > APART for one, two in pairs)
-
 
 def find(
     track: LoggedTrack,
@@ -291,8 +289,7 @@ def find(
         it_saw = ", ".join(sorted(seen)) or "nothing"
         raise ToktError(f"{track.run.path}: never saw {', '.join(unknown)} (it saw {it_saw})")
     groups = _grouped(track, frozenset(wanted))
-    merged = _merged([(group, _place_m(group, track, ahead_m)) for group in groups], track, ahead_m)
-    found = [_finding(group, along_m, track) for group, along_m in merged]
+    found = [_finding(group, along_m, track) for group, along_m in _placed(groups, track, ahead_m)]
     return [it for it in found if it.frames >= min_frames and len(it.patches) >= min_patches]
 
 
@@ -338,41 +335,83 @@ def _grouped(track: LoggedTrack, wanted: frozenset[str]) -> list[_Group]:
     return groups
 
 
-def _place_m(group: _Group, track: LoggedTrack, ahead_m: float) -> float | None:
-    """Metres along the track where the thing is.
+def _placed(
+    groups: list[_Group], track: LoggedTrack, ahead_m: float
+) -> list[tuple[_Group, float | None]]:
+    """Groups with their place in metres along the track; None where it is not known.
 
-    The picture's middle looks `ahead_m` ahead. A thing that passes it is there when it does: by a
-    line through its height in the picture over the way. One that does not is where it was nearest.
+    Where enough things passed through the picture, they tell how far ahead each of its rows looks.
+    Then each sighting has a place of its own, and what is at one place is one thing, whatever was
+    seen between.
+    """
+    crossed = [_crossing(group, track) for group in groups]
+    offsets = np.concatenate([np.zeros((0, 2)), *(each[1] for each in crossed if each is not None)])
+    if len(offsets) >= MIN_PROJECTED:
+        projection = np.polynomial.Polynomial.fit(offsets[:, 0], offsets[:, 1], 3)
+        return [(group, here + ahead_m) for group, here in _at_places(groups, track, projection)]
+    places = [None if each is None else each[0] + ahead_m for each in crossed]
+    return sorted(
+        zip(groups, places, strict=True), key=lambda each: (each[1] is None, each[1] or 0.0)
+    )
+
+
+def _crossing(group: _Group, track: LoggedTrack) -> tuple[float, F64] | None:
+    """Where the vehicle is when a thing passes the picture's middle, and the other sightings.
+
+    Of each sighting near the middle or beyond the height off the middle, in parts of the picture,
+    and the way from there, in metres: shape (n, 2), none where it did not pass. None where no way
+    is known.
     """
     along = np.array([track.along_m[each.at] for each in group.sightings])
     off = np.array([each.y / track.grid.rows - 0.5 for each in group.sightings])
-    good = np.isfinite(along)
+    sizes = np.array([len(each.cells) for each in group.sightings])
+    good = np.isfinite(along) & (sizes >= sizes.max() / 2)
     if not good.any():
         return None
     along, off = along[good], off[good]
     near = np.abs(off) <= MIDDLE
-    if near.sum() >= 2 and np.ptp(off[near]) > 0.5 / track.grid.rows:
-        here = np.polyfit(off[near], along[near], 1)[1]
-        return float(np.clip(here, along.min(), along.max())) + ahead_m
-    return float(along[np.abs(off).argmin()]) + ahead_m
+    if near.sum() < 2 or np.ptp(off[near]) <= 0.5 / track.grid.rows:
+        return float(along[np.abs(off).argmin()]), np.zeros((0, 2))
+    here = float(np.clip(np.polyfit(off[near], along[near], 1)[1], along.min(), along.max()))
+    return here, np.column_stack([off, along - here])
 
 
-def _merged(
-    found: list[tuple[_Group, float | None]], track: LoggedTrack, ahead_m: float
-) -> list[tuple[_Group, float | None]]:
-    """Groups along the track, those of one class and one place joined."""
-    merged: list[tuple[_Group, float | None]] = []
-    for group, along_m in sorted(found, key=lambda each: (each[1] is None, each[1] or 0.0)):
-        for at, (other, other_m) in enumerate(merged):
-            near = along_m is not None and other_m is not None and along_m - other_m <= SAME_M
-            if near and other.classes.keys() & group.classes.keys() and not other.apart(group):
-                both = sorted(other.sightings + group.sightings, key=lambda each: each.at)
-                joined = _Group(both)
-                merged[at] = joined, _place_m(joined, track, ahead_m)
-                break
-        else:
-            merged.append((group, along_m))
-    return merged
+def _at_places(
+    groups: list[_Group], track: LoggedTrack, projection: Callable[[F64], F64]
+) -> list[tuple[_Group, float]]:
+    """All sightings grouped anew by their places along the track, the largest thing first."""
+    every = [it for group in groups for it in group.sightings if np.isfinite(track.along_m[it.at])]
+    off = np.array([each.y / track.grid.rows - 0.5 for each in every])
+    places = np.array([track.along_m[each.at] for each in every]) - projection(off)
+    order = np.argsort(places, kind="stable")
+    every, places = [every[at] for at in order], places[order]
+    sizes = np.cumsum([0, *(len(each.cells) for each in every)])
+    around = [np.searchsorted(places, places + side * SAME_M / 2) for side in (-1, 1)]
+    free = np.ones(len(every), bool)
+    found: list[tuple[_Group, float]] = []
+    for at in np.argsort(sizes[around[0]] - sizes[around[1]], kind="stable"):
+        if not free[at]:
+            continue
+        low, high = np.searchsorted(places, [places[at] - SAME_M, places[at] + SAME_M])
+        members = np.flatnonzero(free[low:high]) + low
+        free[members] = False
+        for part in _side_by_side([every[each] for each in members]):
+            chosen = members[[every[each] in part for each in members]]
+            weights = [len(every[each].cells) for each in chosen]
+            here = float(np.repeat(places[chosen], weights).mean())
+            found.append((_Group(sorted(part, key=lambda each: each.at)), here))
+    return sorted(found, key=itemgetter(1))
+
+
+def _side_by_side(sightings: list[_Sighting]) -> list[list[_Sighting]]:
+    """Sightings of one place, apart where nothing is between them across the picture."""
+    ordered = sorted(sightings, key=lambda each: each.x)
+    parts = [[ordered[0]]]
+    for before, each in pairwise(ordered):
+        if each.x - before.x > APART:
+            parts.append([])
+        parts[-1].append(each)
+    return parts
 
 
 def _finding(group: _Group, along_m: float | None, track: LoggedTrack) -> InspectionFinding:
