@@ -56,8 +56,8 @@ class PipelineScene(Scene):
     """A pipeline, and a vehicle that follows it: 400 frames are 110 m and 20 faults.
 
     Beside the pictures it writes ``taxonomy.toml``, ``odometry.csv`` and ``faults.csv``. A fault's
-    ``along_m`` is the place of its centre along the pipe's axis; ``scene.json`` has that of the
-    point below the camera, from 0 on, of each frame.
+    ``along_m`` is the place of its centre along the pipe's axis; ``scene.json`` has for each frame
+    that of the point below the camera, from 0 on.
     """
 
     classes = _TAXONOMY.names
@@ -108,7 +108,9 @@ class PipelineScene(Scene):
                 side, i * _FRAME_S, views[side], cameras[0], pose.velocity
             )
             write_picture(folder, side, number, picture)
-        place = {"along_m": round(along, 4)}
+        pitch = np.degrees(np.arcsin(pose.rotation[2, 1]))
+        told = {"along_m": along, "altitude_m": -pose.centre[1], "pitch_deg": pitch}
+        place = {name: round(float(value), 4) for name, value in told.items()}
         return RenderedFrame(number, nearest_m(views[0].depth), place, self._labels(views[0]))
 
     def _labels(self, hits: FloorHits) -> list[str]:

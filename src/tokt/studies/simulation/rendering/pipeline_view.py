@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from tokt.features.common.arrays import F32, F64, I64, U8
+from tokt.features.common.arrays import F32, F64, I64
 from tokt.studies.simulation.scene.pipeline import HALF_M, TEXEL_M, Pipeline
 from tokt.studies.simulation.scene.rig import Camera
 from tokt.studies.simulation.scene.surfaces import Materials
