@@ -7,7 +7,7 @@ import io
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -61,6 +61,12 @@ class PipelineScene(Scene):
     """
 
     classes = _TAXONOMY.names
+    label_limits: ClassVar = {
+        "least_coverage": MIN_COVERAGE,
+        "least_fault_coverage": _FAULT_COVERAGE,
+        "farthest_fault_m": _CLEAR_M,
+        "farthest_floor_by_veil_growth": _HAZE,
+    }
     pipeline: Pipeline
     along: F64  # (frames,) place along the axis, m
     poses: list[CameraPose]
@@ -71,8 +77,7 @@ class PipelineScene(Scene):
         """Draw a scene; refuse too short a dive."""
         if n_frames < _ENDS:
             raise ToktError(f"a dive along a pipeline has at least {_ENDS} frames, not {n_frames}")
-        parts = (np.random.default_rng([seed, 20 + part]) for part in range(4))
-        rig, water, route, track = parts
+        rig, water, route, track = (np.random.default_rng([seed, 20 + part]) for part in range(4))
         time = (np.arange(n_frames) + 0.5) / n_frames
         steps, rise, aside, pitch, turn, roll = (sway(track, time) for _ in range(6))
         along = np.cumsum((0.275 + 0.01 * steps).clip(0.25, 0.30))
