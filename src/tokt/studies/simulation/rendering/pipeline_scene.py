@@ -7,7 +7,7 @@ import io
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -56,11 +56,17 @@ class PipelineScene(Scene):
     """A pipeline, and a vehicle that follows it: 400 frames are 110 m and 20 faults.
 
     Beside the pictures it writes ``taxonomy.toml``, ``odometry.csv`` and ``faults.csv``. A fault's
-    ``along_m`` is the place of its centre along the pipe's axis; ``scene.json`` has that of the
-    point below the camera, from 0 on, of each frame.
+    ``along_m`` is the place of its centre along the pipe's axis; ``scene.json`` has for each frame
+    that of the point below the camera, from 0 on.
     """
 
     classes = _TAXONOMY.names
+    label_limits: ClassVar = {
+        "least_coverage": MIN_COVERAGE,
+        "least_fault_coverage": _FAULT_COVERAGE,
+        "farthest_fault_m": _CLEAR_M,
+        "farthest_floor_by_veil_growth": _HAZE,
+    }
     pipeline: Pipeline
     along: F64  # (frames,) place along the axis, m
     poses: list[CameraPose]
@@ -71,8 +77,7 @@ class PipelineScene(Scene):
         """Draw a scene; refuse too short a dive."""
         if n_frames < _ENDS:
             raise ToktError(f"a dive along a pipeline has at least {_ENDS} frames, not {n_frames}")
-        parts = (np.random.default_rng([seed, 20 + part]) for part in range(4))
-        rig, water, route, track = parts
+        rig, water, route, track = (np.random.default_rng([seed, 20 + part]) for part in range(4))
         time = (np.arange(n_frames) + 0.5) / n_frames
         steps, rise, aside, pitch, turn, roll = (sway(track, time) for _ in range(6))
         along = np.cumsum((0.275 + 0.01 * steps).clip(0.25, 0.30))
@@ -108,7 +113,9 @@ class PipelineScene(Scene):
                 side, i * _FRAME_S, views[side], cameras[0], pose.velocity
             )
             write_picture(folder, side, number, picture)
-        place = {"along_m": round(along, 4)}
+        pitch = np.degrees(np.arcsin(pose.rotation[2, 1]))
+        told = {"along_m": along, "altitude_m": -pose.centre[1], "pitch_deg": pitch}
+        place = {name: round(float(value), 4) for name, value in told.items()}
         return RenderedFrame(number, nearest_m(views[0].depth), place, self._labels(views[0]))
 
     def _labels(self, hits: FloorHits) -> list[str]:

@@ -19,12 +19,12 @@ class FloorMaterials(Materials):
     """Paints alone: what `FloorHits` has found is the brightness already."""
 
     def __init__(self, paint: F32) -> None:
-        self.paint, self.rust = paint, paint * np.float32(-0.25)
+        self.paint, self.rust = paint, np.zeros_like(paint)
 
     def look_up(
         self, material_number: I64, across: F32, along: F32, pixel_m: F32
     ) -> tuple[F32, F32]:
-        """See `Materials.look_up`; what is dark is a little redder."""
+        """See `Materials.look_up`; rust is nowhere."""
         return along, across
 
 
@@ -35,7 +35,6 @@ class FloorHits(Hits):
         self, camera: Camera, rays: F32, lamp: F64, pipeline: Pipeline, along_m: float
     ) -> None:
         super().__init__(camera, rays, lamp)
-        self._pipeline = pipeline
         point, heading = pipeline.axis(along_m)
         axes = upright(heading)
         turn = axes @ camera.rotation.T
@@ -62,20 +61,18 @@ class FloorHits(Hits):
         across[won] = np.arctan2(x, -y) * np.float32(radius)
         self.facing[:] = floor - ly
         self.facing[won] = ((lx - x) * x + (ly - y) * y) / np.float32(radius)
-        self._look_up(across, np.float32(along_m + oz) + t * z)
+        self._look_up(pipeline, across, np.float32(along_m + oz) + t * z)
 
-    def _look_up(self, across: F32, along: F32) -> None:
+    def _look_up(self, pipeline: Pipeline, across: F32, along: F32) -> None:
         """Read the map: what lies there, and its brightness."""
         # OpenCV reads in pictures of fewer than 32,768 rows: in what is in view.
         first, last = (np.clip(end / TEXEL_M, 0, None) for end in (along.min(), along.max()))
-        rows = slice(max(min(int(first), len(self._pipeline.bright) - 8), 0), int(last) + 8)
+        rows = slice(max(min(int(first), len(pipeline.bright) - 8), 0), int(last) + 8)
         column = across * np.float32(1 / TEXEL_M) + np.float32(HALF_M / TEXEL_M - 0.5)
         row = along * np.float32(1 / TEXEL_M) - np.float32(rows.start + 0.5)
         shape, edge = (self.camera.height, self.camera.width), cv2.BORDER_REFLECT_101
         where = column.reshape(shape), row.reshape(shape)
-        pipeline = self._pipeline
         self.what = cv2.remap(pipeline.what[rows], *where, cv2.INTER_NEAREST, borderMode=edge)
         bright = cv2.remap(pipeline.bright[rows], *where, cv2.INTER_LINEAR, borderMode=edge)
         self.along = bright.ravel() * np.float32(1 / 255)
-        self.across = 1 - self.along
         self.material_number = (self.what & 7).ravel().astype(np.int64)

@@ -89,6 +89,7 @@ class Scene(ABC):
     rig: SyntheticRig
     water: Water
     classes: ClassVar[tuple[str, ...]]
+    label_limits: ClassVar[dict[str, float]]  # what decides a patch's label
 
     @abstractmethod
     def write(self, folder: Path) -> None:
@@ -104,6 +105,10 @@ class MissionScene(Scene):
     """An approach to a tower."""
 
     classes = (OCEAN, TOWER)
+    label_limits: ClassVar = {
+        "least_coverage": MIN_COVERAGE,
+        "least_contrast_grey_levels": MIN_CONTRAST,
+    }
     tower: Tower
     poses: list[CameraPose]
 
@@ -268,8 +273,7 @@ def _scene_json(scene: Scene, frames: list[RenderedFrame]) -> str:
         "width": scene.rig.width,
         "height": scene.rig.height,
         "grid": str(DEFAULT_GRID),
-        "least_coverage": MIN_COVERAGE,
-        "least_contrast_grey_levels": MIN_CONTRAST,
+        **scene.label_limits,
         "water": asdict(scene.water),
         "frames": [
             {"frame": frame.number, "nearest_m": frame.nearest_m, **frame.place} for frame in frames
