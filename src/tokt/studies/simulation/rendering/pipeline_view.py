@@ -1,4 +1,4 @@
-"""What a camera over a pipeline sees of it and of the sea floor."""
+"""The pipe and the sea floor as a camera sees them."""
 
 import cv2
 import numpy as np
