@@ -1,4 +1,4 @@
-"""What a camera over a pipeline sees of it and of the sea floor."""
+"""The pipe and the sea floor as a camera sees them."""
 
 import cv2
 import numpy as np
@@ -36,7 +36,7 @@ class FloorHits(Hits):
     ) -> None:
         super().__init__(camera, rays, lamp)
         point, heading = pipeline.axis(along_m)
-        axes = upright(heading)
+        axes = upright(float(heading))
         turn = axes @ camera.rotation.T
         x, y, z = turn.astype(np.float32) @ rays
         origin = axes @ (camera.centre - point)
@@ -72,7 +72,8 @@ class FloorHits(Hits):
         row = along * np.float32(1 / TEXEL_M) - np.float32(rows.start + 0.5)
         shape, edge = (self.camera.height, self.camera.width), cv2.BORDER_REFLECT_101
         where = column.reshape(shape), row.reshape(shape)
-        self.what = cv2.remap(pipeline.what[rows], *where, cv2.INTER_NEAREST, borderMode=edge)
+        nearest = cv2.remap(pipeline.what[rows], *where, cv2.INTER_NEAREST, borderMode=edge)
+        self.what = np.asarray(nearest, np.uint8)
         bright = cv2.remap(pipeline.bright[rows], *where, cv2.INTER_LINEAR, borderMode=edge)
         self.along = bright.ravel() * np.float32(1 / 255)
         self.material_number = (self.what & 7).ravel().astype(np.int64)

@@ -25,7 +25,7 @@ _ALBEDO = {SAND: (0.26, 0.50), PIPE: (0.24, 0.52), DAMAGE: (0.26, 0.55), GROWTH:
 """Darkest and brightest; so near each other that brightness and colour alone say little."""
 
 
-class Fault(NamedTuple):
+class PlantedFault(NamedTuple):
     """Something that an inspector looks for; its centre is at `along_m` of the pipe's axis."""
 
     kind: int
@@ -37,7 +37,7 @@ class Fault(NamedTuple):
 
 def plan_faults(
     rng: np.random.Generator, length_m: float, n_faults: int, half_arc_m: float
-) -> list[Fault]:
+) -> list[PlantedFault]:
     """Faults of all kinds in turn, each somewhere in its own part of the way."""
     part = (length_m - 2 * _END_M) / n_faults
     play = max(part - _APART_M, 0.0) / 2
@@ -46,7 +46,7 @@ def plan_faults(
         along = _END_M + (number + 0.5) * part + rng.uniform(-play, play)
         length, across = rng.uniform(0.4, 0.8), rng.uniform(-0.3, 0.3) * half_arc_m
         width = 2 * half_arc_m + rng.uniform(0.1, 0.5) if kind == NET else rng.uniform(0.35, 0.55)
-        faults.append(Fault(int(kind), along, length, across, width))
+        faults.append(PlantedFault(int(kind), along, length, across, width))
     return faults
 
 
@@ -75,14 +75,14 @@ class Pipeline:
     def axis(self, along_m: F64 | float) -> tuple[F64, F64]:
         """World points (..., 3) of the axis at places along it, and its headings there."""
         x, z, heading = (np.interp(along_m, self._route[0], each) for each in self._route[1:])
-        return np.stack([x, np.full_like(x, -self.lift_m), z], axis=-1), heading
+        return np.stack([x, np.full_like(x, -self.lift_m), z], axis=-1), np.asarray(heading, np.float64)
 
     @staticmethod
     def right(heading: F64) -> F64:
         """Directions (..., 3) to the right of headings."""
         return np.stack([np.cos(heading), np.zeros_like(heading), -np.sin(heading)], axis=-1)
 
-    def place(self, fault: Fault) -> F64:
+    def place(self, fault: PlantedFault) -> F64:
         """World point of a fault's centre, on the pipe."""
         point, heading = self.axis(fault.along_m)
         angle = fault.across_m / self.radius_m
@@ -121,7 +121,7 @@ class _Map:
         self.material = np.full(self.size, SAND, np.uint8)
         self.label = self.material.copy()
 
-    def filled(self, faults: list[Fault]) -> tuple[U8, U8]:
+    def filled(self, faults: list[PlantedFault]) -> tuple[U8, U8]:
         """Sand, stones, the pipe, faults; a shadow after every fifth one."""
         self._ripples()
         self._stones()
@@ -186,7 +186,7 @@ class _Map:
         self.bright[:, columns] = coat
         self.material[:, columns] = self.label[:, columns] = PIPE
 
-    def _fault(self, fault: Fault) -> None:
+    def _fault(self, fault: PlantedFault) -> None:
         """Draw a fault in its window of the map; beside the pipe there are nets only."""
         rng, reach = self.rng, 1.35
         high, broad = (round(reach * m / 2 / TEXEL_M) for m in (fault.length_m, fault.width_m))
@@ -221,7 +221,7 @@ class _Map:
             radius, bright = base * rng.lognormal(0.0, 0.3), rng.uniform(0.6, 1.0)
             for part in (1.0, 0.8, 0.6, 0.4, 0.2):
                 _disc(light, place, part * radius, bright * (1 - part**2) + 0.1)
-        light = cv2.GaussianBlur(light, (0, 0), 1.0)
+        light = np.asarray(cv2.GaussianBlur(light, (0, 0), 1.0), np.float32)
         return np.ones(size, bool), light + np.float32(0.03) * noise(rng, size, 1, 0.0)
 
     def _net(self, size: tuple[int, int]) -> tuple[Bools, F32]:
