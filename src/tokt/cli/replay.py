@@ -156,7 +156,7 @@ def findings(
     run: LoggedRunOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Group what logs' frames show into findings: a fault of a pipeline, a thing on a site.
+    """Group what logs show into findings.
 
     Each has its class, its frames, its best picture, its place and a confidence. Review them with
     `tokt label --findings`.
