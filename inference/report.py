@@ -65,23 +65,23 @@ class ReportField:
     def fits(self, value: Any) -> bool:
         """Whether a JSON value other than None can be this field's."""
         if self.kind is list:
-            return isinstance(value, list) and len(value) == 4 and all(map(_is_finite, value))
+            return isinstance(value, list) and len(value) == 4 and all(map(is_finite, value))
         if self.kind is dict:
             lists = value.values() if isinstance(value, dict) else (value,)
             return all(isinstance(each, list) and _are_finite(each) for each in lists)
         if self.kind is float:
-            return _is_finite(value, (int, float))
-        return _is_finite(value) if self.kind is int else isinstance(value, self.kind)
+            return is_finite(value, (int, float))
+        return is_finite(value) if self.kind is int else isinstance(value, self.kind)
 
 
-def _is_finite(value: Any, kinds: type | tuple[type, ...] = int) -> bool:
+def is_finite(value: Any, kinds: type | tuple[type, ...] = int) -> bool:
     """Neither NaN, nor infinite (1e999 is, to a JSON parser), nor whole but beyond any float."""
     number = isinstance(value, kinds) and not isinstance(value, bool)
     return number and abs(value) <= sys.float_info.max
 
 
 def _are_finite(values: list[Any]) -> bool:
-    return all(_is_finite(each, (int, float)) for each in values)
+    return all(is_finite(each, (int, float)) for each in values)
 
 
 def _verdict(name: str, kind: type, **more: Any) -> ReportField:

@@ -141,23 +141,31 @@ class LinearModel:
         """For each row of decision values whether that patch is an obstacle."""
         return np.asarray(self.obstacle, bool)[self.predicted(values)]
 
-    def class_patches(self, values: F64) -> dict[str, tuple[int, ...]]:
-        """For each class that a row of decision values is of, these rows' numbers.
+    @property
+    def named_classes(self) -> tuple[str, ...]:
+        """The classes that are told by name, obstacles first; none of a model of two.
 
-        Classes that are obstacles come first, then those of the most rows. The first class that is
-        no obstacle, water, is left out.
+        The first class that is no obstacle, water, is left out.
+        """
+        if len(self.classes) < 3:
+            return ()
+        both = [*zip(self.classes, self.obstacle, strict=True)]
+        clear = [name for name, obstacle in both if not obstacle]
+        return (*(name for name, obstacle in both if obstacle), *clear[1:])
+
+    def class_patches(self, values: F64) -> dict[str, tuple[int, ...]]:
+        """For each of `named_classes` that a row of decision values is of, these rows' numbers.
+
+        Classes that are obstacles come first, then those of the most rows.
         """
         predicted = self.predicted(values)
-        counts = np.bincount(predicted, minlength=len(self.classes))
-        if not all(self.obstacle):
-            counts[self.obstacle.index(False)] = 0
-        order = sorted(
-            range(len(counts)), key=lambda each: (not self.obstacle[each], -counts[each])
-        )
-        seen = [each for each in order if counts[each]]
-        return {
-            self.classes[each]: tuple(np.flatnonzero(predicted == each).tolist()) for each in seen
+        rows = {
+            name: tuple(np.flatnonzero(predicted == self.classes.index(name)).tolist())
+            for name in self.named_classes
         }
+        obstacle = dict(zip(self.classes, self.obstacle, strict=True))
+        order = sorted(rows, key=lambda name: (not obstacle[name], -len(rows[name])))
+        return {name: rows[name] for name in order if rows[name]}
 
     def obstacle_score(self, values: F64) -> F64:
         """How far each patch is on the obstacle side; above 0 exactly where it is one.

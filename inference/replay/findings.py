@@ -15,12 +15,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from itertools import pairwise
-from operator import itemgetter
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from operator import attrgetter
+from typing import Any
 
 import cv2
 import numpy as np
@@ -28,14 +27,8 @@ import numpy as np
 from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
-from tokt.features.frames.mission import Mission
-from tokt.inference.stereo.odometry import Odometry, load_odometry
 
-from .logged_run import LoggedRun, logged_lines, open_run
-from .replay import models_of_run, pictures_of
-
-if TYPE_CHECKING:
-    from tokt.models.bundle.bundle import Bundle
+from .logged_track import LoggedTrack
 
 MIN_FRAMES, MIN_PATCHES = 3, 3
 """Frames in which a thing is seen, and patches of its best frame, before it is a finding."""
@@ -49,12 +42,14 @@ SAME_M = 1.0
 """Metres along the track, each way, within which what is seen is one thing."""
 MIN_PROJECTED = 30
 """Sightings of things that passed the picture's middle before its rows have their places."""
+LONG = 3.0
+"""A thing that goes on for so many times what one picture shows runs along: it has no one place."""
+PASSES = 0.9
+"""Least correlation of height in the picture and way, where a thing passes through it."""
 APART = 3.0
 """Patches across the picture without any sighting, from which there are two things."""
 MIDDLE = 0.2
 """Part of the picture's height from its middle within which a thing tells its place."""
-_SMOOTHED = 4
-_EARTH_M = 6_371_000.0
 
 
 @dataclass(frozen=True)
@@ -89,150 +84,22 @@ class InspectionFinding:
         return {"type": "Feature", "geometry": geometry, "properties": asdict(self)}
 
 
-@dataclass(frozen=True)
-class LoggedTrack:
-    """A run's frames: where the vehicle was in each, and which patches were of which class."""
-
-    run: LoggedRun
-    mission: Mission | None  # its pictures, where they are
-    grid: Grid
-    lines: Sequence[Mapping[str, Any]]
-    along_m: F64  # shape (n_frames,); nan where no position is known
-
-    def place(self, along_m: float) -> tuple[float | None, float | None]:
-        """Latitude and longitude at that way along the track; None where the log has none."""
-        places = [(line["lat_deg"], line["lon_deg"]) for line in self.lines]
-        known = np.array([None not in each for each in places]) & np.isfinite(self.along_m)
-        if not known.any() or not math.isfinite(along_m):
-            return None, None
-        ways = self.along_m[known]
-        values = np.array([each for each, good in zip(places, known, strict=True) if good], float)
-        # Beyond the track's ends the last steps go on.
-        lat, lon = (_extended(along_m, ways, values[:, axis]) for axis in (0, 1))
-        return round(lat, 7), round(lon, 7)
-
-
-def _extended(at: float, ways: F64, values: F64) -> float:
-    """Interpolated between rising `ways`, and beyond the last by the last metres' slope."""
-    if at <= ways[-1]:
-        return float(np.interp(at, ways, values))
-    back = max(int(np.searchsorted(ways, ways[-1] - 2.0)) - 1, 0)
-    way = ways[-1] - ways[back]
-    slope = (values[-1] - values[back]) / way if way > 0 else 0.0
-    return float(values[-1] + slope * (at - ways[-1]))
-
-
-def open_track(
-    log: Path,
-    run: str | None = None,
-    source: Path | None = None,
-    store: Path | None = None,
-    odometry: Path | None = None,
-) -> LoggedTrack:
-    """Read a run of a log, by default its last one.
-
-    Parameters
-    ----------
-    source, store : Path, optional
-        Where the pictures and the run's models are, if not where the run had them.
-    odometry : Path, optional
-        Poses by frame; by default those that the run was given.
-
-    Raises
-    ------
-    ToktError
-        If the log cannot be read, its models are not there, or no class was logged.
-    """
-    logged = open_run(log, run)
-    lines = [
-        line
-        for line in logged_lines(log, logged.run, [])
-        if "event" not in line and type(line.get("frame")) is int
-    ]
-    if not any(isinstance(line.get("class_patches"), dict) for line in lines):
-        raise ToktError(f"{log}: no frame names classes; findings need a model of several classes")
-    models = list(models_of_run(logged, store).values())
-    if len({model.grid for model in models}) != 1:
-        raise ToktError(f"{log}: models of different grids judged in it")
-    lines = [_sound(line, models[0], f"{log}") for line in lines]
-    if odometry is None and logged.start.odometry is not None:
-        odometry = Path(logged.start.odometry.path)
-    poses = None if odometry is None else load_odometry(odometry)
-    try:
-        mission: Mission | None = pictures_of(log, logged.run, logged.start, source)[0]
-    except ToktError:
-        if source is not None:
-            raise
-        mission = None
-    return LoggedTrack(logged, mission, models[0].grid, lines, _along(lines, poses))
-
-
-_FIGURES = ("t", "distance_m", "lat_deg", "lon_deg", "depth_m")
-
-
-def _sound(line: Mapping[str, Any], model: Bundle, where: str) -> dict[str, Any]:
-    """A frame's line with what is asked of it here; ToktError where that is not what it says."""
-    seen = line.get("class_patches") or {}
-    good = isinstance(seen, dict) and all(
-        isinstance(cells, list)
-        and all(type(cell) is int and 0 <= cell < model.grid.n_patches for cell in cells)
-        for cells in seen.values()
-    )
-    figures = {name: line.get(name) for name in _FIGURES}
-    finite = (isinstance(each, int | float) and math.isfinite(each) for each in figures.values())
-    if not good or not all(
-        each is None or known for each, known in zip(figures.values(), finite, strict=True)
-    ):
-        raise ToktError(f"{where}: the line of frame {line['frame']} is damaged")
-    return {**figures, "frame": line["frame"], "seen": seen}
-
-
-def _along(lines: Sequence[Mapping[str, Any]], poses: Odometry | None) -> F64:
-    """Metres along the track for each frame, from the first that has a position."""
-    if poses is not None:
-        known_poses = [poses.get(line["frame"]) for line in lines]
-        places = [None if pose is None else pose.position_m for pose in known_poses]
-    else:
-        places = [_flat(line, lines) for line in lines]
-    along = np.full(len(lines), np.nan)
-    known = [at for at, place in enumerate(places) if place is not None]
-    if len(known) < 2:
-        return along
-    track = np.array([places[at] for at in known], np.float64)
-    # A track is rough: the way back and forth is not the way along.
-    n = len(track)
-    ends = [(max(at - _SMOOTHED, 0), min(at + _SMOOTHED, n - 1)) for at in range(n)]
-    reach = [min(at - low, high - at) for at, (low, high) in enumerate(ends)]
-    smooth = np.array([track[at - r : at + r + 1].mean(axis=0) for at, r in enumerate(reach)])
-    steps = np.linalg.norm(np.diff(smooth, axis=0), axis=1)
-    along[known] = np.concatenate([[0.0], np.cumsum(steps)])
-    return along
-
-
-def _flat(line: Mapping[str, Any], lines: Sequence[Mapping[str, Any]]) -> F64 | None:
-    """Metres east and north of the first position; None without a position."""
-    lat, lon = line["lat_deg"], line["lon_deg"]
-    if lat is None or lon is None:
-        return None
-    first = next(each for each in lines if None not in (each["lat_deg"], each["lon_deg"]))
-    north = math.radians(lat - first["lat_deg"])
-    east = math.radians(lon - first["lon_deg"]) * math.cos(math.radians(lat))
-    return np.array([east, north]) * _EARTH_M
-
-
 @dataclass(eq=False)
 class _Sighting:
     """A thing in one frame."""
 
-    at: int  # of the log's frames, from 0
+    at: int  # of the track's frames, from 0
     cells: tuple[int, ...]
-    x: float  # its centre, in patches from the left and the top
-    y: float
+    x: float  # its centre, in patches from the left
+    y: float  # and from the top
+    off: float  # the same from the picture's middle, in parts of its height
     classes: Counter[str]
+    along_m: float  # of the vehicle; nan where not known
+    place_m: float = math.nan  # of the thing, by how far ahead its height in the picture looks
 
     def moved_since(self, group: _Group) -> float:
         """How far its centre is from a group's last, in patches a frame; 0 where they overlap."""
-        last = group.last
+        last = group.sightings[-1]
         if not set(self.cells).isdisjoint(last.cells):
             return 0.0
         return math.hypot(last.x - self.x, last.y - self.y) / (self.at - last.at)
@@ -242,17 +109,8 @@ class _Sighting:
 class _Group:
     """A thing over frames."""
 
-    sightings: list[_Sighting] = field(default_factory=list)
-
-    @property
-    def last(self) -> _Sighting:
-        """The newest."""
-        return self.sightings[-1]
-
-    @property
-    def label(self) -> str:
-        """The class of most of its patches."""
-        return self.classes.most_common(1)[0][0]
+    sightings: list[_Sighting]
+    along_m: float = math.nan  # where the vehicle is when its middle looks at the thing
 
     @property
     def classes(self) -> Counter[str]:
@@ -281,32 +139,48 @@ def find(
     Raises
     ------
     ToktError
-        If a class was never seen.
+        If the models do not know a class.
     """
-    wanted = wanted_classes(track) if classes is None else tuple(classes)
-    seen = {name for line in track.lines for name in line["seen"]}
-    if unknown := [name for name in wanted if name not in seen]:
-        it_saw = ", ".join(sorted(seen)) or "nothing"
-        raise ToktError(f"{track.run.path}: never saw {', '.join(unknown)} (it saw {it_saw})")
-    groups = _grouped(track, frozenset(wanted))
-    found = [_finding(group, along_m, track) for group, along_m in _placed(groups, track, ahead_m)]
+    wanted = rare_classes(track) if classes is None else tuple(classes)
+    if unknown := [name for name in wanted if name not in track.classes]:
+        known = ", ".join(track.classes)
+        raise ToktError(f"{track.log}: its model knows no {', '.join(unknown)} (it knows {known})")
+    groups = _placed(_followed(track, frozenset(wanted)), track.grid)
+    found = [_finding(group, track, ahead_m) for group in groups]
     return [it for it in found if it.frames >= min_frames and len(it.patches) >= min_patches]
 
 
-def wanted_classes(track: LoggedTrack) -> tuple[str, ...]:
+def rare_classes(track: LoggedTrack) -> tuple[str, ...]:
     """The classes that are seen in at most `RARE_SHARE` of the frames."""
-    counts = Counter(name for line in track.lines for name in line["seen"])
+    counts = Counter(name for seen in track.seen for name in seen)
     return tuple(name for name, n in counts.items() if n <= RARE_SHARE * len(track.lines))
 
 
+def _followed(track: LoggedTrack, wanted: frozenset[str]) -> list[_Group]:
+    """Things followed from frame to frame: the nearest of the last ones takes each sighting."""
+    groups: list[_Group] = []
+    near_by: list[_Group] = []
+    for at, seen in enumerate(track.seen):
+        near_by = [each for each in near_by if at - each.sightings[-1].at <= GAP_FRAMES]
+        free, begun = [*near_by], []
+        for one in _sightings(seen, at, track, wanted):
+            nearest = min(free, key=one.moved_since, default=None)
+            if nearest is not None and one.moved_since(nearest) <= REACH:
+                free.remove(nearest)
+                nearest.sightings.append(one)
+            else:
+                begun.append(_Group([one]))
+        groups += begun
+        near_by += begun
+    return groups
+
+
 def _sightings(
-    line: Mapping[str, Any], at: int, grid: Grid, wanted: frozenset[str]
+    seen: Mapping[str, Sequence[int]], at: int, track: LoggedTrack, wanted: frozenset[str]
 ) -> list[_Sighting]:
     """Each patch or group of neighbouring ones of the wanted classes."""
-    seen = ((name, cells) for name, cells in line["seen"].items() if name in wanted)
-    labels = {cell: name for name, cells in seen for cell in cells}
-    if not labels:
-        return []
+    grid = track.grid
+    labels = {cell: name for name, cells in seen.items() if name in wanted for cell in cells}
     mask = np.zeros((grid.rows, grid.cols), np.uint8)
     mask.flat[list(labels)] = 1
     n, parts = cv2.connectedComponents(mask, connectivity=8)
@@ -315,97 +189,105 @@ def _sightings(
         rows, cols = np.nonzero(parts == part)
         cells = tuple((rows * grid.cols + cols).tolist())
         classes = Counter(labels[cell] for cell in cells)
-        x, y = float(cols.mean()) + 0.5, float(rows.mean()) + 0.5
-        found.append(_Sighting(at, cells, x, y, classes))
+        y, along_m = float(rows.mean()) + 0.5, float(track.along_m[at])
+        place = (float(cols.mean()) + 0.5, y, y / grid.rows - 0.5)
+        found.append(_Sighting(at, cells, *place, classes, along_m))
     return found
 
 
-def _grouped(track: LoggedTrack, wanted: frozenset[str]) -> list[_Group]:
-    """Things followed from frame to frame: the nearest of the last ones takes each sighting."""
-    groups: list[_Group] = []
-    for at, line in enumerate(track.lines):
-        followed = [each for each in groups if 0 < at - each.last.at <= GAP_FRAMES]
-        for seen in _sightings(line, at, track.grid, wanted):
-            near = min(followed, key=seen.moved_since, default=None)
-            if near is not None and seen.moved_since(near) <= REACH:
-                followed.remove(near)
-                near.sightings.append(seen)
-            else:
-                groups.append(_Group([seen]))
-    return groups
-
-
-def _placed(
-    groups: list[_Group], track: LoggedTrack, ahead_m: float
-) -> list[tuple[_Group, float | None]]:
-    """Groups with their place in metres along the track; None where it is not known.
+def _placed(groups: list[_Group], grid: Grid) -> list[_Group]:
+    """Groups in the order of their places; those without a place come last.
 
     Where enough things passed through the picture, they tell how far ahead each of its rows looks.
     Then each sighting has a place of its own, and what is at one place is one thing, whatever was
     seen between.
     """
-    crossed = [_crossing(group, track) for group in groups]
-    offsets = np.concatenate([np.zeros((0, 2)), *(each[1] for each in crossed if each is not None)])
+    passed = [_passed(group, grid) for group in groups]
+    offsets = np.concatenate([np.zeros((0, 2)), *passed])
     if len(offsets) >= MIN_PROJECTED:
-        projection = np.polynomial.Polynomial.fit(offsets[:, 0], offsets[:, 1], 3)
-        return [(group, here + ahead_m) for group, here in _at_places(groups, track, projection)]
-    places = [None if each is None else each[0] + ahead_m for each in crossed]
-    return sorted(
-        zip(groups, places, strict=True), key=lambda each: (each[1] is None, each[1] or 0.0)
-    )
+        groups = _at_places(groups, offsets)
+    # nan is behind all numbers
+    return [groups[at] for at in np.argsort([each.along_m for each in groups], kind="stable")]
 
 
-def _crossing(group: _Group, track: LoggedTrack) -> tuple[float, F64] | None:
-    """Where the vehicle is when a thing passes the picture's middle, and the other sightings.
+def _passed(group: _Group, grid: Grid) -> F64:
+    """Say where a group is seen in the picture's middle; how it passed through the picture.
 
-    Of each sighting near the middle or beyond the height off the middle, in parts of the picture,
-    and the way from there, in metres: shape (n, 2), none where it did not pass. None where no way
-    is known.
+    Of each sighting the height off the middle, in parts of the picture, and the way from where it
+    is in the middle, in metres: shape (n, 2), none of a thing that did not pass.
     """
-    along = np.array([track.along_m[each.at] for each in group.sightings])
-    off = np.array([each.y / track.grid.rows - 0.5 for each in group.sightings])
+    along = np.array([each.along_m for each in group.sightings])
+    off = np.array([each.off for each in group.sightings])
     sizes = np.array([len(each.cells) for each in group.sightings])
     good = np.isfinite(along) & (sizes >= sizes.max() / 2)
+    nothing = np.zeros((0, 2))
     if not good.any():
-        return None
+        return nothing
     along, off = along[good], off[good]
     near = np.abs(off) <= MIDDLE
-    if near.sum() < 2 or np.ptp(off[near]) <= 0.5 / track.grid.rows:
-        return float(along[np.abs(off).argmin()]), np.zeros((0, 2))
-    here = float(np.clip(np.polyfit(off[near], along[near], 1)[1], along.min(), along.max()))
-    return here, np.column_stack([off, along - here])
+    if near.sum() < 2 or np.ptp(off[near]) <= 0.5 / grid.rows:
+        group.along_m = float(along[np.abs(off).argmin()])
+        return nothing
+    middle = float(np.polyfit(off[near], along[near], 1)[1])
+    group.along_m = float(np.clip(middle, along.min(), along.max()))
+    steady = np.ptp(along) > 0 and abs(np.corrcoef(off, along)[0, 1]) >= PASSES
+    return np.column_stack([off, along - group.along_m]) if steady else nothing
 
 
-def _at_places(
-    groups: list[_Group], track: LoggedTrack, projection: Callable[[F64], F64]
-) -> list[tuple[_Group, float]]:
-    """All sightings grouped anew by their places along the track, the largest thing first."""
-    every = [it for group in groups for it in group.sightings if np.isfinite(track.along_m[it.at])]
-    off = np.array([each.y / track.grid.rows - 0.5 for each in every])
-    places = np.array([track.along_m[each.at] for each in every]) - projection(off)
-    order = np.argsort(places, kind="stable")
-    every, places = [every[at] for at in order], places[order]
-    sizes = np.cumsum([0, *(len(each.cells) for each in every)])
-    around = [np.searchsorted(places, places + side * SAME_M / 2) for side in (-1, 1)]
-    free = np.ones(len(every), bool)
-    found: list[tuple[_Group, float]] = []
-    for at in np.argsort(sizes[around[0]] - sizes[around[1]], kind="stable"):
+def _at_places(groups: list[_Group], offsets: F64) -> list[_Group]:
+    """Sightings grouped anew by their places along the track, the largest thing first.
+
+    What runs along the track, and what was seen where no position is known, stays as it was
+    followed.
+    """
+    heights = offsets[:, 0]
+    projection = np.polynomial.Polynomial.fit(heights, offsets[:, 1], 3)
+    view_m = float(np.ptp(projection(np.linspace(heights.min(), heights.max()))))
+    kept: list[_Group] = []
+    loose: list[_Sighting] = []
+    for group in groups:
+        along = np.array([each.along_m for each in group.sightings])
+        placed = np.isfinite(along)
+        if placed.any() and np.ptp(along[placed]) > LONG * view_m:
+            kept.append(group)
+            continue
+        loose += [each for each, known in zip(group.sightings, placed, strict=True) if known]
+        if not placed.all():
+            kept.append(_Group([each for each in group.sightings if math.isnan(each.along_m)]))
+    for each in loose:
+        # What never was seen to pass so far up or down is not guessed.
+        off = min(max(each.off, heights.min()), heights.max())
+        each.place_m = each.along_m - float(projection(off))
+    return kept + _clustered(loose)
+
+
+def _clustered(sightings: list[_Sighting]) -> list[_Group]:
+    """Sightings within `SAME_M` of a place, where the most patches are first."""
+    ordered = sorted(sightings, key=attrgetter("place_m"))
+    places = np.array([each.place_m for each in ordered])
+    patches = np.cumsum([0, *(len(each.cells) for each in ordered)])
+    first, last = (np.searchsorted(places, places + side * SAME_M / 2) for side in (-1, 1))
+    free = np.ones(len(ordered), bool)
+    found: list[_Group] = []
+    for at in np.argsort(patches[first] - patches[last], kind="stable"):
         if not free[at]:
             continue
         low, high = np.searchsorted(places, [places[at] - SAME_M, places[at] + SAME_M])
         members = np.flatnonzero(free[low:high]) + low
         free[members] = False
-        for part in _side_by_side([every[each] for each in members]):
-            chosen = members[[every[each] in part for each in members]]
-            weights = [len(every[each].cells) for each in chosen]
-            here = float(np.repeat(places[chosen], weights).mean())
-            found.append((_Group(sorted(part, key=lambda each: each.at)), here))
-    return sorted(found, key=itemgetter(1))
+        found += map(_at_one_place, _side_by_side([ordered[each] for each in members]))
+    return found
+
+
+def _at_one_place(sightings: list[_Sighting]) -> _Group:
+    weights = [len(each.cells) for each in sightings]
+    place_m = float(np.average([each.place_m for each in sightings], weights=weights))
+    return _Group(sorted(sightings, key=attrgetter("at")), place_m)
 
 
 def _side_by_side(sightings: list[_Sighting]) -> list[list[_Sighting]]:
     """Sightings of one place, apart where nothing is between them across the picture."""
-    ordered = sorted(sightings, key=lambda each: each.x)
+    ordered = sorted(sightings, key=attrgetter("x"))
     parts = [[ordered[0]]]
     for before, each in pairwise(ordered):
         if each.x - before.x > APART:
@@ -414,33 +296,31 @@ def _side_by_side(sightings: list[_Sighting]) -> list[list[_Sighting]]:
     return parts
 
 
-def _finding(group: _Group, along_m: float | None, track: LoggedTrack) -> InspectionFinding:
-    label, rows = group.label, track.grid.rows
-    best = max(
-        group.sightings, key=lambda each: each.classes[label] * (1 - abs(each.y / rows - 0.5))
-    )
+def _finding(group: _Group, track: LoggedTrack, ahead_m: float) -> InspectionFinding:
+    classes = group.classes
+    label, of_label = classes.most_common(1)[0]
+    best = max(group.sightings, key=lambda each: each.classes[label] * (1 - abs(each.off)))
     frames = len({each.at for each in group.sightings})
     first, last = group.sightings[0].at, group.sightings[-1].at
-    pure = group.classes[label] / group.classes.total()
-    line = track.lines[best.at]
-    of_class = set(line["seen"].get(label, ()))
-    lat, lon = track.place(math.nan if along_m is None else along_m)
+    line, of_class = track.lines[best.at], set(track.seen[best.at].get(label, ()))
+    along_m = group.along_m + ahead_m
+    lat, lon = track.place(along_m)
     return InspectionFinding(
         label=label,
         first_frame=track.lines[first]["frame"],
         last_frame=track.lines[last]["frame"],
         best_frame=line["frame"],
         frames=frames,
-        confidence=round(pure * frames / (last - first + 2), 2),
+        confidence=round(of_label / classes.total() * frames / (last - first + 2), 2),
         distance_m=line["distance_m"],
-        along_m=None if along_m is None else round(along_m, 2),
+        along_m=None if math.isnan(along_m) else round(along_m, 2),
         lat_deg=lat,
         lon_deg=lon,
-        depth_m=line["depth_m"],
+        depth_m=line.get("depth_m"),
         t=line["t"],
-        log=str(track.run.path),
-        run=track.run.run,
-        mission=track.run.start.source if track.mission is None else track.mission.name,
+        log=track.log,
+        run=track.run,
+        mission=track.mission_name,
         grid=str(track.grid),
         patches=tuple(cell for cell in best.cells if cell in of_class),
     )

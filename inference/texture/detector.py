@@ -217,7 +217,7 @@ class TextureDetector:
             label,
             decision_values=values,
             grid=grid,
-            class_patches=model.class_patches(values) if len(model.classes) > 2 else None,
+            class_patches=model.class_patches(values) if model.named_classes else None,
             note=ruled.note,
         )
 

@@ -1,17 +1,20 @@
 """Findings as one HTML file that needs no other: a strip along the track, a picture of each."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
 from tokt.features.common.arrays import U8
-from tokt.features.common.errors import FrameError, ToktError
+from tokt.features.common.errors import FrameError
 from tokt.features.common.machine import installed_version
 from tokt.features.frames.grid import Grid
 from tokt.features.frames.mission import Mission
 from tokt.inference.replay.findings import InspectionFinding
+from tokt.labels.formats.text_file import save_text
+from tokt.labels.page.state.enhance import enhanced
 from tokt.training.evaluation.pictures import jpeg_uri
 from tokt.training.evaluation.report import report_page
 
@@ -20,20 +23,27 @@ _OUTLINE_BGR = (40, 200, 255)
 _COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 
 
-def findings_page(
+def write_findings_page(
+    path: Path,
     findings: Sequence[InspectionFinding],
     missions: Mapping[str, Mission | None],
     classes: Sequence[str],
-) -> str:
-    """The page, with the picture of each finding whose mission is there.
+) -> None:
+    """Write the page, with the picture of each finding whose mission is there.
 
     Parameters
     ----------
+    path : Path
     findings : sequence of InspectionFinding
     missions : dict of str to Mission or None
         By a finding's run.
     classes : sequence of str
         That were looked for.
+
+    Raises
+    ------
+    ToktError
+        If the file cannot be written.
     """
     names = sorted({found.label for found in findings})
     colours = {name: _COLOURS[at % len(_COLOURS)] for at, name in enumerate(names)}
@@ -42,8 +52,11 @@ def findings_page(
         runs[found.run].append((number, found, _picture(found, missions[found.run])))
     strips = {run: _strip(rows, colours) for run, rows in runs.items()}
     version = installed_version("tokt")
-    return report_page(
-        __package__, runs=runs, strips=strips, colours=colours, classes=classes, version=version
+    save_text(
+        path,
+        report_page(
+            __package__, runs=runs, strips=strips, colours=colours, classes=classes, version=version
+        ),
     )
 
 
@@ -67,7 +80,7 @@ def _picture(found: InspectionFinding, mission: Mission | None) -> str:
         return ""
     try:
         frame = mission.read(found.best_frame)
-    except (FrameError, ToktError):
+    except FrameError:
         return ""
     return jpeg_uri(_outlined(frame, Grid.parse(found.grid), found.patches))
 
@@ -76,7 +89,7 @@ def _outlined(frame: U8, grid: Grid, patches: Sequence[int]) -> U8:
     """A frame, small, with one outline around the patches."""
     height, width = grid.resized(*frame.shape[:2])
     size = (_WIDTH, round(_WIDTH * height / width))
-    view = np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), np.uint8)
+    view = np.asarray(cv2.resize(enhanced(frame), size, interpolation=cv2.INTER_AREA), np.uint8)
     view = view if view.ndim == 3 else np.asarray(cv2.cvtColor(view, cv2.COLOR_GRAY2BGR), np.uint8)
     chosen = np.zeros(grid.n_patches, bool)
     chosen[list(patches)] = True

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from tokt.inference.replay.mcap_file import Exported
     from tokt.inference.replay.replay import Replay, ReplayStretch, Tally
     from tokt.inference.replay.shadow_report import ShadowReport, ShadowStretch
-    from tokt.inference.stereo.odometry import Odometry
 
 DIFFERENT = 1
 """Exit code where a verdict or a picture is not what it was."""
@@ -161,25 +160,27 @@ def findings(
     Each has its class, its frames, its best picture, its place and a confidence. Review them with
     `tokt label --findings`.
     """
-    from tokt.features.common.atomic import write_text
-    from tokt.features.common.errors import os_errors_as
-    from tokt.inference.replay.findings import find, open_track, wanted_classes
+    from tokt.inference.replay.findings import find, rare_classes
     from tokt.inference.replay.findings_file import ENDINGS, HTML, write_findings
+    from tokt.inference.replay.logged_track import open_track
+    from tokt.inference.stereo.odometry import load_odometry
 
     if (ending := output.suffix.lower()) not in ENDINGS:
         raise ToktError(f"findings are written as {', '.join(ENDINGS)}, not {output.name}")
     if len(logs) > 1 and (run, source, odometry) != (None, None, None):
         raise ToktError("--run, --source and --odometry are of one log: name just one")
     chosen = None if classes is None else [name.strip() for name in classes.split(",")]
-    tracks = [open_track(log, run, source, store, odometry) for log in logs]
+    poses = None if odometry is None else load_odometry(odometry)
+    tracks = [open_track(log, run, source, store, poses) for log in logs]
+    for track in tracks:
+        if track.damaged:
+            say(f"note: {track.log}: {counted(track.damaged, 'damaged line')} left out")
     found = [it for track in tracks for it in find(track, chosen, ahead, min_frames, min_patches)]
     if ending == HTML:
-        from tokt.training.findings.report import findings_page
+        from tokt.training.findings.report import write_findings_page
 
-        named = chosen or sorted({name for track in tracks for name in wanted_classes(track)})
-        missions = {track.run.run: track.mission for track in tracks}
-        with os_errors_as(f"cannot write {output}"):
-            write_text(output, findings_page(found, missions, named))
+        named = chosen or sorted({name for track in tracks for name in rare_classes(track)})
+        write_findings_page(output, found, {track.run: track.mission for track in tracks}, named)
     else:
         write_findings(output, found)
     value = {"file": str(output), "findings": [it.to_json()["properties"] for it in found]}
@@ -210,6 +211,7 @@ def _stereo(logged: LoggedRun, calibration: Path | None) -> StereoSetup | None:
     """How the run looked at pairs; with another calibration only where one is named."""
     from tokt.inference.policy.assembly import StereoSetup
     from tokt.inference.recording.run_start import used_file
+    from tokt.inference.replay.replay import odometry_of
 
     start = logged.start
     if start.calibration is None or start.stereo_way is None or start.stereo_scale is None:
@@ -225,21 +227,8 @@ def _stereo(logged: LoggedRun, calibration: Path | None) -> StereoSetup | None:
             raise ToktError(f"{different} (--calibration {path} takes it all the same)")
         say(f"note: {different}")
     return StereoSetup(
-        read_calibration_file(path), start.stereo_way, start.stereo_scale, _odometry(logged)
+        read_calibration_file(path), start.stereo_way, start.stereo_scale, odometry_of(start)
     )
-
-
-def _odometry(logged: LoggedRun) -> Odometry | None:
-    from tokt.inference.recording.run_start import used_file
-    from tokt.inference.stereo.odometry import load_odometry
-
-    then = logged.start.odometry
-    if then is None:
-        return None
-    path = Path(then.path)
-    if used_file(path).sha256 != then.sha256:
-        raise ToktError(f"odometry {path} is not the one that the run had")
-    return load_odometry(path)
 
 
 def _software_warnings(logged: LoggedRun) -> list[str]:

@@ -4,7 +4,6 @@ import csv
 import json
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +18,9 @@ from tests.tiers import scaled
 from tokt.features.frames.grid import Grid
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.outputs.udp import decode, encode_v2
-from tokt.inference.replay.findings import LoggedTrack, find
+from tokt.inference.recording.run_start import used_file
+from tokt.inference.replay.findings import find
+from tokt.inference.replay.logged_track import LoggedTrack, open_track
 from tokt.inference.report import CLASSES_BYTES, DATAGRAM_BYTES, FIELDS, WITH_CLASSES, Report
 from tokt.inference.verdict import Verdict, class_boxes
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
@@ -94,7 +95,7 @@ def test_older_logs_and_datagrams_have_no_classes(logged, tmp_path):
     assert decode(json.dumps(old[5]).encode())["classes"] is None
     write_lines(log, old)
     assert call_tokt("replay", log).code == 0  # the fields that it has are the same
-    refused("no frame names classes", "findings", log, "-o", tmp_path / "out.csv")
+    refused("did not log classes yet", "findings", log, "-o", tmp_path / "out.csv")
 
 
 def test_a_replay_compares_the_classes(logged):
@@ -186,29 +187,51 @@ def test_the_files_are_read_back(logged, tmp_path):
 def test_what_is_asked_for_must_be_there(logged, tmp_path):
     log, _ = logged
     out = tmp_path / "out.geojson"
-    refused("never saw crack", "findings", log, "-o", out, "--classes", "crack")
+    refused(
+        "its model knows no crack (it knows net, pipe)",
+        "findings",
+        log,
+        "-o",
+        out,
+        "--classes",
+        "crack",
+    )
+    assert "0 findings" in call_tokt("findings", log, "-o", out, "--classes", "pipe").out
     refused(".geojson, .csv, .html", "findings", log, "-o", tmp_path / "out.kml")
     refused("name just one", "findings", log, log, "-o", out, "--run", "x")
     assert "0 findings" in call_tokt("findings", log, "-o", out, "--min-frames", "8").out
     assert "0 findings" in call_tokt("findings", log, "-o", out, "--min-patches", "5").out
+
+
+def test_damaged_lines_are_left_out_and_said(logged, tmp_path):
+    log, _ = logged
     damaged = lines(log)
-    damaged[4]["class_patches"] = {"net": [100]}
+    damaged[4]["class_patches"] = {"net": [100]}  # no such patch
+    damaged[5]["distance_m"] = "near"
     write_lines(log, damaged)
-    refused("the line of frame 5 is damaged", "findings", log, "-o", out)
+    ran = call_tokt("findings", log, "-o", tmp_path / "out.csv")
+    assert "2 damaged lines left out" in ran.err and "out.csv: 1 finding" in ran.out
+
+
+def test_a_model_of_two_classes_has_no_findings(make_mission, bundle_file, tmp_path):
+    folder, log = make_mission([[], [(4, 4)]]), tmp_path / "run.jsonl"
+    source = mission_source(folder, SYSTEM_CLOCK)
+    log_run(source, texture_start(folder, bundle_file), log, SYSTEM_CLOCK, read_bundle(bundle_file))
+    assert {line["classes"] for line in lines(log)} == {None}
+    refused("need a model of several classes", "findings", log, "-o", tmp_path / "out.csv")
 
 
 # ---- What is drawn frame by frame
 
 
-def track(frames, step_m=STEP_M):
+def track(frames, along_m=None, classes=("damage", "net", "pipe")):
     """A track of frames that show these patches by class."""
     known = [
-        {"frame": n, "t": float(n), "seen": seen, "distance_m": None, "lat_deg": None,
-         "lon_deg": None, "depth_m": None}
+        {"frame": n, "t": float(n), "class_patches": seen, "distance_m": None}
         for n, seen in enumerate(frames, 1)
-    ]  # fmt: skip
-    run = SimpleNamespace(path="log", run="run-x", start=SimpleNamespace(source="dive"))
-    return LoggedTrack(run, None, GRID, known, np.arange(len(known)) * step_m)
+    ]
+    along = np.arange(len(known)) * STEP_M if along_m is None else np.array(along_m, float)
+    return LoggedTrack("log", "run-x", None, "dive", GRID, classes, known, along)
 
 
 def blob(row, col, label="net"):
@@ -256,3 +279,61 @@ def test_every_sighting_is_in_one_finding(frames):
     for it in found:
         assert 0 < it.confidence < 1
         assert set(it.patches) <= set(frames[it.best_frame - 1]["net"])
+
+
+def passing(n, every=8, col=4, label="net"):
+    """Frames in which one thing after another comes down the picture, a row a frame."""
+    return [blob(at % every + 1, col, label) if at % every < 8 else {} for at in range(n)]
+
+
+def test_what_a_dive_shows_tells_where_rows_look():
+    """Noise that was followed into a thing, or is far from it, does not move its place."""
+    frames = passing(80, every=16)
+    clean = [it.along_m for it in find(track(frames), ["net"])]
+    assert clean == pytest.approx([STEP_M * (16 * k + 3 + 1 / 6) for k in range(5)], abs=0.05)
+    for at in (8, 9, 24, 26, 41):  # patches between the things
+        frames[at] = {"net": [44]}
+    assert [it.along_m for it in find(track(frames), ["net"])] == pytest.approx(clean, abs=0.1)
+
+
+def test_what_is_seen_where_no_position_is_known_is_found_too():
+    frames = passing(80, every=16)
+    along = np.arange(80) * STEP_M
+    along[60:] = np.nan
+    found = find(track(frames, along), ["net"])
+    assert [it.along_m is None for it in found] == [False] * 4 + [True]
+    assert (found[-1].first_frame, found[-1].frames) == (65, 8)
+
+
+def test_what_runs_along_the_track_is_one_thing():
+    pipe = [{"pipe": [row * 10 for row in range(10)]} for _ in range(80)]
+    frames = [{**one, **two} for one, two in zip(pipe, passing(80, every=16), strict=True)]
+    found = find(track(frames), ["net", "pipe"])
+    assert [it.label for it in found].count("pipe") == 1
+    assert [it.label for it in found].count("net") == 5
+
+
+def test_a_track_over_the_date_line_goes_on(logged):
+    log, _ = logged
+    placed = lines(log)
+    for line in placed:
+        line["lat_deg"] = 0.0
+        east = math.degrees(STEP_M * (line["frame"] - 7) / 6_371_000)
+        line["lon_deg"] = (180.0 + east + 180.0) % 360.0 - 180.0
+    write_lines(log, placed)
+    known = open_track(log)
+    assert known.along_m[-1] == pytest.approx(13 * STEP_M, abs=0.01)
+    lat, lon = known.place(6 * STEP_M)
+    assert lat == 0.0 and abs(lon) == pytest.approx(180.0, abs=1e-6)
+
+
+def test_the_run_s_own_odometry_must_be_unchanged(logged, make_mission, three_classes, tmp_path):
+    _, folder = logged
+    log, given = tmp_path / "second.jsonl", poses(tmp_path / "given.csv")
+    start = texture_start(folder, three_classes, odometry=used_file(given))
+    log_run(
+        mission_source(folder, SYSTEM_CLOCK), start, log, SYSTEM_CLOCK, read_bundle(three_classes)
+    )
+    assert open_track(log).along_m[-1] == pytest.approx(13 * STEP_M)
+    poses(given, range(1, 10))
+    refused("is not the one that the run had", "findings", log, "-o", tmp_path / "out.csv")

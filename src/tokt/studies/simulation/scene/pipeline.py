@@ -75,9 +75,8 @@ class Pipeline:
     def axis(self, along_m: F64 | float) -> tuple[F64, F64]:
         """World points (..., 3) of the axis at places along it, and its headings there."""
         x, z, heading = (np.interp(along_m, self._route[0], each) for each in self._route[1:])
-        return np.stack([x, np.full_like(x, -self.lift_m), z], axis=-1), np.asarray(
-            heading, np.float64
-        )
+        points = np.stack([x, np.full_like(x, -self.lift_m), z], axis=-1)
+        return points, np.asarray(heading, np.float64)
 
     @staticmethod
     def right(heading: F64) -> F64:
