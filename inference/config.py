@@ -199,7 +199,6 @@ class PolicyConfig:
         "The object to hold: a box in the pixels of a picture, its file or the source's frame "
         "number. Without --anchor at the size that it has there.",
         "FRAME:X,Y,W,H",
-        logged="anchor_from",
     )
 
 

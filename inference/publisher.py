@@ -42,21 +42,22 @@ class Sender(Protocol):
 def mark_stale(verdict: Verdict, age_s: float, judging_s: float, stale_s: float) -> Verdict:
     """The same verdict while its frame is young; a clear of an old one is unknown.
 
-    An old obstacle stays one, and says so; no object is held in an old frame. In seconds: `age_s`
-    since the frame arrived, `judging_s` of them that it was being judged, `stale_s` that are old.
+    An old obstacle stays one, and says so; a named object is not held in an old frame. In seconds:
+    `age_s` since the frame arrived, `judging_s` of them that it was being judged, `stale_s` that
+    are old.
     """
     if age_s <= stale_s:
         return verdict
-    state = SEARCHING if verdict.anchor == HELD else verdict.anchor
-    if state is not None:
-        verdict = replace(verdict, anchor_x=None, anchor_y=None, anchor_size=None, anchor=state)
+    if verdict.anchor == HELD:
+        unseen = {"anchor_x": None, "anchor_y": None, "anchor_size": None, "anchor": SEARCHING}
+        verdict = replace(verdict, **unseen)
     if verdict.status not in (CLEAR, OBSTACLE):
         return verdict
     came_old = age_s - judging_s > stale_s
     reason, word = (Reason.STALE, "stale") if came_old else (Reason.LATE, "late")
     health = health_of(f"{word}: the frame is {1000 * age_s:.0f} ms old", verdict.health)
     if verdict.status == CLEAR:
-        return replace(unknown_verdict(Fault(reason, health)), anchor=state)
+        return replace(unknown_verdict(Fault(reason, health)), anchor=verdict.anchor)
     return replace(verdict, health=health, reason=reason)
 
 

@@ -26,15 +26,15 @@ from tokt.features.common.errors import ToktError, os_errors_as, os_words
 from tokt.inference.clock import SYSTEM_CLOCK, awake_s
 from tokt.inference.frame import Frame
 from tokt.inference.frame_checks import shape_fault
-from tokt.inference.policy.object_naming import NAMED, REFUSED, ObjectNaming
-from tokt.inference.policy.object_tracker import HELD, SEARCHING
+from tokt.inference.policy.object_model import Box, fine_detail
+from tokt.inference.policy.object_naming import REFUSED, ObjectNaming
+from tokt.inference.policy.object_tracker import HELD
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.publisher import Observer
 from tokt.inference.report import Event, Report
 
 from .view_picture import ViewMoment, fitted
 from .view_process import serve
-from .view_server import Drawing
 from .view_video import new_video
 
 LOOPBACK = "127.0.0.1"
@@ -46,7 +46,8 @@ START_S, ANSWER_S = 60.0, 5.0
 _PERIOD_S, _POLL_S = 1 / 15, 0.02
 _PAUSE_S, _CLOSE_S = 5.0, 2.0
 _KEPT_STATUSES = 2000
-_KEPT_FRAMES = 24
+_KEPT_FRAMES = 150
+"""At least 10 s, in which a box is drawn."""
 _ANY_ADDRESS = ("0.0.0.0", "::")
 
 
@@ -82,8 +83,8 @@ class LiveView(Observer):
     record: Path | None  # of the video
     stale_s: float  # from which age on a frame is old
     tell: Callable[[Event], None]  # from another thread
+    naming: ObjectNaming  # of the object to hold
     listen: Callable[[], socket.socket] | None = None
-    naming: ObjectNaming | None = None  # of what is to be held
 
     def __post_init__(self) -> None:
         if self.record is not None and self.record.suffix.lower() != ".mp4":
@@ -94,10 +95,8 @@ class LiveView(Observer):
         # No lock: the loop would wait for whoever has it, should that be kept from the processor.
         self._newest: deque[ViewMoment] = deque(maxlen=1)
         self._statuses: deque[tuple[float, int]] = deque(maxlen=_KEPT_STATUSES)
-        # Of frames that were shown: one of them may be drawn on; and that one, once it is.
-        self._shown: deque[tuple[int, U8]] = deque(maxlen=_KEPT_FRAMES)
-        self._drawn_on: tuple[int, U8] | None = None
-        self._named = ""
+        self._shown: deque[tuple[int | None, U8]] = deque(maxlen=_KEPT_FRAMES)
+        self._refused = ""
         self._ended = threading.Event()
         self._told: set[str] = set()
         self._process: multiprocessing.process.BaseProcess | None = None
@@ -109,17 +108,9 @@ class LiveView(Observer):
         """Remember the frame as the newest; nothing is copied here."""
         now = SYSTEM_CLOCK.monotonic()
         arrived_s = now if frame.arrived is None else frame.arrived
-        seen = frame.left, judgement.mask, judgement.grid
-        # A verdict that came too late holds nothing.
         held = judgement.held if report.verdict.anchor == HELD else None
-        self._put(ViewMoment(report, now, arrived_s, (), *seen, held, self._named))
-        if report.verdict.anchor is not None and report.verdict.anchor != SEARCHING:
-            self._named = ""
-
-    def event(self, event: Event) -> None:
-        """Show what is said of an object that somebody named, until there is news of it."""
-        if event.name in (NAMED, REFUSED):
-            self._named = event.words
+        seen = frame.left, judgement.mask, judgement.grid, held, self._refused
+        self._put(ViewMoment(report, now, arrived_s, (), *seen))
 
     def heartbeat(self, report: Report) -> None:
         """Remember that unknown was said."""
@@ -193,30 +184,23 @@ class LiveView(Observer):
             connection.send(found)
             if found is None:
                 return
-            fault, asked = connection.recv()
+            fault, *drawn = connection.recv()
+            for frame, box in drawn:
+                self._name(frame, box)
             if fault:
                 self._say(VIDEO_FAILED, f"the video is not written: {fault}")
-            self._hung_at = math.inf  # what is named takes a moment to learn
-            for drawing in asked:
-                self._drawn(drawing)
 
-    def _drawn(self, drawing: Drawing) -> None:
-        """Do what somebody asked for on the page."""
-        if self.naming is None:
-            return
-        if drawing.frame is None:
-            self.naming.release()
-            return
-        kept = [each for each in (self._drawn_on, *self._shown) if each is not None]
-        self._drawn_on = next((each for each in kept if each[0] == drawing.frame), None)
-        if drawing.box is None:
-            return
-        picture = None if self._drawn_on is None else self._drawn_on[1]
-        height, width = (1, 1) if picture is None else picture.shape[:2]
-        x0, y0, x1, y1 = (
-            round(part * side) for part, side in zip(drawing.box, (width, height) * 2, strict=True)
-        )
-        self.naming.name(drawing.frame, picture, (x0, y0, x1 - x0, y1 - y0))
+    def _name(self, number: int, box: Box) -> None:
+        """Name what is in a box of a frame that was shown."""
+        self._refused = ""
+        try:
+            detail = dict(self._shown).get(number)
+            if detail is None:
+                raise ToktError(f"frame {number} is not kept any more: draw again")
+            self.naming.name(number, detail, box)
+        except ToktError as error:
+            self._refused = str(error)
+            self.tell(Event(SYSTEM_CLOCK.time(), REFUSED, self._refused))
 
     def _next(self) -> ViewMoment | None:
         """The newest, waiting for one; None when the run is over."""
@@ -228,8 +212,9 @@ class LiveView(Observer):
         said = tuple(self._statuses.popleft() for _ in range(len(self._statuses)))
         left = moment.picture
         picture = None if left is None or shape_fault(left) else fitted(left)
-        if left is not None and picture is not None and moment.report.frame is not None:
-            self._shown.append((moment.report.frame, left))
+        if left is not None and picture is not None:
+            with suppress(ToktError):
+                self._shown.append((moment.report.frame, fine_detail(left)))
         return replace(moment, statuses=said, picture=picture)
 
     def _say(self, name: str, words: str) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from tokt.features.common.arrays import U8
 from tokt.features.frames.grid import Grid
+from tokt.inference.policy.object_model import Box
 from tokt.inference.report import Report
 from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN, Verdict
 
@@ -22,7 +23,7 @@ WAITING, OLD, ENDED = "WAITING", "OLD", "ENDED"
 
 Colour = tuple[int, int, int]
 _WHITE, _BLACK, _YELLOW, _GREY = (255, 255, 255), (0, 0, 0), (0, 200, 255), (70, 70, 70)
-_GREEN: Colour = (120, 255, 120)
+_GREEN = (120, 255, 120)
 _COLOURS: dict[str, Colour] = {"OBSTACLE": (30, 30, 200), "CLEAR": (60, 110, 20)}
 _RANKS = {CLEAR: 1, UNKNOWN: 2, OBSTACLE: 3}
 """A column of the strip shows the worst status of its time, 0 where nothing was said."""
@@ -45,8 +46,8 @@ class ViewMoment:
     picture: U8 | None = None
     mask: U8 | None = None  # as of `tokt.inference.policy.policy.Judgement`
     grid: Grid | None = None
-    held: tuple[float, float, float, float] | None = None
-    named: str = ""  # what was said last of an object that somebody named
+    held: Box | None = None
+    refused: str = ""  # why what was drawn last cannot be held
 
 
 @dataclass(frozen=True)
@@ -57,8 +58,8 @@ class Shown:
     why: str
     age_s: float
     facts: dict[str, str] = field(default_factory=dict)
-    frame: int | None = None  # whose picture it is, and which rows of it are the camera's
-    rows: tuple[int, int] = (BANNER, BANNER)
+    frame: int | None = None  # whose picture it is
+    rows: tuple[int, int] = (0, 0)  # those of the picture that are the frame
 
 
 @dataclass(eq=False)
@@ -72,7 +73,7 @@ class ViewState:
     ended: str = ""
     moment: ViewMoment | None = None
     picture: U8 | None = None
-    frame: int | None = None  # the picture's
+    frame: int | None = None  # whose picture that is
     statuses: list[tuple[float, int]] = field(default_factory=list)
 
     def take(self, moment: ViewMoment) -> None:
@@ -99,8 +100,8 @@ class ViewState:
             seen = "an obstacle was seen; " if verdict.status == OBSTACLE else ""
             word, why = OLD, f"{seen}nothing newer for {age_s:.1f} s"
         facts = _facts(verdict, word in _COLOURS)
-        if told := self.moment.named or verdict.anchor or "":
-            facts = {"object": told, **facts}
+        if told := self.moment.refused or verdict.anchor:
+            facts["object"] = told
         high = 0 if self.picture is None else len(self.picture)
         return Shown(word, why, age_s, facts, self.frame, (BANNER, BANNER + high))
 
@@ -172,12 +173,10 @@ def _draw_verdict(frame: U8, moment: ViewMoment) -> None:
         outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         cv2.drawContours(frame, outlines, -1, _YELLOW, 2)
     if moment.held is not None:
-        left, top, held_wide, held_high = np.array(moment.held) * ([WIDTH, height] * 2)
-        corners = (left, top), (left + held_wide, top + held_high)
-        one, other = [(round(float(x)), round(float(y))) for x, y in corners]
-        cv2.rectangle(frame, one, other, _BLACK, 5)
-        cv2.rectangle(frame, one, other, _GREEN, 2)
-        _write(frame, "HELD", (max(one[0], 0), max(one[1] - 6, 18)), 0.7, _GREEN)
+        x, y, wide, high = (round(float(px)) for px in moment.held * np.tile((WIDTH, height), 2))
+        cv2.rectangle(frame, (x, y, wide, high), _BLACK, 5)
+        cv2.rectangle(frame, (x, y, wide, high), _GREEN, 2)
+        _write(frame, "HELD", (max(x, 0), max(y - 6, 18)), 0.7, _GREEN)
     if verdict.box is None:
         return
     x, y, box_wide, box_high = verdict.box

@@ -38,7 +38,7 @@ def serve(
     """Show what comes until there is no more; what the process runs.
 
     It answers that it has begun, and each moment once that is drawn: with why the video is not
-    written to `part`, or nothing, and what was asked for on the page meanwhile.
+    written to `part`, or nothing, and the box that was drawn meanwhile, if one was.
     """
     # Who started it ends it, when the pipe closes.
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -64,8 +64,8 @@ def serve(
         _show(state, moment, pictures, video)
         if moment is not None:
             with suppress(OSError):  # that the run is gone is seen by who reads
-                asked = [] if server is None else server.take_drawings()
-                connection.send(("" if video is None else video.fault, asked))
+                drawn = () if server is None or not server.drawn else (server.drawn.pop(),)
+                connection.send(("" if video is None else video.fault, *drawn))
     if video is not None:
         video.close()
     if pictures.watched:

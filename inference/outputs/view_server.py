@@ -2,10 +2,8 @@
 
 The page asks for one picture after the other: none waits in a socket, so that a slow network makes
 pictures fewer and not older. Its words come with each, in a header. Whoever connects gets pictures
-of here, and can change one thing: which object is held.
+of here; who has this page from here can name the object to hold.
 """
-
-from __future__ import annotations
 
 import hmac
 import io
@@ -20,8 +18,8 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any, NamedTuple
-from urllib.parse import parse_qsl
+from typing import Any
+from urllib.parse import parse_qsl, urlsplit
 
 from tokt.features.common.address import LOOPBACK_NAMES, host_header
 from tokt.inference.clock import SYSTEM_CLOCK
@@ -33,7 +31,6 @@ MAX_CLIENTS, MAX_REQUEST = 64, 16_384
 REQUEST_S = 5.0
 """Longest time in seconds that a client takes to ask, or to take what it is sent."""
 _POLL_S, _FRESH_S, _WATCHED_S = 0.25, 0.5, 2.0
-_DRAWINGS = 8
 _SEND_BYTES = 1 << 17
 """Of a stream that wait in the system: a picture or two."""
 _PAGE = Path(__file__).with_name("view.html")
@@ -45,32 +42,11 @@ _HEADERS = {
     "Cross-Origin-Resource-Policy": "cross-origin",
 }
 # Without frame-ancestors: any page may frame this one, as Cockpit does, its desktop program from no
-# address at all. In a frame it shows no buttons, and no other page can read what it frames.
+# address at all. In a frame it shows no button, and no other page can read what it frames.
 _POLICY = (
     "default-src 'none'; script-src 'nonce-NONCE'; style-src 'nonce-NONCE'; img-src blob: data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'"
 )
-
-
-class Drawing(NamedTuple):
-    """What somebody drew on a frame, by its number: a box, or that one begins; None lets go."""
-
-    frame: int | None
-    box: tuple[float, ...] | None  # its left, upper, right and lower edge in parts of the frame
-
-    @classmethod
-    def read(cls, frame: str, box: str) -> Drawing:
-        """Read a request's; ValueError if it is none."""
-        if not frame:
-            return cls(None, None)
-        edges = tuple(float(edge) for edge in box.split(",")) if box else None
-        if edges is not None and not (
-            len(edges) == 4 and 0 <= edges[0] < edges[2] <= 1 and 0 <= edges[1] < edges[3] <= 1
-        ):
-            raise ValueError("no box within a frame")
-        if not (frame.isascii() and frame.isdigit() and len(frame) < 16):
-            raise ValueError("no number")
-        return cls(int(frame), edges)
 
 
 class Pictures:
@@ -121,12 +97,9 @@ class ViewServer(ThreadingHTTPServer):
         # What is accepted has it too.
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BYTES)
         self.socket, self.token, self.pictures = listener, token, pictures
-        self.drawings: deque[Drawing] = deque(maxlen=_DRAWINGS)
+        # The newest box that was drawn: on which frame; x, y, width and height in shares of it.
+        self.drawn: deque[tuple[int, tuple[float, ...]]] = deque(maxlen=1)
         threading.Thread(target=self.serve_forever, args=(_POLL_S,), daemon=True).start()
-
-    def take_drawings(self) -> list[Drawing]:
-        """What was asked for since the last call, oldest first."""
-        return [self.drawings.popleft() for _ in range(len(self.drawings))]
 
     def verify_request(self, request: Any, client_address: Any) -> bool:
         """Whether there is room for one more: each has a thread."""
@@ -163,9 +136,9 @@ class _ViewHandler(BaseHTTPRequestHandler):
         self._route({"/": self._page, "/picture": self._picture, "/stream.mjpg": self._stream})
 
     def do_POST(self) -> None:
-        """Take what was drawn. Another site's page cannot send this header without being let."""
-        if "X-Tokt" not in self.headers:
-            self.send_error(403, "This is for the page of this server")
+        """Take a box from this server's own page: browsers say whose page sends something."""
+        if urlsplit(self.headers.get("Origin", "")).netloc != self.headers.get("Host"):
+            self.send_error(403, "Only this server's own page names an object")
         else:
             self._route({"/object": self._object})
 
@@ -203,11 +176,12 @@ class _ViewHandler(BaseHTTPRequestHandler):
         )
 
     def _object(self) -> None:
-        asked = (self._query.get(name, "") for name in ("frame", "box"))
         try:
-            self.server.drawings.append(Drawing.read(*asked))
-        except ValueError:
-            self.send_error(400, "A box is left,upper,right,lower in parts of a frame")
+            frame, *box = map(float, self._query.get("box", "").split(","))
+            x, y, wide, high = box
+            self.server.drawn.append((int(frame), (x, y, wide, high)))
+        except (ValueError, OverflowError):
+            self.send_error(400, "A box is frame,x,y,width,height")
             return
         self._answer("text/plain", b"", {})
 

@@ -16,7 +16,6 @@ from tokt.inference.frame import Frame
 from tokt.inference.texture.detector import ReloadableTextureDetector, TextureDetector
 from tokt.inference.verdict import PUSHBROOM, Detector
 
-from .object_tracker import ObjectTracker
 from .policy import POLICIES, EitherPolicy, FallbackPolicy, Policy, SinglePolicy, guarded
 from .temporal_cues import Anchor, TemporalCues
 
@@ -108,7 +107,6 @@ def assemble(
     threads: int = 1,
     stopwatch: Stopwatch = SYSTEM_STOPWATCH,
     anchor: Anchor | None = None,
-    tracker: ObjectTracker | None = None,
 ) -> Assembly:
     """Assemble the policy of that name.
 
@@ -125,9 +123,7 @@ def assemble(
     stopwatch : Stopwatch
         What a policy measures lateness with.
     anchor : Anchor, optional
-        The size at which something is to be held in the picture.
-    tracker : ObjectTracker, optional
-        The object that is to be held there.
+        What is to be held in the picture.
 
     Raises
     ------
@@ -147,7 +143,7 @@ def assemble(
     disparity = None if stereo is None else stereo.detector(grid)
     blind_m = 0.0 if stereo is None else stereo.blind_m
     if name == "disparity" and disparity is not None:
-        cues = TemporalCues(SinglePolicy(disparity), None, anchor, blind_m, tracker)
+        cues = TemporalCues(SinglePolicy(disparity), None, anchor, blind_m)
         return Assembly(cues, None, stereo, grid)
     texture = ReloadableTextureDetector(
         None if model is None else TextureDetector(model, threads), fault
@@ -160,8 +156,7 @@ def assemble(
         policy = EitherPolicy(texture, disparity)
     else:
         policy = FallbackPolicy(texture, disparity, stopwatch)
-    cues = TemporalCues(policy, texture, anchor, blind_m, tracker)
-    return Assembly(cues, texture, stereo, grid)
+    return Assembly(TemporalCues(policy, texture, anchor, blind_m), texture, stereo, grid)
 
 
 def _check(name: str, has_model: bool, has_calibration: bool, threads: int) -> None:

@@ -35,6 +35,8 @@ from tokt.inference.verdict import (
 if TYPE_CHECKING:
     from tokt.models.bundle.bundle import Bundle
 
+    from .object_model import Box
+
 POLICIES = ("texture", "disparity", "either", "fallback")
 
 
@@ -50,8 +52,7 @@ class Judgement:
     mask: U8 | None = None
     grid: Grid | None = None
     class_patches: ClassPatches | None = None
-    # Around the object that is held: x, y, width and height in shares of the picture's.
-    held: tuple[float, float, float, float] | None = None
+    held: Box | None = None  # around the named object
 
 
 class Policy(Protocol):

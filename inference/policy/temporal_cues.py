@@ -19,7 +19,7 @@ from tokt.inference.frame import Frame
 from tokt.inference.texture.detector import ReloadableTextureDetector
 from tokt.inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN, Verdict
 
-from .object_model import ObjectModel, Place
+from .object_model import Box
 from .object_tracker import ObjectTracker
 from .policy import Judgement, Policy
 
@@ -87,7 +87,10 @@ class Anchor:
 
 def _share(from_centre_px: int, length_px: int) -> float:
     """A place in pixels from the picture's centre, over the half of its length."""
-    share = from_centre_px / max(length_px // 2, 1)
+    return _rounded(from_centre_px / max(length_px // 2, 1))
+
+
+def _rounded(share: float) -> float:
     return round(min(max(share, -1.0), 1.0), 3) + 0.0  # + 0.0: no -0.0
 
 
@@ -360,14 +363,28 @@ ALONE = 0.8
 """Of what a detector sees, in the box of an object: then the distance is that object's."""
 
 
+def _distance_m(judgement: Judgement, box: Box) -> float | None:
+    """Distance of what is in a box, where hardly anything is seen beside it."""
+    mask = judgement.mask
+    if mask is None or judgement.verdict.distance_m is None:
+        return None
+    (height, width), (x, y, wide, high) = mask.shape, box
+    x0, y0, x1, y1 = (
+        max(round(share * side), 0)
+        for share, side in ((x, width), (y, height), (x + wide, width), (y + high, height))
+    )
+    alone = np.count_nonzero(mask[y0:y1, x0:x1]) >= ALONE * max(np.count_nonzero(mask), 1)
+    return judgement.verdict.distance_m if alone else None
+
+
 @dataclass(eq=False)
 class TemporalCues:
     """Another policy's verdicts, with their trend over time and the anchor's errors.
 
     A trend is that of one method and one model: where another one judges, as the policy's may be
     exchanged, it begins anew. It needs frames with times (`Frame.timed`). `blind_m` is as in
-    `wholly_in_view`. With a `tracker` the errors are those of the object that it holds, and the
-    wanted size is that in the box where no `anchor` says another.
+    `wholly_in_view`. With a `tracker` the errors are those of the object that it holds; without
+    an `anchor` it is wanted as large as where it was named.
     """
 
     policy: Policy
@@ -380,24 +397,14 @@ class TemporalCues:
         self._watch = TrendEstimator()
         self._detector = None if self.texture is None else self.texture.detector
         self._method = ""
-        self._number = 0
-
-    def hold(self, model: ObjectModel | None, number: int | None) -> None:
-        """Hold another object from the next frame on, named in an earlier one; None holds none."""
-        if model is None or number is None:
-            self.tracker = None
-            return
-        self.tracker = ObjectTracker(model, unseen=max(self._number - number, 0))
 
     def judge(self, frame: Frame) -> Judgement:
         """The policy's answer, with what follows from it."""
-        self._number = frame.number
         judgement = self.policy.judge(frame)
         verdict = judgement.verdict
         trend = self._trend(frame, verdict)
         errors, held = self._errors(frame, judgement)
-        state = None if self.tracker is None else self.tracker.state
-        if trend.trend is None and errors.x is None and state is None:
+        if trend.trend is None and errors.x is None and self.tracker is None:
             return judgement
         with_cues = replace(
             verdict,
@@ -407,41 +414,25 @@ class TemporalCues:
             anchor_x=errors.x,
             anchor_y=errors.y,
             anchor_size=errors.size,
-            anchor=state,
+            anchor=None if self.tracker is None else self.tracker.state,
         )
         return replace(judgement, verdict=with_cues, held=held)
 
-    def _errors(
-        self, frame: Frame, judgement: Judgement
-    ) -> tuple[AnchorErrors, tuple[float, float, float, float] | None]:
-        """The anchor's errors, and the box around the object that somebody named."""
-        if self.tracker is None:
-            verdict = judgement.verdict
-            return AnchorErrors() if self.anchor is None else self.anchor.errors(verdict), None
-        model = self.tracker.model
-
-        def distance_m(place: Place) -> float | None:
-            """Of what is there, where nothing is seen anywhere else."""
-            mask, box = judgement.mask, model.box_at(place)
-            if mask is None or judgement.verdict.distance_m is None:
-                return None
-            high, wide = mask.shape
-            x0, y0 = max(round(box[0] * wide), 0), max(round(box[1] * high), 0)
-            x1, y1 = round((box[0] + box[2]) * wide), round((box[1] + box[3]) * high)
-            inside = int(np.count_nonzero(mask[y0 : max(y1, 0), x0 : max(x1, 0)]))
-            alone = inside >= ALONE * int(np.count_nonzero(mask)) > 0
-            return judgement.verdict.distance_m if alone else None
-
-        place = self.tracker.look(frame.left, frame.missed, distance_m)
+    def _errors(self, frame: Frame, judgement: Judgement) -> tuple[AnchorErrors, Box | None]:
+        """The anchor's errors, and where the named object is held."""
+        tracker, anchor = self.tracker, self.anchor
+        if tracker is None:
+            return AnchorErrors() if anchor is None else anchor.errors(judgement.verdict), None
+        model = tracker.model
+        place = tracker.look(
+            *(frame.left, frame.missed), lambda at: _distance_m(judgement, model.box_at(at))
+        )
         if place is None:
             return AnchorErrors(), None
-        x, y, wide, high = model.box_at(place)
-        wanted = 0.0 if self.anchor is None else 0.5 * math.log(self.anchor.size / model.share)
-        beside = (
-            min(max(round(2 * at - 1, 3), -1.0), 1.0) + 0.0 for at in (x + wide / 2, y + high / 2)
-        )
-        size = round(place.size - wanted, 3) + 0.0
-        return AnchorErrors(*beside, size), (x, y, wide, high)
+        x, y, wide, high = box = model.box_at(place)
+        wanted = 0.0 if anchor is None else 0.5 * math.log(anchor.size / model.share)
+        beside = (_rounded(2 * share - 1) for share in (x + wide / 2, y + high / 2))
+        return AnchorErrors(*beside, round(place.size - wanted, 3) + 0.0), box
 
     def _trend(self, frame: Frame, verdict: Verdict) -> Trend:
         if not frame.timed:

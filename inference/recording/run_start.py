@@ -20,7 +20,7 @@ FORMAT_VERSION = 1
 """Of the event's fields. To change them: raise this, keep reading the older ones, and prove it with
 a test that reads one."""
 
-START, MODEL = "start", "model"
+START, MODEL, NAMED = "start", "model", "object_named"
 """Names of the events that tell which model judges the frames after them."""
 
 
@@ -83,8 +83,6 @@ class RunStart:
     frame_rule: Mapping[str, Any] | None = None  # the model's, as JSON
     record: str | None = None  # where frames are recorded
     anchor: float | None = None  # share of the picture at which an object is to be held
-    anchor_from: str | None = None  # the object's box, as it was given; a file by its whole path
-    anchor_mark: str | None = None  # of the picture that it is a box of
     fixed_boundary: bool = False  # whether the boundary was left where training put it
     software: Mapping[str, str] = field(default_factory=software)
 
@@ -133,10 +131,7 @@ def _text(value: Any) -> str:
     return value
 
 
-_LATER = {
-    **{"model_note": "", "anchor": None, "fixed_boundary": False},
-    **{"anchor_from": None, "anchor_mark": None},
-}
+_LATER = {"model_note": "", "anchor": None, "fixed_boundary": False}
 """What the first logs do not have."""
 _READ: dict[str, Callable[[Any], Any]] = {
     "str": _text,

@@ -4,16 +4,15 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import LEFT, RIGHT
-from tokt.inference.policy.object_naming import NAMED, NamedBox
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.recording.log import LogGap, read_log
 from tokt.inference.recording.recording import FILE_NAME, read_recording
 from tokt.inference.recording.run_log import events_path
-from tokt.inference.recording.run_start import MODEL, START, ModelName, RunStart
+from tokt.inference.recording.run_start import MODEL, NAMED, START, ModelName, RunStart
 from tokt.inference.report import (
     FIELDS,
     REPLAYABLE,
@@ -28,7 +27,7 @@ from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN
 TREND = tuple(each.name for each in FIELDS if each.since == WITH_TREND)
 """The fields that hang on the verdicts of the last seconds."""
 ANCHOR = tuple(each.name for each in FIELDS if each.since in (WITH_ANCHOR, WITH_ANCHOR_STATE))
-"""The fields that hang on all frames since an object was named, where one was."""
+"""The fields that hang on all frames since an object was named."""
 _LATER = {each.name for each in FIELDS if each.since > REPLAYABLE}
 """What the logs of an older tokt do not have."""
 
@@ -41,13 +40,6 @@ def _place(each: ReportField) -> tuple[bool, ...]:
 
 VERDICT = tuple(each.name for each in sorted(FIELDS, key=_place) if each.replayed)
 """The fields of v2 that say what was judged, and not when."""
-
-
-class LoggedObject(NamedTuple):
-    """An object that was named while the run went on, or that there is none any more."""
-
-    named: NamedBox | None
-    mark: str = ""  # of its picture
 
 
 @dataclass(frozen=True)
@@ -75,7 +67,7 @@ class LoggedFrame:
     model: ModelName | None  # what judged it
     exchanged: int  # how often the model had been, even for the same one
     follows: bool
-    named: tuple[LoggedObject, ...] = ()  # since the frame before
+    named: Mapping[str, Any] | None = None  # the event of an object named just before
 
 
 @dataclass(frozen=True)
@@ -99,22 +91,21 @@ class LoggedRun:
 
         ToktError if a line is not that of a frame, or the files have gone.
         """
-        model, exchanged = self.start.model, 0
+        model, exchanged, named = self.start.model, 0, None
         continuity = _Recorded() if self.recorded else _Logged()
         gaps: list[LogGap] = []
-        named: list[LoggedObject] = []
         for line in logged_lines(self.path, self.run, gaps):
             if "event" in line:
                 if line["event"] == NAMED:
-                    named.append(_object(line, str(self.path)))
+                    named = line
                 if line["event"] == MODEL:
                     model, exchanged = _model(line, str(self.path)), exchanged + 1
                 continue
             follows = continuity.follows(line, len(gaps))
             if _is_frame(line):
                 frame = _frame(line, str(self.path), model, exchanged, follows)
-                yield replace(frame, named=tuple(named))
-                named = []
+                yield replace(frame, named=named)
+                named = None
 
 
 def is_recording(path: Path) -> bool:
@@ -276,16 +267,6 @@ def _model(line: Mapping[str, Any], where: str) -> ModelName:
     if not isinstance(label, str) or not isinstance(sha256, str):
         raise ToktError(f"{where}: an event says that the model was exchanged, but not for which")
     return ModelName(label, sha256)
-
-
-def _object(line: Mapping[str, Any], where: str) -> LoggedObject:
-    frame, box, mark = (line.get(name) for name in ("frame", "box", "mark"))
-    if frame is None:
-        return LoggedObject(None)
-    whole = [side for side in [frame, *box] if type(side) is int] if type(box) is list else []
-    if len(whole) != 5 or len(box) != 4:
-        raise ToktError(f"{where}: an event says that an object was named, but not where")
-    return LoggedObject(NamedBox(str(frame), (box[0], box[1], box[2], box[3])), str(mark))
 
 
 def _frame(

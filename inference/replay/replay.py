@@ -29,8 +29,8 @@ from tokt.features.frames.mission import LEFT, RIGHT, Mission, open_mission
 from tokt.inference.clock import FixedStopwatch
 from tokt.inference.frame import MANY_MISSED, Frame, pixel_mark
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
-from tokt.inference.policy.object_model import ObjectModel
-from tokt.inference.policy.object_naming import NamedBox
+from tokt.inference.policy.object_model import ObjectModel, fine_detail
+from tokt.inference.policy.object_naming import named_picture
 from tokt.inference.policy.object_tracker import ObjectTracker
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.policy.temporal_cues import HORIZON_S, Anchor
@@ -115,24 +115,19 @@ class Replay:
         stopwatch = FixedStopwatch()  # what the run's own took
         assembly = self._assembly(stopwatch)
         history = _History(window=_window(assembly))
-        exchanged, start = 0, self.run.start
-        if start.anchor_from is not None:
-            model = self._object(NamedBox.parse(start.anchor_from), start.anchor_mark)
-            history.objects = model is not None
-            assembly.policy.tracker = model and ObjectTracker(model, anywhere=True)
+        exchanged = 0
         for logged in self.run.frames():
             if self.other is None and logged.model is not None and logged.exchanged != exchanged:
                 if assembly.texture is None:
                     words = "a model was exchanged where the policy has none"
                     raise ToktError(f"{self.run.path}: {words}")
-                scorer = self._as_it_ran(self.models[logged.model.sha256])
-                assembly.texture.put(TextureDetector(scorer))
+                model = self._as_it_ran(self.models[logged.model.sha256])
+                assembly.texture.put(TextureDetector(model))
                 history.begin_model(_window(assembly))
             exchanged = logged.exchanged
-            for named, mark in logged.named:
-                model = None if named is None else self._object(named, mark)
-                history.objects = named is None or model is not None
-                assembly.policy.hold(model, None if named is None else named.number)
+            if logged.named is not None:
+                assembly.policy.tracker = tracker = self._named(logged.named)
+                history.named = tracker is not None
             frame, why_not = self._shown(logged)
             history.take_in(logged, shown=frame is not None)
             if frame is None:
@@ -155,13 +150,14 @@ class Replay:
             assembly.texture.note = start.model_note
         return assembly
 
-    def _object(self, named: NamedBox, mark: str | None) -> ObjectModel | None:
-        """What somebody named; None where its picture is not there, or another one is."""
+    def _named(self, event: Mapping[str, Any]) -> ObjectTracker | None:
+        """What holds the object of an event; None without its picture."""
         try:
-            picture = named.picture(self.mission, self.pixel_format)
-        except ToktError:
+            detail = fine_detail(named_picture(event["frame"], self.mission, self.pixel_format))
+            model = ObjectModel(detail, event["box"])
+        except (ToktError, KeyError, TypeError, ValueError):
             return None
-        return ObjectModel(picture, named.box) if pixel_mark(picture) == mark else None
+        return ObjectTracker(model) if pixel_mark(detail) == event.get("mark") else None
 
     def _first_model(self) -> Bundle:
         if self.other is not None:
@@ -199,8 +195,8 @@ class Replay:
         left_out = () if self.other is None else ("model", "health")
         if not known.since_start and (assembly.stereo is not None or not known.for_trend):
             left_out = (*left_out, *TREND)
-        held = logged.verdict.get("anchor") or fields["anchor"]
-        if held is not None and not (known.since_start and known.objects):
+        holds = logged.verdict.get("anchor") or fields["anchor"]
+        if holds and not (known.since_start and known.named):
             left_out = (*left_out, *ANCHOR)
         compared = [name for name in logged.verdict if name not in left_out]
         differs = [name for name in compared if repr(fields[name]) != repr(logged.verdict[name])]
@@ -239,15 +235,13 @@ class _History:
     """What is known of what came before a frame, which is counted in places.
 
     That is every frame of the run (`since_start`), as many as the model's frame rule looks at
-    (`for_texture`), or as a trend does (`for_trend`). `objects` says that
-    the pictures in which objects were named are there. It is `broken` for the first one after
-    frames that are not known.
+    (`for_texture`), or as a trend does (`for_trend`); and the object's picture, if one is `named`.
+    It is `broken` for the first one after frames that are not known.
     """
 
     def __init__(self, window: int) -> None:
         self.begin_model(window)
-        self.since_start = self._shown = True
-        self.objects = True
+        self.since_start = self._shown = self.named = True
 
     def begin_model(self, window: int) -> None:
         """Another model, which knows of no frame before."""

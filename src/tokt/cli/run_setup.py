@@ -48,7 +48,7 @@ from tokt.inference.monitoring.status_line import StatusLine
 from tokt.inference.monitoring.watchdog import RESTARTS_VARIABLE, Notifier
 from tokt.inference.outputs.udp import DEFAULT_RECEIVER, UdpSender, parse_receiver, version_of
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
-from tokt.inference.policy.object_naming import NamedBox, NamedObject, ObjectNaming, named_object
+from tokt.inference.policy.object_naming import ObjectNaming, parse_named
 from tokt.inference.policy.temporal_cues import Anchor
 from tokt.inference.publisher import Observer, Sender
 from tokt.inference.recording.log import JsonLines, LinesApart, LogRotation
@@ -120,12 +120,10 @@ def _check_told(config: RunConfig) -> None:
     """Refuse an anchor or a place of which nobody would hear, and what cannot be held."""
     if config.policy.anchor is not None:
         Anchor(config.policy.anchor)
-    if config.policy.anchor_from is not None:
-        NamedBox.parse(config.policy.anchor_from)
-    asked = {
-        **{"anchor": config.policy.anchor, "anchor-from": config.policy.anchor_from},
-        "nmea": config.source.nmea,
-    }
+    named = config.policy.anchor_from
+    if named is not None:
+        parse_named(named)
+    asked = {"anchor": config.policy.anchor, "anchor-from": named, "nmea": config.source.nmea}
     version = version_of(config.outputs.format)
     receivers = config.outputs.udp or []
     versions = {parse_receiver(text, version).version for text in receivers} or {version}
@@ -234,18 +232,16 @@ def run(config: RunConfig) -> Summary:
         nmea_fault = _read_nmea(config.source, vehicle, opened)
         model = RunModel(config.model)
         size = config.policy.anchor
-        anchor, named = None if size is None else Anchor(size), _named_object(config, source)
         assembly = assemble(
             *(config.policy.policy, model.loader, pairs, config.model.threads),
-            anchor=anchor,
-            tracker=None if named is None else named.tracker,
+            anchor=None if size is None else Anchor(size),
         )
         if config.source.pixel_format == "Mono8" and model.bundle and model.bundle.needs_colour:
             label = model.bundle.label
             raise ToktError(f"model {label} looks at colours: not with --pixel-format Mono8")
         if assembly.texture is not None:
             assembly.texture.note = "; ".join(model.notes)
-        naming = ObjectNaming(assembly.policy, SYSTEM_CLOCK.time)
+        naming = _naming(config, source, assembly)
         looking = _observers(config, pairs, senders, source, events, opened, nmea_fault, naming)
         for line in model.words():
             say(line)
@@ -275,7 +271,7 @@ def run(config: RunConfig) -> Summary:
             alive=alive,
             place=vehicle.place,
         )
-        events.put(_start_event(config, model, source, named))
+        events.put(_start_event(config, model, source))
         # What was made up to here stays: the collector need not go through it at sea.
         gc.freeze()
         with stop_on_signal(source.stop) as signals:
@@ -290,6 +286,15 @@ def run(config: RunConfig) -> Summary:
     if config.monitoring.json:
         print_json(_as_json(config, model.bundle, summary))
     return summary
+
+
+def _naming(config: RunConfig, source: Source, assembly: Assembly) -> ObjectNaming:
+    """What takes the names of objects to hold, and holds the one that the options name."""
+    naming, text = ObjectNaming(assembly.policy, SYSTEM_CLOCK.time), config.policy.anchor_from
+    if text is not None:
+        mission = source.mission if isinstance(source, MissionSource) else None
+        naming.name_before(text, mission, config.source.pixel_format)
+    return naming
 
 
 def _stereo(config: RunConfig) -> StereoSetup | None:
@@ -350,16 +355,7 @@ def _model_watch(
     return watch
 
 
-def _named_object(config: RunConfig, source: Source) -> NamedObject | None:
-    """The object to hold from the start, if one is named."""
-    text = config.policy.anchor_from
-    mission = source.mission if isinstance(source, MissionSource) else None
-    return None if text is None else named_object(text, mission, config.source.pixel_format)
-
-
-def _start_event(
-    config: RunConfig, model: RunModel, source: Source, held: NamedObject | None
-) -> Event:
+def _start_event(config: RunConfig, model: RunModel, source: Source) -> Event:
     """How the run begins, for the log."""
     bundle, named = model.bundle, config.source.source
     is_path = not (is_camera_source(named) or is_stream_source(named))
@@ -369,8 +365,6 @@ def _start_event(
         source=str(Path(named).absolute()) if is_path else without_credentials(named),
         live=source.live,
         model=None if bundle is None else ModelName(bundle.label, bundle.sha256),
-        anchor_from=None if held is None else held.text,
-        anchor_mark=None if held is None else held.mark,
         model_fault=model.fault,
         model_note="; ".join(model.notes),
         frame_rule=None if bundle is None else bundle.operating_point.rule.to_json(),
@@ -444,7 +438,7 @@ def _live_view(config: RunConfig, events: EventQueue, naming: ObjectNaming) -> O
             token = kept_token(DEFAULT_WORKSPACE / "view-token")
         say(f"view: {view_url(host, port, token)}")
     record, stale_s = wanted.view_record, config.limits.stale_s
-    return LiveView(listener, token, record, stale_s, events.put, listen, naming)
+    return LiveView(listener, token, record, stale_s, events.put, naming, listen)
 
 
 class _Observers(NamedTuple):
