@@ -78,8 +78,7 @@ def simulate(
         ),
     ] = False,
     scenes: Annotated[
-        str | None,
-        Option(help="Scenes, separated by commas. Default: all but those of the anchor."),
+        str | None, Option(help="Scenes, separated by commas. Default: all but anchor.")
     ] = None,
     methods: Annotated[
         str | None, Option(help="Any of texture,disparity,either,fallback,none. Default: all.")
@@ -111,7 +110,7 @@ def simulate(
         _render(folder, seed, frames, pipeline, width, jobs, json)
         return
     from tokt.studies.simulation.loop.flight import METHODS, WIDTH
-    from tokt.studies.simulation.loop.scenes import KINDS, STATIONS
+    from tokt.studies.simulation.loop.scenes import ANCHOR, KINDS
     from tokt.studies.simulation.study import Study, fly_study
 
     if runs < 1:
@@ -120,7 +119,7 @@ def simulate(
         raise ToktError(f"a seed is 0 or more, not {seed}")
     study = Study(
         out=folder,
-        scenes=_named(scenes, tuple(name for name in KINDS if name not in STATIONS)),
+        scenes=_named(scenes, tuple(name for name in KINDS if name != ANCHOR)),
         methods=_named(methods, METHODS),
         seeds=range(seed, seed + runs),
         width=WIDTH if width is None else width,

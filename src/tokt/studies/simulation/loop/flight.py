@@ -124,11 +124,11 @@ def _projected(scene: LoopScene, station: Station, state: State) -> tuple[F64, F
     """Where the object is in the left picture, and its size there, in pixels: x, y."""
     camera, _ = scene.rig.cameras(upright(state.heading_rad), state.camera)
     seen = camera.seen(station.middle)
-    size = camera.matrix[0, 0] / seen[2] * np.array([station.wide_m, station.high_m])
+    size = camera.matrix[0, 0] / seen[2] * station.size_m
     return camera.place(seen), size
 
 
-NO_ANCHOR, NOT_HELD, HELD_IT, HELD_ANOTHER = range(-1, 3)
+NOT_HELD, HELD_IT, HELD_ANOTHER = range(3)
 """What was said of the anchor in a frame, held against where the object is."""
 TRUE_PART, TRUE_SIZE = 0.25, 0.3
 """The centre that was said may be this part of the object's size beside it, and ln of the size."""
@@ -137,9 +137,7 @@ TRUE_PART, TRUE_SIZE = 0.25, 0.3
 def anchor_truth(scene: LoopScene, state: State, said: dict[str, Any]) -> int:
     """Whether a datagram speaks of the object that was named."""
     station = scene.station
-    if station is None:
-        return NO_ANCHOR
-    if said["anchor_size"] is None:
+    if station is None or said["anchor_size"] is None:
         return NOT_HELD
     middle, size = _projected(scene, station, state)
     frame = np.array([scene.rig.width, scene.rig.height])
@@ -180,7 +178,7 @@ class _Run:
             if self._said is not None and t_s >= self._said[0] + LATENCY_S - STEP_S / 2:
                 heard, self._said = self._said[1], None
             if station is not None:
-                self._vehicle.current = station.current.at(t_s)
+                self._vehicle.current = station.current_at(t_s)
             state = self._vehicle.state
             target = self._at_altitude(self._planner.target(t_s, state, heard, self._pilot(t_s)))
             clearance = float(self._scene.world.clearance_m(state.position[None], t_s)[0])

@@ -51,46 +51,28 @@ STRUCTURE_M = 5.0
 """The mission at sea ended so near to the structure, on station (paper, part 1)."""
 PILOT_S = 15.0
 """How long the pilot flies."""
-STATION_S, STATION_CURRENT_M_S = 600.0, (0.05, 0.2)
-"""How long station is kept, and the mean current there."""
-DUST_M_S = 0.3
-"""Of the dust that passes between the vehicle and its object: it is hidden for some 10 s."""
+SWINGS_S = np.geomspace(4.0, 300.0, 12)
+"""Periods of a current that changes."""
 ON_WAY_M_S = 0.6
 """About what the vehicle goes: who crosses its way straight on meets it."""
 
 
-class Current(NamedTuple):
-    """The water's velocity at each time: a mean, and swings about it, slow ones and fast ones."""
-
-    mean: F64  # (3,), east, down, north, m/s
-    swing: F64  # (n, 3), m/s
-    rate: F64  # (n,), rad/s
-    phase: F64  # (n,), rad
-
-    @classmethod
-    def draw(cls, rng: Rng) -> Current:
-        """As those of some days at sea."""
-        way, speed = rng.uniform(0, 2 * np.pi), rng.uniform(*STATION_CURRENT_M_S)
-        mean = np.array([speed * np.sin(way), rng.uniform(-0.02, 0.02), speed * np.cos(way)])
-        swing = rng.normal(0.0, [0.02, 0.005, 0.02], (12, 3))
-        rate = 2 * np.pi / np.geomspace(4.0, 300.0, 12)
-        return cls(mean, swing, rate, rng.uniform(0, 2 * np.pi, 12))
-
-    def at(self, t_s: float) -> Triple:
-        """The water's velocity, m/s."""
-        east, down, north = self.mean + np.sin(self.rate * t_s + self.phase) @ self.swing
-        return float(east), float(down), float(north)
-
-
 class Station(NamedTuple):
-    """What the vehicle parks before: an upright rectangle that a person drew around it."""
+    """What the vehicle parks before, an upright rectangle that a person drew, and the current."""
 
     middle: F64  # (3,), world, m
-    wide_m: float
-    high_m: float
-    distance_m: float  # of the camera where it is named, and wanted
-    current: Current
-    until_s: float
+    size_m: F64  # (2,): width, height
+    distance_m: float  # of the camera where it is wanted
+    current: F64  # (3,), its mean: east, down, north, m/s
+    swings: F64  # (n, 3), m/s, of `SWINGS_S`
+    phases: F64  # (n,), rad
+    until_s: float = 600.0
+
+    def current_at(self, t_s: float) -> Triple:
+        """The water's velocity, m/s."""
+        swing = np.sin(2 * np.pi / SWINGS_S * t_s + self.phases) @ self.swings
+        east, down, north = (self.current + swing).tolist()
+        return east, down, north
 
 
 @dataclass(frozen=True)
@@ -227,34 +209,21 @@ def _anchor(rng: Rng, scene: LoopScene) -> LoopScene:
     things = ((tower,), (tower, another), (tower, wall), (tower, another, wall))[scene.seed % 4]
     # As people draw it: about the head of the tower, from its lantern to its legs.
     middle = np.array([*rng.normal([0.0, 0.12], 0.02), 0.0])
-    wide_m, high_m = rng.uniform(0.5, 0.6), rng.uniform(0.9, 1.05)
+    size_m = rng.uniform([0.5, 0.9], [0.6, 1.05])
     distance_m = float(rng.uniform(3.2, 4.5))
-    station = Station(
-        middle, float(wide_m), float(high_m), distance_m, Current.draw(rng), STATION_S
-    )
+    way, speed = rng.uniform(0, 2 * np.pi), rng.uniform(0.05, 0.2)
+    current = np.array([speed * np.sin(way), rng.uniform(-0.02, 0.02), speed * np.cos(way)])
+    swings = rng.normal(0.0, [0.02, 0.005, 0.02], (len(SWINGS_S), 3))
+    phases = rng.uniform(0, 2 * np.pi, len(SWINGS_S))
+    station = Station(middle, size_m, distance_m, current, swings, phases)
     goal = middle - np.array([0.0, 0.0, distance_m + CAMERA_AHEAD_M])
     start = State(goal + rng.normal(0.0, [0.1, 0.06, 0.0]), 0.0, np.zeros(3))
-    scene = _with(scene, things=things, current=station.current.at(0.0))
+    scene = _with(scene, things=things, current=station.current_at(0.0))
     return replace(scene, goal=goal, start=start, station=station)
 
 
-def _anchor_lost(rng: Rng, scene: LoopScene) -> LoopScene:
-    """The same for 2.5 minutes, in which dust hides the tower and the cameras fail."""
-    scene = _anchor(rng, scene)
-    assert scene.station is not None
-    side = float(rng.choice([-1.0, 1.0]))
-    drift = np.array([-DUST_M_S * side, 0.0, 0.0])
-    clouds = tuple(
-        DustCloud.draw(rng, (side * DUST_M_S * at_s, 0.1, -1.6), drift)
-        for at_s in (58.0, 58.0, 60.0, 60.0)
-    )
-    return replace(
-        _with(scene, dust=clouds),
-        station=scene.station._replace(until_s=150.0),
-        blind_s=(110.0, 116.0),
-    )
-
-
+ANCHOR = "anchor"
+"""In which station is kept before an object, and nothing is avoided."""
 KINDS = {
     "tower": SceneKind("one tower", _tower),
     "two": SceneKind("two towers in succession (thesis, figure 5.9)", _two),
@@ -271,12 +240,9 @@ KINDS = {
     "snow": SceneKind(f"empty water, {THICK_SNOW} times the snow", _snow),
     "fish": SceneKind("a school of fish, nothing to hit", _fish),
     "dust": SceneKind("a cloud of sediment, nothing to hit", _dust),
-    "anchor": SceneKind("ten minutes on station before a tower in a current", _anchor),
-    "anchor-lost": SceneKind("on station, the tower behind dust for a while", _anchor_lost),
+    ANCHOR: SceneKind("ten minutes on station before a tower in a current", _anchor),
 }
 """By name, in the order of tables."""
-STATIONS = ("anchor", "anchor-lost")
-"""Those in which station is kept before an object, and nothing is avoided."""
 
 
 def draw_scene(name: str, seed: int, width: int) -> LoopScene:

@@ -21,8 +21,8 @@ Step = tuple[float, State, Mode, float]
 """Time, the vehicle's state, the planner's mode, and the clearance."""
 SaidOfFrame = tuple[float, int, bool, int]
 """When a frame was taken, its status (-1 also where nothing was said), whether something solid was
-before the camera, near enough to be seen, and what was said of the anchor: -1 without one, 0 it is
-not held, 1 it is, 2 it is not where the object is."""
+before the camera, near enough to be seen, and the anchor: 0 not held, 1 held, 2 held where the
+object is not."""
 IN_VIEW_M = 10.0
 """What is solid and farther off, along the camera's axis, counts as nothing to see."""
 
@@ -96,7 +96,7 @@ class Track:
             raise ToktError(f"a track of another format than {TRACK_FORMAT}")
         about = words.pop("about")
         # What the first tracks do not have.
-        arrays.setdefault("frame_anchor", np.full(len(arrays["frame_t_s"]), -1))
+        arrays.setdefault("frame_anchor", np.zeros(len(arrays["frame_t_s"]), np.int64))
         arrays.setdefault("station", np.zeros(0))
         return cls(**words, **arrays), about
 
@@ -104,13 +104,6 @@ class Track:
         """(k, 3) Where the vehicle was when the frames of a status were taken, till a time."""
         t_s = self.frame_t_s[(self.frame_status == status) & (self.frame_t_s <= until_s)]
         return np.stack([np.interp(t_s, self.t_s, along) for along in self.position.T], axis=1)
-
-    @property
-    def off_m(self) -> F64:
-        """(n,) Metres from the wanted place before an object; empty without one."""
-        if not len(self.station):
-            return self.station
-        return np.asarray(np.linalg.norm(self.position - self.station, axis=1))
 
     @property
     def least_m(self) -> float:

@@ -10,7 +10,7 @@ import pandas as pd
 from scipy import stats
 
 from tokt.studies.simulation.loop.autopilot import Mode
-from tokt.studies.simulation.loop.scenes import STATIONS
+from tokt.studies.simulation.loop.scenes import ANCHOR
 from tokt.studies.simulation.loop.track import Track
 from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
 
@@ -18,9 +18,9 @@ CONFIDENCE = 0.95
 FRESH_S = 2.5
 """An avoidance is of what was in view at most this long before: the frame rule and the way of the
 datagram take up to a second and a half."""
-SETTLES_S, STATION_M = 30.0, 0.5
-"""Seconds in which station is come to, and how far off it may be afterwards: then it is reached."""
-GROUND_IN_VIEW = ("floor", *STATIONS)
+STATION_M = 0.5
+"""Who was never farther off station has kept it."""
+GROUND_IN_VIEW = ("floor", ANCHOR)
 """Scenes in which something solid is always in view: no avoidance can be told to be false."""
 
 
@@ -48,10 +48,10 @@ class FlightOutcome:
     false_statuses: int
     frames: int
     unknown_frames: int
-    # Before an object, after `SETTLES_S`; NaN and 0 without one.
+    # Before an object; NaN and 0 without one.
     off_m: float  # the farthest from the wanted place
     held: float  # share of the frames in which the object is held
-    held_another: int  # frames, of all, in which what is held is not that object
+    held_another: int  # frames in which what is held is not that object
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON form; what is not finite is None."""
@@ -68,9 +68,9 @@ def outcome_of(track: Track) -> FlightOutcome:
     steps = np.diff(track.position, axis=0)
     path_m = float(np.linalg.norm(steps, axis=1).sum())
     straight_m = float(np.linalg.norm(track.position[-1] - track.position[0]))
-    settled, said = track.t_s >= SETTLES_S, track.frame_anchor[track.frame_t_s >= SETTLES_S]
-    station = len(track.station) > 0
-    off_m = float(track.off_m[settled].max()) if station and settled.any() else math.nan
+    station, off_m = len(track.station) > 0, math.nan
+    if station:
+        off_m = float(np.linalg.norm(track.position - track.station, axis=1).max())
     arrived = (off_m <= STATION_M if station else track.reached) and not track.collided
     return FlightOutcome(
         scene=track.scene,
@@ -89,7 +89,7 @@ def outcome_of(track: Track) -> FlightOutcome:
         frames=len(track.frame_status),
         unknown_frames=int((track.frame_status == -1).sum()),
         off_m=off_m,
-        held=float((said > 0).mean()) if station and len(said) else math.nan,
+        held=float((track.frame_anchor > 0).mean()) if station else math.nan,
         held_another=int((track.frame_anchor == 2).sum()),
     )
 
