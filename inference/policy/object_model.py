@@ -23,8 +23,6 @@ WIDTH, CELL, MIN_SIDE = 360, 12, 24
 """In pixels: the width that pictures are resized to, the side of a cell, and a box's shortest."""
 MAX_SHARE = 0.8
 """Of the picture that a box may cover: it is told from the rest."""
-MIN_ENERGY = 2.0
-"""Mean square of what sets a box's cells apart, over that of the rest's: open water has about 1."""
 SIZE_STEP, SIZES = 0.05, range(-10, 11)
 """Sizes that are looked for: steps of ln of the size over that in the box."""
 ASPECT_TOLERANCE = 0.02
@@ -65,7 +63,7 @@ class ObjectModel:
     Raises
     ------
     ToktError
-        If the box is no part of the picture, too small, or what is in it looks like the rest.
+        If the box is no part of the picture, too small or large, or blank.
     """
 
     def __init__(self, detail: U8, box: Box) -> None:
@@ -85,8 +83,8 @@ class ObjectModel:
             rest[tuple(slice(at.start // CELL, -(-at.stop // CELL)) for at in (rows, cols))] = False
             self._mean, self._spread = cells[rest].mean(axis=0), cells[rest].std(axis=0) + 1e-3
             self._texture = self._apart(self._own[0])
-            if np.square(self._texture).mean() < MIN_ENERGY:
-                fault = "what is in it looks like what is around it"
+            if self._own[0].std() < 1:
+                fault = "there is nothing in it"
         if fault:
             raise ToktError(f"the box cannot be held: {fault}")
 

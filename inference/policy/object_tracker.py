@@ -8,7 +8,6 @@ for, in a reach that widens, has to match better than what is held, than all els
 import math
 from collections import deque
 from collections.abc import Callable
-from itertools import pairwise
 
 import numpy as np
 
@@ -16,9 +15,7 @@ from tokt.features.common.arrays import U8
 
 from .object_model import ObjectModel, Place, fine_detail
 
-Distance = Callable[[Place], float | None]
 HELD, SEARCHING, LOST = "held", "searching", "lost"
-STATES = (HELD, SEARCHING, LOST)
 
 QUEUE = 5
 """Last centres that say where the next one is."""
@@ -28,14 +25,12 @@ frame; in pixels of a picture 360 wide, and of ln of the size."""
 WIDENS_PX, WIDENS_SIZE = 4.0, 0.02
 """By which that grows with each frame in which it is not seen."""
 AGAIN, SEARCHED = 3, 600
-MATCH_HOLDS, MATCH_FINDS = 0.7, 0.9
+MATCH_HOLDS, MATCH_FINDS, MATCH_FALLS = 0.7, 0.91, 0.05
 """Least correlation of its fine detail: half of the variance, and more than another one of the same
-make has. Of rendered towers, seeds from 1001, another had 0.893, the same within 0.5 m 0.908."""
-MATCH_LESS = 0.06
-"""In water that lets less through it has to be as high as when it was held first, less so much."""
+make has. Of 300 rendered towers, seeds from 1001, another had at most 0.897."""
 BESIDE = 0.1
 """By which what is found matches better than anything else within reach."""
-TEXTURE = 0.65
+TEXTURE = 0.4
 """Least likeness of the texture: the object has 0.8 or more, water and walls at most 0.55."""
 SAME_THING = 0.35
 """Of ln of size times distance, which are a thing's own: another thing differs by more."""
@@ -52,12 +47,13 @@ class ObjectTracker:
         self._centres = deque([model.place], QUEUE)
         self._found: list[Place] = []  # in the last frames, while it is searched for
         self._unseen: float = math.inf  # frames since it was held
-        # When it was held first: matches, ln of its size times its distance.
-        self._matches: list[float] = []
-        self._own: list[float] = []
+        self._own: list[float] = []  # when it was held first: ln of its size times its distance
 
     def look(
-        self, picture: U8 | None, missed: int = 0, distance: Distance = lambda _: None
+        self,
+        picture: U8 | None,
+        missed: int = 0,
+        distance: Callable[[Place], float | None] = lambda _: None,
     ) -> Place | None:
         """Where the object is in the next frame; None unless it is held.
 
@@ -68,7 +64,7 @@ class ObjectTracker:
         if missed > QUEUE and self.state == HELD:
             self.state = SEARCHING
         self._unseen += missed
-        place = self._place(picture, 1 + missed)
+        place = self._place(picture, missed)
         metres = None if place is None else distance(place)
         if place is None or not self._is_same(place, metres):
             self._unseen += 1
@@ -82,45 +78,37 @@ class ObjectTracker:
             self._centres, self._found, self.state = deque(self._found, QUEUE), [], HELD
         self._unseen = 0
         self._centres.append(place)
-        if len(self._matches) < QUEUE:
-            self._matches.append(place.match)
         if metres is not None and len(self._own) < QUEUE:
             self._own.append(place.size + math.log(metres))
         return place
 
-    def _place(self, picture: U8 | None, frames: int) -> Place | None:
+    def _place(self, picture: U8 | None, missed: int) -> Place | None:
         """Where it is in a picture, if that is sure."""
         if picture is None or not self.model.fits(picture):
             return None
-        detail, last, held = fine_detail(picture), self._centres[-1], self.state == HELD
-        wide = last, STEP_PX + WIDENS_PX * self._unseen, STEP_SIZE + WIDENS_SIZE * self._unseen
-        reach = (self._found[-1], STEP_PX, STEP_SIZE) if self._found else wide
-        if held:
-            steps = [_step(*pair) for pair in pairwise(self._centres)]
-            x, y, size = np.mean(steps, axis=0) * frames
-            about = Place(last.x + x, last.y + y, last.size + size, 1.0)
-            longest = max(math.hypot(x, y) for x, y, _ in steps)
+        detail, trail, reach = fine_detail(picture), self._found or [*self._centres], self._reach
+        least = MATCH_FINDS
+        if self._found or self._unseen <= QUEUE:
+            frames = 1 + (missed if self._found else self._unseen)
+            steps = np.diff(np.array([trail[0], *trail]), axis=0)
+            about = Place(*(trail[-1] + steps.mean(axis=0) * frames).tolist())
+            longest = float(np.hypot(steps[:, 0], steps[:, 1]).max())
             reach = about, (STEP_PX + 2 * longest) * frames, STEP_SIZE * frames
+            least = max(MATCH_HOLDS, trail[-1].match - MATCH_FALLS)
         place = self.model.find(detail, *reach)
-        if place.match < (MATCH_HOLDS if held else self._match_needed):
-            return None
-        if self.model.texture(detail, place) < TEXTURE:
-            return None
-        if not held and self.model.find(detail, *wide, place).match > place.match - BESIDE:
-            return None
-        return place
+        sure = place.match >= least and self.model.texture(detail, place) >= TEXTURE
+        if sure and self.state != HELD:
+            sure = self.model.find(detail, *self._reach, place).match < place.match - BESIDE
+        return place if sure else None
 
     @property
-    def _match_needed(self) -> float:
-        usual = float(np.median(self._matches)) if self._matches else 1.0
-        return min(max(usual - MATCH_LESS, MATCH_HOLDS), MATCH_FINDS)
+    def _reach(self) -> tuple[Place, float, float]:
+        """Where it may be since it was held."""
+        px, size = STEP_PX + WIDENS_PX * self._unseen, STEP_SIZE + WIDENS_SIZE * self._unseen
+        return self._centres[-1], px, size
 
     def _is_same(self, place: Place, metres: float | None) -> bool:
         """Whether its size and its distance are those of the thing that was held first."""
         if metres is None or len(self._own) < QUEUE:
             return True
         return abs(place.size + math.log(metres) - float(np.median(self._own))) < SAME_THING
-
-
-def _step(before: Place, after: Place) -> tuple[float, float, float]:
-    return after.x - before.x, after.y - before.y, after.size - before.size

@@ -1,9 +1,8 @@
 """The planner that keeps station before an object, by the anchor's errors alone.
 
-A PID controller an axis, as of docs/tutorials/labview.md with the integral that a current asks for:
-surge by `anchor_size`, sway by `anchor_x`, heave by `anchor_y`. What it asks for is a speed through
-the water. Where the object is not held the errors are none: what held it against the current till
-then stays, and nothing else is asked for.
+A PID controller an axis asks for a speed through the water: ahead by `anchor_size`, to the right by
+`anchor_x`, down by `anchor_y`. Where the object is not held, it asks for what the current took till
+then, the integral.
 """
 
 import math
@@ -31,34 +30,26 @@ class AnchorPlanner:
     """Station before one object; it never arrives."""
 
     def __init__(self, goal: F64) -> None:
-        self.goal = goal
-        self.reached = False
+        self.goal, self.reached = goal, False
         self.avoidances: list[float] = []
         self._heard_s = -math.inf
         self._before: F64 | None = None
-        self._trim, self._asked = np.zeros(3), np.zeros(3)  # right, down, ahead, m/s
+        self._trim = self._asked = np.zeros(3)  # right, down, ahead, m/s
 
     def target(
         self, t_s: float, nav: State, heard: dict[str, Any] | None = None, pilot: F64 | None = None
     ) -> Setpoint:
         """The setpoint for now, from a datagram that has come; heading as it is wanted, north."""
-        if heard is not None:
-            self._heard_s = t_s
-            self._take_in(heard)
-        if t_s - self._heard_s > SILENCE_S:
+        self._heard_s = self._heard_s if heard is None else t_s
+        told = heard and heard["anchor_size"]
+        if t_s - self._heard_s > SILENCE_S or (heard and told is None):
             self._asked, self._before = self._trim, None
-        right, down, ahead = self._asked.tolist()
+        elif heard and told is not None:
+            offset = WIDE * heard["anchor_x"], HIGH * heard["anchor_y"], -told
+            error = ASSUMED_M * np.array(offset)
+            change = 0.0 if self._before is None else (error - self._before) / _STEP_S
+            self._before = error
+            self._trim = (self._trim + INTEGRAL * _STEP_S * error).clip(-MAX_M_S, MAX_M_S)
+            self._asked = (GAIN * error + self._trim + DERIVATIVE * change).clip(-MAX_M_S, MAX_M_S)
         # Of the position only the difference is used: where the vehicle is it does not know.
-        place = nav.position + np.array([right, down, ahead]) / POSITION_GAIN
-        return Setpoint(place, 0.0, Mode.HOLD)
-
-    def _take_in(self, heard: dict[str, Any]) -> None:
-        x, y, size = (heard[f"anchor_{name}"] for name in ("x", "y", "size"))
-        if size is None:
-            self._asked, self._before = self._trim, None
-            return
-        error = ASSUMED_M * np.array([WIDE * x, HIGH * y, -size])
-        change = np.zeros(3) if self._before is None else (error - self._before) / _STEP_S
-        self._before = error
-        self._trim = (self._trim + INTEGRAL * _STEP_S * error).clip(-MAX_M_S, MAX_M_S)
-        self._asked = (GAIN * error + self._trim + DERIVATIVE * change).clip(-MAX_M_S, MAX_M_S)
+        return Setpoint(nav.position + self._asked / POSITION_GAIN, 0.0, Mode.HOLD)
