@@ -25,13 +25,14 @@ frame; in pixels of a picture 360 wide, and of ln of the size."""
 WIDENS_PX, WIDENS_SIZE = 4.0, 0.02
 """By which that grows with each frame in which it is not seen."""
 AGAIN, SEARCHED = 3, 600
+"""Frames in a row in which it is found before it is held, and in which it is searched for."""
 MATCH_HOLDS, MATCH_FINDS, MATCH_FALLS = 0.7, 0.91, 0.05
-"""Least correlation of its fine detail: half of the variance, and more than another one of the same
-make has. Of 300 rendered towers, seeds from 1001, another had at most 0.897."""
+"""Least correlation of its fine detail: half of the variance; more than another one of the same
+make has (of 300 rendered towers, seeds from 1001, at most 0.897); how far it falls in a frame."""
 BESIDE = 0.1
 """By which what is found matches better than anything else within reach."""
 TEXTURE = 0.4
-"""Least likeness of the texture: the object has 0.8 or more, water and walls at most 0.55."""
+"""Least likeness of the texture: rendered objects have 0.8 or more, real ones had 0.47."""
 SAME_THING = 0.35
 """Of ln of size times distance, which are a thing's own: another thing differs by more."""
 
@@ -86,26 +87,21 @@ class ObjectTracker:
         """Where it is in a picture, if that is sure."""
         if picture is None or not self.model.fits(picture):
             return None
-        detail, trail, reach = fine_detail(picture), self._found or [*self._centres], self._reach
-        least = MATCH_FINDS
+        detail, trail, least = fine_detail(picture), self._found or [*self._centres], MATCH_FINDS
+        px, size = STEP_PX + WIDENS_PX * self._unseen, STEP_SIZE + WIDENS_SIZE * self._unseen
+        wide = reach = self._centres[-1], px, size
         if self._found or self._unseen <= QUEUE:
             frames = 1 + (missed if self._found else self._unseen)
             steps = np.diff(np.array([trail[0], *trail]), axis=0)
             about = Place(*(trail[-1] + steps.mean(axis=0) * frames).tolist())
             longest = float(np.hypot(steps[:, 0], steps[:, 1]).max())
-            reach = about, (STEP_PX + 2 * longest) * frames, STEP_SIZE * frames
+            reach = about, px + 2 * longest * frames, size
             least = max(MATCH_HOLDS, trail[-1].match - MATCH_FALLS)
         place = self.model.find(detail, *reach)
         sure = place.match >= least and self.model.texture(detail, place) >= TEXTURE
         if sure and self.state != HELD:
-            sure = self.model.find(detail, *self._reach, place).match < place.match - BESIDE
+            sure = self.model.find(detail, *wide, place).match < place.match - BESIDE
         return place if sure else None
-
-    @property
-    def _reach(self) -> tuple[Place, float, float]:
-        """Where it may be since it was held."""
-        px, size = STEP_PX + WIDENS_PX * self._unseen, STEP_SIZE + WIDENS_SIZE * self._unseen
-        return self._centres[-1], px, size
 
     def _is_same(self, place: Place, metres: float | None) -> bool:
         """Whether its size and its distance are those of the thing that was held first."""

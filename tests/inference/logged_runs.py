@@ -12,6 +12,7 @@ import numpy as np
 from tokt.features.frames.mission import open_mission
 from tokt.inference.clock import SYSTEM_STOPWATCH, Clock
 from tokt.inference.policy.assembly import Assembly, assemble
+from tokt.inference.policy.object_naming import ObjectNaming
 from tokt.inference.policy.temporal_cues import Anchor
 from tokt.inference.recording.run_log import RunLog, new_run_id
 from tokt.inference.recording.run_start import START, ModelName, RunStart, UsedFile
@@ -84,6 +85,7 @@ def log_run(
     switch=None,
     observers=lambda run: (),
     values=True,
+    named=None,
 ):
     """Run a source to its end, with a log; its run's id."""
     run = new_run_id(clock)
@@ -98,7 +100,14 @@ def log_run(
     events = EventQueue()
     events.put(Event(clock.time(), START, "a run", start.fields()))
     policy, limits = assembly.policy, start.limits
-    Runtime(source, policy, [], clock, watching, limits, events, switch.between).run()
+    naming = ObjectNaming(policy, clock.time)
+    if named is not None:
+        naming.name_before(named, source.mission, None)
+
+    def between():
+        return [*switch.between(), *naming.take()]
+
+    Runtime(source, policy, [], clock, watching, limits, events, between).run()
     for observer in watching:
         observer.close()
     return run

@@ -778,7 +778,7 @@ def test_a_live_view_that_fails(fault, monkeypatch):
         monkeypatch.setattr(view_module, "ANSWER_S", 0.5)
     told: list[Event] = []
     listener = view_module.listening("127.0.0.1", 0)
-    view = view_module.LiveView(listener, None, None, 0.5, told.append)
+    view = view_module.LiveView(listener, None, None, 0.5, told.append, None)
     dive = Dive(observers=[view])
     with dive.fault_between(), ExitStack() as clients:
         dive.until(lambda: view._process is not None and not view._newest)

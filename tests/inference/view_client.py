@@ -15,7 +15,9 @@ from tests.waiting import MAX_S, until
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import Limits
 from tokt.inference.outputs.view import LiveView, listening, view_url
+from tokt.inference.policy.object_naming import ObjectNaming
 from tokt.inference.policy.policy import SinglePolicy
+from tokt.inference.policy.temporal_cues import TemporalCues
 from tokt.inference.publisher import ReportPublisher
 from tokt.inference.texture.detector import TextureDetector
 
@@ -27,20 +29,23 @@ class Viewed:
     """A live view, and a hand that shows it frames."""
 
     def __init__(self, limits=LONG, token=None, record=None, served=True):
+        self.token = token
         self.events, self.source, self.clients = [], HandSource(), ExitStack()
-        self.policy = SinglePolicy(TextureDetector(NoiseScorer()))
+        self.policy = TemporalCues(SinglePolicy(TextureDetector(NoiseScorer())))
+        self.naming = ObjectNaming(self.policy, SYSTEM_CLOCK.time)
         self.publisher = ReportPublisher([], SYSTEM_CLOCK, limits, live=True)
         listener = listening("127.0.0.1", 0) if served else None
         self.port = listener.getsockname()[1] if served else 0
         self.url = view_url("127.0.0.1", self.port, token)
-        stale_s = limits.stale_s
-        self.view = LiveView(listener, token, record, stale_s, self.events.append)
+        told = limits.stale_s, self.events.append, self.naming
+        self.view = LiveView(listener, token, record, *told)
 
     def see(self, patches=(), left=None, age_s=0.0):
         """Have a frame judged; its report."""
         number = self.source._number
         left = draw(list(patches), number % 50) if left is None else left
         frame = self.source.frame(left, age_s)
+        self.events += self.naming.take()
         self.publisher.begin(frame)
         judgement = self.policy.judge(frame)
         report = self.publisher.publish(frame, judgement)
@@ -52,7 +57,7 @@ class Viewed:
 
         def look():
             self.see(patches, **more)
-            status, headers, body = self.get("/picture")
+            status, headers, body = self.get(f"/picture?token={self.token or ''}")
             words = json.loads(headers["X-Tokt"]) if status == 200 else {"word": status}
             return (words, decoded(body)) if words["word"] == word else None
 

@@ -90,6 +90,46 @@ def test_what_is_asked_wrongly_is_refused(view):
         assert (status, body) == (200, b"") and headers["Content-Type"]
 
 
+@pytest.mark.parametrize("token", [None, "abc"])
+def test_only_its_own_page_names_an_object(token):
+    """Another site can send a POST, with a body that looks like one of ours."""
+    with viewed(token=token) as view:
+        here, asks = f"127.0.0.1:{view.port}", "" if token is None else f"token={token}&"
+        own = {"Host": here, "Origin": f"http://{here}"}
+        path, evil = f"/object?{asks}box=1,0.4,0.1,0.2,0.3", f"evil.example:{view.port}"
+        view.see([(4, 2)])
+        for status, asked, headers in (
+            (403, path, {"Host": here}),
+            (403, path, {"Host": here, "Origin": "null"}),
+            (403, path, {"Host": here, "Origin": f"http://{evil}"}),
+            (403, path, {"Host": here, "Origin": f"http://localhost:{view.port}"}),
+            (404, f"/?{asks}", own),
+            *((400, f"/object?{asks}box={box}", own) for box in ("", "1", "1,2,3,4", "x,0,0,1,1")),
+            *((400, f"/object?{asks}box={box}", own) for box in ("inf,0,0,1,1", "nan,0,0,1,1")),
+        ):
+            assert view.get(asked, "POST", **headers)[0] == status, (asked, headers)
+        if token is None:
+            assert view.get(path, "POST", Host=evil, Origin=f"http://{evil}")[0] == 403
+        else:
+            assert view.get(path.replace("abc", "abd"), "POST", **own)[0] == 401
+        hidden = f"POST {path} HTTP/1.1\r\nHost: {here}\r\nOrigin: http://{here}\r\n\r\n"
+        outer = f"POST {path} HTTP/1.1\r\nHost: {here}\r\nOrigin: http://{evil}\r\n"
+        with view.connect(
+            f"{outer}Content-Length: {len(hidden)}\r\n\r\n{hidden}".encode()
+        ) as opened:
+            opened.shutdown(socket.SHUT_WR)
+            answer = b"".join(iter(lambda: _received(opened), b""))
+        assert answer.count(b"HTTP/1.1") == 1 and b" 403 " in answer
+        for _ in range(3):
+            view.until_shown("OBSTACLE", [(4, 2)])
+        assert view.policy.tracker is None and view.events == []
+        assert view.get(path.replace("box=1,", "box=999,"), "POST", **own)[0] == 200
+        until(
+            lambda: view.see([(4, 2)]) and [each.name for each in view.events] == ["object_refused"]
+        )
+        assert "frame 999 is not kept" in view.events[0].words
+
+
 def test_any_page_may_frame_it_and_its_script_alone_runs(view):
     _, headers, page = view.get("/")
     policy = headers["Content-Security-Policy"]
@@ -374,7 +414,7 @@ def test_what_a_user_can_get_wrong(tmp_path, monkeypatch, make_mission, bundle_f
     refuses("is a port", listening, "127.0.0.1", 70_000)
     refuses("cannot be found", listening, "no such host", 0)
     refuses("out.mp4 cannot be written: No such file", new_video, tmp_path / "none" / "out.mp4")
-    made = (None, None, tmp_path / "out.avi", 0.5, None)
+    made = (None, None, tmp_path / "out.avi", 0.5, None, None)
     refuses("writes an .mp4 file, not 'out.avi'", LiveView, *made)
     monkeypatch.setattr(view_module, "find_spec", lambda name: None)
     made = (None, None, tmp_path / "out.mp4", 0.5, None)
@@ -402,7 +442,7 @@ def test_a_port_that_is_taken_is_waited_for_where_verdicts_must_go_on(monkeypatc
             return listening("127.0.0.1", port)
 
         record = tmp_path / "out.mp4"
-        view = LiveView(None, None, record, 0.5, told.append, listen)
+        view = LiveView(None, None, record, 0.5, told.append, None, listen)
         until(lambda: len(tries) > 3)
     here = type("Here", (), {"port": port})
     until(lambda: Viewed.get(here, "/")[0] == 200)

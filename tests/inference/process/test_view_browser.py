@@ -100,6 +100,62 @@ def test_a_phone_shows_all_of_it_without_scrolling_sideways(open_page):
         assert np.abs(pixels(page)[3, 34] - [60, 110, 20]).max() < 20
 
 
+def drag(page, *ends):
+    """Draw from one place on the picture to another, in shares of it."""
+    room = page.locator("#picture").bounding_box()
+    for at, (x, y) in enumerate(ends):
+        page.mouse.move(room["x"] + x * room["width"], room["y"] + y * room["height"], steps=3)
+        if at == 0:
+            page.mouse.down()
+
+
+@pytest.mark.parametrize("size", [PHONE, {"width": 1280, "height": 500}])
+def test_a_box_drawn_on_the_page_names_the_object_of_that_very_frame(open_page, size):
+    with viewed() as view:
+        page = open_page(view.url, size)
+        until_says(view, page, "OBSTACLE", patches=[(4, 2)])
+        wide, high = 720, page.evaluate("document.getElementById('picture').naturalHeight")
+        room = page.locator("#picture").bounding_box()
+        times = min(room["width"] / wide, room["height"] / high)
+        top, bottom = page.evaluate("document.getElementById('picture').rows")
+
+        def on_frame(x, y):  # as shares of the element
+            x = (room["width"] - times * wide) / 2 + times * wide * x
+            y = (room["height"] - times * high) / 2 + times * (top + y * (bottom - top))
+            return x / room["width"], y / room["height"]
+
+        drag(page, on_frame(0.5, 0.6), on_frame(0.15, 0.35))  # the button was not pressed
+        page.mouse.up()
+        page.get_by_role("button").click()
+        drag(page, on_frame(0.5, 0.6), on_frame(0.15, 0.35))
+        frame = page.evaluate("document.getElementById('picture').frame")
+        for _ in range(20):  # it stands still, and what is said goes on
+            view.see([(4, 2)])
+        until_says(view, page, "CLEAR", patches=[])
+        assert page.evaluate("document.getElementById('picture').frame") == frame
+        drawn = page.locator("#box").bounding_box()
+        assert drawn["width"] == pytest.approx(0.35 * times * wide, abs=2)
+        page.mouse.up()
+        until(lambda: view.see([(4, 2)]) and view.events)
+        (event,) = view.events
+        assert (event.name, event.fields["frame"]) == ("object_named", frame)
+        assert event.fields["box"] == pytest.approx([0.15, 0.35, 0.35, 0.25], abs=0.01)
+        assert not page.locator("#box").is_visible()
+        until(lambda: view.see([(4, 2)]) and "searching" in page.locator("dl").inner_text())
+        page.get_by_role("button").click()
+        drag(page, on_frame(0.5, 0.5), on_frame(0.51, 0.51))
+        page.mouse.up()
+        until(lambda: view.see([(4, 2)]) and "cannot be held" in page.locator("dl").inner_text())
+
+
+def test_in_another_page_s_frame_there_is_no_button(open_page, other_site):
+    with viewed() as view:
+        other_site.page = f'<iframe src="{view.url}"></iframe>'
+        page = open_page(f"http://localhost:{other_site.server_address[1]}/")
+        until_says(view, page.frames[1], "CLEAR", patches=[])
+        assert not page.frames[1].locator("button").is_visible()
+
+
 @pytest.fixture
 def other_site():
     """A page of another origin that frames an address, and shows a stream beside it."""

@@ -25,6 +25,7 @@ from tests.inference.logged_runs import (
     variant,
     write_lines,
 )
+from tests.inference.policy.named_object import BOX, own, picture
 from tests.inference.stereo.plain_rig import HEIGHT, PLAIN, WIDTH
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
@@ -91,6 +92,32 @@ def test_the_same_bundle_gives_the_same_verdicts(make_mission, ruled, log):
     assert found["same"] and found["compared"] == found["same_to_the_bit"] == 9
     assert not found["not_compared"] and not found["differences"] and not found["notes"]
     assert replayed(log, "--bundle", ruled)["model"] == "the run's own"
+
+
+def test_a_named_object_is_named_anew_where_its_picture_is_there(make_mission, ruled, log):
+    folder = make_mission([[]] * 8)
+    for number in range(1, 9):
+        seen = [] if number == 6 else [own(120 + 4 * number)]
+        cv2.imwrite(str(folder / "Left" / f"t_L_{number}.jpg"), picture(*seen, seed=number))
+    start, model = texture_start(folder, ruled), read_bundle(ruled)
+    box = ",".join(map(str, (BOX[0] - 26, *BOX[1:])))
+    source = mission_source(folder, SYSTEM_CLOCK)
+    log_run(source, start, log, SYSTEM_CLOCK, model, named=f"1:{box}")
+    states = [(line["anchor"], line["anchor_x"] is None) for line in lines(log)]
+    held, not_held = ("held", False), ("searching", True)
+    assert states == [*[not_held] * 2, *[held] * 3, not_held, *[not_held] * 0, *states[6:]]
+    assert replayed(log)["same_to_the_bit"] == 8
+    told = lines(events_path(log))
+    changed = [line | {"anchor_x": 0.9} if line["anchor_x"] else line for line in lines(log)]
+    write_lines(log, changed)
+    assert "anchor_x" in replayed(log, code=1)["differences"][0]["fields"]
+    for damage in ({"mark": "00000000"}, {"frame": 99}, {"frame": None}, {"box": [0, "a"]}):
+        broken = [{**line, **damage} if line["event"] == "object_named" else line for line in told]
+        write_lines(events_path(log), broken)
+        assert replayed(log)["same_to_the_bit"] == 8  # the anchor is left out
+    write_lines(log, [{k: v for k, v in line.items() if k != "anchor"} for line in changed])
+    write_lines(events_path(log), [line for line in told if line["event"] != "object_named"])
+    assert replayed(log, code=1)["compared"] == 8  # as of a log of before
 
 
 def test_another_bundle_differs_where_it_sees_otherwise(logged, bundle_file, tmp_path, log):

@@ -86,7 +86,7 @@ def run_view_bench(extent: ViewBenchSize) -> Found:
     told: list[Event] = []
     listener = listening("127.0.0.1", 0)
     port = listener.getsockname()[1]
-    view = LiveView(listener, None, None, Limits().stale_s, told.append)
+    view = LiveView(listener, None, None, Limits().stale_s, told.append, None)
     loop = _Loop(extent.rate)
     try:
         _until_drawn(loop, view, port)
