@@ -14,6 +14,7 @@ from tokt.studies.simulation.loop.runtime_process import RuntimeProcess
 from tokt.studies.simulation.loop.scenes import KINDS, draw_scene
 from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
 from tokt.studies.simulation.rendering.stereo_renderer import StereoRenderer
+from tokt.studies.simulation.report.outcome import outcome_of
 from tokt.studies.simulation.scene import tower
 from tokt.studies.simulation.scene.closed_loop_world import Floor
 
@@ -131,6 +132,33 @@ def unpainted(monkeypatch):
     monkeypatch.setattr(tower, "surface_textures", lambda _: ())
 
 
+def test_station_is_kept_in_a_current_by_the_named_object_alone():
+    """The cameras fail meanwhile: then nothing is held, and it is found again."""
+    scene = draw_scene("anchor", 1003, WIDTH)
+    assert np.linalg.norm(scene.station.current) > 0.1
+    station = scene.station._replace(until_s=25.0)
+    track = fly(replace(scene, station=station, blind_s=(12.0, 14.0)), "disparity")
+    found = outcome_of(track)
+    assert found.reached and found.off_m < 0.5 and found.held_another == 0
+    blind = (track.frame_t_s >= 12.0) & (track.frame_t_s < 14.0)
+    assert not track.frame_anchor[blind].any() and track.frame_anchor[-1] == 1
+    assert found.held > 0.8
+    astray = replace(track, station=track.station + 0.6)
+    assert not outcome_of(astray).reached
+
+
+def test_what_is_held_where_the_object_is_not_is_told():
+    scene = draw_scene("anchor", 1003, WIDTH)
+    said = {"anchor_x": 0.0, "anchor_y": 0.0, "anchor_size": 0.0}
+    state = replace(scene.start, position=scene.goal)
+    assert flight.anchor_truth(scene, state, said) == flight.HELD_IT
+    for wrong in ({"anchor_x": 0.4}, {"anchor_y": -0.4}, {"anchor_size": 0.4}):
+        assert flight.anchor_truth(scene, state, said | wrong) == flight.HELD_ANOTHER
+    lost = dict.fromkeys(said)
+    assert flight.anchor_truth(scene, state, lost) == flight.NOT_HELD
+    assert flight.anchor_truth(draw_scene("tower", 1003, WIDTH), state, said) == flight.NOT_HELD
+
+
 @pytest.mark.usefixtures("unpainted")
 @pytest.mark.parametrize("name", KINDS)
 def test_scenes_are_drawn_by_their_seed(name):
@@ -141,7 +169,7 @@ def test_scenes_are_drawn_by_their_seed(name):
     # The straight way leads into what there is to hit, and nothing else is on it.
     for seed in range(1, 9):
         hit = _ahead(draw_scene(name, seed, WIDTH)) < HULL_RADIUS_M
-        assert hit == (name not in ("empty", "snow", "fish", "dust")), seed
+        assert hit == (name not in ("empty", "snow", "fish", "dust", "anchor")), seed
 
 
 def _ahead(scene):
