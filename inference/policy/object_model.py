@@ -35,7 +35,7 @@ Box = tuple[float, float, float, float]
 """x, y, width and height in shares of the picture's sides."""
 
 
-class Place(NamedTuple):
+class ObjectPlace(NamedTuple):
     """Where the object may be, in pixels of a picture `WIDTH` wide."""
 
     x: float  # its centre, from the left edge
@@ -72,7 +72,7 @@ class ObjectModel:
         fault = _box_fault(box, height)
         if not fault:
             self._wide, self._high, self.share = wide * WIDTH, high * height, wide * high
-            self.place = Place((x + wide / 2) * WIDTH, (y + high / 2) * height, 0.0, 1.0)
+            self.place = ObjectPlace((x + wide / 2) * WIDTH, (y + high / 2) * height, 0.0, 1.0)
             rows, cols = (
                 slice(round(start * px), round((start + side) * px))
                 for start, side, px in ((y, high, height), (x, wide, WIDTH))
@@ -93,13 +93,13 @@ class ObjectModel:
         height, width = picture.shape[:2]
         return abs(height / width * WIDTH / self._height - 1) <= ASPECT_TOLERANCE
 
-    def box_at(self, place: Place) -> Box:
+    def box_at(self, place: ObjectPlace) -> Box:
         """The box around the object at a place."""
         wide, high = (math.exp(place.size) * side for side in (self._wide, self._high))
         x, y = place.x - wide / 2, place.y - high / 2
         return x / WIDTH, y / self._height, wide / WIDTH, high / self._height
 
-    def texture(self, detail: U8, place: Place) -> float:
+    def texture(self, detail: U8, place: ObjectPlace) -> float:
         """How like the object's the texture at a place is, -1 to 1."""
         times, (high, wide) = math.exp(place.size), self._own[0].shape
         x, y = place.x - times * wide / 2, place.y - times * high / 2
@@ -110,8 +110,13 @@ class ObjectModel:
         return float(apart @ self._texture / max(lengths, 1e-9))
 
     def find(
-        self, detail: U8, about: Place, px: float, size: float, beside: Place | None = None
-    ) -> Place:
+        self,
+        detail: U8,
+        about: ObjectPlace,
+        px: float,
+        size: float,
+        beside: ObjectPlace | None = None,
+    ) -> ObjectPlace:
         """Where the fine detail matches best, at most `px` and `size` from a place.
 
         With `beside` the object is at that place, and its centre is not looked for within it.
@@ -140,7 +145,7 @@ class ObjectModel:
             if matches[each] > best.match:
                 step, match = each, matches[each]
                 at = left + x + wide % 2 / 2, top + y + high % 2 / 2
-                best = Place(*at, SIZE_STEP * each, match)
+                best = ObjectPlace(*at, SIZE_STEP * each, match)
         before, after = matches.get(step - 1), matches.get(step + 1)
         if before is not None and after is not None and before + after < 2 * best.match:
             # Where a parabola through the three has its top.

@@ -1,8 +1,9 @@
 """Holding one named object from frame to frame: held, searched for, or lost.
 
 Held is only what was seen in this very frame, near where the last centres lead to. What is searched
-for, in a reach that widens, has to match better than what is held, than all else there, and in
-`AGAIN` frames in a row. After `SEARCHED` frames it may be anything: a person names it anew.
+for longer than `QUEUE` frames, in a reach that widens, has to match better than what is held, than
+all else there, and in `AGAIN` frames in a row. After `SEARCHED` frames it may be anything: a person
+names it anew.
 """
 
 import math
@@ -13,7 +14,7 @@ import numpy as np
 
 from tokt.features.common.arrays import U8
 
-from .object_model import ObjectModel, Place, fine_detail
+from .object_model import ObjectModel, ObjectPlace, fine_detail
 
 HELD, SEARCHING, LOST = "held", "searching", "lost"
 
@@ -46,7 +47,7 @@ class ObjectTracker:
     def __init__(self, model: ObjectModel) -> None:
         self.model, self.state = model, SEARCHING
         self._centres = deque([model.place], QUEUE)
-        self._found: list[Place] = []  # in the last frames, while it is searched for
+        self._found: list[ObjectPlace] = []  # in the last frames, while it is searched for
         self._unseen: float = math.inf  # frames since it was held
         self._own: list[float] = []  # when it was held first: ln of its size times its distance
 
@@ -54,16 +55,14 @@ class ObjectTracker:
         self,
         picture: U8 | None,
         missed: int = 0,
-        distance: Callable[[Place], float | None] = lambda _: None,
-    ) -> Place | None:
+        distance: Callable[[ObjectPlace], float | None] = lambda _: None,
+    ) -> ObjectPlace | None:
         """Where the object is in the next frame; None unless it is held.
 
         `missed` frames are missing before it; `distance` gives metres to what is at a place.
         """
         if self.state == LOST:
             return None
-        if missed > QUEUE and self.state == HELD:
-            self.state = SEARCHING
         self._unseen += missed
         place = self._place(picture, missed)
         metres = None if place is None else distance(place)
@@ -72,18 +71,18 @@ class ObjectTracker:
             self._found = []
             self.state = LOST if SEARCHED < self._unseen < math.inf else SEARCHING
             return None
-        if self.state != HELD:
+        if self._unseen > QUEUE:
             self._found.append(place)
             if len(self._found) < AGAIN:
                 return None
-            self._centres, self._found, self.state = deque(self._found, QUEUE), [], HELD
-        self._unseen = 0
+            self._centres, self._found = deque(self._found, QUEUE), []
+        self._unseen, self.state = 0, HELD
         self._centres.append(place)
         if metres is not None and len(self._own) < QUEUE:
             self._own.append(place.size + math.log(metres))
         return place
 
-    def _place(self, picture: U8 | None, missed: int) -> Place | None:
+    def _place(self, picture: U8 | None, missed: int) -> ObjectPlace | None:
         """Where it is in a picture, if that is sure."""
         if picture is None or not self.model.fits(picture):
             return None
@@ -93,17 +92,17 @@ class ObjectTracker:
         if self._found or self._unseen <= QUEUE:
             frames = 1 + (missed if self._found else self._unseen)
             steps = np.diff(np.array([trail[0], *trail]), axis=0)
-            about = Place(*(trail[-1] + steps.mean(axis=0) * frames).tolist())
+            about = ObjectPlace(*(trail[-1] + steps.mean(axis=0) * frames).tolist())
             longest = float(np.hypot(steps[:, 0], steps[:, 1]).max())
             reach = about, px + 2 * longest * frames, size
             least = max(MATCH_HOLDS, trail[-1].match - MATCH_FALLS)
         place = self.model.find(detail, *reach)
         sure = place.match >= least and self.model.texture(detail, place) >= TEXTURE
-        if sure and self.state != HELD:
+        if sure and self._unseen > QUEUE:
             sure = self.model.find(detail, *wide, place).match < place.match - BESIDE
         return place if sure else None
 
-    def _is_same(self, place: Place, metres: float | None) -> bool:
+    def _is_same(self, place: ObjectPlace, metres: float | None) -> bool:
         """Whether its size and its distance are those of the thing that was held first."""
         if metres is None or len(self._own) < QUEUE:
             return True

@@ -194,7 +194,8 @@ def test_no_v2_datagram_is_larger_than_labview_reads():
             *(1, -99999, -99999, (99999, 99999, 99999, 99999), far),
             *(far, "texture+disparity+pushbroom", f"{name}/{name}", words),
             *(far, far, Reason.DETECTOR_FAILED, None, "shrinking"),
-            *(0.999, far, -0.999, -0.999, -9.999, "searching"),  # these have three decimals
+            *(0.999, far, -0.999, -0.999, -9.999),  # these have three decimals
+            anchor="searching",
         )
         place = VehiclePlace(-9999.99, 359.9, -89.1234567, -179.1234567, 1234.5)
         data = encode_v2(Report(10**15, 412, far, far, verdict, far, place=place))
