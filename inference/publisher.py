@@ -42,9 +42,8 @@ class Sender(Protocol):
 def mark_stale(verdict: Verdict, age_s: float, judging_s: float, stale_s: float) -> Verdict:
     """The same verdict while its frame is young; a clear of an old one is unknown.
 
-    An old obstacle stays one, and says so; a named object is not held in an old frame. In seconds:
-    `age_s` since the frame arrived, `judging_s` of them that it was being judged, `stale_s` that
-    are old.
+    An old obstacle stays one, and says so; nothing is held in an old frame. In seconds: `age_s`
+    since the frame arrived, `judging_s` of them that it was being judged, `stale_s` that are old.
     """
     if age_s <= stale_s:
         return verdict

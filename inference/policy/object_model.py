@@ -25,10 +25,8 @@ MAX_SHARE = 0.8
 """Of the picture that a box may cover: it is told from the rest."""
 SIZE_STEP, SIZES = 0.05, range(-10, 11)
 """Sizes that are looked for: steps of ln of the size over that in the box."""
-ASPECT_TOLERANCE = 0.02
-"""Relative difference of height over width to the naming picture's."""
 _DETAIL = Quantization(gain=8, smooth=5, window=21, by=FRAME)
-_MIDDLE = _DETAIL.levels // 2
+MIDDLE = _DETAIL.levels // 2
 _EXTRACTOR = Join([Lbp(8, 5, "frame", None, NEAREST), Glcm(False, None, LOG)])
 
 Box = tuple[float, float, float, float]
@@ -57,6 +55,14 @@ def fine_detail(picture: U8) -> U8:
     return FramePictures(picture, Grid(1, 1, WIDTH)).picture(_DETAIL)
 
 
+def inside(box: Box, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """The rows and columns of a picture, or a grid, of that shape that a box takes."""
+    x, y, wide, high = box
+    ends = ((y, y + high, shape[0]), (x, x + wide, shape[1]))
+    rows, cols = (slice(*(max(round(end * n), 0) for end in (a, b))) for a, b, n in ends)
+    return rows, cols
+
+
 class ObjectModel:
     """The model of what a person drew a box around, in a picture's fine detail.
 
@@ -73,17 +79,16 @@ class ObjectModel:
         if not fault:
             self._wide, self._high, self.share = wide * WIDTH, high * height, wide * high
             self.place = ObjectPlace((x + wide / 2) * WIDTH, (y + high / 2) * height, 0.0, 1.0)
-            rows, cols = (
-                slice(round(start * px), round((start + side) * px))
-                for start, side, px in ((y, high, height), (x, wide, WIDTH))
-            )
-            self._own = {0: detail[rows, cols]}
-            cells = _cells(detail)
+            own, cells = detail[inside(box, detail.shape)], _cells(detail)
+            self._own = {
+                step: np.asarray(cv2.resize(own, None, fx=times, fy=times), np.uint8)
+                for step, times in zip(SIZES, np.exp(SIZE_STEP * np.array(SIZES)), strict=True)
+            }
             rest = np.ones(cells.shape[:2], bool)
-            rest[tuple(slice(at.start // CELL, -(-at.stop // CELL)) for at in (rows, cols))] = False
+            rest[inside(box, rest.shape)] = False
             self._mean, self._spread = cells[rest].mean(axis=0), cells[rest].std(axis=0) + 1e-3
-            self._texture = self._apart(self._own[0])
-            if self._own[0].std() < 1:
+            self._texture = self._apart(own)
+            if own.std() < 1:
                 fault = "there is nothing in it"
         if fault:
             raise ToktError(f"the box cannot be held: {fault}")
@@ -91,7 +96,7 @@ class ObjectModel:
     def fits(self, picture: U8) -> bool:
         """Whether a picture has the shape of the one that this was learnt from."""
         height, width = picture.shape[:2]
-        return abs(height / width * WIDTH / self._height - 1) <= ASPECT_TOLERANCE
+        return abs(height / width * WIDTH / self._height - 1) < 0.02
 
     def box_at(self, place: ObjectPlace) -> Box:
         """The box around the object at a place."""
@@ -104,43 +109,28 @@ class ObjectModel:
         times, (high, wide) = math.exp(place.size), self._own[0].shape
         x, y = place.x - times * wide / 2, place.y - times * high / 2
         there, how = np.array([[times, 0, x], [0, times, y]]), cv2.WARP_INVERSE_MAP
-        seen = cv2.warpAffine(detail, there, (wide, high), flags=how, borderValue=_MIDDLE)
+        seen = cv2.warpAffine(detail, there, (wide, high), flags=how, borderValue=MIDDLE)
         apart = self._apart(np.asarray(seen, np.uint8))
         lengths = np.linalg.norm(apart) * np.linalg.norm(self._texture)
         return float(apart @ self._texture / max(lengths, 1e-9))
 
-    def find(
-        self,
-        detail: U8,
-        about: ObjectPlace,
-        px: float,
-        size: float,
-        beside: ObjectPlace | None = None,
-    ) -> ObjectPlace:
-        """Where the fine detail matches best, at most `px` and `size` from a place.
-
-        With `beside` the object is at that place, and its centre is not looked for within it.
-        """
+    def find(self, detail: U8, about: ObjectPlace, px: float, size: float) -> ObjectPlace:
+        """Where the fine detail matches best, at most `px` and `size` from a place."""
         height, width = detail.shape
         left, right = (round(min(max(about.x + to, 0), width)) for to in (-px, px))
         top, bottom = (round(min(max(about.y + to, 0), height)) for to in (-px, px))
         # Half of the object may be out of the picture.
         border = round(math.exp(SIZE_STEP * SIZES[-1]) * max(self._wide, self._high) / 2) + 1
-        around = cv2.copyMakeBorder(detail, *[border] * 4, cv2.BORDER_CONSTANT, value=_MIDDLE)
+        around = cv2.copyMakeBorder(detail, *[border] * 4, cv2.BORDER_CONSTANT, value=MIDDLE)
         best, matches, step = about._replace(match=-1.0), dict[int, float](), 0
         for each in SIZES:
             if abs(SIZE_STEP * each - about.size) > size:
                 continue
-            own = self._own_at(each)
+            own = self._own[each]
             high, wide = own.shape
             y, x = border + top - high // 2, border + left - wide // 2
             where = around[y : y + high + bottom - top, x : x + wide + right - left]
             found = cv2.matchTemplate(where, own, cv2.TM_CCOEFF_NORMED)
-            if beside is not None:
-                away = np.array([self._wide, self._high]) * math.exp(beside.size) / 2
-                middle = np.array([beside.x - left, beside.y - top])
-                ends = (tuple(map(round, end.tolist())) for end in (middle - away, middle + away))
-                cv2.rectangle(found, *ends, -1.0, cv2.FILLED)
             _, matches[each], _, (x, y) = cv2.minMaxLoc(found)
             if matches[each] > best.match:
                 step, match = each, matches[each]
@@ -152,17 +142,6 @@ class ObjectModel:
             more = (before - after) / (2 * (before - 2 * best.match + after))
             best = best._replace(size=best.size + SIZE_STEP * more)
         return best
-
-    def _own_at(self, step: int) -> U8:
-        """The object's fine detail at one of `SIZES`."""
-        if step not in self._own:
-            times, how = (
-                math.exp(SIZE_STEP * step),
-                cv2.INTER_AREA if step < 0 else cv2.INTER_LINEAR,
-            )
-            own = cv2.resize(self._own[0], None, fx=times, fy=times, interpolation=how)
-            self._own[step] = np.asarray(own, np.uint8)
-        return self._own[step]
 
     def _apart(self, detail: U8) -> F64:
         """What sets the cells of a picture of the object apart, in the spread of the rest's."""

@@ -22,11 +22,8 @@ REFUSED = "object_refused"
 """Event: what a person named cannot be held."""
 _TEXT = re.compile(r"(.+):(\d{1,5}),(\d{1,5}),(\d{1,5}),(\d{1,5})")
 
-FrameName = int | str
-"""A picture's number in the source, or its file."""
 
-
-def parse_named(text: str) -> tuple[FrameName, Box]:
+def parse_named(text: str) -> tuple[int | str, Box]:
     """The picture and the box, in its pixels, of ``FRAME:X,Y,W,H``; ToktError if it is not that."""
     match = _TEXT.fullmatch(text.strip())
     if match is None:
@@ -40,7 +37,7 @@ def parse_named(text: str) -> tuple[FrameName, Box]:
     return int(frame) if number else str(Path(frame).absolute()), (x, y, wide, high)
 
 
-def named_picture(frame: FrameName, mission: Mission | None, pixel_format: str | None) -> U8:
+def named_picture(frame: int | str, mission: Mission | None, pixel_format: str | None) -> U8:
     """The picture, of the mission where it is a number; ToktError if it is not there."""
     if isinstance(frame, str):
         return read_image(Path(frame))
@@ -59,7 +56,7 @@ class ObjectNaming:
         self._cues, self._time_s = cues, time_s
         self._waiting: deque[tuple[ObjectModel, Event]] = deque()
 
-    def name(self, frame: FrameName, detail: U8, box: Box) -> None:
+    def name(self, frame: int | str, detail: U8, box: Box) -> None:
         """Learn what is in a box, in shares of a frame's sides; ToktError if it cannot be held."""
         told = {"frame": frame, "box": [*box], "mark": pixel_mark(detail)}
         event = Event(self._time_s(), NAMED, f"an object was named in frame {frame}", told)

@@ -14,7 +14,7 @@ import numpy as np
 
 from tokt.features.common.arrays import U8
 
-from .object_model import ObjectModel, ObjectPlace, fine_detail
+from .object_model import MIDDLE, ObjectModel, ObjectPlace, fine_detail, inside
 
 HELD, SEARCHING, LOST = "held", "searching", "lost"
 
@@ -99,7 +99,8 @@ class ObjectTracker:
         place = self.model.find(detail, *reach)
         sure = place.match >= least and self.model.texture(detail, place) >= TEXTURE
         if sure and self._unseen > QUEUE:
-            sure = self.model.find(detail, *wide, place).match < place.match - BESIDE
+            detail[inside(self.model.box_at(place), detail.shape)] = MIDDLE
+            sure = self.model.find(detail, *wide).match < place.match - BESIDE
         return place if sure else None
 
     def _is_same(self, place: ObjectPlace, metres: float | None) -> bool:

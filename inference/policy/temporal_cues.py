@@ -19,7 +19,7 @@ from tokt.inference.frame import Frame
 from tokt.inference.texture.detector import ReloadableTextureDetector
 from tokt.inference.verdict import OBSTACLE, STATUS_MEAN_THRESHOLD, UNKNOWN, Verdict
 
-from .object_model import Box
+from .object_model import Box, inside
 from .object_tracker import ObjectTracker
 from .policy import Judgement, Policy
 
@@ -368,13 +368,8 @@ def _distance_m(judgement: Judgement, box: Box) -> float | None:
     mask = judgement.mask
     if mask is None or judgement.verdict.distance_m is None:
         return None
-    (height, width), (x, y, wide, high) = mask.shape, box
-    x0, y0, x1, y1 = (
-        max(round(share * side), 0)
-        for share, side in ((x, width), (y, height), (x + wide, width), (y + high, height))
-    )
-    alone = np.count_nonzero(mask[y0:y1, x0:x1]) >= ALONE * max(np.count_nonzero(mask), 1)
-    return judgement.verdict.distance_m if alone else None
+    seen, there = (np.count_nonzero(each) for each in (mask, mask[inside(box, mask.shape)]))
+    return judgement.verdict.distance_m if there >= ALONE * max(seen, 1) else None
 
 
 @dataclass(eq=False)

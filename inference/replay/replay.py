@@ -126,8 +126,7 @@ class Replay:
                 history.begin_model(_window(assembly))
             exchanged = logged.exchanged
             if logged.named is not None:
-                assembly.policy.tracker = tracker = self._named(logged.named)
-                history.named = tracker is not None
+                assembly.policy.tracker = self._named(logged.named)
             frame, why_not = self._shown(logged)
             history.take_in(logged, shown=frame is not None)
             if frame is None:
@@ -195,8 +194,7 @@ class Replay:
         left_out = () if self.other is None else ("model", "health")
         if not known.since_start and (assembly.stereo is not None or not known.for_trend):
             left_out = (*left_out, *TREND)
-        holds = logged.verdict.get("anchor") or fields["anchor"]
-        if holds and not (known.since_start and known.named):
+        if logged.verdict.get("anchor") and not (known.since_start and fields["anchor"]):
             left_out = (*left_out, *ANCHOR)
         compared = [name for name in logged.verdict if name not in left_out]
         differs = [name for name in compared if repr(fields[name]) != repr(logged.verdict[name])]
@@ -235,13 +233,13 @@ class _History:
     """What is known of what came before a frame, which is counted in places.
 
     That is every frame of the run (`since_start`), as many as the model's frame rule looks at
-    (`for_texture`), or as a trend does (`for_trend`); and the object's picture, if one is `named`.
-    It is `broken` for the first one after frames that are not known.
+    (`for_texture`), or as a trend does (`for_trend`). It is `broken` for the first one after frames
+    that are not known.
     """
 
     def __init__(self, window: int) -> None:
         self.begin_model(window)
-        self.since_start = self._shown = self.named = True
+        self.since_start = self._shown = True
 
     def begin_model(self, window: int) -> None:
         """Another model, which knows of no frame before."""

@@ -48,7 +48,7 @@ from tokt.inference.monitoring.status_line import StatusLine
 from tokt.inference.monitoring.watchdog import RESTARTS_VARIABLE, Notifier
 from tokt.inference.outputs.udp import DEFAULT_RECEIVER, UdpSender, parse_receiver, version_of
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
-from tokt.inference.policy.object_naming import ObjectNaming, parse_named
+from tokt.inference.policy.object_naming import ObjectNaming
 from tokt.inference.policy.temporal_cues import Anchor
 from tokt.inference.publisher import Observer, Sender
 from tokt.inference.recording.log import JsonLines, LinesApart, LogRotation
@@ -117,13 +117,11 @@ def _useless(config: RunConfig) -> dict[str, str]:
 
 
 def _check_told(config: RunConfig) -> None:
-    """Refuse an anchor or a place of which nobody would hear, and what cannot be held."""
-    if config.policy.anchor is not None:
-        Anchor(config.policy.anchor)
-    named = config.policy.anchor_from
-    if named is not None:
-        parse_named(named)
-    asked = {"anchor": config.policy.anchor, "anchor-from": named, "nmea": config.source.nmea}
+    """Refuse an anchor or a place of which nobody would hear, and a share that cannot be held."""
+    policy = config.policy
+    if policy.anchor is not None:
+        Anchor(policy.anchor)
+    asked = {"anchor": policy.anchor, "anchor-from": policy.anchor_from, "nmea": config.source.nmea}
     version = version_of(config.outputs.format)
     receivers = config.outputs.udp or []
     versions = {parse_receiver(text, version).version for text in receivers} or {version}

@@ -18,10 +18,8 @@ from .vehicle import State
 
 GAIN, INTEGRAL, DERIVATIVE = 0.5, 0.05, 0.3
 """Of the error in metres: 1/s, 1/s2 and none. Chosen on seeds 1001 to 1012."""
-ASSUMED_M = 4.0
-"""Distance that errors are taken to be at: nobody tells it."""
-WIDE, HIGH = 0.306, 0.23
-"""Half of the view, over its distance."""
+VIEW_M = np.array([1.224, 0.92, -4.0])
+"""Of errors of 1 at 4 m, which is assumed: half of the view, and the distance."""
 MAX_M_S = 0.4
 _STEP_S = 0.25
 
@@ -45,8 +43,7 @@ class AnchorPlanner:
         if t_s - self._heard_s > SILENCE_S or (heard and told is None):
             self._asked, self._before = self._trim, None
         elif heard and told is not None:
-            offset = WIDE * heard["anchor_x"], HIGH * heard["anchor_y"], -told
-            error = ASSUMED_M * np.array(offset)
+            error = VIEW_M * (heard["anchor_x"], heard["anchor_y"], told)
             change = 0.0 if self._before is None else (error - self._before) / _STEP_S
             self._before = error
             self._trim = (self._trim + INTEGRAL * _STEP_S * error).clip(-MAX_M_S, MAX_M_S)

@@ -11,8 +11,6 @@
         +--------> x (east)
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -25,7 +23,6 @@ from tokt.studies.simulation.scene import obstacles
 from tokt.studies.simulation.scene.closed_loop_world import Placed, World
 from tokt.studies.simulation.scene.fish_and_dust import DustCloud, School
 from tokt.studies.simulation.scene.rig import SyntheticRig
-from tokt.studies.simulation.scene.tower import panels
 from tokt.studies.simulation.scene.water import Triple, Water
 
 from .vehicle import CAMERA_AHEAD_M, State
@@ -195,18 +192,10 @@ def _dust(rng: Rng, scene: LoopScene) -> LoopScene:
 
 
 def _anchor(rng: Rng, scene: LoopScene) -> LoopScene:
-    """Parked before a tower, with another structure beside it in three of four seeds."""
-    tower = obstacles.one_tower(rng, (0.0, 0.0, 0.0))
-    beside = float(rng.choice([-1.0, 1.0])) * rng.uniform(0.9, 1.6, 2)
-    north = rng.uniform(-0.5, 2.5, 2)
-    another = obstacles.one_tower(
-        rng, (float(beside[0]), float(rng.uniform(-0.3, 0.3)), float(north[0]))
-    )
-    wall = Placed(
-        panels(rng, [(0.0, 0.0, float(rng.uniform(-0.6, 0.6)), 0.8)], 1.5),
-        (float(-beside[1]), 0.2, float(north[1])),
-    )
-    things = ((tower,), (tower, another), (tower, wall), (tower, another, wall))[scene.seed % 4]
+    """Parked before a tower, with another beside it."""
+    east = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.9, 1.6))
+    at = east, float(rng.uniform(-0.3, 0.3)), float(rng.uniform(-0.5, 2.5))
+    things = obstacles.one_tower(rng, (0.0, 0.0, 0.0)), obstacles.one_tower(rng, at)
     # As people draw it: about the head of the tower, from its lantern to its legs.
     middle = np.array([*rng.normal([0.0, 0.12], 0.02), 0.0])
     size_m = rng.uniform([0.5, 0.9], [0.6, 1.05])

@@ -50,7 +50,7 @@ class Track:
     frame_in_view: Bools  # (m,): something solid, within `IN_VIEW_M`
     avoidances_s: F64  # (k,): when the planner began to avoid
     frame_anchor: I64  # (m,): as in `SaidOfFrame`
-    station: F64  # (3,): the wanted place before an object, m; (0,) without one
+    station: F64  # (3,): the wanted place before an object, m; NaN without one
 
     @classmethod
     def recorded(
@@ -73,7 +73,7 @@ class Track:
             frame_in_view=said[:, 2].astype(np.bool_),
             avoidances_s=np.array(avoidances_s, np.float64),
             frame_anchor=said[:, 3].astype(np.int64),
-            station=np.zeros(0) if station is None else station,
+            station=np.full(3, np.nan) if station is None else station,
         )  # fmt: skip
 
     def to_bytes(self, about: dict[str, Any]) -> bytes:
@@ -97,7 +97,7 @@ class Track:
         about = words.pop("about")
         # What the first tracks do not have.
         arrays.setdefault("frame_anchor", np.zeros(len(arrays["frame_t_s"]), np.int64))
-        arrays.setdefault("station", np.zeros(0))
+        arrays.setdefault("station", np.full(3, np.nan))
         return cls(**words, **arrays), about
 
     def places(self, status: int, until_s: float = math.inf) -> F64:

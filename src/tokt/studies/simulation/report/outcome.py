@@ -10,7 +10,6 @@ import pandas as pd
 from scipy import stats
 
 from tokt.studies.simulation.loop.autopilot import Mode
-from tokt.studies.simulation.loop.scenes import ANCHOR
 from tokt.studies.simulation.loop.track import Track
 from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
 
@@ -20,7 +19,7 @@ FRESH_S = 2.5
 datagram take up to a second and a half."""
 STATION_M = 0.5
 """Who was never farther off station has kept it."""
-GROUND_IN_VIEW = ("floor", ANCHOR)
+GROUND_IN_VIEW = ("floor",)
 """Scenes in which something solid is always in view: no avoidance can be told to be false."""
 
 
@@ -68,9 +67,8 @@ def outcome_of(track: Track) -> FlightOutcome:
     steps = np.diff(track.position, axis=0)
     path_m = float(np.linalg.norm(steps, axis=1).sum())
     straight_m = float(np.linalg.norm(track.position[-1] - track.position[0]))
-    station, off_m = len(track.station) > 0, math.nan
-    if station:
-        off_m = float(np.linalg.norm(track.position - track.station, axis=1).max())
+    off_m = float(np.linalg.norm(track.position - track.station, axis=1).max())
+    station = not math.isnan(off_m)
     arrived = (off_m <= STATION_M if station else track.reached) and not track.collided
     return FlightOutcome(
         scene=track.scene,
