@@ -46,8 +46,7 @@ START_S, ANSWER_S = 60.0, 5.0
 _PERIOD_S, _POLL_S = 1 / 15, 0.02
 _PAUSE_S, _CLOSE_S = 5.0, 2.0
 _KEPT_STATUSES = 2000
-_KEPT_FRAMES = 150
-"""At least 10 s, in which a box is drawn."""
+_KEPT_FRAMES = 150  # at least 10 s, in which a box is drawn
 _ANY_ADDRESS = ("0.0.0.0", "::")
 
 

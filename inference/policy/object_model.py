@@ -43,10 +43,7 @@ class ObjectPlace(NamedTuple):
 
 
 def fine_detail(picture: U8) -> U8:
-    """What all is learnt and found by: a picture `WIDTH` wide, less what lies around each pixel.
-
-    ToktError if it is far from the shape of a camera's.
-    """
+    """What all is learnt and found by, `WIDTH` wide; ToktError if its shape is no camera's."""
     height, width = picture.shape[:2]
     if not 0.1 < height / width < 10:
         raise ToktError(f"no picture of a camera is {width}x{height}")

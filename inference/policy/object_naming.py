@@ -18,8 +18,7 @@ from .object_model import Box, ObjectModel, fine_detail
 from .object_tracker import ObjectTracker
 from .temporal_cues import TemporalCues
 
-REFUSED = "object_refused"
-"""Event: what a person named cannot be held."""
+REFUSED = "object_refused"  # an event: what a person drew cannot be held
 _TEXT = re.compile(r"(.+):(\d{1,5}),(\d{1,5}),(\d{1,5}),(\d{1,5})")
 
 

@@ -67,13 +67,13 @@ class ObjectTracker:
         place = self._place(picture, missed)
         metres = None if place is None else distance(place)
         if place is None or not self._is_same(place, metres):
-            self._unseen += 1
-            self._found = []
+            self._unseen, self._found = self._unseen + 1, []
             self.state = LOST if SEARCHED < self._unseen < math.inf else SEARCHING
             return None
         if self._unseen > QUEUE:
             self._found.append(place)
             if len(self._found) < AGAIN:
+                self.state = SEARCHING
                 return None
             self._centres, self._found = deque(self._found, QUEUE), []
         self._unseen, self.state = 0, HELD

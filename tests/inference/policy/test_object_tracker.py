@@ -135,6 +135,13 @@ def test_missing_frames_let_it_be_farther_on(model):
     assert dive.see(own(MIDDLE[0] + 30), missed=4).x == pytest.approx(MIDDLE[0] + 30, abs=3)
 
 
+def test_after_many_missing_frames_it_is_searched_for(model):
+    dive = Dive(model)
+    dive.held(own())
+    assert dive.see(own(), missed=6) is None and dive.tracker.state == SEARCHING
+    assert dive.held(own(), frames=2) is not None
+
+
 def test_a_thing_as_large_in_the_picture_at_half_the_distance_is_another(model):
     dive = Dive(model)
     dive.held(own(), frames=10, distance=lambda _: 4.0)

@@ -417,7 +417,7 @@ def test_what_a_user_can_get_wrong(tmp_path, monkeypatch, make_mission, bundle_f
     made = (None, None, tmp_path / "out.avi", 0.5, None, None)
     refuses("writes an .mp4 file, not 'out.avi'", LiveView, *made)
     monkeypatch.setattr(view_module, "find_spec", lambda name: None)
-    made = (None, None, tmp_path / "out.mp4", 0.5, None)
+    made = (None, None, tmp_path / "out.mp4", 0.5, None, None)
     refuses(r"the extra 'video'", LiveView, *made)
     asked = ("run", "--source", make_mission([[]]), "--bundle", bundle_file)
     refused("--view-host is of no use without --view", *asked, "--view-host", "0.0.0.0")

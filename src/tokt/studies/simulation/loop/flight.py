@@ -124,8 +124,7 @@ def _projected(scene: LoopScene, station: Station, state: State) -> tuple[F64, F
     """Where the object is in the left picture, and its size there, in pixels: x, y."""
     camera, _ = scene.rig.cameras(upright(state.heading_rad), state.camera)
     seen = camera.seen(station.middle)
-    size = camera.matrix[0, 0] / seen[2] * station.size_m
-    return camera.place(seen), size
+    return camera.place(seen), camera.matrix[0, 0] / seen[2] * station.size_m
 
 
 NOT_HELD, HELD_IT, HELD_ANOTHER = range(3)
@@ -140,8 +139,8 @@ def anchor_truth(scene: LoopScene, state: State, said: dict[str, Any]) -> int:
     if station is None or said["anchor_size"] is None:
         return NOT_HELD
     middle, size = _projected(scene, station, state)
-    frame = np.array([scene.rig.width, scene.rig.height])
-    told = (np.array([said["anchor_x"], said["anchor_y"]]) + 1) / 2 * frame
+    told = np.array([said["anchor_x"] + 1, said["anchor_y"] + 1]) / 2
+    told *= scene.rig.width, scene.rig.height
     beside = np.abs(told - middle) > TRUE_PART * size
     ratio = station.distance_m / float(station.middle[2] - state.camera[2])
     wrong = beside.any() or abs(said["anchor_size"] - math.log(ratio)) > TRUE_SIZE
@@ -166,6 +165,7 @@ class _Run:
         self._piloted: F64 | None = None  # where the pilot steers to
         self._steps: list[Step] = []
         self._frames: list[SaidOfFrame] = []
+        self._held: list[int] = []
         self._said: tuple[float, dict[str, Any]] | None = None
 
     def fly(self) -> Track:
@@ -192,7 +192,7 @@ class _Run:
         return Track.recorded(
             KINDS[scene.name].title, scene.name, self._method, scene.seed, self._steps,
             self._frames, planner.avoidances, planner.reached,
-            None if station is None else scene.goal,
+            None if station is None else scene.goal, self._held,
         )  # fmt: skip
 
     def _pilot(self, t_s: float) -> F64 | None:
@@ -225,8 +225,8 @@ class _Run:
         self._said = (t_s, said)
         state = self._vehicle.state
         in_view = self._renderer.sees_solid(t_s, state.camera, state.heading_rad, IN_VIEW_M)
-        anchor = anchor_truth(self._scene, state, said)
-        self._frames.append((t_s, said["status"], in_view, anchor))
+        self._frames.append((t_s, said["status"], in_view))
+        self._held.append(anchor_truth(self._scene, state, said))
 
     def _look(self, t_s: float) -> tuple[U8 | None, U8 | None]:
         blind, state = self._scene.blind_s, self._vehicle.state

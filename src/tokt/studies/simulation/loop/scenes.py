@@ -211,8 +211,7 @@ def _anchor(rng: Rng, scene: LoopScene) -> LoopScene:
     return replace(scene, goal=goal, start=start, station=station)
 
 
-ANCHOR = "anchor"
-"""In which station is kept before an object, and nothing is avoided."""
+ANCHOR = "anchor"  # in which station is kept, and nothing is avoided
 KINDS = {
     "tower": SceneKind("one tower", _tower),
     "two": SceneKind("two towers in succession (thesis, figure 5.9)", _two),

@@ -19,10 +19,9 @@ from .vehicle import HULL_RADIUS_M, State
 
 Step = tuple[float, State, Mode, float]
 """Time, the vehicle's state, the planner's mode, and the clearance."""
-SaidOfFrame = tuple[float, int, bool, int]
-"""When a frame was taken, its status (-1 also where nothing was said), whether something solid was
-before the camera, near enough to be seen, and the anchor: 0 not held, 1 held, 2 held where the
-object is not."""
+SaidOfFrame = tuple[float, int, bool]
+"""When a frame was taken, its status (-1 also where nothing was said), and whether something solid
+was before the camera, near enough to be seen."""
 IN_VIEW_M = 10.0
 """What is solid and farther off, along the camera's axis, counts as nothing to see."""
 
@@ -49,18 +48,18 @@ class Track:
     frame_status: I64  # (m,): 1 obstacle, 0 clear, -1 unknown or nothing said
     frame_in_view: Bools  # (m,): something solid, within `IN_VIEW_M`
     avoidances_s: F64  # (k,): when the planner began to avoid
-    frame_anchor: I64  # (m,): as in `SaidOfFrame`
+    frame_anchor: I64  # (m,), or (0,): 0 not held, 1 held, 2 held where the object is not
     station: F64  # (3,): the wanted place before an object, m; NaN without one
 
     @classmethod
     def recorded(
         cls, title: str, scene: str, method: str, seed: int, steps: Sequence[Step],
         frames: Sequence[SaidOfFrame], avoidances_s: Sequence[float], reached: bool,
-        station: F64 | None = None,
+        station: F64 | None = None, anchor: Sequence[int] = (),
     ) -> Track:  # fmt: skip
         """The track of a run's steps and frames."""
         times, states, modes, clearances = zip(*steps, strict=True)
-        said = np.array(frames, np.float64).reshape(-1, 4)
+        said = np.array(frames, np.float64).reshape(-1, 3)
         return cls(
             title, scene, method, seed, reached,
             t_s=np.array(times),
@@ -72,7 +71,7 @@ class Track:
             frame_status=said[:, 1].astype(np.int64),
             frame_in_view=said[:, 2].astype(np.bool_),
             avoidances_s=np.array(avoidances_s, np.float64),
-            frame_anchor=said[:, 3].astype(np.int64),
+            frame_anchor=np.array(anchor, np.int64),
             station=np.full(3, np.nan) if station is None else station,
         )  # fmt: skip
 
@@ -96,7 +95,7 @@ class Track:
             raise ToktError(f"a track of another format than {TRACK_FORMAT}")
         about = words.pop("about")
         # What the first tracks do not have.
-        arrays.setdefault("frame_anchor", np.zeros(len(arrays["frame_t_s"]), np.int64))
+        arrays.setdefault("frame_anchor", np.zeros(0, np.int64))
         arrays.setdefault("station", np.full(3, np.nan))
         return cls(**words, **arrays), about
 
