@@ -48,8 +48,7 @@ def mark_stale(verdict: Verdict, age_s: float, judging_s: float, stale_s: float)
     if age_s <= stale_s:
         return verdict
     if verdict.anchor == HELD:
-        unseen = {"anchor_x": None, "anchor_y": None, "anchor_size": None, "anchor": SEARCHING}
-        verdict = replace(verdict, **unseen)
+        verdict = replace(verdict, anchor_x=None, anchor_y=None, anchor_size=None, anchor=SEARCHING)
     if verdict.status not in (CLEAR, OBSTACLE):
         return verdict
     came_old = age_s - judging_s > stale_s

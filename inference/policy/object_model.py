@@ -93,7 +93,7 @@ class ObjectModel:
     def fits(self, picture: U8) -> bool:
         """Whether a picture has the shape of the one that this was learnt from."""
         height, width = picture.shape[:2]
-        return abs(height / width * WIDTH / self._height - 1) < 0.02
+        return bool(abs(height / width * WIDTH / self._height - 1) < 0.02)
 
     def box_at(self, place: ObjectPlace) -> Box:
         """The box around the object at a place."""
@@ -109,7 +109,7 @@ class ObjectModel:
         seen = cv2.warpAffine(detail, there, (wide, high), flags=how, borderValue=MIDDLE)
         apart = self._apart(np.asarray(seen, np.uint8))
         lengths = np.linalg.norm(apart) * np.linalg.norm(self._texture)
-        return float(apart @ self._texture / max(lengths, 1e-9))
+        return float(apart @ self._texture / max(float(lengths), 1e-9))
 
     def find(self, detail: U8, about: ObjectPlace, px: float, size: float) -> ObjectPlace:
         """Where the fine detail matches best, at most `px` and `size` from a place."""
@@ -118,7 +118,8 @@ class ObjectModel:
         top, bottom = (round(min(max(about.y + to, 0), height)) for to in (-px, px))
         # Half of the object may be out of the picture.
         border = round(math.exp(SIZE_STEP * SIZES[-1]) * max(self._wide, self._high) / 2) + 1
-        around = cv2.copyMakeBorder(detail, *[border] * 4, cv2.BORDER_CONSTANT, value=MIDDLE)
+        edges = border, border, border, border
+        around = cv2.copyMakeBorder(detail, *edges, cv2.BORDER_CONSTANT, value=MIDDLE)
         best, matches, step = about._replace(match=-1.0), dict[int, float](), 0
         for each in SIZES:
             if abs(SIZE_STEP * each - about.size) > size:

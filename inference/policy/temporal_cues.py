@@ -368,7 +368,7 @@ def _distance_m(judgement: Judgement, box: Box) -> float | None:
     mask = judgement.mask
     if mask is None or judgement.verdict.distance_m is None:
         return None
-    seen, there = (np.count_nonzero(each) for each in (mask, mask[inside(box, mask.shape)]))
+    seen, there = (int(np.count_nonzero(each)) for each in (mask, mask[inside(box, mask.shape)]))
     return judgement.verdict.distance_m if there >= ALONE * max(seen, 1) else None
 
 
@@ -426,8 +426,8 @@ class TemporalCues:
             return AnchorErrors(), None
         x, y, wide, high = box = model.box_at(place)
         wanted = 0.0 if anchor is None else 0.5 * math.log(anchor.size / model.share)
-        beside = (_rounded(2 * share - 1) for share in (x + wide / 2, y + high / 2))
-        return AnchorErrors(*beside, round(place.size - wanted, 3) + 0.0), box
+        across, down = (_rounded(2 * share - 1) for share in (x + wide / 2, y + high / 2))
+        return AnchorErrors(across, down, round(place.size - wanted, 3) + 0.0), box
 
     def _trend(self, frame: Frame, verdict: Verdict) -> Trend:
         if not frame.timed:

@@ -62,8 +62,12 @@ EPOCH_S = 1_461_149_301.0
 
 
 OURS = "tokt"
-PLANNERS: dict[str, Callable[[LoopScene], Planner | LabviewPlanner]] = {
-    OURS: lambda scene: Planner(scene.goal, end_m=scene.end_m),
+PLANNERS: dict[str, Callable[[LoopScene], Planner | LabviewPlanner | AnchorPlanner]] = {
+    OURS: lambda scene: (
+        Planner(scene.goal, end_m=scene.end_m)
+        if scene.station is None
+        else AnchorPlanner(scene.goal)
+    ),
     "labview": lambda scene: LabviewPlanner(scene.goal, None, scene.end_m),
     "labview-timed": lambda scene: LabviewPlanner(scene.goal, AVOID_S, scene.end_m),
     "sea-trial": lambda scene: LabviewPlanner(
@@ -160,8 +164,6 @@ class _Run:
         self._autopilot = Autopilot()
         deaf = Planner(scene.goal, deaf=True, end_m=scene.end_m)
         self._planner = deaf if runtime is None else PLANNERS[planner](scene)
-        if scene.station is not None:
-            self._planner = AnchorPlanner(scene.goal)
         self._piloted: F64 | None = None  # where the pilot steers to
         self._steps: list[Step] = []
         self._frames: list[SaidOfFrame] = []
