@@ -10,7 +10,6 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.image_file import read_image
 from tokt.features.frames.mission import LEFT, Mission
 from tokt.inference.frame import pixel_mark
-from tokt.inference.recording.run_start import NAMED
 from tokt.inference.report import Event
 from tokt.inference.sources.files import read_picture
 
@@ -18,7 +17,7 @@ from .object_model import Box, ObjectModel, fine_detail
 from .object_tracker import ObjectTracker
 from .temporal_cues import TemporalCues
 
-REFUSED = "object_refused"  # an event: what a person drew cannot be held
+NAMED, REFUSED = "object_named", "object_refused"  # events: it is to be held, or cannot be
 _TEXT = re.compile(r"(.+):(\d{1,5}),(\d{1,5}),(\d{1,5}),(\d{1,5})")
 
 

@@ -20,7 +20,7 @@ FORMAT_VERSION = 1
 """Of the event's fields. To change them: raise this, keep reading the older ones, and prove it with
 a test that reads one."""
 
-START, MODEL, NAMED = "start", "model", "object_named"
+START, MODEL = "start", "model"
 """Names of the events that tell which model judges the frames after them."""
 
 

@@ -8,11 +8,12 @@ from typing import Any
 
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import LEFT, RIGHT
+from tokt.inference.policy.object_naming import NAMED
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.recording.log import LogGap, read_log
 from tokt.inference.recording.recording import FILE_NAME, read_recording
 from tokt.inference.recording.run_log import events_path
-from tokt.inference.recording.run_start import MODEL, NAMED, START, ModelName, RunStart
+from tokt.inference.recording.run_start import MODEL, START, ModelName, RunStart
 from tokt.inference.report import FIELDS, REPLAYABLE, WITH_TREND, ReportField, is_finite
 from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN
 

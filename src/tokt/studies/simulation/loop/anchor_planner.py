@@ -19,8 +19,7 @@ GAIN, INTEGRAL, DERIVATIVE = 0.5, 0.05, 0.3
 """Of the error in metres: 1/s, 1/s2 and none. Chosen on seeds 1001 to 1006."""
 VIEW_M = np.array([1.224, 0.92, -4.0])
 """Of errors of 1 at 4 m, which is assumed: half of the view, and the distance."""
-MAX_M_S = 0.4
-_STEP_S = 0.25
+MAX_M_S, STEP_S = 0.4, 0.25
 
 
 class AnchorPlanner:
@@ -43,9 +42,9 @@ class AnchorPlanner:
             self._asked, self._before = self._trim, None
         elif heard and told is not None:
             error = VIEW_M * (heard["anchor_x"], heard["anchor_y"], told)
-            change = 0.0 if self._before is None else (error - self._before) / _STEP_S
+            change = 0.0 if self._before is None else (error - self._before) / STEP_S
             self._before = error
-            self._trim = (self._trim + INTEGRAL * _STEP_S * error).clip(-MAX_M_S, MAX_M_S)
+            self._trim = (self._trim + INTEGRAL * STEP_S * error).clip(-MAX_M_S, MAX_M_S)
             self._asked = (GAIN * error + self._trim + DERIVATIVE * change).clip(-MAX_M_S, MAX_M_S)
         # Of the position only the difference is used: where the vehicle is it does not know.
         return Setpoint(nav.position + self._asked / POSITION_GAIN, 0.0, Mode.HOLD)
