@@ -1,3 +1,4 @@
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -128,3 +129,16 @@ def test_age_never_makes_a_clear(verdict, age_s, part, stale_s):
     assert said.status != CLEAR or (verdict.status == CLEAR and age_s <= stale_s)
     assert (said.status == OBSTACLE) == (verdict.status == OBSTACLE)
     assert said.status != UNKNOWN or said.reason is not Reason.OK
+
+
+@pytest.mark.parametrize("verdict", [EMPTY, FULL, BLIND], ids=["clear", "obstacle", "unknown"])
+def test_nothing_is_held_in_an_old_frame(verdict):
+    held = replace(verdict, anchor_x=0.1, anchor_y=0.2, anchor_size=0.3, anchor="held")
+    assert mark_stale(held, 0.4, 0.1, 0.5) == held
+    for judging_s in (0.0, 0.6):
+        old = mark_stale(held, 0.6, judging_s, 0.5)
+        assert (old.anchor_x, old.anchor_y, old.anchor_size) == (None, None, None)
+        assert old.anchor == "searching"
+    assert mark_stale(replace(held, anchor="lost"), 0.6, 0.0, 0.5).anchor == "lost"
+    shared = replace(FULL, anchor_x=0.1)  # of --anchor alone: an obstacle's, which stays
+    assert mark_stale(shared, 0.6, 0.0, 0.5).anchor_x == 0.1

@@ -1,5 +1,7 @@
 """The live view's picture: each state in words and shapes, the minute's strip, any frame."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -60,6 +62,24 @@ def strip_of(picture):
 def heights(picture):
     """How many pixels of each column of the strip are not its ground."""
     return (strip_of(picture).astype(int).max(axis=2) > 31).sum(axis=0)
+
+
+def test_the_named_object_has_a_box_of_its_own_and_a_word():
+    plain = moment()
+    verdict = replace(plain.report.verdict, anchor="held")
+    held = replace(
+        plain, report=replace(plain.report, verdict=verdict), held=(0.25, 0.5, 0.5, 0.25)
+    )
+    (before, bare), (shown, picture) = drawn(plain), drawn(held)
+    assert "object" not in before.facts and shown.facts["object"] == "held" and shown.frame == 1
+    top, bottom = shown.rows
+    assert (top, bottom) == (BANNER, BANNER + 542)
+    differs = np.abs(picture[top:bottom].astype(int) - bare[top:bottom]).max(axis=2) > 40
+    rows, cols = np.nonzero(differs[271:])
+    assert abs(rows.max() + 271 - 0.75 * 542) < 6 and abs(cols.min() - 180) < 6
+    assert abs(cols.max() - 540) < 6
+    refused = drawn(replace(held, refused="too small"))[0]
+    assert refused.facts["object"] == "too small"
 
 
 def test_each_state_has_its_words():

@@ -1,6 +1,7 @@
 """Holding a named object: what is held is seen in that frame, and is never another one."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,8 @@ from tests.calls import refuses
 from tests.inference.policy.named_object import BOX, HEIGHT, MIDDLE, WIDTH, own, picture, twin
 from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
-from tokt.inference.policy.object_model import ObjectModel, fine_detail
+from tokt.inference.frame import Frame
+from tokt.inference.policy.object_model import ObjectModel, fine_detail, inside
 from tokt.inference.policy.object_naming import ObjectNaming, parse_named
 from tokt.inference.policy.object_tracker import (
     AGAIN,
@@ -22,6 +24,9 @@ from tokt.inference.policy.object_tracker import (
     SEARCHING,
     ObjectTracker,
 )
+from tokt.inference.policy.policy import Judgement
+from tokt.inference.policy.temporal_cues import Anchor, TemporalCues
+from tokt.inference.verdict import verdict_from_mask
 
 SHARES = tuple(px / side for px, side in zip(BOX, (WIDTH, HEIGHT) * 2, strict=True))
 
@@ -230,3 +235,31 @@ def test_a_named_object_is_held_from_the_next_frame_on():
     assert cues.tracker.state == SEARCHING and naming.take() == []
     refuses("only recorded frames", naming.name_before, "3:10,10,50,50", None, None)
     refuses("", naming.name_before, "not-there.png:10,10,50,50", None, None)
+
+
+class Sees:
+    """A policy that sees one thing, as large as that box in shares of the picture, at 4 m."""
+
+    def __init__(self, box):
+        self.mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+        self.mask[inside(box, self.mask.shape)] = 255
+
+    def judge(self, frame):
+        verdict = replace(verdict_from_mask(self.mask, "disparity"), distance_m=4.0)
+        return Judgement(verdict, mask=self.mask)
+
+
+def test_the_errors_are_the_object_s_own_and_its_distance_counts_where_nothing_else_is(model):
+    for box, known in (((SHARES[0] + 0.05, *SHARES[1:]), True), ((0.0, 0.0, 1.0, 1.0), False)):
+        cues = TemporalCues(Sees(box), anchor=Anchor(model.share / 4), tracker=ObjectTracker(model))
+        for number in range(1, 12):
+            seen = Frame(number, float(number), picture(own(198), seed=number), None)
+            judged = cues.judge(seen)
+        verdict = judged.verdict
+        assert verdict.anchor == HELD and judged.held[0] == pytest.approx(0.467, abs=0.01)
+        found = verdict.anchor_x, verdict.anchor_y, verdict.anchor_size
+        assert found == pytest.approx((0.1, -0.026, math.log(2)), abs=0.03)
+        assert (len(cues.tracker._own) > 0) == known
+        judged = cues.judge(Frame(12, 12.0, None, None))
+        assert judged.held is None and judged.verdict.anchor == SEARCHING
+        assert judged.verdict.anchor_x is None and judged.verdict.anchor_size is None
