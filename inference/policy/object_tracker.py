@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from tokt.features.common.arrays import U8
+from tokt.inference.frame_checks import shape_fault
 
 from .object_model import MIDDLE, ObjectModel, ObjectPlace, fine_detail, inside
 
@@ -84,7 +85,7 @@ class ObjectTracker:
 
     def _place(self, picture: U8 | None, missed: int) -> ObjectPlace | None:
         """Where it is in a picture, if that is sure."""
-        if picture is None or not self.model.fits(picture):
+        if picture is None or shape_fault(picture) or not self.model.fits(picture):
             return None
         detail, trail, least = fine_detail(picture), self._found or [*self._centres], MATCH_FINDS
         px, size = STEP_PX + WIDENS_PX * self._unseen, STEP_SIZE + WIDENS_SIZE * self._unseen

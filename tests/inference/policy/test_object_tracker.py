@@ -75,7 +75,9 @@ def test_covered_it_is_told_at_once_and_held_again_where_it_comes_out(model):
 def test_a_frame_without_a_picture_or_of_another_shape_holds_nothing(model):
     dive = Dive(model)
     blank = np.full((HEIGHT, WIDTH), 9, np.uint8)
-    for frame in (None, blank, np.zeros((300, 300), np.uint8), np.zeros((1, 400), np.uint8)):
+    shapes = [(300, 300), (1, 400), (400, 1), (9,), (0, 0), (HEIGHT, WIDTH, 4)]
+    others = [np.zeros(shape, np.uint8) for shape in shapes]
+    for frame in (None, blank, blank.astype(float), *others):
         dive.held(own())
         assert dive.tracker.state == HELD
         assert dive.tracker.look(frame) is None and dive.tracker.state == SEARCHING
