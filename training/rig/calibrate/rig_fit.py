@@ -173,6 +173,22 @@ def fit_rig(matches: Sequence[FrameMatches], start: Rig, free: Sequence[str] = (
     if not found:
         raise ToktError(str(rough[0]))
     tracks, first = min(found, key=lambda one: one[1].cost / len(one[0].point))
+    return _finely(tracks, first, names)
+
+
+def fit_path(matches: Sequence[FrameMatches], rig: Rig) -> RigFit:
+    """Fit where the frames were taken from, with a rig that is known.
+
+    Raises ToktError if too few points can be followed from frame to frame.
+    """
+    rough = _roughly(build_tracks(matches), rig, ()) if matches else "no frame has enough points"
+    if isinstance(rough, str):
+        raise ToktError(rough)
+    return _finely(*rough, ())
+
+
+def _finely(tracks: Tracks, first: Adjusted, names: tuple[str, ...]) -> RigFit:
+    """Adjust once more without the observations that a first adjustment shows to be wrong."""
     observed = len(tracks.point)
     tracks, path = _only(tracks, first.path, ~(first.residual_px > _WRONG_PX))
     last = adjust(Problem(first.rig, tracks, path.anchor, names, PRIORS), path)
