@@ -283,13 +283,42 @@ def depth(
     calibration: Annotated[
         Path, Option("--calibration", metavar="FILE", help="Stereo calibration file.")
     ],
-    ply: Annotated[Path | None, Option(help="PLY file for a point cloud of one frame.")] = None,
+    ply: Annotated[
+        Path | None,
+        Option(help="PLY file for a point cloud: of one frame, or with --fused of several."),
+    ] = None,
     ply_frame: Annotated[
         int | None, Option(help="Frame of the point cloud. Default: the nearest one.")
     ] = None,
     ply_farthest: Annotated[
         float, Option(help="Farthest distance in the point cloud, in metres.", min=0)
     ] = 10.0,
+    fused: Annotated[
+        bool,
+        Option(
+            "--fused",
+            help="Join what at least three frames agree on into one cloud, by default fused.ply "
+            "in --out. It needs the frames' poses.",
+        ),
+    ] = False,
+    odometry: Annotated[
+        Path | None,
+        Option(
+            help="Poses of the left camera, as tokt run takes them. Default: those of --log, else "
+            "estimated from the frames, with errors that add up from frame to frame."
+        ),
+    ] = None,
+    log: Annotated[
+        Path | None,
+        Option(help="Log of the run that saw these frames, for the vehicle's place and odometry."),
+    ] = None,
+    export: Annotated[
+        str | None,
+        Option(
+            metavar="colmap|opensfm",
+            help="Hand frames, cameras, rig, poses and places over, in a new folder in --out.",
+        ),
+    ] = None,
     out: Annotated[
         Path, Option(help="Folder for depth.csv, depth.png, depth.json and frames/depth_N.png.")
     ] = Path("depth-out"),
@@ -318,7 +347,20 @@ def depth(
     opened = open_mission(mission)
     known = read_calibration_file(calibration)
     drawn = None if pictures is None else [] if pictures == "none" else parse_frames(pictures)
-    request = DepthRequest(chosen, drawn, rate, stereo, scale, ply, ply_frame, ply_farthest)
+    request = DepthRequest(
+        chosen,
+        drawn,
+        rate,
+        stereo,
+        scale,
+        ply,
+        ply_frame,
+        ply_farthest,
+        fused,
+        odometry,
+        log,
+        export,
+    )
     found = run_depth(opened, known, out, request, progress)
     answer(json, found, lambda: _print_depth(found, out))
 
@@ -356,11 +398,28 @@ def _print_depth(found: dict[str, Any], out: Path) -> None:
     drawn = len(found["pictures"])
     print(f"written: {out / 'depth.csv'}, depth.png, depth.json and {drawn} pictures in frames/")
     if found["ply"]:
-        cloud = found["ply"]
+        _print_cloud(found["ply"])
+    if found["export"]:
+        gone = found["export"]
         print(
-            f"point cloud: {cloud['file']}, {cloud['points']} points of frame {cloud['frame']} "
-            f"({cloud['matched']} matched, {cloud['out_of_range']} out of range, "
-            f"{cloud['outliers']} outliers)"
+            f"written: {gone['folder']}, {gone['pairs']} pairs, {gone['poses']} of them with a "
+            f"pose, {gone['places']} with a place"
+        )
+
+
+def _print_cloud(cloud: dict[str, Any]) -> None:
+    if "frame" in cloud:
+        of, lost = f"frame {cloud['frame']}", f"{cloud['out_of_range']} out of range"
+    else:
+        of, lost = f"frames {cloud['frames']}", f"left out: {cloud['left_out'] or 'no frame'}"
+    print(
+        f"point cloud: {cloud['file']}, {cloud['points']} points of {of} "
+        f"({cloud['matched']} matched, {lost}, {cloud['outliers']} outliers)"
+    )
+    if cloud.get("residual_px") is not None:
+        print(
+            f"  in {cloud['axes']}; poses estimated from the frames, points fit within "
+            f"{cloud['residual_px']:.2f} px (median)"
         )
 
 

@@ -56,25 +56,26 @@ def cloud_of(
     near = (points[:, 2] >= NEAREST_M) & (points[:, 2] <= farthest_m)
     kept = np.flatnonzero(near)
     kept = kept[~outliers(points[kept])]
-    colors = _colors(rectifier, np.column_stack([column, row])[kept], left)
+    colors = colors_of(rectifier, np.column_stack([column, row])[kept], left)
     n_near = int(near.sum())
     return PointCloud(points[kept], colors, len(points), len(points) - n_near, n_near - len(kept))
 
 
-def outliers(points_m: F64) -> Bools:
+def outliers(points_m: F64, away_m: F64 | None = None) -> Bools:
     """Which points stand alone; bool, shape (n,).
 
-    Distances are taken in units of a point's own distance from the camera, as neighbouring pixels
-    are the farther apart the farther they are away.
+    Distances are taken in units of a point's own distance from its camera (by default the axes'
+    origin), as neighbouring pixels are the farther apart the farther they are away.
     """
     if len(points_m) <= NEIGHBOURS:
         return np.zeros(len(points_m), bool)
     distances, _ = cKDTree(points_m).query(points_m, NEIGHBOURS + 1)
-    spread = distances[:, 1:].mean(axis=1) / np.linalg.norm(points_m, axis=1)
+    away = np.linalg.norm(points_m, axis=1) if away_m is None else away_m
+    spread = distances[:, 1:].mean(axis=1) / away
     return np.asarray(spread > spread.mean() + OUTLIER_SIGMA * spread.std())
 
 
-def _colors(rectifier: Rectifier, pixels: I64, left: U8) -> U8:
+def colors_of(rectifier: Rectifier, pixels: I64, left: U8) -> U8:
     """The left frame's colour at pixels (x, y) of the left view."""
     frame_width, frame_height = rectifier.calibration.frame_size
     width, height = rectifier.size

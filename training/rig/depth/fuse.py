@@ -125,7 +125,9 @@ class Fusion:
         todo = {view.frame: np.isfinite(view.disparity_px) for view in self.views}
         for view in self.views:
             points, pixels = self._points(view, todo[view.frame])
-            weight = np.square(np.square(view.disparity_px[pixels[:, 1], pixels[:, 0]].astype(float)))
+            weight = np.square(
+                np.square(view.disparity_px[pixels[:, 1], pixels[:, 0]].astype(float))
+            )
             sights = list(self._sights(view, points))
             total, more, agreeing = _averaged(sights, AGREE_PX * self._px)
             mean = (total + weight[:, None] * points) / (more + weight)[:, None]
@@ -145,7 +147,9 @@ class Fusion:
         """
         width, height = self.rectifier.size
         rows, columns = np.indices((height, width))
-        shape = np.dstack([np.ones((height, width)), 2 * columns / width - 1, 2 * rows / height - 1])
+        shape = np.dstack(
+            [np.ones((height, width)), 2 * columns / width - 1, 2 * rows / height - 1]
+        )
         given = {view.frame: view.disparity_px for view in self.views}
         tilts = {view.frame: np.zeros(3) for view in self.views}
         for view in self.views * _SWEEPS:
@@ -199,7 +203,9 @@ class Fusion:
             centre = -view.pose.translation_m @ view.pose.rotation
             surface = centre + (points_m - centre) * (own / found)[:, None]
             at = np.rint(row).clip(0, height - 1), np.rint(column).clip(0, width - 1)
-            yield _Sight(view.frame, *(each.astype(int) for each in at), found - own, surface, found)
+            yield _Sight(
+                view.frame, *(each.astype(int) for each in at), found - own, surface, found
+            )
 
 
 def _averaged(sights: Iterable[_Sight], within_px: float) -> tuple[F64, F64, I64]:

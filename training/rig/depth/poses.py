@@ -37,7 +37,8 @@ def poses_by_odometry(odometry: Odometry) -> CameraPoses:
     """Poses as a file has them."""
     turned = {frame: pose.rotation.T for frame, pose in odometry.items()}
     return CameraPoses(
-        {n: Motion(R, -R @ odometry[n].position_m) for n, R in turned.items()}, "the odometry's axes"
+        {n: Motion(R, -R @ odometry[n].position_m) for n, R in turned.items()},
+        "the odometry's axes",
     )
 
 
@@ -62,8 +63,12 @@ def estimated_poses(
         If too few points can be followed.
     """
     size = calibration.frame_size
-    found = [match_frame(mission, n, size) for n in progress(list(row_trims), len(row_trims), "poses")]
-    matches = [_in_views(one, calibration, row_trims[one.frame]) for one in found if one is not None]
+    found = [
+        match_frame(mission, n, size) for n in progress(list(row_trims), len(row_trims), "poses")
+    ]
+    matches = [
+        _in_views(one, calibration, row_trims[one.frame]) for one in found if one is not None
+    ]
     try:
         fit = fit_path(matches, _views_rig(calibration))
     except ToktError as error:
@@ -98,7 +103,7 @@ def _in_views(found: FrameMatches, calibration: StereoCalibration, trim_px: floa
     c = calibration
     R1, R2, P1, P2 = rectifying(c)
     left = rectified(found.left, c.K1, c.D1, R1, P1)
-    right = rectified(found.right, c.K2, c.D2, R2, P2) + [0, trim_px]
+    right = rectified(found.right, c.K2, c.D2, R2, P2) + np.array([0, trim_px])
     fit = (np.abs(left[:, 1] - right[:, 1]) <= _ROW_PX) & (left[:, 0] > right[:, 0])
     looks = found.left_look[fit], found.right_look[fit]
     return FrameMatches(found.frame, left[fit], right[fit], *looks)

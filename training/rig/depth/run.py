@@ -7,6 +7,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tokt.features.common import atomic
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError, os_errors_as
@@ -17,18 +19,26 @@ from tokt.inference.sources.files import MissionSource
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.matching import Matches
+from tokt.inference.stereo.odometry import load_odometry
 from tokt.inference.verdict import OBSTACLE
 from tokt.models.operating_point import frame_step
 from tokt.training.evaluation.pictures import CONTRAST_METHOD
+from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
-from .cloud import FARTHEST_M, cloud_of, ply_bytes
+from .cloud import FARTHEST_M, cloud_of, colors_of, outliers, ply_bytes
 from .curve import curve_csv, curve_png
+from .export import KINDS, Export, Places, logged_places
+from .fuse import AGREEING, Fusion, PosedView, sharpened
 from .pair_depths import DepthRow, measure_depths, summary
 from .picture import DepthPicture
+from .poses import CameraPoses, estimated_poses, poses_by_odometry
 
 SPREAD_PICTURES = 12
 """So many frames are drawn when none was chosen."""
 PICTURES_FOLDER = "frames"
+FUSED_NAME = "fused.ply"
+MAX_FUSED = 100
+"""So many frames are joined at most: time grows with their square."""
 Progress = Callable[..., Any]
 _COLOR_ENDS_M = (1.0, 10.0)
 """Of the colour bar where nothing was matched."""
@@ -50,6 +60,10 @@ class DepthRequest:
     ply: Path | None = None  # where the point cloud goes
     ply_frame: int | None = None  # its frame; None for the one of the least distance
     farthest_m: float = FARTHEST_M  # of the cloud
+    fused: bool = False  # whether the cloud is of all frames with an obstacle
+    odometry: Path | None = None  # where the frames' poses stand; None to estimate them
+    log: Path | None = None  # of the run that saw the frames: its places, its odometry
+    export: str | None = None  # the program that the frames are handed over to
 
 
 def run_depth(
@@ -96,6 +110,14 @@ def run_depth(
     chosen = request.ply_frame
     if chosen is None and found["nearest"]:
         chosen = found["nearest"]["frame"]
+    poses, places = _poses(mission, calibration, measured, request, progress)
+    if request.fused:
+        ply = ply or out / FUSED_NAME
+        cloud = views.write_fused(ply, _seen(measured), poses, farthest_m, progress)
+    else:
+        cloud = (
+            views.write_cloud(ply, rows[chosen], farthest_m) if ply and chosen is not None else None
+        )
     about = {
         "mission": mission.name,
         "matcher": request.matcher,
@@ -103,17 +125,55 @@ def run_depth(
         "rate": request.rate,
         **found,
         "pictures": views.draw(out / PICTURES_FOLDER, drawn, progress) if drawn else [],
-        "ply": views.write_cloud(ply, rows[chosen], farthest_m)
-        if ply and chosen is not None
-        else None,
+        "ply": cloud,
+        "export": None,
         "rows": [asdict(row) for row in measured],
     }
+    if request.export is not None:
+        pairs = [row.frame for row in measured if row.valid_fraction is not None]
+        export = Export(mission, calibration, pairs, poses.by_frame, places)
+        about["export"] = export.write(request.export, out / request.export, progress)
     text = json.dumps(about, indent=2, ensure_ascii=False, allow_nan=False)
     atomic.write_text(out / "depth.json", text + "\n")
     if ply is not None and about["ply"] is None:
+        if request.fused:
+            raise ToktError(
+                f"no point cloud: no {AGREEING} frames agree on anything within {farthest_m:g} m"
+            )
         where = "any frame" if chosen is None else f"frame {chosen}"
         raise ToktError(f"no point cloud: nothing in {where} was matched within {farthest_m:g} m")
     return about
+
+
+def _seen(rows: Sequence[DepthRow]) -> list[DepthRow]:
+    """The rows that show something, or at most `MAX_FUSED` of them, evenly spaced."""
+    seen = [row for row in rows if row.status == OBSTACLE and row.median_m is not None]
+    return evenly_spaced(seen, MAX_FUSED)
+
+
+def _poses(
+    mission: Mission,
+    calibration: StereoCalibration,
+    rows: Sequence[DepthRow],
+    request: DepthRequest,
+    progress: Progress,
+) -> tuple[CameraPoses, Places]:
+    """The frames' poses, by the odometry given, the log's or the frames; and what the log has."""
+    if not (request.fused or request.export):
+        return CameraPoses({}, ""), {}
+    odometry, places = request.odometry, {}
+    if request.log is not None:
+        places, logged = logged_places(request.log)
+        odometry = odometry or logged
+    if odometry is not None:
+        return poses_by_odometry(load_odometry(odometry)), places
+    trims = {row.frame: row.row_trim_px for row in _seen(rows)}
+    try:
+        return estimated_poses(mission, calibration, trims, progress), places
+    except ToktError:
+        if request.fused:
+            raise
+        return CameraPoses({}, ""), places  # frames and rig are handed over without
 
 
 def _source(mission: Mission, out: Path, request: DepthRequest) -> MissionSource:
@@ -125,8 +185,7 @@ def _source(mission: Mission, out: Path, request: DepthRequest) -> MissionSource
     _refuse_unwritable(out, "--out")
     if request.ply is not None:
         _refuse_unwritable(request.ply.parent, "--ply")
-    if request.ply is None and (request.ply_frame, request.farthest_m) != (None, FARTHEST_M):
-        raise ToktError("--ply-frame and --ply-farthest go together with --ply")
+    _refuse_together(out, request)
     if request.rate is not None and not 0 < request.rate < float("inf"):
         raise ToktError(f"a rate is a positive number of frames per second, not {request.rate}")
     source = MissionSource(mission, SYSTEM_CLOCK, request.frames)
@@ -138,6 +197,23 @@ def _source(mission: Mission, out: Path, request: DepthRequest) -> MissionSource
             f"frames {format_frames(missing)} are not among those looked at: {looked_at}"
         )
     return source
+
+
+def _refuse_together(out: Path, request: DepthRequest) -> None:
+    """Options that do not go with each other."""
+    single = request.ply is not None and not request.fused
+    if request.ply_frame is not None and not single:
+        raise ToktError("--ply-frame goes together with --ply, and without --fused")
+    if request.farthest_m != FARTHEST_M and not (single or request.fused):
+        raise ToktError("--ply-farthest goes together with --ply or --fused")
+    several = request.fused or request.export is not None
+    if not several and (request.odometry is not None or request.log is not None):
+        raise ToktError("--odometry and --log go together with --fused or --export")
+    if request.export is not None:
+        if request.export not in KINDS:
+            raise ToktError(f"--export is one of {', '.join(KINDS)}, not {request.export!r}")
+        if (out / request.export).exists():
+            raise ToktError(f"{out / request.export} exists already; choose another --out")
 
 
 def _refuse_unwritable(folder: Path, option: str) -> None:
@@ -214,6 +290,53 @@ class PairRematcher:
             "matched": cloud.matched,
             "out_of_range": cloud.out_of_range,
             "outliers": cloud.outliers,
+        }
+
+    def write_fused(
+        self,
+        file: Path,
+        rows: Sequence[DepthRow],
+        poses: CameraPoses,
+        farthest_m: float,
+        progress: Progress,
+    ) -> dict[str, Any] | None:
+        """Write the cloud that several frames agree on; what it holds, or None without a point."""
+        rectifier, views = self.detector.rectifier, []
+        for row in progress(rows, len(rows), "match"):
+            left, matches = self.again(row)
+            if row.frame in poses.by_frame and left is not None and matches is not None:
+                right = rectifier.right(self.mission.read(row.frame, RIGHT), row.row_trim_px)
+                disparity = sharpened(rectifier.left(left), right, matches)
+                disparity[disparity < rectifier.focal_baseline_px_m / farthest_m] = np.nan
+                views.append(PosedView(row.frame, disparity, poses.by_frame[row.frame]))
+        matched = sum(int(np.isfinite(view.disparity_px).sum()) for view in views)
+        joined = [part for part in Fusion(rectifier, views).fused() if len(part.points_m)]
+        if not joined:
+            return None
+        points = np.concatenate([part.points_m for part in joined])
+        kept = ~outliers(points, np.concatenate([part.away_m for part in joined]))
+        colors = np.concatenate(
+            [
+                colors_of(rectifier, part.pixels, self.mission.read(part.frame, LEFT))
+                for part in joined
+            ]
+        )
+        used = format_frames(view.frame for view in views)
+        comments = [
+            f"mission {self.mission.name}, frames {used}",
+            f"metres in {poses.axes}",
+            f"colours: left frames, {CONTRAST_METHOD}",
+        ]
+        atomic.write_bytes(file, ply_bytes(points[kept], colors[kept], comments))
+        return {
+            "file": str(file),
+            "frames": used,
+            "left_out": format_frames({row.frame for row in rows} - {view.frame for view in views}),
+            "points": int(kept.sum()),
+            "matched": matched,
+            "outliers": int((~kept).sum()),
+            "axes": poses.axes,
+            "residual_px": poses.residual_px,
         }
 
 
