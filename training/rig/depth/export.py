@@ -43,10 +43,10 @@ def logged_places(log: Path) -> tuple[Places, Path | None]:
     of_place = [each for each in FIELDS if each.since == WITH_PLACE and each.v2]
     places = {}
     for line in logged_lines(log, run.run, []):
-        if "event" not in line and isinstance(line.get("frame"), int):
-            known = {
-                one.name: float(line[one.name]) for one in of_place if one.fits(line.get(one.name))
-            }
+        known = {
+            one.name: float(line[one.name]) for one in of_place if one.fits(line.get(one.name))
+        }
+        if known and type(line.get("frame")) is int:
             places[line["frame"]] = known
     used = run.start.odometry
     if used is not None and used_file(Path(used.path)) != used:
@@ -158,7 +158,7 @@ def _colmap(
             pose = _after(left, rig[place])
             images += [f"{ids[place]} {_numbers(pose)} {place + 1} {name}", ""]
     priors = [
-        f"{names[n][0]} {place['lat_deg']:.9g} {place['lon_deg']:.9g} {-place['depth_m']:.9g}"
+        f"{names[n][0]} {place['lat_deg']} {place['lon_deg']} {-place['depth_m']}"
         for n, place in of.places.items()
         if n in names and {"lat_deg", "lon_deg", "depth_m"} <= place.keys()
     ]

@@ -80,11 +80,6 @@ class PosedView:
     disparity_px: F32  # nan where there is none
     pose: Motion  # from the fixed axes to the left camera's
 
-    @property
-    def disparity_median_px(self) -> float:
-        """Of all pixels that have one."""
-        return float(np.nanmedian(self.disparity_px))
-
 
 class FusedPoints(NamedTuple):
     """What several frames agree on, by the frames whose pixels it was worked out for."""
@@ -93,7 +88,6 @@ class FusedPoints(NamedTuple):
     points_m: F64  # (n, 3) in the fixed axes
     pixels: I64  # (n, 2): x and y in the frame's left view
     away_m: F64  # (n,): from the frame's camera
-    agreeing: I64  # (n,): frames
 
 
 class _Sight(NamedTuple):
@@ -116,7 +110,7 @@ class Fusion:
 
     def __post_init__(self) -> None:
         self.views = [view for view in self.views if np.isfinite(view.disparity_px).any()]
-        self.views.sort(key=lambda view: -view.disparity_median_px)
+        self.views.sort(key=lambda view: -float(np.nanmedian(view.disparity_px)))
         self._px = self.rectifier.size[0] / SETTINGS_WIDTH
 
     def fused(self) -> Iterator[FusedPoints]:
@@ -137,7 +131,7 @@ class Fusion:
                 same = kept & (np.abs(sight.excess_px) < SAME_PX * self._px)
                 todo[sight.frame][sight.row[same], sight.column[same]] = False
             away = np.linalg.norm(view.pose.of(mean[kept]), axis=1)
-            yield FusedPoints(view.frame, mean[kept], pixels[kept], away, agreeing[kept] + 1)
+            yield FusedPoints(view.frame, mean[kept], pixels[kept], away)
 
     def _level(self) -> None:
         """Take away what tilts the frames' surfaces against each other.
@@ -161,12 +155,13 @@ class Fusion:
             known = agreeing > 0
             if not known.any():
                 continue
-            nearer = points[known] - total[known] / weight[known, None]
-            z = self._turned(view, points[known])[:, 2]
-            change = nearer @ self._axis(view) * self.rectifier.focal_baseline_px_m / z**2
+            surface = total[known] / weight[known, None]
+            wanted, own = (self._disparity(view, each) for each in (surface, points[known]))
             here = shape[pixels[known, 1], pixels[known, 0]]
             blocks = len(seen) * known.mean() / (BLOCK_PX * self._px) ** 2
-            tilts[view.frame] = _tilt(here, change / self._px + here @ tilts[view.frame], blocks)
+            tilts[view.frame] = _tilt(
+                here, (wanted - own) / self._px + here @ tilts[view.frame], blocks
+            )
             tilted = given[view.frame] + shape @ tilts[view.frame] * self._px
             view.disparity_px = tilted.astype(np.float32)
 
@@ -181,9 +176,9 @@ class Fusion:
         """Points in the axes of the rectified view."""
         return np.asarray(view.pose.of(points_m) @ self.rectifier.rotations[0].T)
 
-    def _axis(self, view: PosedView) -> F64:
-        """The direction in which the view looks, in the fixed axes."""
-        return np.asarray((self.rectifier.rotations[0] @ view.pose.rotation)[2])
+    def _disparity(self, view: PosedView, points_m: F64) -> F64:
+        """What the points have in the view."""
+        return self.rectifier.focal_baseline_px_m / self._turned(view, points_m)[:, 2]
 
     def _sights(self, of: PosedView, points_m: F64) -> Iterator[_Sight]:
         """The points as each other view shows them."""
