@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -19,9 +20,11 @@ from .cloud import NEAREST_M
 
 # Settings in pixels of a view `SETTINGS_WIDTH` wide. Source: a rendered mission with exact depth
 # (seed 1), and every second frame of the mission of 2016.
-WINDOW_PX = 7
-"""What a pixel is matched anew with. One pair needs a block of `BLOCK_PX`, which widens what is
-thin and flattens what is rough; of several pairs the noise of a small window is averaged out."""
+MIN_WINDOW_PX = 7
+"""What a pixel is matched anew with, at least. One pair needs a block of `BLOCK_PX`, which widens
+what is thin and flattens what is rough. Of several pairs the noise is averaged out."""
+_LESS_NOISE = 2.5
+"""Even so there must be that much less of it than in one pair's matches."""
 _MIN_LIKENESS = 0.5
 """Correlation of the two windows."""
 _REACH_PX, _STEP_PX = 1.5, 0.5
@@ -39,16 +42,22 @@ _SAMPLE = 3000
 """Pixels of a frame that it is levelled by."""
 
 
-def sharpened(left: F32, right: F32, matches: Matches) -> F32:
+def sharpened(left: F32, right: F32, matches: Matches, frames: int) -> F32:
     """The disparities matched anew within a small window; nan where that finds nothing alike.
 
     Parameters
     ----------
     left, right : array of float32, shape (height, width)
         The rectified views.
+    frames : int
+        That are joined.
     """
-    ratio = left.shape[1] / SETTINGS_WIDTH
-    window = (max(2 * round((WINDOW_PX * ratio - 1) / 2) + 1, 3),) * 2
+    wanted = (
+        max(_LESS_NOISE * BLOCK_PX / math.sqrt(frames), MIN_WINDOW_PX)
+        * left.shape[1]
+        / SETTINGS_WIDTH
+    )
+    window = (max(2 * round((wanted - 1) / 2) + 1, 5),) * 2
     start = np.where(matches.valid, matches.disparity_px, 0).astype(np.float32)
     row, column = (each.astype(np.float32) for each in np.indices(left.shape))
     steps = np.arange(-_REACH_PX, _REACH_PX + _STEP_PX, _STEP_PX)
@@ -56,7 +65,7 @@ def sharpened(left: F32, right: F32, matches: Matches) -> F32:
     variance = cv2.boxFilter(left * left, cv2.CV_32F, window) - mean * mean
     likeness = np.empty((len(steps), *left.shape), np.float32)
     for place, step in enumerate(steps):
-        moved = cv2.remap(right, column - start - np.float32(step), row, cv2.INTER_LINEAR)
+        moved = cv2.remap(right, column - start - np.float32(step), row, cv2.INTER_CUBIC)
         other = cv2.boxFilter(moved, cv2.CV_32F, window)
         spread = cv2.boxFilter(moved * moved, cv2.CV_32F, window) - other * other
         common = cv2.boxFilter(left * moved, cv2.CV_32F, window) - mean * other

@@ -302,11 +302,12 @@ class PairRematcher:
     ) -> dict[str, Any] | None:
         """Write the cloud that several frames agree on; what it holds, or None without a point."""
         rectifier, views = self.detector.rectifier, []
-        for row in progress(rows, len(rows), "match"):
+        posed = [row for row in rows if row.frame in poses.by_frame]
+        for row in progress(posed, len(posed), "match"):
             left, matches = self.again(row)
-            if row.frame in poses.by_frame and left is not None and matches is not None:
+            if left is not None and matches is not None:
                 right = rectifier.right(self.mission.read(row.frame, RIGHT), row.row_trim_px)
-                disparity = sharpened(rectifier.left(left), right, matches)
+                disparity = sharpened(rectifier.left(left), right, matches, len(posed))
                 disparity[disparity < rectifier.focal_baseline_px_m / farthest_m] = np.nan
                 views.append(PosedView(row.frame, disparity, poses.by_frame[row.frame]))
         matched = sum(int(np.isfinite(view.disparity_px).sum()) for view in views)
