@@ -51,7 +51,7 @@ def logged_places(log: Path) -> tuple[Places, Path | None]:
     used = run.start.odometry
     if used is not None and used_file(Path(used.path)) != used:
         raise ToktError(f"{used.path} is not what it was in the run of {log}: give --odometry FILE")
-    return places, used and Path(used.path)
+    return places, None if used is None else Path(used.path)
 
 
 @dataclass(frozen=True)

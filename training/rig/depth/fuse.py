@@ -12,7 +12,13 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from tokt.features.common.arrays import F32, F64, I64, Bools
-from tokt.inference.stereo.matching import BLOCK_PX, MIN_SIGMA_GREY, SETTINGS_WIDTH, Matches
+from tokt.inference.stereo.matching import (
+    BLOCK_PX,
+    MIN_SIGMA_GREY,
+    SETTINGS_WIDTH,
+    Matches,
+    local_mean_and_sigma,
+)
 from tokt.inference.stereo.odometry import Motion
 from tokt.inference.stereo.rectify import Rectifier
 
@@ -23,7 +29,7 @@ from .cloud import NEAREST_M
 MIN_WINDOW_PX = 7
 """What a pixel is matched anew with, at least. One pair needs a block of `BLOCK_PX`, which widens
 what is thin and flattens what is rough. Of several pairs the noise is averaged out."""
-_LESS_NOISE = 2.5
+_LESS_NOISE = 2.2
 """Even so there must be that much less of it than in one pair's matches."""
 _MIN_LIKENESS = 0.5
 """Correlation of the two windows."""
@@ -52,24 +58,20 @@ def sharpened(left: F32, right: F32, matches: Matches, frames: int) -> F32:
     frames : int
         That are joined.
     """
-    wanted = (
-        max(_LESS_NOISE * BLOCK_PX / math.sqrt(frames), MIN_WINDOW_PX)
-        * left.shape[1]
-        / SETTINGS_WIDTH
-    )
-    window = (max(2 * round((wanted - 1) / 2) + 1, 5),) * 2
-    start = np.where(matches.valid, matches.disparity_px, 0).astype(np.float32)
-    row, column = (each.astype(np.float32) for each in np.indices(left.shape))
+    of_block = max(_LESS_NOISE / math.sqrt(frames), MIN_WINDOW_PX / BLOCK_PX)
+    wanted = of_block * BLOCK_PX * left.shape[1] / SETTINGS_WIDTH
+    window = max(2 * round((wanted - 1) / 2) + 1, 5)
+    start = np.where(matches.valid, matches.disparity_px, 0)
+    row, column = (np.asarray(each, np.float32) for each in np.indices(left.shape))
     steps = np.arange(-_REACH_PX, _REACH_PX + _STEP_PX, _STEP_PX)
-    mean = cv2.boxFilter(left, cv2.CV_32F, window)
-    variance = cv2.boxFilter(left * left, cv2.CV_32F, window) - mean * mean
+    mean, sigma = local_mean_and_sigma(left, window)
     likeness = np.empty((len(steps), *left.shape), np.float32)
     for place, step in enumerate(steps):
-        moved = cv2.remap(right, column - start - np.float32(step), row, cv2.INTER_CUBIC)
-        other = cv2.boxFilter(moved, cv2.CV_32F, window)
-        spread = cv2.boxFilter(moved * moved, cv2.CV_32F, window) - other * other
-        common = cv2.boxFilter(left * moved, cv2.CV_32F, window) - mean * other
-        likeness[place] = common / np.sqrt(np.maximum(variance, 1e-3) * np.maximum(spread, 1e-3))
+        there = np.asarray(column - start - step, np.float32)
+        moved = np.asarray(cv2.remap(right, there, row, cv2.INTER_CUBIC), np.float32)
+        other, spread = local_mean_and_sigma(moved, window)
+        common = cv2.boxFilter(left * moved, cv2.CV_32F, (window, window)) - mean * other
+        likeness[place] = common / np.maximum(sigma * spread, 1e-3)
     best = likeness.argmax(axis=0)
     inner = best.clip(1, len(steps) - 2)
     before, at, after = (
@@ -77,7 +79,7 @@ def sharpened(left: F32, right: F32, matches: Matches, frames: int) -> F32:
     )
     bend = np.minimum(before - 2 * at + after, -1e-6)
     found = start + steps[inner] + 0.5 * (before - after) / bend * _STEP_PX
-    good = matches.valid & (best == inner) & (at > _MIN_LIKENESS) & (variance > MIN_SIGMA_GREY**2)
+    good = matches.valid & (best == inner) & (at > _MIN_LIKENESS) & (sigma > MIN_SIGMA_GREY)
     return np.where(good, found, np.nan).astype(np.float32)
 
 
@@ -107,7 +109,7 @@ class _Sight(NamedTuple):
     column: I64
     excess_px: F64  # disparity measured there over the point's own; nan where there is none
     surface_m: F64  # (n, 3): the place that is measured there, in the fixed axes
-    disparity_px: F64
+    weight: F64  # of that place: the variance of a depth grows with its fourth power
 
 
 @dataclass
@@ -128,11 +130,9 @@ class Fusion:
         todo = {view.frame: np.isfinite(view.disparity_px) for view in self.views}
         for view in self.views:
             points, pixels = self._points(view, todo[view.frame])
-            weight = np.square(
-                np.square(view.disparity_px[pixels[:, 1], pixels[:, 0]].astype(float))
-            )
             sights = list(self._sights(view, points))
-            total, more, agreeing = _averaged(sights, AGREE_PX * self._px)
+            total, more, agreeing = _averaged(sights, AGREE_PX * self._px, len(points))
+            weight = view.disparity_px[pixels[:, 1], pixels[:, 0]].astype(np.float64) ** 4
             mean = (total + weight[:, None] * points) / (more + weight)[:, None]
             behind = sum(sight.excess_px < -SAME_PX * self._px for sight in sights)
             kept = (agreeing + 1 >= AGREEING) & (agreeing + 1 > behind)
@@ -153,26 +153,36 @@ class Fusion:
         shape = np.dstack(
             [np.ones((height, width)), 2 * columns / width - 1, 2 * rows / height - 1]
         )
-        given = {view.frame: view.disparity_px for view in self.views}
-        tilts = {view.frame: np.zeros(3) for view in self.views}
-        for view in self.views * _SWEEPS:
-            seen = np.flatnonzero(np.isfinite(view.disparity_px))
-            some = np.zeros(height * width, bool)
-            some[seen[:: max(1, len(seen) // _SAMPLE)]] = True
-            points, pixels = self._points(view, some.reshape(height, width))
-            total, weight, agreeing = _averaged(self._sights(view, points), SAME_PX * self._px)
-            known = agreeing > 0
-            if not known.any():
-                continue
-            surface = total[known] / weight[known, None]
-            wanted, own = (self._disparity(view, each) for each in (surface, points[known]))
-            here = shape[pixels[known, 1], pixels[known, 0]]
-            blocks = len(seen) * known.mean() / (BLOCK_PX * self._px) ** 2
-            tilts[view.frame] = _tilt(
-                here, (wanted - own) / self._px + here @ tilts[view.frame], blocks
-            )
-            tilted = given[view.frame] + shape @ tilts[view.frame] * self._px
-            view.disparity_px = tilted.astype(np.float32)
+        given = [view.disparity_px for view in self.views]
+        tilts = np.zeros((len(given), 3))
+        for _ in range(_SWEEPS):
+            for place, view in enumerate(self.views):
+                tilts[place] = self._tilt_of(view, shape, tilts[place])
+                view.disparity_px = self._tilted(given[place], shape, tilts[place])
+            # What all frames have alike they cannot tell: none of it is taken away.
+            tilts -= tilts.mean(axis=0)
+            for view, before, tilt in zip(self.views, given, tilts, strict=True):
+                view.disparity_px = self._tilted(before, shape, tilt)
+
+    def _tilted(self, disparity_px: F32, shape: F64, tilt: F64) -> F32:
+        return (disparity_px + shape @ tilt * self._px).astype(np.float32)
+
+    def _tilt_of(self, view: PosedView, shape: F64, tilt: F64) -> F64:
+        """A view's tilt by what the others measure, where it is tilted so far already."""
+        seen = np.flatnonzero(np.isfinite(view.disparity_px))
+        some = np.zeros(view.disparity_px.size, bool)
+        some[seen[:: max(1, len(seen) // _SAMPLE)]] = True
+        points, pixels = self._points(view, some.reshape(view.disparity_px.shape))
+        sights = self._sights(view, points)
+        total, weight, agreeing = _averaged(sights, SAME_PX * self._px, len(points))
+        known = agreeing > 0
+        if not known.any():
+            return tilt
+        surface = total[known] / weight[known, None]
+        wanted, own = (self._disparity(view, each) for each in (surface, points[known]))
+        here = shape[pixels[known, 1], pixels[known, 0]]
+        blocks = len(seen) * known.mean() / (BLOCK_PX * self._px) ** 2
+        return _tilt(here, (wanted - own) / self._px + here @ tilt, blocks)
 
     def _points(self, view: PosedView, mask: Bools) -> tuple[F64, I64]:
         """The places of a view's pixels in the fixed axes, and these pixels, x and y."""
@@ -206,31 +216,31 @@ class Fusion:
             own = known.focal_baseline_px_m / z
             centre = -view.pose.translation_m @ view.pose.rotation
             surface = centre + (points_m - centre) * (own / found)[:, None]
-            at = np.rint(row).clip(0, height - 1), np.rint(column).clip(0, width - 1)
-            yield _Sight(
-                view.frame, *(each.astype(int) for each in at), found - own, surface, found
+            r, c = (
+                np.rint(each).clip(0, end - 1).astype(np.int64)
+                for each, end in ((row, height), (column, width))
             )
+            yield _Sight(view.frame, r, c, found - own, surface, found**4)
 
 
-def _averaged(sights: Iterable[_Sight], within_px: float) -> tuple[F64, F64, I64]:
-    """Sum of the surfaces that other views have where points are, its weights, and how many.
-
-    The variance of a depth grows with its fourth power.
-    """
-    total, weight, agreeing = np.zeros(3), np.zeros(1), np.zeros(1, np.int64)
+def _averaged(sights: Iterable[_Sight], within_px: float, count: int) -> tuple[F64, F64, I64]:
+    """Sum of the places that other views have for `count` points, its weight, and how many."""
+    total, weight = np.zeros((count, 3)), np.zeros(count)
+    agreeing = np.zeros(count, np.int64)
     for sight in sights:
         agree = np.abs(sight.excess_px) < within_px
-        more = np.where(agree, np.square(np.square(sight.disparity_px)), 0.0)
-        total = total + np.where(agree[:, None], more[:, None] * sight.surface_m, 0.0)
-        weight, agreeing = weight + more, agreeing + agree
+        total[agree] += sight.weight[agree, None] * sight.surface_m[agree]
+        weight[agree] += sight.weight[agree]
+        agreeing += agree
     return total, weight, agreeing
 
 
 def _tilt(shape: F64, wanted_px: F64, blocks: float) -> F64:
     """The tilt that fits best, robustly, and no larger than is likely; `blocks` are independent."""
-    weight, tilt = np.ones(len(wanted_px)), np.zeros(3)
+    weight: F64 = np.ones(len(wanted_px))
+    tilt: F64 = np.zeros(3)
     for _ in range(5):
         pull = shape.T * (weight * blocks / len(wanted_px) / _NOISE_PX**2)
-        tilt = np.linalg.solve(pull @ shape + np.eye(3) / _TILT_PX**2, pull @ wanted_px)
+        tilt = np.asarray(np.linalg.solve(pull @ shape + np.eye(3) / _TILT_PX**2, pull @ wanted_px))
         weight = 1 / (1 + np.square((wanted_px - shape @ tilt) / _NOISE_PX))
-    return np.asarray(tilt)
+    return tilt

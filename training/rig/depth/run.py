@@ -94,6 +94,7 @@ def run_depth(
         nothing to make a cloud of. A pair that cannot be judged is a row that says why.
     """
     source = _source(mission, out, request)
+    poses, places = _given(request)
     ply, farthest_m = request.ply, request.farthest_m
     settings = (calibration, DEFAULT_GRID, request.matcher, request.scale)
     detector = DisparityDetector(*settings)
@@ -110,14 +111,15 @@ def run_depth(
     chosen = request.ply_frame
     if chosen is None and found["nearest"]:
         chosen = found["nearest"]["frame"]
-    poses, places = _poses(mission, calibration, measured, request, progress)
+    shown, why = _seen(measured), ""
+    if poses is None:
+        wanted = shown if request.fused or request.export else []
+        poses, why = _estimated(mission, calibration, wanted, progress)
+    cloud = None
     if request.fused:
-        ply = ply or out / FUSED_NAME
-        cloud = views.write_fused(ply, _seen(measured), poses, farthest_m, progress)
-    else:
-        cloud = (
-            views.write_cloud(ply, rows[chosen], farthest_m) if ply and chosen is not None else None
-        )
+        cloud = views.write_fused(ply or out / FUSED_NAME, shown, poses, farthest_m, progress)
+    elif ply is not None and chosen is not None:
+        cloud = views.write_cloud(ply, rows[chosen], farthest_m)
     about = {
         "mission": mission.name,
         "matcher": request.matcher,
@@ -135,11 +137,10 @@ def run_depth(
         about["export"] = export.write(request.export, out / request.export, progress)
     text = json.dumps(about, indent=2, ensure_ascii=False, allow_nan=False)
     atomic.write_text(out / "depth.json", text + "\n")
-    if ply is not None and about["ply"] is None:
-        if request.fused:
-            raise ToktError(
-                f"no point cloud: no {AGREEING} frames agree on anything within {farthest_m:g} m"
-            )
+    if cloud is None and request.fused:
+        agree = f"no {AGREEING} frames with a pose agree on anything"
+        raise ToktError(why or f"no point cloud: {agree} within {farthest_m:g} m")
+    if cloud is None and ply is not None:
         where = "any frame" if chosen is None else f"frame {chosen}"
         raise ToktError(f"no point cloud: nothing in {where} was matched within {farthest_m:g} m")
     return about
@@ -151,29 +152,24 @@ def _seen(rows: Sequence[DepthRow]) -> list[DepthRow]:
     return evenly_spaced(seen, MAX_FUSED)
 
 
-def _poses(
-    mission: Mission,
-    calibration: StereoCalibration,
-    rows: Sequence[DepthRow],
-    request: DepthRequest,
-    progress: Progress,
-) -> tuple[CameraPoses, Places]:
-    """The frames' poses, by the odometry given, the log's or the frames; and what the log has."""
-    if not (request.fused or request.export):
-        return CameraPoses({}, ""), {}
-    odometry, places = request.odometry, {}
-    if request.log is not None:
-        places, logged = logged_places(request.log)
-        odometry = odometry or logged
-    if odometry is not None:
-        return poses_by_odometry(load_odometry(odometry)), places
-    trims = {row.frame: row.row_trim_px for row in _seen(rows)}
+def _given(request: DepthRequest) -> tuple[CameraPoses | None, Places]:
+    """Poses by the odometry given, or the log's; and where the log says the vehicle was."""
+    places, used = ({}, None) if request.log is None else logged_places(request.log)
+    odometry = request.odometry or used
+    return None if odometry is None else poses_by_odometry(load_odometry(odometry)), places
+
+
+def _estimated(
+    mission: Mission, calibration: StereoCalibration, rows: Sequence[DepthRow], progress: Progress
+) -> tuple[CameraPoses, str]:
+    """Poses by the frames of some rows, or none and why."""
+    if not rows:
+        return CameraPoses({}, ""), "no poses: no frame shows anything"
+    trims = {row.frame: row.row_trim_px for row in rows}
     try:
-        return estimated_poses(mission, calibration, trims, progress), places
-    except ToktError:
-        if request.fused:
-            raise
-        return CameraPoses({}, ""), places  # frames and rig are handed over without
+        return estimated_poses(mission, calibration, trims, progress), ""
+    except ToktError as error:
+        return CameraPoses({}, ""), str(error)
 
 
 def _source(mission: Mission, out: Path, request: DepthRequest) -> MissionSource:
