@@ -345,7 +345,7 @@ def test_opensfms_files_project_as_its_documentation_says(wall, logged, depth):
         (("--export", "meshroom"), "one of colmap, opensfm, not 'meshroom'"),
         (("--export", "colmap", "--out", "full"), "exists already"),
         (("--fused", "--frames", "4-5"), "give --odometry FILE"),
-        (("--fused", "--frames", "1-8", "--ply-farthest", "2.0"), "no 3 frames agree on anything"),
+        (("--fused", "--frames", "1-8", "--ply-farthest", "2.0"), "no 3 frames with a pose agree on anything"),
     ],
 )
 def test_what_cannot_be_joined_or_handed_over_is_refused(

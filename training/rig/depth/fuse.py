@@ -126,6 +126,8 @@ class Fusion:
 
     def fused(self) -> Iterator[FusedPoints]:
         """What the frames agree on: no place is told twice."""
+        if len(self.views) < AGREEING:
+            return
         self._level()
         todo = {view.frame: np.isfinite(view.disparity_px) for view in self.views}
         for view in self.views:

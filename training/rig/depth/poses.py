@@ -1,4 +1,4 @@
-"""Where the left camera was at each frame: by an odometry file, or by the frames themselves."""
+"""Poses of the left camera, frame by frame: of an odometry file, or from the frames themselves."""
 
 from __future__ import annotations
 
