@@ -297,20 +297,18 @@ def depth(
         bool,
         Option(
             "--fused",
-            help="Join what at least three frames agree on into one cloud, by default fused.ply "
-            "in --out. It needs the frames' poses.",
+            help="Join what at least three frames agree on into one cloud, fused.ply in --out.",
         ),
     ] = False,
     odometry: Annotated[
         Path | None,
         Option(
             help="Poses of the left camera, as tokt run takes them. Default: those of --log, else "
-            "estimated from the frames, with errors that add up from frame to frame."
+            "estimated from the frames, with errors that add up."
         ),
     ] = None,
     log: Annotated[
-        Path | None,
-        Option(help="Log of the run that saw these frames, for the vehicle's place and odometry."),
+        Path | None, Option(help="Log of a run over these frames, for places and odometry.")
     ] = None,
     export: Annotated[
         str | None,
@@ -347,19 +345,9 @@ def depth(
     opened = open_mission(mission)
     known = read_calibration_file(calibration)
     drawn = None if pictures is None else [] if pictures == "none" else parse_frames(pictures)
+    several = fused, odometry, log, export
     request = DepthRequest(
-        chosen,
-        drawn,
-        rate,
-        stereo,
-        scale,
-        ply,
-        ply_frame,
-        ply_farthest,
-        fused,
-        odometry,
-        log,
-        export,
+        chosen, drawn, rate, stereo, scale, ply, ply_frame, ply_farthest, *several
     )
     found = run_depth(opened, known, out, request, progress)
     answer(json, found, lambda: _print_depth(found, out))
@@ -398,28 +386,20 @@ def _print_depth(found: dict[str, Any], out: Path) -> None:
     drawn = len(found["pictures"])
     print(f"written: {out / 'depth.csv'}, depth.png, depth.json and {drawn} pictures in frames/")
     if found["ply"]:
-        _print_cloud(found["ply"])
+        cloud = found["ply"]
+        of = f"frame {cloud['frame']}" if "frame" in cloud else f"frames {cloud['frames']}"
+        print(
+            f"point cloud: {cloud['file']}, {cloud['points']} points of {of} "
+            f"({cloud['matched']} matched, {cloud['out_of_range']} out of range, "
+            f"{cloud['outliers']} outliers)"
+        )
+        if "axes" in cloud:
+            print(f"  in {cloud['axes']}")
     if found["export"]:
         gone = found["export"]
         print(
             f"written: {gone['folder']}, {gone['pairs']} pairs, {gone['poses']} of them with a "
             f"pose, {gone['places']} with a place"
-        )
-
-
-def _print_cloud(cloud: dict[str, Any]) -> None:
-    if "frame" in cloud:
-        of, lost = f"frame {cloud['frame']}", f"{cloud['out_of_range']} out of range"
-    else:
-        of, lost = f"frames {cloud['frames']}", f"left out: {cloud['left_out'] or 'no frame'}"
-    print(
-        f"point cloud: {cloud['file']}, {cloud['points']} points of {of} "
-        f"({cloud['matched']} matched, {lost}, {cloud['outliers']} outliers)"
-    )
-    if cloud.get("residual_px") is not None:
-        print(
-            f"  in {cloud['axes']}; poses estimated from the frames, points fit within "
-            f"{cloud['residual_px']:.2f} px (median)"
         )
 
 

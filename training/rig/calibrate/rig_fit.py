@@ -166,29 +166,13 @@ def fit_rig(matches: Sequence[FrameMatches], start: Rig, free: Sequence[str] = (
     # Rows say little of the yaw, and mislead where the lens model is poor; the plain rig's misses a
     # large one. Both are tried, and the points followed over frames decide.
     rough = [
-        _roughly(tracks, fit_epipolar(start, tracks, [*pose, *lens]), names)
+        fit_path(tracks, fit_epipolar(start, tracks, [*pose, *lens]), names)
         for pose in (POSE, [name for name in POSE if name != "rotation_y"])
     ]
     found = [one for one in rough if not isinstance(one, str)]
     if not found:
         raise ToktError(str(rough[0]))
     tracks, first = min(found, key=lambda one: one[1].cost / len(one[0].point))
-    return _finely(tracks, first, names)
-
-
-def fit_path(matches: Sequence[FrameMatches], rig: Rig) -> RigFit:
-    """Fit where the frames were taken from, with a rig that is known.
-
-    Raises ToktError if too few points can be followed from frame to frame.
-    """
-    rough = _roughly(build_tracks(matches), rig, ()) if matches else "no frame has enough points"
-    if isinstance(rough, str):
-        raise ToktError(rough)
-    return _finely(*rough, ())
-
-
-def _finely(tracks: Tracks, first: Adjusted, names: tuple[str, ...]) -> RigFit:
-    """Adjust once more without the observations that a first adjustment shows to be wrong."""
     observed = len(tracks.point)
     tracks, path = _only(tracks, first.path, ~(first.residual_px > _WRONG_PX))
     last = adjust(Problem(first.rig, tracks, path.anchor, names, PRIORS), path)
@@ -197,8 +181,8 @@ def _finely(tracks: Tracks, first: Adjusted, names: tuple[str, ...]) -> RigFit:
     )
 
 
-def _roughly(tracks: Tracks, rig: Rig, names: Sequence[str]) -> tuple[Tracks, Adjusted] | str:
-    """A first adjustment from a rig, wrong matches and all; or why there is none, in words."""
+def fit_path(tracks: Tracks, rig: Rig, names: Sequence[str]) -> tuple[Tracks, Adjusted] | str:
+    """Fit the path, and the named numbers, wrong matches and all; or why it cannot be, in words."""
     path, placed = first_path(rig, tracks)
     tracks, path = _placed(tracks, path, placed)
     followed = int((tracks.lengths() > 1).sum())

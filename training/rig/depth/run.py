@@ -2,7 +2,7 @@
 
 import json
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,26 +12,27 @@ import numpy as np
 from tokt.features.common import atomic
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError, os_errors_as
+from tokt.features.common.extras import needed_by
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.sources.files import MissionSource
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
-from tokt.inference.stereo.matching import Matches
-from tokt.inference.stereo.odometry import load_odometry
+from tokt.inference.stereo.matching import DenseMatcher, Matches
+from tokt.inference.stereo.odometry import Odometry, Pose, load_odometry
 from tokt.inference.verdict import OBSTACLE
 from tokt.models.operating_point import frame_step
 from tokt.training.evaluation.pictures import CONTRAST_METHOD
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
-from .cloud import FARTHEST_M, cloud_of, colors_of, outliers, ply_bytes
+from .cloud import FARTHEST_M, PointCloud, cloud_of, cloud_of_points, ply_bytes
 from .curve import curve_csv, curve_png
-from .export import KINDS, Export, Places, logged_places
-from .fuse import AGREEING, Fusion, PosedView, sharpened
+from .export import COLMAP, PROGRAMS, Export, Places, logged_places
+from .fuse import AGREEING, FUSED_BLOCK_PX, PosedView, fused
 from .pair_depths import DepthRow, measure_depths, summary
 from .picture import DepthPicture
-from .poses import CameraPoses, estimated_poses, poses_by_odometry
+from .poses import estimated_poses
 
 SPREAD_PICTURES = 12
 """So many frames are drawn when none was chosen."""
@@ -61,8 +62,8 @@ class DepthRequest:
     ply_frame: int | None = None  # its frame; None for the one of the least distance
     farthest_m: float = FARTHEST_M  # of the cloud
     fused: bool = False  # whether the cloud is of all frames with an obstacle
-    odometry: Path | None = None  # where the frames' poses stand; None to estimate them
-    log: Path | None = None  # of the run that saw the frames: its places, its odometry
+    odometry: Path | None = None  # the frames' poses; None for the log's, or to estimate them
+    log: Path | None = None  # of the run that saw the frames
     export: str | None = None  # the program that the frames are handed over to
 
 
@@ -94,7 +95,7 @@ def run_depth(
         nothing to make a cloud of. A pair that cannot be judged is a row that says why.
     """
     source = _source(mission, out, request)
-    poses, places = _given(request)
+    given = _given(mission, request)
     ply, farthest_m = request.ply, request.farthest_m
     settings = (calibration, DEFAULT_GRID, request.matcher, request.scale)
     detector = DisparityDetector(*settings)
@@ -111,15 +112,12 @@ def run_depth(
     chosen = request.ply_frame
     if chosen is None and found["nearest"]:
         chosen = found["nearest"]["frame"]
-    shown, why = _seen(measured), ""
-    if poses is None:
-        wanted = shown if request.fused or request.export else []
-        poses, why = _estimated(mission, calibration, wanted, progress)
-    cloud = None
-    if request.fused:
-        cloud = views.write_fused(ply or out / FUSED_NAME, shown, poses, farthest_m, progress)
-    elif ply is not None and chosen is not None:
-        cloud = views.write_cloud(ply, rows[chosen], farthest_m)
+    cloud = handed = None
+    if request.fused or request.export is not None:
+        cloud, handed, nothing = views.write_several(measured, out, request, given, progress)
+    if ply is not None and not request.fused:
+        nothing = f"nothing in {'any frame' if chosen is None else f'frame {chosen}'} was matched"
+        cloud = None if chosen is None else views.write_cloud(ply, rows[chosen], farthest_m)
     about = {
         "mission": mission.name,
         "matcher": request.matcher,
@@ -128,48 +126,24 @@ def run_depth(
         **found,
         "pictures": views.draw(out / PICTURES_FOLDER, drawn, progress) if drawn else [],
         "ply": cloud,
-        "export": None,
+        "export": handed,
         "rows": [asdict(row) for row in measured],
     }
-    if request.export is not None:
-        pairs = [row.frame for row in measured if row.valid_fraction is not None]
-        export = Export(mission, calibration, pairs, poses.by_frame, places)
-        about["export"] = export.write(request.export, out / request.export, progress)
     text = json.dumps(about, indent=2, ensure_ascii=False, allow_nan=False)
     atomic.write_text(out / "depth.json", text + "\n")
-    if cloud is None and request.fused:
-        agree = f"no {AGREEING} frames with a pose agree on anything"
-        raise ToktError(why or f"no point cloud: {agree} within {farthest_m:g} m")
-    if cloud is None and ply is not None:
-        where = "any frame" if chosen is None else f"frame {chosen}"
-        raise ToktError(f"no point cloud: nothing in {where} was matched within {farthest_m:g} m")
+    if cloud is None and (request.fused or ply is not None):
+        raise ToktError(f"no point cloud: {nothing} within {farthest_m:g} m")
     return about
 
 
-def _seen(rows: Sequence[DepthRow]) -> list[DepthRow]:
-    """The rows that show something, or at most `MAX_FUSED` of them, evenly spaced."""
-    seen = [row for row in rows if row.status == OBSTACLE and row.median_m is not None]
-    return evenly_spaced(seen, MAX_FUSED)
+def _deep(rows: Sequence[DepthRow]) -> list[DepthRow]:
+    return [row for row in rows if row.status == OBSTACLE and row.median_m]
 
 
-def _given(request: DepthRequest) -> tuple[CameraPoses | None, Places]:
-    """Poses by the odometry given, or the log's; and where the log says the vehicle was."""
-    places, used = ({}, None) if request.log is None else logged_places(request.log)
-    odometry = request.odometry or used
-    return None if odometry is None else poses_by_odometry(load_odometry(odometry)), places
-
-
-def _estimated(
-    mission: Mission, calibration: StereoCalibration, rows: Sequence[DepthRow], progress: Progress
-) -> tuple[CameraPoses, str]:
-    """Poses by the frames of some rows, or none and why."""
-    if not rows:
-        return CameraPoses({}, ""), "no poses: no frame shows anything"
-    trims = {row.frame: row.row_trim_px for row in rows}
-    try:
-        return estimated_poses(mission, calibration, trims, progress), ""
-    except ToktError as error:
-        return CameraPoses({}, ""), str(error)
+def _given(mission: Mission, request: DepthRequest) -> tuple[Places, Odometry | None]:
+    """Where the log says the vehicle was, and the poses given, or else the log's."""
+    places, odometry = ({}, None) if request.log is None else logged_places(request.log, mission)
+    return places, odometry if request.odometry is None else load_odometry(request.odometry)
 
 
 def _source(mission: Mission, out: Path, request: DepthRequest) -> MissionSource:
@@ -196,20 +170,22 @@ def _source(mission: Mission, out: Path, request: DepthRequest) -> MissionSource
 
 
 def _refuse_together(out: Path, request: DepthRequest) -> None:
-    """Options that do not go with each other."""
-    single = request.ply is not None and not request.fused
-    if request.ply_frame is not None and not single:
+    """Options that do not go with each other, and a program that cannot be handed to."""
+    if request.ply_frame is not None and (request.ply is None or request.fused):
         raise ToktError("--ply-frame goes together with --ply, and without --fused")
-    if request.farthest_m != FARTHEST_M and not (single or request.fused):
+    if request.farthest_m != FARTHEST_M and request.ply is None and not request.fused:
         raise ToktError("--ply-farthest goes together with --ply or --fused")
-    several = request.fused or request.export is not None
-    if not several and (request.odometry is not None or request.log is not None):
-        raise ToktError("--odometry and --log go together with --fused or --export")
-    if request.export is not None:
-        if request.export not in KINDS:
-            raise ToktError(f"--export is one of {', '.join(KINDS)}, not {request.export!r}")
-        if (out / request.export).exists():
-            raise ToktError(f"{out / request.export} exists already; choose another --out")
+    if request.export is None:
+        if not request.fused and (request.odometry, request.log) != (None, None):
+            raise ToktError("--odometry and --log go together with --fused or --export")
+        return
+    if request.export not in PROGRAMS:
+        raise ToktError(f"--export is one of {', '.join(PROGRAMS)}, not {request.export!r}")
+    if (out / request.export).exists():
+        raise ToktError(f"{out / request.export} exists already; choose another --out")
+    if request.export == COLMAP:
+        with needed_by("--export colmap"):
+            import pycolmap  # noqa: F401 - whether it is there
 
 
 def _refuse_unwritable(folder: Path, option: str) -> None:
@@ -228,7 +204,7 @@ def _to_draw(
         return sorted(set(request.pictures))
     if request.frames is not None:
         return [row.frame for row in rows]
-    deep = [row.frame for row in rows if row.status == OBSTACLE and row.median_m]
+    deep = [row.frame for row in _deep(rows)]
     every = max(1, -(-len(deep) // (SPREAD_PICTURES - 1)))
     nearest = {found["nearest"]["frame"]} if found["nearest"] else set()
     return sorted({*deep[::every], *nearest})
@@ -271,70 +247,72 @@ class PairRematcher:
         if left is None or matches is None:
             return None
         cloud = cloud_of(self.detector.rectifier, matches, left, farthest_m)
-        if not len(cloud.points_m):
+        axes = "the left camera's axes: x right, y down, z forward"
+        return self._written(file, [cloud], {"frame": row.frame, "axes": axes})
+
+    def write_several(
+        self,
+        rows: Sequence[DepthRow],
+        out: Path,
+        request: DepthRequest,
+        given: tuple[Places, Odometry | None],
+        progress: Progress,
+    ) -> tuple[dict[str, Any] | None, dict[str, Any] | None, str]:
+        """Join frames and hand them over, as asked: what was written of either, or why no cloud."""
+        (places, odometry), axes, cloud, handed = given, "the odometry's axes", None, None
+        deep, calibration = evenly_spaced(_deep(rows), MAX_FUSED), self.detector.calibration
+        if odometry is None:
+            trims = {row.frame: row.row_trim_px for row in deep}
+            odometry, axes = estimated_poses(self.mission, calibration, trims, progress)
+        if request.export is not None:
+            pairs = [row.frame for row in rows if row.valid_fraction is not None]
+            export = Export(self.mission, calibration, pairs, odometry, places)
+            handed = export.write(request.export, out / request.export, progress)
+        if request.fused:
+            posed = [(row, odometry[row.frame]) for row in deep if row.frame in odometry]
+            clouds = self._joined(posed, request.farthest_m, progress)
+            about = {"frames": format_frames(row.frame for row, _ in posed), "axes": axes}
+            cloud = self._written(request.ply or out / FUSED_NAME, clouds, about)
+        agree = f"no {AGREEING} frames with a pose agree on anything"
+        return cloud, handed, agree if odometry else f"{axes}; so nothing is joined"
+
+    def _joined(
+        self, posed: Sequence[tuple[DepthRow, Pose]], farthest_m: float, progress: Progress
+    ) -> Iterator[PointCloud]:
+        """What several frames agree on, in the poses' fixed axes."""
+        rectifier, views = self.detector.rectifier, []
+        matcher = DenseMatcher(rectifier, self.detector.matcher, step=1, block_px=FUSED_BLOCK_PX)
+        for row, pose in progress(posed, len(posed), "match"):
+            left, right = (self.mission.read(row.frame, side) for side in (LEFT, RIGHT))
+            moved = rectifier.right(right, row.row_trim_px)
+            found = matcher.match(rectifier.left(left), moved)
+            disparity_px = np.where(found.valid, found.disparity_px, np.float32(np.nan))
+            views.append(PosedView(row.frame, disparity_px, pose))
+        for view, points, pixels in progress(fused(rectifier, views), len(views), "join"):
+            left = self.mission.read(view.frame, LEFT)
+            cloud = cloud_of_points(rectifier, points, pixels, left, farthest_m)
+            placed = cloud.points_m @ view.pose.rotation.T + view.pose.position_m
+            yield cloud._replace(points_m=placed)
+
+    def _written(
+        self, file: Path, parts: Iterable[PointCloud], about: dict[str, Any]
+    ) -> dict[str, Any] | None:
+        """Write some clouds as one; what it holds, or None if there is no point."""
+        columns = [list(column) for column in zip(*parts, strict=True)]
+        if not columns or not sum(map(len, columns[0])):
             return None
+        (what, frames), (_, axes) = about.items()
         comments = [
-            f"mission {self.mission.name}, frame {row.frame}",
-            "metres in the left camera's axes: x right, y down, z forward",
+            f"mission {self.mission.name}, {what} {frames}",
+            f"metres in {axes}",
             f"colours: left frame, {CONTRAST_METHOD}",
         ]
-        atomic.write_bytes(file, ply_bytes(cloud.points_m, cloud.colors, comments))
-        return {
-            "file": str(file),
-            "frame": row.frame,
-            "points": len(cloud.points_m),
-            "matched": cloud.matched,
-            "out_of_range": cloud.out_of_range,
-            "outliers": cloud.outliers,
-        }
-
-    def write_fused(
-        self,
-        file: Path,
-        rows: Sequence[DepthRow],
-        poses: CameraPoses,
-        farthest_m: float,
-        progress: Progress,
-    ) -> dict[str, Any] | None:
-        """Write the cloud that several frames agree on; what it holds, or None without a point."""
-        rectifier, views = self.detector.rectifier, []
-        posed = [row for row in rows if row.frame in poses.by_frame]
-        for row in progress(posed, len(posed), "match"):
-            left, matches = self.again(row)
-            if left is not None and matches is not None:
-                right = rectifier.right(self.mission.read(row.frame, RIGHT), row.row_trim_px)
-                disparity = sharpened(rectifier.left(left), right, matches, len(posed))
-                disparity[disparity < rectifier.focal_baseline_px_m / farthest_m] = np.nan
-                views.append(PosedView(row.frame, disparity, poses.by_frame[row.frame]))
-        matched = sum(int(np.isfinite(view.disparity_px).sum()) for view in views)
-        joined = [part for part in Fusion(rectifier, views).fused() if len(part.points_m)]
-        if not joined:
-            return None
-        points = np.concatenate([part.points_m for part in joined])
-        kept = ~outliers(points, np.concatenate([part.away_m for part in joined]))
-        colors = np.concatenate(
-            [
-                colors_of(rectifier, part.pixels, self.mission.read(part.frame, LEFT))
-                for part in joined
-            ]
+        points, colors = map(np.concatenate, columns[:2])
+        atomic.write_bytes(file, ply_bytes(points, colors, comments))
+        counts = dict(
+            zip(("matched", "out_of_range", "outliers"), map(sum, columns[2:]), strict=True)
         )
-        used = format_frames(view.frame for view in views)
-        comments = [
-            f"mission {self.mission.name}, frames {used}",
-            f"metres in {poses.axes}",
-            f"colours: left frames, {CONTRAST_METHOD}",
-        ]
-        atomic.write_bytes(file, ply_bytes(points[kept], colors[kept], comments))
-        return {
-            "file": str(file),
-            "frames": used,
-            "left_out": format_frames({row.frame for row in rows} - {view.frame for view in views}),
-            "points": int(kept.sum()),
-            "matched": matched,
-            "outliers": int((~kept).sum()),
-            "axes": poses.axes,
-            "residual_px": poses.residual_px,
-        }
+        return {"file": str(file), **about, "points": len(points), **counts}
 
 
 def _color_ends(rows: Sequence[DepthRow]) -> tuple[float, float]:
