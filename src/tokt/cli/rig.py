@@ -283,10 +283,7 @@ def depth(
     calibration: Annotated[
         Path, Option("--calibration", metavar="FILE", help="Stereo calibration file.")
     ],
-    ply: Annotated[
-        Path | None,
-        Option(help="PLY file for a point cloud: of one frame, or with --fused of several."),
-    ] = None,
+    ply: Annotated[Path | None, Option(help="PLY file for a point cloud.")] = None,
     ply_frame: Annotated[
         int | None, Option(help="Frame of the point cloud. Default: the nearest one.")
     ] = None,
@@ -393,8 +390,7 @@ def _print_depth(found: dict[str, Any], out: Path) -> None:
             f"({cloud['matched']} matched, {cloud['out_of_range']} out of range, "
             f"{cloud['outliers']} outliers)"
         )
-        if "axes" in cloud:
-            print(f"  in {cloud['axes']}")
+        print(f"  metres in {cloud['axes']}")
     if found["export"]:
         gone = found["export"]
         print(

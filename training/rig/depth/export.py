@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 
 from tokt.features.common import atomic
-from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import LEFT, RIGHT, Mission
 from tokt.inference.replay.logged_run import kind_of, logged_lines, open_run
@@ -24,9 +23,7 @@ PROGRAMS = {COLMAP: 8, OPENSFM: 5}
 Places = Mapping[int, tuple[float, float, float]]
 """Latitude and longitude in degrees, and metres above the water's surface, by frame."""
 _PLACE = ("lat_deg", "lon_deg", "depth_m")
-_FIXED, _STILL = Pose(0.0, np.zeros(3), np.eye(3)), Motion(np.eye(3), np.zeros(3))
-_Lenses = Sequence[tuple[F64, F64]]
-"""Of both cameras: the matrix, and as many numbers of distortion as the program knows, or more."""
+_FIXED = Pose(0.0, np.zeros(3), np.eye(3))
 
 
 def logged_places(log: Path, mission: Mission) -> tuple[Places, Odometry | None]:
@@ -50,9 +47,8 @@ def logged_places(log: Path, mission: Mission) -> tuple[Places, Odometry | None]
         doubt = judged_picture(pictures, known[0], LEFT, raw, lines[known[0]][LEFT])[1]
     if doubt:
         raise ToktError(f"{log} is not of mission {mission.name}: {doubt}")
-    found = {frame: [lines[frame].get(name) for name in _PLACE] for frame in known}
-    places = {n: (lat, lon, -depth) for n, (lat, lon, depth) in found.items()
-              if None not in (lat, lon, depth)}  # fmt: skip
+    placed = [lines[n] for n in known if None not in map(lines[n].get, _PLACE)]
+    places = {one["frame"]: (one["lat_deg"], one["lon_deg"], -one["depth_m"]) for one in placed}
     return places, odometry_of(run.start)
 
 
@@ -66,14 +62,6 @@ class Export:
     odometry: Odometry
     places: Places
 
-    def __post_init__(self) -> None:
-        c = self.calibration
-        # From the left camera's axes to the right one's, and from the fixed ones to the left one's.
-        self._rig = Motion(c.R, c.T_mm.ravel() / 1000)
-        posed = [n for n in self.frames if n in self.odometry]
-        self._poses = {n: motion_between(_FIXED, self.odometry[n]) for n in posed}
-        self._pairs: dict[int, list[str]] = {}  # names of the pictures
-
     def write(self, program: str, folder: Path, progress: Any) -> dict[str, Any]:
         """Write a new folder for one of `PROGRAMS`, with pictures untouched; what it holds.
 
@@ -82,10 +70,14 @@ class Export:
         ToktError
             If a picture cannot be read, or the program has no camera with such a distortion.
         """
-        c, most = self.calibration, PROGRAMS[program]
-        lenses = [(K, np.append(D, np.zeros(most))) for K, D in ((c.K1, c.D1), (c.K2, c.D2))]
-        if any(D[most:].any() for _, D in lenses):
+        c, most, posed = self.calibration, PROGRAMS[program], set(self.frames) & set(self.odometry)
+        self._lenses = [(K, np.append(D, np.zeros(most))) for K, D in ((c.K1, c.D1), (c.K2, c.D2))]
+        if any(D[most:].any() for _, D in self._lenses):
             raise ToktError(f"{program} knows no more than {most} numbers of a lens's distortion")
+        # From the left camera's axes to the right one's, and from the fixed ones to the left one's.
+        self._rig = Motion(c.R, c.T_mm.ravel() / 1000)
+        self._poses = {n: motion_between(_FIXED, self.odometry[n]) for n in sorted(posed)}
+        self._pairs: dict[int, list[str]] = {}  # names of the pictures
         with atomic.new_folder(folder) as new:
             (new / "images").mkdir()
             for n in progress(self.frames, len(self.frames), "export"):
@@ -93,26 +85,26 @@ class Export:
                 self._pairs[n] = [f"{side}_{n:06d}{ending}" for side, _, ending in pair]
                 for name, (_, data, _) in zip(self._pairs[n], pair, strict=True):
                     (new / "images" / name).write_bytes(data)
-            (self._write_colmap if program == COLMAP else self._write_opensfm)(new, lenses)
+            (self._write_colmap if program == COLMAP else self._write_opensfm)(new)
         placed = len(self._pairs.keys() & self.places.keys())
         counts = {"pairs": len(self._pairs), "poses": len(self._poses), "places": placed}
         return {"folder": str(folder), **counts}
 
-    def _write_colmap(self, new: Path, lenses: _Lenses) -> None:
+    def _write_colmap(self, new: Path) -> None:
         """A database of all frames with rig and places, and a sparse model of those with poses."""
         import pycolmap
 
         def rigid(motion: Motion) -> Any:
             return pycolmap.Rigid3d(pycolmap.Rotation3d(motion.rotation), motion.translation_m)
 
-        model, rig, size = pycolmap.Reconstruction(), pycolmap.Rig(rig_id=1), ("width", "height")
+        model, rig = pycolmap.Reconstruction(), pycolmap.Rig(rig_id=1)
+        size = dict(zip(("width", "height"), self.calibration.frame_size, strict=True))
         with pycolmap.Database.open(new / "database.db") as database:
-            for number, (K, D) in enumerate(lenses, 1):
+            for number, (K, D) in enumerate(self._lenses, 1):
                 kind, count = ("FULL_OPENCV", 8) if D[4:].any() else ("OPENCV", 4)
                 # The centre of COLMAP's first pixel is at (0.5, 0.5).
                 numbers = [K[0, 0], K[1, 1], K[0, 2] + 0.5, K[1, 2] + 0.5, *D[:count]]
-                shape = dict(zip(size, self.calibration.frame_size, strict=True), params=numbers)
-                camera = pycolmap.Camera(camera_id=number, model=kind, **shape)
+                camera = pycolmap.Camera(camera_id=number, model=kind, params=numbers, **size)
                 camera.has_prior_focal_length = True
                 database.write_camera(camera, use_camera_id=True)
                 model.add_camera(camera)
@@ -131,9 +123,9 @@ class Export:
                     frame.add_data_id(image.data_id)
                 database.write_frame(frame, use_frame_id=True)
                 if n in self.places:
-                    earth = {"coordinate_system": pycolmap.PosePriorCoordinateSystem.WGS84}
-                    left = images[0].data_id
-                    prior = pycolmap.PosePrior(position=self.places[n], corr_data_id=left, **earth)
+                    prior = pycolmap.PosePrior(position=self.places[n])
+                    prior.coordinate_system = pycolmap.PosePriorCoordinateSystem.WGS84
+                    prior.corr_data_id = images[0].data_id
                     database.write_pose_prior(prior)
                 if n in self._poses:
                     frame.rig_from_world = rigid(self._poses[n])
@@ -144,7 +136,7 @@ class Export:
         (new / "sparse").mkdir()
         model.write(new / "sparse")
 
-    def _write_opensfm(self, new: Path, lenses: _Lenses) -> None:
+    def _write_opensfm(self, new: Path) -> None:
         """Cameras, rig, each picture's camera and place, and a reconstruction without points."""
         (width, height), rig = self.calibration.frame_size, self._rig
         long = max(width, height)
@@ -156,12 +148,13 @@ class Export:
                 "focal_y": K[1, 1] / long, "c_y": (K[1, 2] - (height - 1) / 2) / long,
                 **dict(zip(("k1", "k2", "p1", "p2", "k3"), D, strict=False)),
             }
-            for side, (K, D) in zip((LEFT, RIGHT), lenses, strict=True)
+            for side, (K, D) in zip((LEFT, RIGHT), self._lenses, strict=True)
         }  # fmt: skip
-        stands = {LEFT: _opensfm_pose(_STILL), RIGHT: _opensfm_pose(rig)}
-        pictures, instances, shots = {}, {}, {}
+        stands = {LEFT: _opensfm_pose(Motion(np.eye(3), np.zeros(3))), RIGHT: _opensfm_pose(rig)}
+        pairs, pictures, instances, shots = {}, {}, {}, {}
         for n, (left, right) in self._pairs.items():
             sides, place = {left: LEFT, right: RIGHT}, self.places.get(n, ())
+            pairs[str(n)] = [*sides.items()]
             where = dict(zip(("latitude", "longitude", "altitude"), place, strict=False))
             gps = {"gps": where} if where else {}
             pictures |= {name: {"camera": side, **gps} for name, side in sides.items()}
@@ -171,20 +164,13 @@ class Export:
                 instances[str(n)] = {**_opensfm_pose(pose), "rig_camera_ids": sides}
                 shots[left] = {"camera": LEFT, **_opensfm_pose(pose)}
                 shots[right] = {"camera": RIGHT, **_opensfm_pose(other)}
-        known = {"cameras": cameras, "rig_cameras": stands, "rig_instances": instances}
-        pairs = {
-            str(n): [*zip(pair, (LEFT, RIGHT), strict=True)] for n, pair in self._pairs.items()
-        }
-        files = {
-            "camera_models_overrides": cameras,
-            "rig_cameras": stands,
-            "rig_assignments": pairs,
-            "exif_overrides": pictures,
-            "reconstruction": [{**known, "shots": shots, "points": {}}],
-        }
+        files: dict[str, Any] = {"camera_models_overrides": cameras, "rig_cameras": stands}
+        files |= {"rig_assignments": pairs, "exif_overrides": pictures}
+        if shots:
+            model = {"cameras": cameras, "rig_cameras": stands, "rig_instances": instances}
+            files["reconstruction"] = [{**model, "shots": shots, "points": {}}]
         for name, value in files.items():
-            text = json.dumps(value, indent=1) + "\n"
-            (new / f"{name}.json").write_text(text, encoding="utf-8")
+            (new / f"{name}.json").write_text(json.dumps(value, indent=1), encoding="utf-8")
 
 
 def _opensfm_pose(motion: Motion) -> dict[str, list[float]]:

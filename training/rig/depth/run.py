@@ -37,7 +37,6 @@ from .poses import estimated_poses
 SPREAD_PICTURES = 12
 """So many frames are drawn when none was chosen."""
 PICTURES_FOLDER = "frames"
-FUSED_NAME = "fused.ply"
 MAX_FUSED = 100
 """So many frames are joined at most: time grows with their square."""
 Progress = Callable[..., Any]
@@ -272,7 +271,7 @@ class PairRematcher:
             posed = [(row, odometry[row.frame]) for row in deep if row.frame in odometry]
             clouds = self._joined(posed, request.farthest_m, progress)
             about = {"frames": format_frames(row.frame for row, _ in posed), "axes": axes}
-            cloud = self._written(request.ply or out / FUSED_NAME, clouds, about)
+            cloud = self._written(request.ply or out / "fused.ply", clouds, about)
         agree = f"no {AGREEING} frames with a pose agree on anything"
         return cloud, handed, agree if odometry else f"{axes}; so nothing is joined"
 
@@ -284,8 +283,7 @@ class PairRematcher:
         matcher = DenseMatcher(rectifier, self.detector.matcher, step=1, block_px=FUSED_BLOCK_PX)
         for row, pose in progress(posed, len(posed), "match"):
             left, right = (self.mission.read(row.frame, side) for side in (LEFT, RIGHT))
-            moved = rectifier.right(right, row.row_trim_px)
-            found = matcher.match(rectifier.left(left), moved)
+            found = matcher.match(rectifier.left(left), rectifier.right(right, row.row_trim_px))
             disparity_px = np.where(found.valid, found.disparity_px, np.float32(np.nan))
             views.append(PosedView(row.frame, disparity_px, pose))
         for view, points, pixels in progress(fused(rectifier, views), len(views), "join"):
@@ -309,9 +307,7 @@ class PairRematcher:
         ]
         points, colors = map(np.concatenate, columns[:2])
         atomic.write_bytes(file, ply_bytes(points, colors, comments))
-        counts = dict(
-            zip(("matched", "out_of_range", "outliers"), map(sum, columns[2:]), strict=True)
-        )
+        counts = dict(zip(PointCloud._fields[2:], map(sum, columns[2:]), strict=True))
         return {"file": str(file), **about, "points": len(points), **counts}
 
 
