@@ -150,7 +150,7 @@ class DenseMatcher:
     matcher: str = BM
     kernels: Kernels = KERNELS
     step: int = STEP_PX  # 1 for every pixel
-    block_px: int = BLOCK_PX  # of a view `SETTINGS_WIDTH` wide
+    block_px: float = BLOCK_PX  # nearly, of a view `SETTINGS_WIDTH` wide
     contrast: Contrast = CLEAR_CONTRAST
 
     def __post_init__(self) -> None:

@@ -96,7 +96,7 @@ def read_ply(path):
     assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
     kind, name, count = lines[2].split()
     assert (kind, name) == ("element", "vertex")
-    kinds = {"float": "<f4", "uchar": "u1"}
+    kinds = {"float": "<f4", "double": "<f8", "uchar": "u1"}
     fields = [(line.split()[2], kinds[line.split()[1]]) for line in lines[3:]]
     vertices = np.frombuffer(body, np.dtype(fields))
     assert len(vertices) == int(count)

@@ -2,22 +2,22 @@
 
 import json
 import math
+import shutil
 from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 
 from tests.calls import refuses
-from tests.tiers import scaled
 from tests.training.rig.test_depth import read_ply
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.calibration_writer import write_calibration
 from tokt.inference.stereo.odometry import COLUMNS, load_odometry, motion_between
+from tokt.training.rig.depth.cloud import ply_bytes
 from tokt.training.rig.depth.export import COLMAP, OPENSFM, Export
 
+pycolmap = pytest.importorskip("pycolmap", reason="the extra colmap is not installed")
 pytestmark = pytest.mark.xdist_group("several_frames")  # what they share is made once
 
 SIZE, FRAMES = (680, 512), range(1, 10)
@@ -27,7 +27,7 @@ SPECK, SPECK_M = 4, 2.4
 """A frame in which a piece of something floats before both cameras, and how far away."""
 NO_POSE = 9
 NOISE_GREY, TEXTURE_M = 2.0, 0.008
-PLACE = {"depth_m": 41.5, "heading_deg": 12.5, "lat_deg": 63.4401234, "lon_deg": 110.3951234}
+PLACE = {"depth_m": 41.5, "lat_deg": 63.4401234, "lon_deg": 110.3951234}
 
 
 def cameras():
@@ -142,13 +142,6 @@ def in_picture(side, points):
     return cv2.projectPoints(points, turn, shift, K, D)[0].reshape(-1, 2)
 
 
-def levels(file, pixels):
-    """The grey levels of a picture file at some places."""
-    x, y = np.asarray(pixels, np.float32).T
-    picture = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE).astype(np.float32)
-    return cv2.remap(picture, x, y, cv2.INTER_LINEAR).ravel()
-
-
 def moved(points, pose):
     """Points taken by a pose as OpenSfM writes it."""
     return points @ cv2.Rodrigues(np.array(pose["rotation"]))[0].T + pose["translation"]
@@ -171,15 +164,15 @@ def one_pair(wall, depth):
 
 
 def test_the_joined_cloud_is_truer_than_one_pairs(by_odometry, one_pair):
-    """Half the spread about the truth itself, not about its own mean; and not moved from there."""
+    """The spread about the truth itself, not about its own mean; and not moved from there."""
     found, out = by_odometry
     cloud = coordinates(read_ply(out / "fused.ply"))
     assert found["ply"]["file"] == str(out / "fused.ply")
     assert found["ply"]["points"] == len(cloud) > len(one_pair)
     assert found["ply"]["axes"] == "the odometry's axes"
     joined, alone = from_truth(cloud), from_truth(one_pair)
-    assert robust(joined) < 0.5 * robust(alone)
-    assert abs(np.median(joined)) < 0.001 and abs(np.median(alone)) < 0.005
+    assert robust(joined) < 0.6 * robust(alone)
+    assert abs(np.median(joined)) < 0.002 and abs(np.median(alone)) < 0.005
     assert np.mean(np.abs(joined) > 0.05) < 0.01
 
 
@@ -189,18 +182,17 @@ def test_what_one_frame_alone_shows_is_no_part_of_it(by_odometry, one_pair):
     assert (cloud[:, 2] < (SPECK_M + NEAR_M) / 2).sum() == 0
 
 
-def test_a_frame_without_a_pose_is_left_out_and_named(wall, by_odometry, done):
+def test_a_frame_without_a_pose_is_left_out(by_odometry):
     assert by_odometry[0]["ply"]["frames"] == "1-8"
-    assert by_odometry[0]["ply"]["left_out"] == str(NO_POSE)
     assert by_odometry[0]["export"]["pairs"] == 9 and by_odometry[0]["export"]["poses"] == 8
 
 
 def test_poses_estimated_from_the_frames(wall, depth, by_odometry):
     """Frame by frame against the truth, and a cloud as good as with it."""
     found, out = depth("--fused", "--export", "opensfm", "--frames", "1-8")
-    assert found["ply"]["left_out"] == "" and found["ply"]["residual_px"] < 1
-    anchor = int(found["ply"]["axes"].rsplit(" ", 1)[1])
-    assert found["ply"]["axes"] == f"the left camera's axes at frame {anchor}"
+    axes, within = found["ply"]["axes"].split("; poses estimated, within ")
+    assert float(within.split()[0]) < 1
+    anchor = int(axes.removeprefix("the left camera's axes at frame "))
     (model,) = json.loads((out / "opensfm" / "reconstruction.json").read_text())
     truth = load_odometry(wall / "odometry.csv")
     for frame, instance in model["rig_instances"].items():
@@ -216,52 +208,45 @@ def test_poses_estimated_from_the_frames(wall, depth, by_odometry):
 
 
 def test_colmaps_own_reader_sees_each_point_where_the_pictures_have_it(wall, by_odometry):
-    """Both cameras, all poses: against OpenCV's projection in our axes, and the pictures.
-
-    What all of them show at a point is most alike there, and less 0.8 px beside it. COLMAP's
-    first pixel has its centre at (0.5, 0.5).
-    """
-    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap (extra dev) is not installed")
-    out = by_odometry[1]
-    model = pycolmap.Reconstruction(out / "colmap" / "sparse")
+    """Both cameras, all poses: against OpenCV's projection, whose first pixel is at (0, 0)."""
+    out = by_odometry[1] / "colmap"
+    model = pycolmap.Reconstruction(out / "sparse")
     assert (model.num_reg_frames(), model.num_reg_images()) == (8, 16)
-    cloud = coordinates(read_ply(out / "fused.ply"))[::97]
-    odometry, shown, beside = load_odometry(wall / "odometry.csv"), [], []
+    cloud = coordinates(read_ply(by_odometry[1] / "fused.ply"))[::97]
+    odometry = load_odometry(wall / "odometry.csv")
     for image in model.images.values():
-        side, name = image.name.split("/")
+        side, name = image.name.split("_")
         frame = int(name.split(".")[0])
         left = (cloud - odometry[frame].position_m) @ odometry[frame].rotation
-        expected = in_picture(side, left)
         pixels = np.array([image.project_point(point) for point in cloud]) - 0.5
-        assert np.abs(pixels - expected).max() < 1e-6
-        file = out / "colmap" / "images" / image.name
+        assert np.abs(pixels - in_picture(side, left)).max() < 1e-6
         original = next((wall / side.capitalize()).glob(f"*_{frame}.png"))
-        assert file.read_bytes() == original.read_bytes()
-        shown.append(levels(file, pixels))
-        beside += [
-            levels(file, pixels + step) for step in ([0.8, 0], [-0.8, 0], [0, 0.8], [0, -0.8])
-        ]
-    inside = np.min(shown, axis=0) > 0
-    truth = np.mean(shown, axis=0)[inside]
-    here = [np.corrcoef(one[inside], truth)[0, 1] for one in shown]
-    there = [np.corrcoef(one[inside], truth)[0, 1] for one in beside]
-    assert inside.sum() > 500
-    assert all(at > max(there[4 * k : 4 * k + 4]) for k, at in enumerate(here))
+        assert (out / "images" / image.name).read_bytes() == original.read_bytes()
 
 
-def test_colmap_knows_the_rig_of_frames_that_have_no_pose(by_odometry):
-    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap (extra dev) is not installed")
-    folder = by_odometry[1] / "colmap"
-    (config,) = pycolmap.read_rig_config(folder / "rig_config.json")
-    first, second = config.cameras
-    assert first.ref_sensor and (first.image_prefix, second.image_prefix) == ("left/", "right/")
-    stands = second.cam_from_rig
+def test_colmap_goes_on_from_the_database(by_odometry, tmp_path):
+    """It finds, matches and triangulates points that fit our poses, in the model's own images."""
+    shutil.copytree(by_odometry[1] / "colmap", tmp_path / "colmap")
+    data, images = tmp_path / "colmap" / "database.db", tmp_path / "colmap" / "images"
+    with pycolmap.Database.open(data) as database:
+        (rig,), frames = database.read_all_rigs(), database.read_all_frames()
+        assert database.read_all_pose_priors() == []  # no log, no places
+        stands = rig.sensor_from_rig(database.read_camera(2).sensor_id)
+    assert len(frames) == 9 and {frame.rig_id for frame in frames} == {rig.rig_id}
     assert np.abs(stands.rotation.matrix() - CALIBRATION.R).max() < 1e-9
     assert np.abs(stands.translation - CALIBRATION.T_mm.ravel() / 1000).max() < 1e-9
-    (rig,) = pycolmap.Reconstruction(folder / "sparse").rigs.values()
-    assert rig.num_sensors() == 2
-    assert (folder / "images" / "right" / f"{NO_POSE:06d}.png").is_file()
-    assert not (folder / "ref_images.txt").exists()  # no log, no places
+    few = pycolmap.FeatureExtractionOptions(use_gpu=False, num_threads=1)
+    few.sift.max_num_features, few.sift.first_octave = 500, 0
+    pycolmap.extract_features(data, images, extraction_options=few)
+    pycolmap.match_sequential(
+        data, matching_options=pycolmap.FeatureMatchingOptions(use_gpu=False, num_threads=1)
+    )
+    model = pycolmap.Reconstruction(tmp_path / "colmap" / "sparse")
+    (tmp_path / "points").mkdir()
+    found = pycolmap.triangulate_points(model, data, images, tmp_path / "points")
+    points = from_truth(np.array([point.xyz for point in found.points3D.values()]))
+    assert len(points) > 300 and np.median(np.abs(points)) < 0.01
+    assert found.compute_mean_reprojection_error() < 1
 
 
 @pytest.fixture(scope="module")
@@ -281,8 +266,12 @@ def logged(wall, done):
 def test_a_log_brings_places_and_its_runs_odometry(logged, depth):
     found, out = depth("--export", "colmap", "--log", logged)
     assert (found["export"]["poses"], found["export"]["places"]) == (8, 7)
-    lines = (out / "colmap" / "ref_images.txt").read_text().splitlines()
-    assert len(lines) == 7 and lines[2] == "left/000003.png 63.4401234 110.3951234 -41.5"
+    with pycolmap.Database.open(out / "colmap" / "database.db") as database:
+        priors = database.read_all_pose_priors()
+        names = {database.read_image(each.corr_data_id.id).name for each in priors}
+    assert names == {f"left_{frame:06d}.png" for frame in range(1, 8)}
+    assert {each.coordinate_system.name for each in priors} == {"WGS84"}
+    assert all(each.position.tolist() == [63.4401234, 110.3951234, -41.5] for each in priors)
     assert found["ply"] is None and not (out / "fused.ply").exists()
 
 
@@ -299,20 +288,15 @@ def test_opensfms_files_project_as_its_documentation_says(wall, logged, depth):
     names = {file.name for file in (out / "opensfm" / "images").iterdir()}
     pairs = read["rig_assignments"]
     assert list(pairs) == [str(frame) for frame in FRAMES]
-    assert (
-        {name for pair in pairs.values() for name, _ in pair}
-        == names
-        == set(read["exif_overrides"])
-    )
+    assert {name for pair in pairs.values() for name, _ in pair} == names
+    assert set(read["exif_overrides"]) == names
     exif = read["exif_overrides"]["right_000003.png"]
     gps = {"latitude": 63.4401234, "longitude": 110.3951234, "altitude": -41.5}
-    assert exif == {"camera": "right", "gps": gps, "compass": {"angle": 12.5}}
+    assert exif == {"camera": "right", "gps": gps}
     assert read["exif_overrides"]["left_000009.png"] == {"camera": "left"}
     (model,) = read["reconstruction"]
-    assert (model["cameras"], model["rig_cameras"]) == (
-        read["camera_models_overrides"],
-        read["rig_cameras"],
-    )
+    assert model["cameras"] == read["camera_models_overrides"]
+    assert model["rig_cameras"] == read["rig_cameras"]
     points = np.random.default_rng(2).uniform([-0.5, -0.4, 3], [0.5, 0.4, 4], (50, 3))
     odometry = load_odometry(wall / "odometry.csv")
     for name, shot in model["shots"].items():
@@ -344,8 +328,9 @@ def test_opensfms_files_project_as_its_documentation_says(wall, logged, depth):
         (("--fused", "--log", "none.jsonl"), "log none.jsonl does not exist"),
         (("--export", "meshroom"), "one of colmap, opensfm, not 'meshroom'"),
         (("--export", "colmap", "--out", "full"), "exists already"),
-        (("--fused", "--frames", "4-5"), "give --odometry FILE"),
-        (("--fused", "--frames", "1-8", "--ply-farthest", "2.0"), "no 3 frames with a pose agree on anything"),
+        (("--fused", "--frames", "4"), "give --odometry FILE"),
+        (("--fused", "--frames", "1-8", "--ply-farthest", "2"), "no 3 frames with a pose agree"),
+        (("--fused", "--odometry", "elsewhere.csv"), "no 3 frames with a pose agree"),
     ],
 )
 def test_what_cannot_be_joined_or_handed_over_is_refused(
@@ -353,56 +338,68 @@ def test_what_cannot_be_joined_or_handed_over_is_refused(
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "full" / "colmap").mkdir(parents=True)
-    said = refused(words, "depth", wall, "--calibration", wall / "rig.yml", *options)
-    assert said.splitlines()[-1].count("tokt: error") == 1
+    (tmp_path / "elsewhere.csv").write_text(
+        "\n".join([",".join(COLUMNS), odometry_line(99, pose_of(5))])
+    )
+    command = ("depth", wall, "--calibration", wall / "rig.yml", "--pictures", "none", *options)
+    assert refused(words, *command).splitlines()[-1].count("tokt: error") == 1
 
 
-def test_odometry_that_changed_since_its_run_is_not_taken(logged, wall, tmp_path, refused):
+def test_without_an_obstacle_nothing_is_joined(wall, tmp_path, refused):
+    for name in ("Left", "Right"):
+        (tmp_path / "water" / name).mkdir(parents=True)
+        for frame in range(1, 5):
+            noise = np.random.default_rng([frame, len(name)]).normal(10, 1, SIZE[::-1])
+            file = tmp_path / "water" / name / f"water_{name[0]}_{frame}.png"
+            cv2.imwrite(str(file), noise.round().astype(np.uint8))
+    command = ("depth", tmp_path / "water", "--calibration", wall / "rig.yml", "--fused")
+    refused("no point cloud: no poses", *command, "--out", tmp_path / "out")
+
+
+def test_a_log_of_other_pictures_or_with_odometry_that_changed_is_not_taken(
+    logged, wall, tmp_path, refused
+):
+    command = ("--calibration", wall / "rig.yml", "--export", "colmap", "--log", logged)
+    (tmp_path / "other").mkdir()
+    for side, other in (("Left", "Right"), ("Right", "Left")):
+        shutil.copytree(wall / other, tmp_path / "other" / side)
+    refused("run.jsonl is not of mission other", "depth", tmp_path / "other", *command)
     text = (wall / "odometry.csv").read_text()
     (wall / "odometry.csv").write_text(text + "\n")
     try:
-        command = ("depth", wall, "--calibration", wall / "rig.yml", "--out", tmp_path)
-        refused("not what it was in the run", *command, "--export", "colmap", "--log", logged)
+        refused("is not the one that the run had", "depth", wall, *command, "--out", tmp_path)
     finally:
         (wall / "odometry.csv").write_text(text)
 
 
-def export_of(calibration, mission=None):
-    return Export(mission, calibration, [], {}, {})
-
-
 def test_lenses_that_a_program_has_no_model_for_are_refused(tmp_path):
     """Eight numbers for COLMAP, five for OpenSfM; k3 makes COLMAP's another model."""
-    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap (extra dev) is not installed")
-    D = np.array([0.12, 0.08, 0.002, -0.001, 0.03, 0.01, -0.02, 0.004])
-    eight = replace(CALIBRATION, D1=D)
-    refuses("OpenSfM knows 5 numbers", export_of(eight).write, OPENSFM, tmp_path / "a", passing)
-    twelve = export_of(replace(eight, D1=np.append(D, [0.1, 0, 0, 0])))
-    refuses("COLMAP knows 8 .* left camera has more", twelve.write, COLMAP, tmp_path / "b", passing)
-    export_of(eight).write(COLMAP, tmp_path / "c", passing)
+
+    def write(D, program, name):
+        of = Export(None, replace(CALIBRATION, D1=np.array(D)), [], {}, {})
+        return of.write(program, tmp_path / name, passing)
+
+    eight = [0.12, 0.08, 0.002, -0.001, 0.03, 0.01, -0.02, 0.004]
+    refuses("opensfm knows no more than 5 numbers", write, eight, OPENSFM, "a")
+    refuses("colmap knows no more than 8 numbers", write, [*eight, 0.1, 0, 0, 0], COLMAP, "b")
+    assert not any(tmp_path.iterdir())
+    write(eight, COLMAP, "c")
     camera = pycolmap.Reconstruction(tmp_path / "c" / "sparse").cameras[1]
-    points = np.random.default_rng(3).uniform([-0.5, -0.4, 2], [0.5, 0.4, 3], (30, 3))
-    expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), eight.K1, D)[0].reshape(-1, 2)
+    points, still = (
+        np.random.default_rng(3).uniform([-0.5, -0.4, 2], [0.5, 0.4, 3], (30, 3)),
+        np.zeros(3),
+    )
+    expected = cv2.projectPoints(points, still, still, CALIBRATION.K1, np.array(eight))[0]
     assert camera.model.name == "FULL_OPENCV"
-    assert np.abs(camera.img_from_cam(points) - 0.5 - expected).max() < 1e-9
+    assert np.abs(camera.img_from_cam(points) - 0.5 - expected.reshape(-1, 2)).max() < 1e-9
 
 
-TURN = st.tuples(*[st.floats(-3.1, 3.1)] * 3)
-
-
-@given(TURN, TURN)
-@settings(max_examples=scaled(60))
-def test_any_rotation_survives_colmaps_reader(tmp_path_factory, turn, shift):
-    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap (extra dev) is not installed")
-    assume(np.linalg.norm(turn) < math.pi)
-    rotation = cv2.Rodrigues(np.array(turn))[0]
-    standing = replace(CALIBRATION, R=rotation, T_mm=np.array(shift).reshape(3, 1))
-    folder = tmp_path_factory.mktemp("rotation") / "colmap"
-    export_of(standing).write(COLMAP, folder, passing)
-    (config,) = pycolmap.read_rig_config(folder / "rig_config.json")
-    read = config.cameras[1].cam_from_rig
-    assert np.abs(read.rotation.matrix() - rotation).max() < 1e-6
-    assert np.abs(read.translation - np.array(shift) / 1000).max() < 1e-12
+def test_a_cloud_far_from_the_axes_origin_keeps_its_millimetres(tmp_path):
+    """An easting of 500 km: float32 knows steps of 3 cm there."""
+    points = np.array([[500_000.001, 2.0, 3.0], [500_000.002, 2.0, 3.0]])
+    (tmp_path / "far.ply").write_bytes(ply_bytes(points, np.zeros((2, 3), np.uint8)))
+    read = read_ply(tmp_path / "far.ply")
+    assert np.abs(coordinates(read) - points).max() < 1e-6
 
 
 def on_faces(points, shape):
@@ -435,8 +432,8 @@ def test_across_the_towers_faces_the_joined_cloud_spreads_half_as_much(mission_d
     Odd frames give the shape, even ones what is measured: a cloud of all, and those of five pairs.
     """
     command = ("depth", mission_dir, "--calibration", mission_dir.parent / "calibration.yml")
-    command = (*command, "--pictures", "none", "--json")
-    said = done(*command, "--frames", "160-205", "--export", "opensfm", "--out", tmp_path / "all")
+    command = (*command, "--pictures", "none", "--json", "--frames")
+    said = done(*command, "160-205", "--export", "opensfm", "--out", tmp_path / "all")
     (model,) = json.loads((tmp_path / "all" / "opensfm" / "reconstruction.json").read_text())
     assert json.loads(said.out)["export"]["poses"] > 40
     rows, poses = [",".join(COLUMNS)], {}
@@ -447,28 +444,17 @@ def test_across_the_towers_faces_the_joined_cloud_spreads_half_as_much(mission_d
     (tmp_path / "poses.csv").write_text("\n".join(rows))
 
     def joined(first):
-        frames = ",".join(str(frame) for frame in range(first, 206, 2))
-        out = tmp_path / f"from_{first}"
-        done(
-            *command,
-            "--frames",
-            frames,
-            "--fused",
-            "--odometry",
-            tmp_path / "poses.csv",
-            "--out",
-            out,
-        )
+        frames, out = ",".join(map(str, range(first, 206, 2))), tmp_path / f"from_{first}"
+        done(*command, frames, "--fused", "--odometry", tmp_path / "poses.csv", "--out", out)
         return coordinates(read_ply(out / "fused.ply"))
 
     shape, spread = joined(161), []
     for frame in (164, 172, 180, 188, 196):
         out = tmp_path / str(frame)
-        done(*command, "--frames", frame, "--ply", out / "one.ply", "--out", out)
+        done(*command, frame, "--ply", out / "one.ply", "--out", out)
         turn, centre = poses[frame]
-        spread.append(
-            robust(on_faces(coordinates(read_ply(out / "one.ply")) @ turn.T + centre, shape))
-        )
+        one = coordinates(read_ply(out / "one.ply")) @ turn.T + centre
+        spread.append(robust(on_faces(one, shape)))
     even = on_faces(joined(162), shape)
     assert len(even) > 20_000
     assert robust(even) < 0.5 * np.median(spread)

@@ -1,12 +1,13 @@
 """One cloud of several frames: the places that they agree on, averaged."""
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from tokt.features.common.arrays import F32, F64, I64
-from tokt.inference.stereo.matching import SETTINGS_WIDTH
+from tokt.inference.stereo.matching import BLOCK_PX, SETTINGS_WIDTH
 from tokt.inference.stereo.odometry import Pose
 from tokt.inference.stereo.rectify import Rectifier
 
@@ -14,14 +15,19 @@ from .cloud import NEAREST_M
 
 # Settings in pixels of a view `SETTINGS_WIDTH` wide. Source: rendered missions with exact depth,
 # and the mission of 2016.
-FUSED_BLOCK_PX = 9
-"""Block of the matches. One pair needs a larger one against noise, which flattens what is rough and
-widens what is thin; of several pairs the noise is averaged out."""
+_MIN_BLOCK_PX = 9
 AGREE_PX, SAME_PX = 1.5, 4.0
 """Disparities of one place in two frames: those that differ by less than the first are averaged,
 those that differ by less than the second are of one surface, and no second one is made of it."""
 AGREEING = 3
 """Frames that show a place, or it is noise."""
+
+
+def fused_block_px(frames: int) -> float:
+    """Block for matching so many frames: a large one flattens what is rough, and widens what is
+    thin. Noise falls with it, and with the square root of the frames: it is to be half one pair's.
+    """
+    return max(_MIN_BLOCK_PX, 2 * BLOCK_PX / math.sqrt(max(frames, 1)))
 
 
 class PosedView(NamedTuple):

@@ -29,7 +29,7 @@ from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 from .cloud import FARTHEST_M, PointCloud, cloud_of, cloud_of_points, ply_bytes
 from .curve import curve_csv, curve_png
 from .export import COLMAP, PROGRAMS, Export, Places, logged_places
-from .fuse import AGREEING, FUSED_BLOCK_PX, PosedView, fused
+from .fuse import AGREEING, PosedView, fused, fused_block_px
 from .pair_depths import DepthRow, measure_depths, summary
 from .picture import DepthPicture
 from .poses import estimated_poses
@@ -280,7 +280,8 @@ class PairRematcher:
     ) -> Iterator[PointCloud]:
         """What several frames agree on, in the poses' fixed axes."""
         rectifier, views = self.detector.rectifier, []
-        matcher = DenseMatcher(rectifier, self.detector.matcher, step=1, block_px=FUSED_BLOCK_PX)
+        block_px = fused_block_px(len(posed))
+        matcher = DenseMatcher(rectifier, self.detector.matcher, step=1, block_px=block_px)
         for row, pose in progress(posed, len(posed), "match"):
             left, right = (self.mission.read(row.frame, side) for side in (LEFT, RIGHT))
             found = matcher.match(rectifier.left(left), rectifier.right(right, row.row_trim_px))
