@@ -292,10 +292,7 @@ def depth(
     ] = 10.0,
     fused: Annotated[
         bool,
-        Option(
-            "--fused",
-            help="Join what at least three frames agree on into one cloud, fused.ply in --out.",
-        ),
+        Option("--fused", help="Join what three frames or more agree on, by default fused.ply."),
     ] = False,
     odometry: Annotated[
         Path | None,
@@ -309,10 +306,7 @@ def depth(
     ] = None,
     export: Annotated[
         str | None,
-        Option(
-            metavar="colmap|opensfm",
-            help="Hand frames, cameras, rig, poses and places over, in a new folder in --out.",
-        ),
+        Option(metavar="colmap|opensfm", help="Folder in --out for it: frames, rig, poses."),
     ] = None,
     out: Annotated[
         Path, Option(help="Folder for depth.csv, depth.png, depth.json and frames/depth_N.png.")
@@ -342,10 +336,8 @@ def depth(
     opened = open_mission(mission)
     known = read_calibration_file(calibration)
     drawn = None if pictures is None else [] if pictures == "none" else parse_frames(pictures)
-    several = fused, odometry, log, export
-    request = DepthRequest(
-        chosen, drawn, rate, stereo, scale, ply, ply_frame, ply_farthest, *several
-    )
+    clouds = ply, ply_frame, ply_farthest, fused, odometry, log, export
+    request = DepthRequest(chosen, drawn, rate, stereo, scale, *clouds)
     found = run_depth(opened, known, out, request, progress)
     answer(json, found, lambda: _print_depth(found, out))
 
@@ -392,11 +384,8 @@ def _print_depth(found: dict[str, Any], out: Path) -> None:
         )
         print(f"  metres in {cloud['axes']}")
     if found["export"]:
-        gone = found["export"]
-        print(
-            f"written: {gone['folder']}, {gone['pairs']} pairs, {gone['poses']} of them with a "
-            f"pose, {gone['places']} with a place"
-        )
+        words = "written: {folder}, {pairs} pairs, {poses} with a pose, {places} with a place"
+        print(words.format(**found["export"]))
 
 
 def _steadiness(figures: dict[str, Any], first: int, last: int) -> str:

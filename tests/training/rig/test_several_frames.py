@@ -3,6 +3,7 @@
 import json
 import math
 import shutil
+import sys
 from dataclasses import replace
 
 import cv2
@@ -343,6 +344,13 @@ def test_what_cannot_be_joined_or_handed_over_is_refused(
     )
     command = ("depth", wall, "--calibration", wall / "rig.yml", "--pictures", "none", *options)
     assert refused(words, *command).splitlines()[-1].count("tokt: error") == 1
+
+
+def test_a_missing_pycolmap_is_named_before_the_work(wall, tmp_path, refused, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    command = ("depth", wall, "--calibration", wall / "rig.yml", "--export", "colmap")
+    refused("install the extra 'colmap'", *command, "--out", tmp_path)
+    assert not any(tmp_path.iterdir())
 
 
 def test_without_an_obstacle_nothing_is_joined(wall, tmp_path, refused):

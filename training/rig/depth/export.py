@@ -151,7 +151,7 @@ class Export:
             for side, (K, D) in zip((LEFT, RIGHT), self._lenses, strict=True)
         }  # fmt: skip
         stands = {LEFT: _opensfm_pose(Motion(np.eye(3), np.zeros(3))), RIGHT: _opensfm_pose(rig)}
-        pairs, pictures, instances, shots = {}, {}, {}, {}
+        pairs, instances, shots, pictures = {}, {}, {}, dict[str, Any]()
         for n, (left, right) in self._pairs.items():
             sides, place = {left: LEFT, right: RIGHT}, self.places.get(n, ())
             pairs[str(n)] = [*sides.items()]

@@ -115,7 +115,8 @@ def run_depth(
     if request.fused or request.export is not None:
         cloud, handed, nothing = views.write_several(measured, out, request, given, progress)
     if ply is not None and not request.fused:
-        nothing = f"nothing in {'any frame' if chosen is None else f'frame {chosen}'} was matched"
+        where = "any frame" if chosen is None else f"frame {chosen}"
+        nothing = f"nothing in {where} was matched within {farthest_m:g} m"
         cloud = None if chosen is None else views.write_cloud(ply, rows[chosen], farthest_m)
     about = {
         "mission": mission.name,
@@ -131,7 +132,7 @@ def run_depth(
     text = json.dumps(about, indent=2, ensure_ascii=False, allow_nan=False)
     atomic.write_text(out / "depth.json", text + "\n")
     if cloud is None and (request.fused or ply is not None):
-        raise ToktError(f"no point cloud: {nothing} within {farthest_m:g} m")
+        raise ToktError(f"no point cloud: {nothing}")
     return about
 
 
@@ -174,13 +175,12 @@ def _refuse_together(out: Path, request: DepthRequest) -> None:
         raise ToktError("--ply-frame goes together with --ply, and without --fused")
     if request.farthest_m != FARTHEST_M and request.ply is None and not request.fused:
         raise ToktError("--ply-farthest goes together with --ply or --fused")
-    if request.export is None:
-        if not request.fused and (request.odometry, request.log) != (None, None):
-            raise ToktError("--odometry and --log go together with --fused or --export")
-        return
-    if request.export not in PROGRAMS:
+    several = request.fused or request.export is not None
+    if not several and (request.odometry, request.log) != (None, None):
+        raise ToktError("--odometry and --log go together with --fused or --export")
+    if request.export is not None and request.export not in PROGRAMS:
         raise ToktError(f"--export is one of {', '.join(PROGRAMS)}, not {request.export!r}")
-    if (out / request.export).exists():
+    if request.export is not None and (out / request.export).exists():
         raise ToktError(f"{out / request.export} exists already; choose another --out")
     if request.export == COLMAP:
         with needed_by("--export colmap"):
@@ -272,8 +272,8 @@ class PairRematcher:
             clouds = self._joined(posed, request.farthest_m, progress)
             about = {"frames": format_frames(row.frame for row, _ in posed), "axes": axes}
             cloud = self._written(request.ply or out / "fused.ply", clouds, about)
-        agree = f"no {AGREEING} frames with a pose agree on anything"
-        return cloud, handed, agree if odometry else f"{axes}; so nothing is joined"
+        agree = f"no {AGREEING} frames with a pose agree within {request.farthest_m:g} m"
+        return cloud, handed, agree if odometry else axes
 
     def _joined(
         self, posed: Sequence[tuple[DepthRow, Pose]], farthest_m: float, progress: Progress
