@@ -200,7 +200,7 @@ def test_poses_estimated_from_the_frames(wall, depth, by_odometry):
         turn = cv2.Rodrigues(np.array(instance["rotation"]))[0]
         off = math.degrees(np.linalg.norm(cv2.Rodrigues(turn @ wanted.rotation.T)[0]))
         moved = turn.T @ instance["translation"] - wanted.rotation.T @ wanted.translation_m
-        assert off < 0.3 and np.linalg.norm(moved) < 0.02
+        assert off < 0.02 and np.linalg.norm(moved) < 0.0015
     cloud = coordinates(read_ply(out / "fused.ply"))
     joined = from_truth(cloud @ truth[anchor].rotation.T + truth[anchor].position_m)
     exact = from_truth(coordinates(read_ply(by_odometry[1] / "fused.ply")))
