@@ -1,0 +1,134 @@
+"""Optical flow: points followed from one frame to the next, and how far one motion explains them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tokt.features.common.arrays import F32, F64, U8, Bools
+
+MIN_SIDE_PX = 64
+"""A smaller picture has too few points to follow."""
+_CELL_HIGH, _CELL_WIDE = 14, 18
+"""One point at most is taken from each cell of so many pixels: the sharpest corner in it."""
+_WITHIN, _OUTSIDE = 60, 40
+"""Most points that are followed where something was seen, and elsewhere."""
+_OVER_WATER = 2.0
+"""A corner counts from so many times the sharpness of the picture's median cell: the rest is the
+camera's noise, which stands still in the picture."""
+_LK: dict[str, Any] = {"winSize": (15, 15), "maxLevel": 3}
+_BACK_PX = 0.5
+"""What is followed forwards and back ends this near to where it began."""
+
+
+class FlowPicture:
+    """A gray picture, uint8 (height, width), as points are followed in it.
+
+    Its local contrast is made even: at sea it is a few grey levels, and falls to the edges.
+    """
+
+    def __init__(self, gray: U8) -> None:
+        sharp = gray.astype(np.float32)
+        sharp -= cv2.blur(sharp, (25, 25))
+        spread = np.sqrt(cv2.blur(sharp * sharp, (61, 61))) + np.float32(1)
+        self.even = np.clip(128 + 30 * sharp / spread, 0, 255).astype(np.uint8)
+        self.size = gray.shape
+
+    def points(self, seen: U8) -> F32:
+        """The sharpest corners, float32 (n, 2) as x, y; most of them where `seen` is not 0."""
+        sharpness = cv2.cornerMinEigenVal(self.even, 5)
+        rows, cols = self.size[0] // _CELL_HIGH, self.size[1] // _CELL_WIDE
+        whole = sharpness[: rows * _CELL_HIGH, : cols * _CELL_WIDE]
+        cells = whole.reshape(rows, _CELL_HIGH, cols, _CELL_WIDE).swapaxes(1, 2)
+        cells = cells.reshape(rows * cols, -1)
+        best, sharpest = cells.argmax(axis=1), cells.max(axis=1)
+        row, col = np.divmod(np.arange(rows * cols), cols)
+        y, x = row * _CELL_HIGH + best // _CELL_WIDE, col * _CELL_WIDE + best % _CELL_WIDE
+        order = np.argsort(-sharpest, kind="stable")
+        order = order[sharpest[order] > _OVER_WATER * np.median(sharpest)]
+        within = seen[y[order], x[order]] != 0
+        chosen = np.concatenate([order[within][:_WITHIN], order[~within][:_OUTSIDE]])
+        return np.stack([x[chosen], y[chosen]], axis=1).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Points that were followed from one frame to the next, float32 (n, 2) each as x, y."""
+
+    then: F32
+    now: F32
+
+    @property
+    def flow(self) -> F64:
+        """How far each has gone, px: (n, 2)."""
+        return (self.now - self.then).astype(np.float64)
+
+
+def follow(before: FlowPicture, after: FlowPicture, points: F32) -> Tracks:
+    """Those of the points that are found again, forwards and back (Lucas and Kanade, pyramids)."""
+    if not len(points):
+        return Tracks(points, points)
+    there, found, _ = cv2.calcOpticalFlowPyrLK(before.even, after.even, points, None, **_LK)
+    back, again, _ = cv2.calcOpticalFlowPyrLK(after.even, before.even, there, None, **_LK)
+    near = np.abs(back - points).max(axis=1) < _BACK_PX
+    height, width = after.size
+    inside = ((there >= 0) & (there < [width, height])).all(axis=1)
+    kept = near & inside & (found.ravel() > 0) & (again.ravel() > 0)
+    return Tracks(points[kept], np.asarray(there[kept], np.float32))
+
+
+_TRIES, _SEED = 120, 25
+_RIGID_PX = 1.0
+"""So near to its epipolar line is a point of what moves as one."""
+RIGID_POINTS = 7
+"""Fewer points are explained by any motion."""
+
+
+def moves_as_one(tracks: Tracks) -> Bools:
+    """Which points one rigid motion of the camera, or of a thing, explains: bool (n,).
+
+    Depths may differ: a point lies on its line of the affine epipolar geometry, a x + b y + c x' +
+    d y' + e = 0, which holds for the narrow view of a small motion (Shapiro, Zisserman and Brady
+    1995, 3D motion recovery via affine epipolar geometry, IJCV 16). The geometry is that of the
+    four points, drawn at random, which the most others agree with.
+    """
+    n = len(tracks.then)
+    if n < RIGID_POINTS:
+        return np.ones(n, bool)
+    joined = np.concatenate([tracks.then, tracks.now], axis=1).astype(np.float64)
+    drawn = joined[np.random.default_rng(_SEED).integers(n, size=(_TRIES, 4))]
+    first, sides = drawn[:, 0], drawn[:, 1:] - drawn[:, :1]
+    normal = _across(sides)
+    off = np.abs(normal @ joined.T - (normal * first).sum(axis=1, keepdims=True))
+    # Distances are in the second picture. A geometry that hardly depends on it explains nothing.
+    scale = np.linalg.norm(normal[:, 2:], axis=1)
+    length = np.linalg.norm(normal, axis=1)
+    usable = (length > 0) & (scale > 0.3 * length)
+    if not usable.any():
+        return np.ones(n, bool)
+    agree = off[usable] < _RIGID_PX * scale[usable, None]
+    return np.asarray(agree[agree.sum(axis=1).argmax()])
+
+
+def _across(sides: F64) -> F64:
+    """The vectors (n, 4) at right angles to three others each: (n, 3, 4)."""
+    minors = [np.linalg.det(np.delete(sides, axis, axis=2)) for axis in range(4)]
+    return np.stack([minors[0], -minors[1], minors[2], -minors[3]], axis=1)
+
+
+def common_motion(tracks: Tracks) -> NDArray[Any] | None:
+    """The turn, shift and growth (2, 3) that most of the points share, or None."""
+    if len(tracks.then) < RIGID_POINTS:
+        return None
+    made, agree = cv2.estimateAffine2D(
+        tracks.then, tracks.now, method=cv2.RANSAC, ransacReprojThreshold=1.0, maxIters=100
+    )
+    return made if made is not None and agree.mean() >= _SHARED else None
+
+
+_SHARED = 0.7
+"""Part of the points that a common motion has to explain."""
