@@ -30,6 +30,9 @@ MATCHERS = (BM, SGBM)
 DEFAULT_SCALE = 0.5
 """Width of the views that are matched over the frames' width."""
 
+MOVING = NEAR, AVOID, IGNORE = "near", "avoid", "ignore"
+"""What ``--moving`` can be."""
+
 CAMERAS = "live cameras (--source pymba:ID, vimbax:ID or genicam:ID)"
 VIDEO = "network video and USB cameras"
 LIVE = "live cameras and network video"
@@ -193,6 +196,12 @@ class PolicyConfig:
         "far it is from that, and from the centre.",
         "SHARE",
         logged="anchor",
+    )
+    moving: str = option(
+        NEAR,
+        "Moving things, such as fish: avoid what is large or near, all, or none of them.",
+        "near|avoid|ignore",
+        logged="moving",
     )
 
 

@@ -55,6 +55,8 @@ class Detection:
     # *clear* stands against it.
     vetoes_clear: bool = False
     note: str = ""  # what else the pilot should know about a frame that was judged
+    doubt: Fault = NO_FAULT  # why no clear of this frame is believed, where an obstacle is seen
+    gray: U8 | None = None  # the left frame as the grid has it, where the detector made it
 
 
 class Detector(Protocol):
@@ -118,6 +120,7 @@ class Verdict:
     anchor_x: float | None = None
     anchor_y: float | None = None
     anchor_size: float | None = None
+    moving: float | None = None  # share of the view that moving things cover, 0..1
 
 
 def health_of(*words: str) -> str:

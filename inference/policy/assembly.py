@@ -11,11 +11,12 @@ import numpy as np
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.inference.clock import SYSTEM_STOPWATCH, Stopwatch
-from tokt.inference.config import BM, DEFAULT_SCALE, MATCHERS
+from tokt.inference.config import BM, DEFAULT_SCALE, MATCHERS, MOVING, NEAR
 from tokt.inference.frame import Frame
 from tokt.inference.texture.detector import ReloadableTextureDetector, TextureDetector
 from tokt.inference.verdict import PUSHBROOM, Detector
 
+from .moving import MovingThings
 from .policy import POLICIES, EitherPolicy, FallbackPolicy, Policy, SinglePolicy, guarded
 from .temporal_cues import Anchor, TemporalCues
 
@@ -107,6 +108,7 @@ def assemble(
     threads: int = 1,
     stopwatch: Stopwatch = SYSTEM_STOPWATCH,
     anchor: Anchor | None = None,
+    moving: str = NEAR,
 ) -> Assembly:
     """Assemble the policy of that name.
 
@@ -124,6 +126,8 @@ def assemble(
         What a policy measures lateness with.
     anchor : Anchor, optional
         What is to be held in the picture.
+    moving : {"near", "avoid", "ignore"}
+        Which of the things that move by themselves make an obstacle.
 
     Raises
     ------
@@ -132,6 +136,8 @@ def assemble(
         there is not at least one thread.
     """
     _check(name, load_model is not None, stereo is not None, threads)
+    if moving not in MOVING:
+        raise ToktError(f"unknown moving {moving!r} (choose from {', '.join(MOVING)})")
     model, fault = None, ""
     try:
         model = None if load_model is None else load_model()
@@ -143,7 +149,8 @@ def assemble(
     disparity = None if stereo is None else stereo.detector(grid)
     blind_m = 0.0 if stereo is None else stereo.blind_m
     if name == "disparity" and disparity is not None:
-        policy: Policy = TemporalCues(SinglePolicy(disparity), None, anchor, blind_m)
+        alone = MovingThings(SinglePolicy(disparity), grid, moving)
+        policy: Policy = TemporalCues(alone, None, anchor, blind_m)
         return Assembly(policy, None, stereo, grid)
     texture = ReloadableTextureDetector(
         None if model is None else TextureDetector(model, threads), fault
@@ -156,6 +163,7 @@ def assemble(
         policy = EitherPolicy(texture, disparity)
     else:
         policy = FallbackPolicy(texture, disparity, stopwatch)
+    policy = MovingThings(policy, grid, moving)
     return Assembly(TemporalCues(policy, texture, anchor, blind_m), texture, stereo, grid)
 
 
