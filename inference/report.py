@@ -20,6 +20,7 @@ HEALTH_BYTES, MODEL_BYTES = 300, 420
 them: any datagram fits one Ethernet frame (1472), and every model's name of ASCII is whole."""
 
 FIRST, REPLAYABLE, WITH_TREND, WITH_ANCHOR, WITH_BOUNDARY, WITH_PLACE = 1, 2, 3, 4, 5, 6
+WITH_MOVING = 8
 """Versions of the table (`SINCE` says what each brought). A new field gets a new version and stands
 at the end of its datagram or log line, where every older reader leaves it out."""
 
@@ -109,6 +110,7 @@ FIELDS = (
     ReportField("heading_deg", float, "place.heading_deg", unit="deg", since=WITH_PLACE),
     ReportField("lat_deg", float, "place.lat_deg", unit="deg", since=WITH_PLACE),
     ReportField("lon_deg", float, "place.lon_deg", unit="deg", since=WITH_PLACE),
+    _verdict("moving", float, since=WITH_MOVING),
     _log("run", str, "run", nullable=False),
     _log("frame", int, "report.frame"),
     _log("missed", int, "frame.missed", nullable=False, metric="frames_missed_total"),
@@ -154,6 +156,7 @@ MEANINGS = {
     "heading_deg": "of the vehicle, from north, clockwise; null where not known, or older than 2 s",
     "lat_deg": "of the vehicle, north positive; null where not known, or older than 2 s",
     "lon_deg": "of the vehicle, east positive; null where not known, or older than 2 s",
+    "moving": "share of the view, 0 to 1, that moving things cover; null where not known",
     "run": "the run's id: a log holds run after run",
     "frame": "the frame's number in its source; null in a heartbeat's line",
     "missed": "frames not delivered since the one before",
@@ -177,6 +180,7 @@ SINCE = {
     WITH_ANCHOR: "an anchor",
     WITH_BOUNDARY: "a boundary that moves",
     WITH_PLACE: "the vehicle's place",
+    WITH_MOVING: "moving things",
 }
 """What each version of the table brought."""
 V1_FIELDS = tuple(each for each in FIELDS if each.v1)

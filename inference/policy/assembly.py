@@ -108,7 +108,7 @@ def assemble(
     threads: int = 1,
     stopwatch: Stopwatch = SYSTEM_STOPWATCH,
     anchor: Anchor | None = None,
-    moving: str = NEAR,
+    moving: str | None = NEAR,
 ) -> Assembly:
     """Assemble the policy of that name.
 
@@ -126,8 +126,9 @@ def assemble(
         What a policy measures lateness with.
     anchor : Anchor, optional
         What is to be held in the picture.
-    moving : {"near", "avoid", "ignore"}
-        Which of the things that move by themselves make an obstacle.
+    moving : {"near", "avoid", "ignore"}, optional
+        Which of the things that move by themselves are avoided. With None neither they nor sediment
+        are looked for, as in the logs of an older tokt.
 
     Raises
     ------
@@ -136,7 +137,7 @@ def assemble(
         there is not at least one thread.
     """
     _check(name, load_model is not None, stereo is not None, threads)
-    if moving not in MOVING:
+    if moving not in (None, *MOVING):
         raise ToktError(f"unknown moving {moving!r} (choose from {', '.join(MOVING)})")
     model, fault = None, ""
     try:
@@ -149,9 +150,8 @@ def assemble(
     disparity = None if stereo is None else stereo.detector(grid)
     blind_m = 0.0 if stereo is None else stereo.blind_m
     if name == "disparity" and disparity is not None:
-        alone = MovingThings(SinglePolicy(disparity), grid, moving)
-        policy: Policy = TemporalCues(alone, None, anchor, blind_m)
-        return Assembly(policy, None, stereo, grid)
+        alone = _over_time(SinglePolicy(disparity), None, grid, moving, anchor, blind_m)
+        return Assembly(alone, None, stereo, grid)
     texture = ReloadableTextureDetector(
         None if model is None else TextureDetector(model, threads), fault
     )
@@ -163,8 +163,21 @@ def assemble(
         policy = EitherPolicy(texture, disparity)
     else:
         policy = FallbackPolicy(texture, disparity, stopwatch)
-    policy = MovingThings(policy, grid, moving)
-    return Assembly(TemporalCues(policy, texture, anchor, blind_m), texture, stereo, grid)
+    whole = _over_time(policy, texture, grid, moving, anchor, blind_m)
+    return Assembly(whole, texture, stereo, grid)
+
+
+def _over_time(
+    policy: Policy,
+    texture: ReloadableTextureDetector | None,
+    grid: Grid,
+    moving: str | None,
+    anchor: Anchor | None,
+    blind_m: float,
+) -> TemporalCues:
+    """What follows from a policy's verdicts in a row."""
+    told = policy if moving is None else MovingThings(policy, grid, moving)
+    return TemporalCues(told, texture, anchor, blind_m)
 
 
 def _check(name: str, has_model: bool, has_calibration: bool, threads: int) -> None:

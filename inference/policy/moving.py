@@ -41,7 +41,7 @@ import numpy as np
 
 from tokt.features.common.arrays import I64, U8, Bools
 from tokt.features.extractors.extractor import gray_picture
-from tokt.features.frames.grid import Grid
+from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.inference.config import AVOID, NEAR
 from tokt.inference.frame import Frame
 from tokt.inference.frame_checks import shape_fault
@@ -55,14 +55,25 @@ from tokt.inference.verdict import (
     verdict_from_mask,
 )
 
-from .flow import MIN_SIDE_PX, RIGID_POINTS, FlowPicture, Tracks, common_motion, follow, moves_as_one
+from .flow import (
+    MIN_SIDE_PX,
+    RIGID_POINTS,
+    FlowPicture,
+    Tracks,
+    common_motion,
+    follow,
+    moves_as_one,
+)
 from .policy import Judgement, Policy
 from .sediment import SedimentWatch
 
+PATCHES = DEFAULT_GRID
+"""In which points are counted and masks are looked at, whatever grid a model has."""
 WATER_POINTS = 8
 FAST_PX, FAST_TIMES = 3.0, 1.5
-WINDOW_S, GAP_S = 2.0, 1.0
-"""How long what was seen counts, and the longest time from one frame to the next."""
+WINDOW_S, STEP_S, GAP_S = 2.0, 0.2, 1.0
+"""How long what was seen counts; the least time over which points are followed, as in less slow
+things do not move; and the longest from one frame to the next."""
 KNOWN_PAIRS = 3
 """Pairs of frames in the window whose own motion has to be known."""
 FAST_POINTS, STRAY = 20, 0.1
@@ -75,6 +86,14 @@ SLOW = 0.35
 
 
 Counts = I64
+
+
+class _Key(NamedTuple):
+    """The frame from which points are followed."""
+
+    t_s: float
+    picture: FlowPicture
+    mask: U8
 
 
 class _Pair(NamedTuple):
@@ -93,84 +112,54 @@ class MovingThings:
     """Another policy's verdicts, with what moves by itself in the view, and clouds of sediment."""
 
     policy: Policy
-    grid: Grid  # in whose patches masks are looked at
+    grid: Grid  # which says how wide masks are
     avoid: str = NEAR  # `tokt.inference.config.MOVING`
 
     def __post_init__(self) -> None:
-        self._sediment = SedimentWatch(self.grid)
+        self._sediment = SedimentWatch(PATCHES)
         self._pairs: deque[_Pair] = deque()
-        self._before: FlowPicture | None = None
-        self._mask: U8 | None = None  # of the frame before
-        self._last_s = -math.inf
-        self._masked_s = np.full(self.grid.n_patches, math.inf)  # since when each patch is masked
+        self._key: _Key | None = None
+        self._last_s = math.nan
+        self._masked_s = np.full(PATCHES.n_patches, math.inf)  # since when each patch is masked
 
     def judge(self, frame: Frame) -> Judgement:
         """The policy's answer, with what moves, and whether it is a cloud that hides the view."""
         judgement = self.policy.judge(frame)
         gray = _gray(judgement, frame, self.grid)
-        if gray is None:
+        if gray is None or min(gray.shape) < MIN_SIDE_PX:
+            self._key = None
             self._pairs.clear()
-            self._before = None
             return judgement
         mask = judgement.mask
         if mask is None or mask.shape != gray.shape:
             mask = np.zeros_like(gray)
-        self._follow(frame, gray, mask)
-        masked = self._masked(mask, frame.t)
+        masked = _masked(mask)
+        self._follow(frame, gray, mask, masked)
         judgement = self._with_moving(judgement, masked)
         nothing_seen = judgement.verdict.status != OBSTACLE and not mask.any()
         cloud = self._sediment.take(gray, nothing_seen, frame.t if frame.timed else None)
         return _hidden(judgement, cloud) if cloud else judgement
 
-    def _follow(self, frame: Frame, gray: U8, mask: U8) -> None:
-        """Take in how points went since the frame before, if that is known."""
-        before, then = self._before, self._mask
-        self._before = FlowPicture(gray) if min(gray.shape) >= MIN_SIDE_PX else None
-        self._mask = mask
-        passed_s, self._last_s = frame.t - self._last_s, frame.t
-        follows = frame.timed and frame.missed == 0 and 0 < passed_s <= GAP_S
-        if before is None or then is None or self._before is None or not follows:
+    def _follow(self, frame: Frame, gray: U8, mask: U8, masked: Bools) -> None:
+        """Take in how points went since the key frame, if all is known since, and it is time to."""
+        key, t_s = self._key, frame.t
+        follows = frame.timed and frame.missed == 0 and 0 < t_s - self._last_s <= GAP_S
+        self._last_s = t_s
+        if key is None or not follows or key.mask.shape != mask.shape:
             self._pairs.clear()
-            return
-        if then.shape != mask.shape:
-            self._pairs.clear()
-            return
-        tracks = follow(before, self._before, before.points(then))
-        self._pairs.append(self._pair(frame.t, tracks, then, mask))
-        while frame.t - self._pairs[0].t_s > WINDOW_S:
-            self._pairs.popleft()
-
-    def _pair(self, t_s: float, tracks: Tracks, then: U8, mask: U8) -> _Pair:
-        (x0, y0), (x, y) = tracks.then.astype(int).T, tracks.now.astype(int).T
-        water = (then[y0, x0] == 0) & (mask[y, x] == 0)
-        patch = self._patch(x, y, mask.shape)
-        nothing = np.zeros(self.grid.n_patches, int)
-        if np.count_nonzero(water) < WATER_POINTS:
-            return _Pair(t_s, False, nothing, nothing)
-        fast = _fast(tracks, water)
-        counts = [np.bincount(patch[which & (patch >= 0)], minlength=len(nothing)) for which in (fast, ~fast)]
-        several = Tracks(tracks.then[fast], tracks.now[fast])
-        if len(several.then) < RIGID_POINTS:
-            return _Pair(t_s, True, *counts)
-        one = moves_as_one(several)
-        return _Pair(t_s, True, *counts, len(one), int(np.count_nonzero(~one)))
-
-    def _patch(self, x: I64, y: I64, shape: tuple[int, int]) -> I64:
-        """The patches that points are in; -1 where there is none."""
-        high, wide = self.grid.patch_size(*shape)
-        row, col = y // high, x // wide
-        return np.where((row < self.grid.rows) & (col < self.grid.cols), row * self.grid.cols + col, -1)
-
-    def _masked(self, mask: U8, t_s: float) -> Bools:
-        """The patches that the mask reaches; since when is kept."""
-        high, wide = self.grid.patch_size(*mask.shape)
-        covered = mask[: high * self.grid.rows, : wide * self.grid.cols]
-        size = (self.grid.cols, self.grid.rows)
-        masked = (cv2.resize(covered.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0).ravel()
-        if not self._pairs:
-            self._masked_s = np.where(masked, -math.inf, math.inf)
+            self._masked_s[:] = -math.inf
+            key = None
         self._masked_s = np.where(masked, np.minimum(self._masked_s, t_s), math.inf)
-        return masked
+        if key is not None and t_s - key.t_s < STEP_S:
+            return
+        picture = FlowPicture(gray)
+        self._key = _Key(t_s, picture, mask)
+        if key is None:
+            return
+        tracks = follow(key.picture, picture, key.picture.points(key.mask))
+        self._pairs.append(_pair(t_s, tracks, key.mask, mask))
+        while t_s - self._pairs[0].t_s > WINDOW_S:
+            self._pairs.popleft()
 
     def _with_moving(self, judgement: Judgement, masked: Bools) -> Judgement:
         verdict, known = judgement.verdict, self._known()
@@ -199,7 +188,7 @@ class MovingThings:
         standing = np.zeros_like(masked)
         lately = [pair for pair in self._pairs if last.t_s - pair.t_s <= LATELY_S]
         fast, slow = sum(pair.fast for pair in lately), sum(pair.slow for pair in lately)
-        shape = self.grid.rows, self.grid.cols
+        shape = PATCHES.rows, PATCHES.cols
         count, part = cv2.connectedComponents(masked.reshape(shape).astype(np.uint8))
         for number in range(1, count):
             its = (part == number).ravel()
@@ -216,6 +205,30 @@ class MovingThings:
             return True
         near = verdict.distance_m is not None and verdict.distance_m < NEAR_M
         return self.avoid == NEAR and (near or float(masked.mean()) > LARGE)
+
+
+def _masked(mask: U8) -> Bools:
+    """The patches that a mask reaches; the last of a row or a column goes to the edge."""
+    high, wide = PATCHES.patch_size(*mask.shape)
+    down = np.maximum.reduceat(mask, high * np.arange(PATCHES.rows), axis=0)
+    return np.maximum.reduceat(down, wide * np.arange(PATCHES.cols), axis=1).ravel() > 0
+
+
+def _pair(t_s: float, tracks: Tracks, then: U8, now: U8) -> _Pair:
+    """What two frames showed, whose masks were `then` and `now`."""
+    nothing = np.zeros(PATCHES.n_patches, np.int64)
+    (x0, y0), (x, y) = tracks.then.astype(np.int64).T, tracks.now.astype(np.int64).T
+    water = (then[y0, x0] == 0) & (now[y, x] == 0)
+    if np.count_nonzero(water) < WATER_POINTS:
+        return _Pair(t_s, False, nothing, nothing)
+    fast = _fast(tracks, water)
+    high, wide = PATCHES.patch_size(*now.shape)
+    row, col = np.minimum(y // high, PATCHES.rows - 1), np.minimum(x // wide, PATCHES.cols - 1)
+    patch = row * PATCHES.cols + col
+    counts = (np.bincount(patch[which], minlength=len(nothing)) for which in (fast, ~fast))
+    one = moves_as_one(Tracks(tracks.then[fast], tracks.now[fast]))
+    judged = len(one) if len(one) >= RIGID_POINTS else 0
+    return _Pair(t_s, True, *counts, judged, int(np.count_nonzero(~one)))
 
 
 def _gray(judgement: Judgement, frame: Frame, grid: Grid) -> U8 | None:
@@ -262,4 +275,6 @@ def _hidden(judgement: Judgement, cloud: Fault) -> Judgement:
     if verdict.status == UNKNOWN and verdict.reason not in (Reason.DRIFT, Reason.NOVEL):
         return judgement
     fault = Fault(cloud.reason, health_of(cloud, verdict.health))
-    return replace(judgement, mask=None, verdict=replace(unknown_verdict(fault), moving=verdict.moving))
+    return replace(
+        judgement, mask=None, verdict=replace(unknown_verdict(fault), moving=verdict.moving)
+    )
