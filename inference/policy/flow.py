@@ -17,9 +17,10 @@ _CELL_HIGH, _CELL_WIDE = 14, 18
 """One point at most is taken from each cell of so many pixels: the sharpest corner in it."""
 _WITHIN, _OUTSIDE = 60, 40
 """Most points that are followed where something was seen, and elsewhere."""
-_OVER_WATER = 2.0
-"""A corner counts from so many times the sharpness of the picture's median cell: the rest is the
-camera's noise, which stands still in the picture."""
+_OVER_MEDIAN, _OVER_NOISE = 2.0, 4e-5
+"""A corner counts from so many times the sharpness of the picture's median cell: the rest of open
+water is the camera's noise, which stands still in the picture. In a picture full of texture it
+counts from so many times the square of what is finest (its Laplacian, a quarter of the cells)."""
 _LK: dict[str, Any] = {"winSize": (15, 15), "maxLevel": 3}
 _BACK_PX = 0.5
 """What is followed forwards and back ends this near to where it began."""
@@ -40,19 +41,26 @@ class FlowPicture:
 
     def points(self, seen: U8) -> F32:
         """The sharpest corners, float32 (n, 2) as x, y; most of them where `seen` is not 0."""
-        sharpness = cv2.cornerMinEigenVal(self.even, 5)
-        rows, cols = self.size[0] // _CELL_HIGH, self.size[1] // _CELL_WIDE
-        whole = sharpness[: rows * _CELL_HIGH, : cols * _CELL_WIDE]
-        cells = whole.reshape(rows, _CELL_HIGH, cols, _CELL_WIDE).swapaxes(1, 2)
-        cells = cells.reshape(rows * cols, -1)
+        cells = _in_cells(cv2.cornerMinEigenVal(self.even, 5))
         best, sharpest = cells.argmax(axis=1), cells.max(axis=1)
-        row, col = np.divmod(np.arange(rows * cols), cols)
+        finest = np.abs(_in_cells(cv2.Laplacian(self.even, cv2.CV_16S))).mean(axis=1)
+        noise = float(np.percentile(finest, 25))
+        least = min(_OVER_MEDIAN * float(np.median(sharpest)), _OVER_NOISE * noise * noise)
+        row, col = np.divmod(np.arange(len(cells)), self.size[1] // _CELL_WIDE)
         y, x = row * _CELL_HIGH + best // _CELL_WIDE, col * _CELL_WIDE + best % _CELL_WIDE
         order = np.argsort(-sharpest, kind="stable")
-        order = order[sharpest[order] > _OVER_WATER * np.median(sharpest)]
+        order = order[sharpest[order] > least]
         within = seen[y[order], x[order]] != 0
         chosen = np.concatenate([order[within][:_WITHIN], order[~within][:_OUTSIDE]])
         return np.stack([x[chosen], y[chosen]], axis=1).astype(np.float32)
+
+
+def _in_cells(values: NDArray[Any]) -> NDArray[Any]:
+    """What is in each cell, row by row: (n, pixels of a cell)."""
+    rows, cols = values.shape[0] // _CELL_HIGH, values.shape[1] // _CELL_WIDE
+    whole = values[: rows * _CELL_HIGH, : cols * _CELL_WIDE]
+    split = whole.reshape(rows, _CELL_HIGH, cols, _CELL_WIDE).swapaxes(1, 2)
+    return split.reshape(rows * cols, -1)
 
 
 @dataclass(frozen=True)
