@@ -89,48 +89,28 @@ def follow(before: FlowPicture, after: FlowPicture, points: F32) -> Tracks:
     return Tracks(points[kept], np.asarray(there[kept], np.float32))
 
 
-_TRIES, _SEED = 120, 25
+RIGID_POINTS = 10
+"""Fewer points are explained by nearly any motion."""
 _RIGID_PX = 1.0
 """So near to its epipolar line is a point of what moves as one."""
-RIGID_POINTS = 7
-"""Fewer points are explained by any motion."""
 
 
 def moves_as_one(tracks: Tracks) -> Bools:
     """Which points one rigid motion of the camera, or of a thing, explains: bool (n,).
 
-    Depths may differ: a point lies on its line of the affine epipolar geometry, a x + b y + c x' +
-    d y' + e = 0, which holds for the narrow view of a small motion (Shapiro, Zisserman and Brady
-    1995, 3D motion recovery via affine epipolar geometry, IJCV 16). The geometry is that of the
-    four points, drawn at random, which the most others agree with.
+    Depths may differ: a point lies on its epipolar line. The geometry, of any camera without
+    distortion, is the one that the most points agree with (RANSAC, always the same draws).
     """
-    n = len(tracks.then)
-    if n < RIGID_POINTS:
-        return np.ones(n, bool)
-    joined = np.concatenate([tracks.then, tracks.now], axis=1).astype(np.float64)
-    drawn = joined[np.random.default_rng(_SEED).integers(n, size=(_TRIES, 4))]
-    first, sides = drawn[:, 0], drawn[:, 1:] - drawn[:, :1]
-    normal = _across(sides)
-    off = np.abs(normal @ joined.T - (normal * first).sum(axis=1, keepdims=True))
-    # Distances are in the second picture. A geometry that hardly depends on it explains nothing.
-    scale = np.linalg.norm(normal[:, 2:], axis=1)
-    length = np.linalg.norm(normal, axis=1)
-    usable = (length > 0) & (scale > 0.3 * length)
-    if not usable.any():
-        return np.ones(n, bool)
-    agree = off[usable] < _RIGID_PX * scale[usable, None]
-    return np.asarray(agree[agree.sum(axis=1).argmax()])
-
-
-def _across(sides: F64) -> F64:
-    """The vectors (n, 4) at right angles to three others each: (n, 3, 4)."""
-    minors = [np.linalg.det(np.delete(sides, axis, axis=2)) for axis in range(4)]
-    return np.stack([minors[0], -minors[1], minors[2], -minors[3]], axis=1)
+    agree = None
+    if len(tracks.then) >= RIGID_POINTS:
+        ransac = cv2.FM_RANSAC, _RIGID_PX, 0.99, 200
+        agree = cv2.findFundamentalMat(tracks.then, tracks.now, *ransac)[1]
+    return np.ones(len(tracks.then), bool) if agree is None else agree.ravel() != 0
 
 
 def common_motion(tracks: Tracks) -> NDArray[Any] | None:
     """The turn, shift and growth (2, 3) that most of the points share, or None."""
-    if len(tracks.then) < RIGID_POINTS:
+    if len(tracks.then) < _SHARED_POINTS:
         return None
     made, agree = cv2.estimateAffine2D(
         tracks.then, tracks.now, method=cv2.RANSAC, ransacReprojThreshold=1.0, maxIters=100
@@ -138,5 +118,5 @@ def common_motion(tracks: Tracks) -> NDArray[Any] | None:
     return made if made is not None and agree.mean() >= _SHARED else None
 
 
-_SHARED = 0.7
-"""Part of the points that a common motion has to explain."""
+_SHARED, _SHARED_POINTS = 0.7, 7
+"""Part of the points that a common motion has to explain, and how many that are at least."""

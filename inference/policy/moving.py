@@ -222,10 +222,12 @@ def _pair(t_s: float, tracks: Tracks, then: U8, now: U8) -> _Pair:
     if np.count_nonzero(water) < WATER_POINTS:
         return _Pair(t_s, False, nothing, nothing)
     fast = _fast(tracks, water)
+    solid = _as_bodies(tracks, fast, now)
     high, wide = PATCHES.patch_size(*now.shape)
     row, col = np.minimum(y // high, PATCHES.rows - 1), np.minimum(x // wide, PATCHES.cols - 1)
     patch = row * PATCHES.cols + col
-    counts = (np.bincount(patch[which], minlength=len(nothing)) for which in (fast, ~fast))
+    loose = fast & ~solid
+    counts = (np.bincount(patch[which], minlength=len(nothing)) for which in (loose, ~loose))
     one = moves_as_one(Tracks(tracks.then[fast], tracks.now[fast]))
     judged = len(one) if len(one) >= RIGID_POINTS else 0
     return _Pair(t_s, True, *counts, judged, int(np.count_nonzero(~one)))
@@ -251,6 +253,16 @@ def _fast(tracks: Tracks, water: Bools) -> Bools:
         flow = tracks.now - (tracks.then @ common[:, :2].T + common[:, 2])
     speed = np.hypot(flow[:, 0], flow[:, 1])
     return np.asarray(speed > FAST_PX + FAST_TIMES * np.median(speed[water]))
+
+
+def _as_bodies(tracks: Tracks, fast: Bools, mask: U8) -> Bools:
+    """The fast points in parts of the mask that are one body each: another vehicle, a near wall."""
+    part = cv2.connectedComponents(mask)[1][tuple(tracks.now.astype(np.int64).T[::-1])]
+    solid = np.zeros(len(fast), bool)
+    for number in np.unique(part[fast & (part > 0)]):
+        its = fast & (part == number)
+        solid |= its & (common_motion(Tracks(tracks.then[its], tracks.now[its])) is not None)
+    return solid
 
 
 def _without(judgement: Judgement) -> Judgement:

@@ -304,6 +304,7 @@ def test_a_log_of_before_there_were_trends_comes_out_the_same(
 ):
     log_approach(approach, bundle_file, log, hand_clock)
     new = {"trend", "trend_confidence", "expansion_contact_s", "anchor", "anchor_x", "anchor_y"}
+    new |= {"moving"}
     for path in (log, events_path(log)):
         older = [
             {k: line[k] for k in line if k not in new | {"anchor_size"}} for line in lines(path)
