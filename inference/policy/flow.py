@@ -1,4 +1,4 @@
-"""Optical flow: points followed from one frame to the next, and how far one motion explains them."""
+"""Optical flow: points followed from frame to frame, and how far one motion explains them."""
 
 from __future__ import annotations
 

@@ -282,7 +282,7 @@ def _without(judgement: Judgement) -> Judgement:
 
 
 def _hidden(judgement: Judgement, cloud: Fault) -> Judgement:
-    """Unknown, where nothing was seen in a cloud, or nothing could be judged for the looks of it."""
+    """Unknown, where nothing was seen in a cloud, or the looks of it are why nothing was judged."""
     verdict = judgement.verdict
     if verdict.status == UNKNOWN and verdict.reason not in (Reason.DRIFT, Reason.NOVEL):
         return judgement
