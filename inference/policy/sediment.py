@@ -7,7 +7,7 @@ would. The water before it is what a frame is held against, patch by patch:
   lamp or a gain that changes the whole picture is none.
 - *Without contrast*: what is left of the fine contrast, over the light, is below `CONTRAST_LEFT`.
   A structure that comes near has more of it, and so has snow.
-- *Wide*: a `WIDE` part of the patches, `FRAMES` frames in a row. As many frames without end it.
+- *Wide*: a `WIDE` part of the patches. A cloud goes on until `FRAMES` frames in a row show none.
 
 Only where nothing was seen is a frame judged so: an obstacle in a cloud is one. What the water
 looks like is learnt from such frames alone, slowly, and in a cloud hardly at all.
@@ -26,7 +26,7 @@ BRIGHTER, UNEVEN, CONTRAST_LEFT, WIDE, FRAMES = 0.15, 0.05, 0.8, 0.25, 3
 _FINE_PX = 5
 LEARNT_FRAMES = 8
 """Frames of water that have to be seen before one can be told to differ."""
-_WATER_S, _CLOUD_S = 20.0, 300.0
+_WATER_S, _CLOUD_S = 5.0, 300.0
 """In which the water is learnt anew; in a cloud, too, as a lamp that was turned is none for ever."""
 _UNTIMED_S, _LONGEST_S = 0.25, 1.0
 """Taken for the time between two frames: without times, and at most."""
@@ -51,8 +51,7 @@ class SedimentWatch:
     def __init__(self, grid: Grid) -> None:
         self._grid = grid
         self._water: F64 | None = None
-        self._learnt = self._row = 0
-        self._cloud = False
+        self._learnt = self._left = 0
         self._last_s: float | None = None
 
     def take(self, gray: U8, nothing_seen: bool, t_s: float | None) -> Fault:
@@ -72,16 +71,13 @@ class SedimentWatch:
             return NO_FAULT
         looks = _looks(gray, self._grid)
         if self._water is None or self._water.shape != looks.shape:
-            self._water, self._learnt, self._row, self._cloud = looks, 0, 0, False
+            self._water, self._learnt, self._left = looks, 0, 0
         share = self._share(looks - self._water)
-        self._row = self._row + 1 if (share >= WIDE) != self._cloud else 0
-        if self._row >= FRAMES:
-            self._cloud, self._row = not self._cloud, 0
-        self._learn(looks, passed_s, _CLOUD_S if share >= WIDE else _WATER_S)
-        if not self._cloud:
+        self._left = FRAMES if share >= WIDE else max(self._left - 1, 0)
+        self._learn(looks, passed_s, _CLOUD_S if self._left else _WATER_S)
+        if not self._left:
             return NO_FAULT
-        words = f"a cloud of sediment is in {100 * share:.0f} % of the view"
-        return Fault(Reason.SEDIMENT, words)
+        return Fault(Reason.SEDIMENT, "a cloud of sediment is in a wide part of the view")
 
     def _passed(self, t_s: float | None) -> float:
         """Seconds since the frame before."""

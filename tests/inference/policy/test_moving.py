@@ -46,7 +46,7 @@ def swum(told, swimmers, own=OWN, seed=1, avoid=NEAR, steps=STEPS, standing=None
 
 def test_a_school_alone_is_no_obstacle_once_that_is_known():
     verdicts, shares = swum(Told(), school(1))
-    assert {verdict.status for verdict in verdicts[: KNOWN_PAIRS]} == {OBSTACLE}
+    assert {verdict.status for verdict in verdicts[:KNOWN_PAIRS]} == {OBSTACLE}
     assert [verdict.moving for verdict in verdicts[:KNOWN_PAIRS]] == [None] * KNOWN_PAIRS
     last = verdicts[-1]
     assert (last.status, last.reason, last.box, last.mean) == (CLEAR, Reason.MOVING, None, 0.0)
@@ -180,6 +180,8 @@ def test_without_fish_nothing_moves():
     told = Told()
     policy, scene = MovingThings(told, DEFAULT_GRID), texture(1)
     for step in range(STEPS):
-        verdict = policy.judge(frame(step, pictured(scene, motion(step, **OWN), step=step)[0])).verdict
+        verdict = policy.judge(
+            frame(step, pictured(scene, motion(step, **OWN), step=step)[0])
+        ).verdict
     assert (verdict.status, verdict.moving, verdict.reason) == (CLEAR, 0.0, Reason.OK)
     assert verdict.mask_size == (HEIGHT, WIDTH)
