@@ -68,6 +68,7 @@ FORMATS = {
     "training.search.space.SPACE_FORMAT": "space of a search, `space.toml`",
     "training.search.state.STATE_FORMAT": "state of a search",
     "inference.report.V2": "UDP v2 and the log's lines",
+    "inference.replay.findings_file.FORMAT": "findings, `.geojson`",
     "inference.recording.run_start.FORMAT_VERSION": "start of a run in a log",
     "inference.recording.recording.RECORDING_FORMAT": "recording, `recording.jsonl`",
     "inference.replay.shadow.SHADOW_FORMAT": "log of a challenger, `--shadow-log`",
@@ -79,7 +80,13 @@ FORMATS = {
 }
 """The version of each file format: where it stands in the code, and what has it."""
 _CODE = re.compile(r"(\d+) (.+?)(?=[;,] \d|\.?$)")
-_KINDS = {bool: "true or false", int: "whole number", float: "number", list: "array"}
+_KINDS = {
+    bool: "true or false",
+    int: "whole number",
+    float: "number",
+    list: "array",
+    dict: "object",
+}
 
 
 def table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:

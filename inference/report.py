@@ -15,11 +15,13 @@ from .reason import Reason
 from .verdict import Verdict
 
 V2 = 2
-HEALTH_BYTES, MODEL_BYTES = 300, 420
-"""Longest health text and model name that are sent or logged, in the bytes that JSON takes for
-them: any datagram fits one Ethernet frame (1472), and every model's name of ASCII is whole."""
+HEALTH_BYTES, MODEL_BYTES, CLASSES_BYTES = 250, 420, 500
+"""Longest health text, model name and classes that are sent or logged, in the bytes that JSON takes
+for them: every model's name of ASCII is whole. A datagram without classes fits one Ethernet frame,
+`DATAGRAM_BYTES`; they are left out where it does not fit with them."""
+DATAGRAM_BYTES = 1472
 
-FIRST, REPLAYABLE, WITH_TREND, WITH_ANCHOR, WITH_BOUNDARY, WITH_PLACE = 1, 2, 3, 4, 5, 6
+FIRST, REPLAYABLE, WITH_TREND, WITH_ANCHOR, WITH_BOUNDARY, WITH_PLACE, WITH_CLASSES = range(1, 8)
 WITH_MOVING = 8
 """Versions of the table (`SINCE` says what each brought). A new field gets a new version and stands
 at the end of its datagram or log line, where every older reader leaves it out."""
@@ -30,7 +32,8 @@ class ReportField:
     """One field of what is said about a frame; `MEANINGS` explains it."""
 
     name: str
-    kind: type  # in JSON: int, float, str, bool, or list for a box of four ints
+    kind: type  # in JSON: int, float, str, bool, list for a box of four ints, or dict for lists of
+    # numbers by class
     filled: str  # where a `Report` has its value; of log lines only: where `recording.run_log` has
     nullable: bool = True
     unit: str = ""
@@ -49,6 +52,11 @@ class ReportField:
             return value if math.isfinite(value) else None
         if self.kind is list:
             return list(value)
+        if self.kind is dict:
+            kept = {name: list(numbers) for name, numbers in value.items()}
+            while self.max_bytes and len(json.dumps(kept, separators=(",", ":"))) > self.max_bytes:
+                kept.popitem()
+            return kept
         if self.max_bytes:  # as JSON of ASCII, without its quotes
             value = value[: self.max_bytes]
             while len(json.dumps(value)) - 2 > self.max_bytes:
@@ -58,16 +66,23 @@ class ReportField:
     def fits(self, value: Any) -> bool:
         """Whether a JSON value other than None can be this field's."""
         if self.kind is list:
-            return isinstance(value, list) and len(value) == 4 and all(map(_is_finite, value))
+            return isinstance(value, list) and len(value) == 4 and all(map(is_finite, value))
+        if self.kind is dict:
+            lists = value.values() if isinstance(value, dict) else (value,)
+            return all(isinstance(each, list) and _are_finite(each) for each in lists)
         if self.kind is float:
-            return _is_finite(value, (int, float))
-        return _is_finite(value) if self.kind is int else isinstance(value, self.kind)
+            return is_finite(value, (int, float))
+        return is_finite(value) if self.kind is int else isinstance(value, self.kind)
 
 
-def _is_finite(value: Any, kinds: type | tuple[type, ...] = int) -> bool:
+def is_finite(value: Any, kinds: type | tuple[type, ...] = int) -> bool:
     """Neither NaN, nor infinite (1e999 is, to a JSON parser), nor whole but beyond any float."""
     number = isinstance(value, kinds) and not isinstance(value, bool)
     return number and abs(value) <= sys.float_info.max
+
+
+def _are_finite(values: list[Any]) -> bool:
+    return all(is_finite(each, (int, float)) for each in values)
 
 
 def _verdict(name: str, kind: type, **more: Any) -> ReportField:
@@ -110,6 +125,7 @@ FIELDS = (
     ReportField("heading_deg", float, "place.heading_deg", unit="deg", since=WITH_PLACE),
     ReportField("lat_deg", float, "place.lat_deg", unit="deg", since=WITH_PLACE),
     ReportField("lon_deg", float, "place.lon_deg", unit="deg", since=WITH_PLACE),
+    _verdict("classes", dict, unit="px", since=WITH_CLASSES, max_bytes=CLASSES_BYTES),
     _verdict("moving", float, since=WITH_MOVING),
     _log("run", str, "run", nullable=False),
     _log("frame", int, "report.frame"),
@@ -125,6 +141,7 @@ FIELDS = (
     _log("pitch_deg", float, "report.place.pitch_deg", unit="deg", since=WITH_PLACE),
     _log("vehicle_t", float, "report.place.vehicle_t", unit="s", since=WITH_PLACE),
     _log("captured_t", float, "frame.captured_t", unit="s", since=WITH_PLACE),
+    _log("class_patches", dict, "judgement.class_patches", since=WITH_CLASSES),
 )
 """All of them, in the order in which they are written."""
 MEANINGS = {
@@ -141,7 +158,7 @@ MEANINGS = {
     "model": "name/version of the model that judged; cut at 420 bytes of the datagram",
     "latency_ms": "from when the frame was taken up to its verdict; null in a heartbeat",
     "health": "ok, or what is not as it should be, or that the frame rule waits or holds; cut at "
-    "300 bytes of the datagram",
+    "250 bytes of the datagram",
     "closing_m_s": "speed at which the distance falls; negative where it grows",
     "contact_s": "until the distance is 0 at that speed, where it falls",
     "reason": "why a verdict is unknown, or what one that stands had to do without",
@@ -156,6 +173,9 @@ MEANINGS = {
     "heading_deg": "of the vehicle, from north, clockwise; null where not known, or older than 2 s",
     "lat_deg": "of the vehicle, north positive; null where not known, or older than 2 s",
     "lon_deg": "of the vehicle, east positive; null where not known, or older than 2 s",
+    "classes": "for each class seen but water the box around its patches, x0, y0, width, height, "
+    "and its share of the mask. Null without a model of several classes. Obstacles come first, "
+    "then the largest; what is beyond 500 bytes, or the datagram, is left out",
     "moving": "share of the view, 0 to 1, that moving things cover; null where not known",
     "run": "the run's id: a log holds run after run",
     "frame": "the frame's number in its source; null in a heartbeat's line",
@@ -171,6 +191,7 @@ MEANINGS = {
     "pitch_deg": "of the vehicle, bow up positive",
     "vehicle_t": "the vehicle's clock: since 1970, UTC",
     "captured_t": "when the frame was taken, since 1970, by the stream's sender, where it tells",
+    "class_patches": "for each class seen its patches, numbered row by row from 0",
 }
 """What each field says, by name: docs/reference/report.md is made from it."""
 SINCE = {
@@ -180,6 +201,7 @@ SINCE = {
     WITH_ANCHOR: "an anchor",
     WITH_BOUNDARY: "a boundary that moves",
     WITH_PLACE: "the vehicle's place",
+    WITH_CLASSES: "the classes seen",
     WITH_MOVING: "moving things",
 }
 """What each version of the table brought."""

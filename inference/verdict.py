@@ -14,7 +14,7 @@ contours' boxes, and contours of zero area have no weight instead of dividing by
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -30,6 +30,9 @@ from .frame import Frame
 from .reason import NO_FAULT, Fault, Reason
 
 TEXTURE, DISPARITY, PUSHBROOM = "texture", "disparity", "pushbroom"
+
+ClassPatches = Mapping[str, tuple[int, ...]]
+"""For each class seen its patches, numbered row by row: obstacles first, then the largest."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,7 @@ class Detection:
     features: F64 | None = None  # shape (n_patches, dim): what the decision values come from
     boundary: float | None = None  # where water ended, where that moves (`tokt.models.water`)
     grid: Grid | None = None  # of the patches that the mask is painted from, where it is
+    class_patches: ClassPatches | None = None  # of a model of several classes, this frame's alone
     fault: Fault = NO_FAULT  # why the frame could not be judged; empty when it was
     # Whether the fault is itself a sign that something may be there, such as two views that do not
     # fit together, and not merely the lack of a picture or of a detector. No other detector's
@@ -120,6 +124,9 @@ class Verdict:
     anchor_x: float | None = None
     anchor_y: float | None = None
     anchor_size: float | None = None
+    # By class: x0, y0, width and height in pixels of the mask, and the share of it; None where no
+    # model of several classes judged.
+    classes: Mapping[str, tuple[float, ...]] | None = None
     moving: float | None = None  # share of the view that moving things cover, 0..1
 
 
@@ -162,6 +169,20 @@ def verdict_from_mask(
     return Verdict(
         status, x, y, box, mean, distance_m, method, model, health, mask_size=(height, width)
     )
+
+
+def class_boxes(
+    patches: ClassPatches, grid: Grid, height: int, width: int
+) -> dict[str, tuple[float, ...]]:
+    """For each class the box around its patches in a mask, and their share; as in `Verdict`."""
+    boxes = grid.boxes(height, width)
+    found: dict[str, tuple[float, ...]] = {}
+    for name, cells in patches.items():
+        y0, y1, x0, x1 = boxes[list(cells)].T
+        share = float(((y1 - y0) * (x1 - x0)).sum()) / (height * width)
+        left, top = int(x0.min()), int(y0.min())
+        found[name] = (left, top, int(x1.max()) - left, int(y1.max()) - top, round(share, 3))
+    return found
 
 
 def _centre(contours: Sequence[NDArray[Any]], mask: U8) -> tuple[int, int]:

@@ -141,6 +141,32 @@ class LinearModel:
         """For each row of decision values whether that patch is an obstacle."""
         return np.asarray(self.obstacle, bool)[self.predicted(values)]
 
+    @property
+    def named_classes(self) -> tuple[str, ...]:
+        """The classes that are told by name, obstacles first; none of a model of two.
+
+        The first class that is no obstacle, water, is left out.
+        """
+        if len(self.classes) < 3:
+            return ()
+        both = [*zip(self.classes, self.obstacle, strict=True)]
+        clear = [name for name, obstacle in both if not obstacle]
+        return (*(name for name, obstacle in both if obstacle), *clear[1:])
+
+    def class_patches(self, values: F64) -> dict[str, tuple[int, ...]]:
+        """For each of `named_classes` that a row of decision values is of, these rows' numbers.
+
+        Classes that are obstacles come first, then those of the most rows.
+        """
+        predicted = self.predicted(values)
+        rows = {
+            name: tuple(np.flatnonzero(predicted == self.classes.index(name)).tolist())
+            for name in self.named_classes
+        }
+        obstacle = dict(zip(self.classes, self.obstacle, strict=True))
+        order = sorted(rows, key=lambda name: (not obstacle[name], -len(rows[name])))
+        return {name: rows[name] for name in order if rows[name]}
+
     def obstacle_score(self, values: F64) -> F64:
         """How far each patch is on the obstacle side; above 0 exactly where it is one.
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from tokt.features.common.address import parse_address
 from tokt.features.common.errors import ToktError
 from tokt.inference.links.datagrams import DatagramSocket
-from tokt.inference.report import FIRST, V1_FIELDS, V2, V2_FIELDS, Report
+from tokt.inference.report import DATAGRAM_BYTES, FIRST, V1_FIELDS, V2, V2_FIELDS, Report
 from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN, Verdict
 
 DEFAULT_RECEIVER = "127.0.0.1:1130"
@@ -42,8 +42,14 @@ def encode_v1(verdict: Verdict) -> bytes | None:
 
 
 def encode_v2(report: Report) -> bytes:
-    """One JSON object in ASCII, every field of v2 present."""
-    return json.dumps(report.fields(), separators=(",", ":"), allow_nan=False).encode("ascii")
+    """One JSON object in ASCII, every field of v2 present; at most `DATAGRAM_BYTES`."""
+    fields = report.fields()
+    data = _compact(fields)
+    return data if len(data) <= DATAGRAM_BYTES else _compact({**fields, "classes": None})
+
+
+def _compact(fields: dict[str, Any]) -> bytes:
+    return json.dumps(fields, separators=(",", ":"), allow_nan=False).encode("ascii")
 
 
 def decode(data: bytes) -> dict[str, Any]:

@@ -22,9 +22,11 @@ from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import (
     CLEAR,
     STATUS_MEAN_THRESHOLD,
+    ClassPatches,
     Detection,
     Detector,
     Verdict,
+    class_boxes,
     health_of,
     unknown_verdict,
     verdict_from_mask,
@@ -47,6 +49,7 @@ class Judgement:
     boundary: float | None = None
     mask: U8 | None = None
     grid: Grid | None = None
+    class_patches: ClassPatches | None = None
     doubt: Fault = NO_FAULT
     gray: U8 | None = None
 
@@ -77,13 +80,23 @@ def _judgement(detection: Detection, health: str, reason: Reason) -> Judgement:
     verdict = verdict_from_mask(
         detection.mask, detection.method, detection.model, detection.distance_m, health
     )
+    classes = None
+    if detection.class_patches is not None and detection.grid is not None:
+        classes = class_boxes(detection.class_patches, detection.grid, *detection.mask.shape)
     whole = replace(
-        verdict, closing_m_s=detection.closing_m_s, contact_s=detection.contact_s, reason=reason
+        verdict,
+        closing_m_s=detection.closing_m_s,
+        contact_s=detection.contact_s,
+        reason=reason,
+        classes=classes,
     )
     return Judgement(whole, **behind)
 
 
-_BEHIND = ("decision_values", "features", "boundary", "mask", "grid", "doubt", "gray")
+_BEHIND = (
+    *("decision_values", "features", "boundary", "mask", "grid", "class_patches", "doubt"),
+    "gray",
+)
 """What a judgement has of a detection besides its verdict."""
 
 

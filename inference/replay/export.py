@@ -16,13 +16,11 @@ from typing import Any, BinaryIO
 
 from tokt.features.common.atomic import new_file
 from tokt.features.common.errors import ToktError, os_errors_as
-from tokt.features.frames.mission import LEFT, RIGHT
 from tokt.inference.recording.log import LogGap
-from tokt.inference.report import FIELDS, ReportField
-from tokt.inference.verdict import STATUS_WORDS
+from tokt.inference.report import FIELDS
 
-from .logged_run import logged_lines
-from .mcap_file import Exported, number, said_at, write_mcap
+from .logged_run import kind_of, logged_lines
+from .mcap_file import Exported, said_at, write_mcap
 
 CSV, MCAP = ".csv", ".mcap"
 _FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "'")
@@ -80,21 +78,9 @@ def export_log(
 
 def _sound(done: Exported, line: Mapping[str, Any]) -> bool:
     """Whether a line can be what it says; it is counted."""
-    seq, kind = line.get("seq"), "damaged"
-    if isinstance(line.get("run"), str) and type(seq) is int and seq >= 0:
-        if "event" in line:
-            texts = isinstance(line["event"], str) and isinstance(line.get("words"), str)
-            kind = "events" if texts and number(line.get("t")) is not None else kind
-        elif all(_fits(each, line) for each in FIELDS) and line.get("status") in STATUS_WORDS:
-            kind = "heartbeats" if line.get("frame") is None else "frames"
+    kind = kind_of(line)
     setattr(done, kind, getattr(done, kind) + 1)
     return kind != "damaged"
-
-
-def _fits(each: ReportField, line: Mapping[str, Any]) -> bool:
-    value = line.get(each.name)
-    no_picture = each.name in (LEFT, RIGHT) and isinstance(value, dict)
-    return value is None or no_picture or each.fits(value)
 
 
 def _write_csv(lines: Iterable[Mapping[str, Any]], file: BinaryIO) -> None:

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from tokt.features.common.errors import ToktError
+from tokt.features.frames.mission import LEFT, RIGHT
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.recording.log import LogGap, read_log
 from tokt.inference.recording.recording import FILE_NAME, read_recording
 from tokt.inference.recording.run_log import events_path
 from tokt.inference.recording.run_start import MODEL, START, ModelName, RunStart
-from tokt.inference.report import FIELDS, REPLAYABLE, WITH_MOVING, WITH_TREND, ReportField
-from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
+from tokt.inference.report import FIELDS, REPLAYABLE, WITH_MOVING, WITH_TREND, ReportField, is_finite
+from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN
 
 TREND = tuple(each.name for each in FIELDS if each.since in (WITH_TREND, WITH_MOVING))
 """The fields that hang on the frames of the last seconds."""
@@ -189,6 +190,27 @@ def _merged(
 def _is_frame(line: Mapping[str, Any]) -> bool:
     """Whether a line is a frame's, and no heartbeat's or event's."""
     return "event" not in line and line.get("frame") is not None
+
+
+def kind_of(line: Mapping[str, Any]) -> str:
+    """What a line is: ``frames``, ``heartbeats``, ``events``, or ``damaged`` where a field cannot
+    be what it says.
+    """
+    seq = line.get("seq")
+    if not isinstance(line.get("run"), str) or type(seq) is not int or seq < 0:
+        return "damaged"
+    if "event" in line:
+        texts = isinstance(line["event"], str) and isinstance(line.get("words"), str)
+        return "events" if texts and is_finite(line.get("t"), (int, float)) else "damaged"
+    if all(_fits(each, line) for each in FIELDS) and line.get("status") in STATUS_WORDS:
+        return "heartbeats" if line.get("frame") is None else "frames"
+    return "damaged"
+
+
+def _fits(each: ReportField, line: Mapping[str, Any]) -> bool:
+    value = line.get(each.name)
+    no_picture = each.name in (LEFT, RIGHT) and isinstance(value, dict)
+    return value is None or no_picture or each.fits(value)
 
 
 class _Logged:

@@ -34,9 +34,10 @@ from tokt.inference.policy.temporal_cues import HORIZON_S, Anchor
 from tokt.inference.publisher import mark_overloaded, mark_stale
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.recording.run_log import json_values
-from tokt.inference.recording.run_start import ModelName, RunStart
+from tokt.inference.recording.run_start import ModelName, RunStart, used_file
 from tokt.inference.report import Report
 from tokt.inference.sources.files import read_picture
+from tokt.inference.stereo.odometry import Odometry, load_odometry
 from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import STATUS_WORDS, TEXTURE, status_table
 from tokt.models.bundle.bundle import Bundle, read_bundle
@@ -79,6 +80,17 @@ def pictures_of(
         )
     raw = None if start is None or is_recording(place) else start.pixel_format
     return open_mission(place), raw
+
+
+def odometry_of(start: RunStart) -> Odometry | None:
+    """The poses that a run was given, None if none; ToktError if their file is another now."""
+    then = start.odometry
+    if then is None:
+        return None
+    path = Path(then.path)
+    if used_file(path).sha256 != then.sha256:
+        raise ToktError(f"odometry {path} is not the one that the run had")
+    return load_odometry(path)
 
 
 @dataclass(frozen=True)

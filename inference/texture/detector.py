@@ -211,7 +211,15 @@ class TextureDetector:
             unjudged = self._unjudged(Fault(Reason.FRAME_RULE, ruled.note))
             return replace(unjudged, decision_values=values, vetoes_clear=True)
         mask, label = grid.paint(ruled.patches, height, width), self.scorer.label
-        return Detection(mask, TEXTURE, label, decision_values=values, grid=grid, note=ruled.note)
+        return Detection(
+            mask,
+            TEXTURE,
+            label,
+            decision_values=values,
+            grid=grid,
+            class_patches=model.class_patches(values) if model.named_classes else None,
+            note=ruled.note,
+        )
 
     def _unjudged(self, fault: Fault) -> Detection:
         return Detection(None, TEXTURE, self.scorer.label, fault=fault)

@@ -44,13 +44,15 @@ class AuditedPatch:
     mission, camera : str
     frame, row, col : int
     label : str
-        What people labelled it.
+        What people labelled it; empty where nobody did.
     suggested : str
         The class that it is taken for.
     margin : float
         Below 0: by how much, in decision values, the label's class loses.
     reason : str
         For people.
+    group : int
+        Patches of one group are decided at once; 0 stands alone.
     """
 
     mission: str
@@ -62,6 +64,7 @@ class AuditedPatch:
     suggested: str
     margin: float
     reason: str
+    group: int = 0
 
 
 @dataclass(frozen=True)
@@ -129,6 +132,7 @@ def read_audit(file: Path) -> Audit:
 
 
 def _patch(item: Any) -> AuditedPatch:
+    item = {"group": 0, **item}  # older files have none
     for field in fields(AuditedPatch):
         if type(item[field.name]) is not field.type:
             raise ValueError(field.name)

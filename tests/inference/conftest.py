@@ -89,6 +89,7 @@ class NoiseScorer:
     frame_sizes: tuple[tuple[int, int], ...] = ((271, 360),)
     images: tuple[Quantization | None, ...] = (None,)
     needs_colour: bool = False
+    named_classes: tuple[str, ...] = ()
     operating_point: OperatingPoint = OperatingPoint()  # noqa: RUF009 - frozen
     distribution: Distribution | None = None
     golden: Golden | None = None

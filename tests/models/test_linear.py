@@ -166,3 +166,13 @@ def test_an_overflow_is_an_error_and_no_warning_beside(recwarn):
     with pytest.raises(ValueError, match="not finite"):
         model.decision_values(np.full((3, 2), 1e9))
     assert not recwarn.list
+
+
+def test_classes_are_named_but_water_obstacles_first():
+    names, obstacle = ("ocean", "fish", "pipe", "net"), (False, False, True, True)
+    model = LinearModel(np.eye(4), np.zeros(4), np.zeros(4), names, obstacle)
+    assert model.named_classes == ("pipe", "net", "fish")
+    values = np.eye(4)[[0, 1, 1, 3, 1, 2, 2]]
+    assert model.class_patches(values) == {"pipe": (5, 6), "net": (3,), "fish": (1, 2, 4)}
+    two = LinearModel(np.eye(1), np.zeros(1), np.zeros(1), ("ocean", "other"), (False, True))
+    assert two.named_classes == ()

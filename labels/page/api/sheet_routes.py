@@ -133,6 +133,7 @@ def _doubts(session: Session, who: str, audit: Audit, doubts: list[Doubt]) -> li
             "suggested": patch.suggested,
             "margin": patch.margin,
             "reason": patch.reason,
+            "group": patch.group,
             "mine": mine[patch.camera, patch.frame][cell],
             "settled": settled[patch.camera, patch.frame][cell],
             "decided": session.audits.decision(audit, patch),

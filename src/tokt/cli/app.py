@@ -64,7 +64,14 @@ _COMMANDS = {
         *(compare.compare, compare.evaluate, models.models_app),
     ),
     "Deploy": (models.export, models.keygen, models.deploy, models.rollback, models.store),
-    "Run at sea": (run.run, run.listen, replay.replay, replay.shadow, doctor.doctor),
+    "Run at sea": (
+        run.run,
+        run.listen,
+        replay.replay,
+        replay.findings,
+        replay.shadow,
+        doctor.doctor,
+    ),
     "Cameras and stereo": (cameras.cameras, rig.calibrate, rig.depth),
     "Studies": (studies.demo, studies.simulate, studies.reproduce, studies.bench),
 }

@@ -87,6 +87,9 @@ def label(
         Path | None,
         Option(help="Carry labels from the left camera to the right one by this calibration."),
     ] = None,
+    findings: Annotated[
+        Path | None, Option(help="Review findings of this mission (.geojson of `tokt findings`).")
+    ] = None,
     no_browser: Annotated[
         bool, Option("--no-browser", help="Print the address and open no browser.")
     ] = False,
@@ -118,6 +121,7 @@ def label(
             if len(frames.cameras) < 2:
                 raise ToktError(f"--calibration: {frames.name} has the frames of one camera only")
             carry = LabelCarrier(read_calibration_file(calibration), patches).carry
+        view = "" if findings is None else _review(findings, frames, patches, workspace)
         kept = None if no_token else token or kept_token(workspace / TOKEN_FILE)
         address = listen(host, port, kept)
         session = open_session(
@@ -126,12 +130,24 @@ def label(
         session.carry = carry
 
         def ready() -> None:
-            print(f"labelling {frames.name} at {address.url} (Ctrl-C ends)")
+            print(f"labelling {frames.name} at {address.url}{view} (Ctrl-C ends)")
             if not no_browser:
-                _open_browser(address.opens_once)
+                _open_browser(address.opens_once + view)
 
         serve(session, address.socket, address.rules, ready)
         session.close()
+
+
+def _review(findings: Path, frames: Mission, grid: Grid, workspace: Path) -> str:
+    """Keep findings as an audit of the workspace; the part of the address that shows it."""
+    from urllib.parse import quote
+
+    from tokt.labels.formats.audit_csv import write_audit
+    from tokt.labels.formats.findings import findings_audit
+
+    audit = findings_audit(findings, frames.name, grid)
+    write_audit(workspace, audit)
+    return f"#/audit/{quote(audit.name, safe='')}"
 
 
 def _suggesting(model: str | None, frames: Mission, grid: Grid, workspace: Path) -> Bundle | None:

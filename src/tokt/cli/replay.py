@@ -1,4 +1,4 @@
-"""`tokt replay` and `tokt shadow`: a run's frames judged again, or by a challenger beside it."""
+"""`tokt replay`, `tokt findings`, `tokt shadow`: what a run's log tells, by itself or anew."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .output import print_line as print
 
 if TYPE_CHECKING:
     from tokt.inference.policy.assembly import StereoSetup
+    from tokt.inference.replay.findings import InspectionFinding
     from tokt.inference.replay.logged_run import LoggedRun
     from tokt.inference.replay.mcap_file import Exported
     from tokt.inference.replay.replay import Replay, ReplayStretch, Tally
     from tokt.inference.replay.shadow_report import ShadowReport, ShadowStretch
-    from tokt.inference.stereo.odometry import Odometry
 
 DIFFERENT = 1
 """Exit code where a verdict or a picture is not what it was."""
@@ -116,6 +116,85 @@ def replay(
     return 0 if tally.agrees else DIFFERENT
 
 
+def findings(
+    logs: Annotated[list[Path], Argument(metavar="LOG...", help="Logs of `tokt run`.")],
+    output: Annotated[
+        Path,
+        Option("--output", "-o", metavar="FILE", help="File to write: .geojson, .csv or .html."),
+    ],
+    classes: Annotated[
+        str | None,
+        Option(
+            help="Classes to look for, separated by commas. Default: those in at most half of the "
+            "frames."
+        ),
+    ] = None,
+    ahead: Annotated[
+        float,
+        Option(
+            metavar="METRES",
+            help="How far ahead of the vehicle's position the middle of the picture looks.",
+        ),
+    ] = 0.0,
+    min_frames: Annotated[
+        int, Option(help="Frames in which a thing must be seen to be a finding.", min=1)
+    ] = 3,
+    min_patches: Annotated[
+        int, Option(help="Patches that it must have in its best picture.", min=1)
+    ] = 3,
+    odometry: Annotated[
+        Path | None,
+        Option(help="Poses by frame (CSV) for the way along the track. Default: the run's own."),
+    ] = None,
+    source: Annotated[
+        Path | None, Option(help="Mission that has the pictures. Default: the log's source.")
+    ] = None,
+    store: Annotated[
+        Path | None, Option(help="Store that has the run's own models. Default: the run's.")
+    ] = None,
+    run: LoggedRunOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Group what logs show into findings.
+
+    Each has its class, its frames, its best picture, its place and a confidence. Review them with
+    `tokt label --findings`.
+    """
+    from tokt.inference.replay.findings import find, rare_classes
+    from tokt.inference.replay.findings_file import ENDINGS, HTML, write_findings
+    from tokt.inference.replay.logged_track import open_track
+    from tokt.inference.stereo.odometry import load_odometry
+
+    if (ending := output.suffix.lower()) not in ENDINGS:
+        raise ToktError(f"findings are written as {', '.join(ENDINGS)}, not {output.name}")
+    if len(logs) > 1 and (run, source, odometry) != (None, None, None):
+        raise ToktError("--run, --source and --odometry are of one log: name just one")
+    chosen = None if classes is None else [name.strip() for name in classes.split(",")]
+    poses = None if odometry is None else load_odometry(odometry)
+    tracks = [open_track(log, run, source, store, poses) for log in logs]
+    for track in tracks:
+        if track.damaged:
+            say(f"note: {track.log}: {counted(track.damaged, 'damaged line')} left out")
+    found = [it for track in tracks for it in find(track, chosen, ahead, min_frames, min_patches)]
+    if ending == HTML:
+        from tokt.training.findings.report import write_findings_page
+
+        named = chosen or sorted({name for track in tracks for name in rare_classes(track)})
+        write_findings_page(output, found, {track.run: track.mission for track in tracks}, named)
+    else:
+        write_findings(output, found)
+    value = {"file": str(output), "findings": [it.to_json()["properties"] for it in found]}
+    answer(json, value, lambda: _show_findings(output, found))
+
+
+def _show_findings(output: Path, found: Sequence[InspectionFinding]) -> None:
+    for number, it in enumerate(found, 1):
+        place = "" if it.along_m is None else f", {it.along_m:.1f} m along"
+        frames = f"frames {it.first_frame} to {it.last_frame}"
+        print(f"{number}: {it.label}, {frames}{place}, confidence {it.confidence:.2f}")
+    print(f"{output}: {counted(len(found), 'finding')}")
+
+
 def _show_export(target: Path, done: Exported) -> None:
     print(f"{target}: {done.frames} frames, {done.heartbeats} heartbeats, {done.events} events")
     if done.damaged:
@@ -132,6 +211,7 @@ def _stereo(logged: LoggedRun, calibration: Path | None) -> StereoSetup | None:
     """How the run looked at pairs; with another calibration only where one is named."""
     from tokt.inference.policy.assembly import StereoSetup
     from tokt.inference.recording.run_start import used_file
+    from tokt.inference.replay.replay import odometry_of
 
     start = logged.start
     if start.calibration is None or start.stereo_way is None or start.stereo_scale is None:
@@ -147,21 +227,8 @@ def _stereo(logged: LoggedRun, calibration: Path | None) -> StereoSetup | None:
             raise ToktError(f"{different} (--calibration {path} takes it all the same)")
         say(f"note: {different}")
     return StereoSetup(
-        read_calibration_file(path), start.stereo_way, start.stereo_scale, _odometry(logged)
+        read_calibration_file(path), start.stereo_way, start.stereo_scale, odometry_of(start)
     )
-
-
-def _odometry(logged: LoggedRun) -> Odometry | None:
-    from tokt.inference.recording.run_start import used_file
-    from tokt.inference.stereo.odometry import load_odometry
-
-    then = logged.start.odometry
-    if then is None:
-        return None
-    path = Path(then.path)
-    if used_file(path).sha256 != then.sha256:
-        raise ToktError(f"odometry {path} is not the one that the run had")
-    return load_odometry(path)
 
 
 def _software_warnings(logged: LoggedRun) -> list[str]:

@@ -22,7 +22,7 @@ ProcessesOption = Annotated[
     int | None, Option("--jobs", help="Processes. Default: one per core.", min=1)
 ]
 _NOT_EXACT = 1
-_FOR_MISSIONS = ("frames",)
+_FOR_MISSIONS = ("frames", "pipeline")
 _FOR_CLOSED_LOOP = ("scenes", "methods", "runs", "model", "planner")
 
 
@@ -58,7 +58,14 @@ def simulate(
             help="Seed; the same one gives the same bytes. In the closed loop: of the first run."
         ),
     ] = 1,
-    frames: Annotated[int, Option(help="Number of stereo pairs to render.")] = 120,
+    frames: Annotated[
+        int | None,
+        Option(help="Number of stereo pairs to render. Default: 120, 400 along a pipeline."),
+    ] = None,
+    pipeline: Annotated[
+        bool,
+        Option("--pipeline", help="Render a dive along a pipeline with known faults, no approach."),
+    ] = False,
     width: Annotated[
         int | None,
         Option(help="Frame width in pixels. Default: 1360 for a mission, 360 in the closed loop."),
@@ -90,15 +97,15 @@ def simulate(
 ) -> None:
     """Render a synthetic mission, or fly the closed loop.
 
-    A mission has exact labels, masks and depth. A closed loop that was cut short goes on in its
-    folder, and what is flown there later joins it.
+    A mission has exact labels, masks and depth, or labels and a list of faults. A closed loop that
+    was cut short goes on in its folder, and what is flown there later joins it.
     """
     for name in _FOR_MISSIONS if closed_loop else _FOR_CLOSED_LOOP:
         if is_written(context, name):
             where = "for a mission, not for --closed-loop" if closed_loop else "for --closed-loop"
             raise ToktError(f"--{name} is {where}")
     if not closed_loop:
-        _render(folder, seed, frames, width, jobs, json)
+        _render(folder, seed, frames, pipeline, width, jobs, json)
         return
     from tokt.studies.simulation.loop.flight import METHODS, WIDTH
     from tokt.studies.simulation.loop.scenes import KINDS
@@ -129,14 +136,18 @@ def _named(text: str | None, default: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _render(
-    folder: Path, seed: int, frames: int, width: int | None, jobs: int | None, json: bool
-) -> None:
-    from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
+    folder: Path, seed: int, frames: int | None, pipeline: bool, width: int | None,
+    jobs: int | None, json: bool,
+) -> None:  # fmt: skip
+    from tokt.studies.simulation.rendering.pipeline_scene import PipelineScene
+    from tokt.studies.simulation.rendering.synthetic_mission import MissionScene, simulate_mission
     from tokt.studies.simulation.scene.rig import FULL_WIDTH
 
+    draw, usual = (PipelineScene.draw, 400) if pipeline else (MissionScene.draw, 120)
     wide = FULL_WIDTH if width is None else width
+    many = usual if frames is None else frames
     mission = simulate_mission(
-        folder, seed=seed, n_frames=frames, width=wide, jobs=jobs, progress=progress
+        folder, seed=seed, n_frames=many, width=wide, jobs=jobs, progress=progress, draw=draw
     )
     answer(json, asdict(mission), lambda: _print_mission(mission))
 
@@ -145,7 +156,7 @@ def _print_mission(mission: SyntheticMission) -> None:
     nearest = "never in view" if mission.nearest_m is None else f"nearest {mission.nearest_m:.2f} m"
     print(
         f"{mission.path}: {mission.frames} stereo pairs of {mission.width}x{mission.height}, "
-        f"{mission.ocean_frames} of open ocean, {mission.obstacle_frames} with the tower, {nearest}"
+        f"{mission.ocean_frames} of open ocean, {mission.obstacle_frames} with obstacles, {nearest}"
     )
     print("patches: " + ", ".join(f"{count} {label}" for label, count in mission.patches.items()))
 

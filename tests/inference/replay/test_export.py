@@ -328,6 +328,7 @@ def test_what_cannot_be_exported_is_refused_and_leaves_nothing(tmp_path, monkeyp
 KINDS = {
     str: st.text(), float: st.floats(-1e12, 1e12), bool: st.booleans(),
     int: st.integers(0, 2**40), list: st.lists(st.integers(-5000, 5000), min_size=4, max_size=4),
+    dict: st.dictionaries(st.text(), st.lists(st.integers(0, 99))),
 }  # fmt: skip
 LINES = st.lists(
     st.fixed_dictionaries(

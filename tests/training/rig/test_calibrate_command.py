@@ -13,7 +13,7 @@ import pytest
 
 from tokt.inference.stereo.calibration import StereoCalibration, load_calibration
 from tokt.inference.stereo.calibration_writer import write_calibration
-from tokt.studies.simulation.rendering.synthetic_mission import MissionScene, _render_frame
+from tokt.studies.simulation.rendering.synthetic_mission import MissionScene
 
 pytestmark = pytest.mark.xdist_group("calibrated")  # what they share is made once
 
@@ -36,7 +36,7 @@ def rendered(tmp_path_factory):
         (folder / part).mkdir(parents=True)
     scene = MissionScene.draw(1, 120, WIDTH)
     for frame in FRAMES:
-        _render_frame(scene, folder, frame)
+        scene.render(folder, frame)
     rig = scene.rig
     cameras = (rig.left, np.zeros(5), rig.right, np.zeros(5))
     pose = (rig.rotation, rig.translation_m.reshape(3, 1) * 1000)

@@ -18,12 +18,12 @@ import {
 const NONE = "No audit doubts a label of this mission.";
 const LOOK = "Look for labels that may be wrong";
 
-const labelOf = ({ label }) => label;
+const labelOf = ({ label, suggested }) => label || suggested; // a finding has no label yet
 const suggestedOf = ({ suggested }) => suggested;
 
 /**
  * One audit's patches as the server names them, the worst first: {camera, frame, cell, label,
- * suggested, margin, reason}, and as they were when it was loaded {mine, settled, decided}: what
+ * suggested, margin, reason, group}, and as they were when it was loaded {mine, settled, decided}: what
  * the person says, what is settled and what was decided since the audit.
  */
 class AuditSheet extends DecisionSheet {
@@ -60,27 +60,35 @@ class AuditSheet extends DecisionSheet {
    * labelled, stands beside the labels as a settlement: one action, which one undo takes back.
    */
   decide(labelFor) {
-    const targets = this.targets();
+    const targets = this.whole(this.targets());
     if (targets.length === 0) return;
     const single = this.grid.selection.chosen.size === 0;
     const own = (doubt) =>
-      ![doubt.label, mineOf(doubt)].includes(labelFor(doubt)) && mineOf(doubt) !== null;
+      ![doubt.label, mineOf(doubt)].includes(labelFor(doubt)) &&
+      (mineOf(doubt) !== null || !doubt.label);
     const relabels = targets.every(own);
     const count = relabels ? relabel(targets, labelFor) : settle(targets, labelFor, CONFIRM);
     this.goOn(single);
     say(`${patchesAre(count)} decided; Ctrl+Z undoes.`);
   }
 
+  /** The patches, and all of the findings that they are of: a finding is decided at once. */
+  whole(patches) {
+    const groups = new Set(patches.map(({ group }) => group).filter(Boolean));
+    const others = this.patches.filter(({ group }) => groups.has(group));
+    return [...new Set([...patches, ...others])];
+  }
+
   /** Take decisions back: the label holds again, and is doubted again. */
   takeBack() {
-    const all = this.targets();
+    const all = this.whole(this.targets());
     if (all.length === 0) return;
     const targets = all.filter((doubt) => this.decisionOn(doubt) !== null);
     const settled = targets.filter((doubt) => settledOf(doubt) !== null);
     const relabelled = targets.filter(
       (doubt) => settledOf(doubt) === null && mineOf(doubt) === this.decisionOn(doubt),
     );
-    const undone = relabel(relabelled, labelOf, "take back");
+    const undone = relabel(relabelled, ({ label }) => label || null, "take back");
     const count = settle(settled, () => null) + undone;
     say(count === 0 ? "Nothing to take back." : `${patchesAre(count)} open again.`);
   }
@@ -90,11 +98,12 @@ class AuditSheet extends DecisionSheet {
     const [mine, settled] = [mineOf(doubt), settledOf(doubt)];
     if (settled !== doubt.settled) return settled;
     if (mine === doubt.mine) return doubt.decided;
-    return mine !== doubt.label ? mine : null;
+    return mine !== doubt.label ? mine : null; // null again where it was taken back
   }
 
   opinions({ label, suggested }) {
-    return [["", label, `labelled ${label}`], ["?", suggested, `taken for ${suggested}`]];
+    const taken = ["?", suggested, `taken for ${suggested}`];
+    return label ? [["", label, `labelled ${label}`], taken] : [taken];
   }
 
   decisionWords(decision) {
@@ -111,9 +120,12 @@ class AuditSheet extends DecisionSheet {
 
   about(doubt) {
     const decision = this.decisionOn(doubt);
-    const open = "Not decided: y keeps the label, n takes the other.";
+    const open = doubt.label
+      ? "Not decided: y keeps the label, n takes the other."
+      : "Not decided: y labels it so, a class key labels it otherwise; all its patches at once.";
+    const now = doubt.label ? `Labelled ${doubt.label}; margin ${doubt.margin.toFixed(2)}` : "Not labelled";
     return [
-      `Labelled ${doubt.label}; margin ${doubt.margin.toFixed(2)}.`,
+      `${now}.`,
       `${doubt.reason[0].toUpperCase()}${doubt.reason.slice(1)}.`,
       decision === null ? open : `Decided: ${decision}.`,
       "Enter opens its frame.",

@@ -1,5 +1,6 @@
 """Review sheet, overview and agreement in a real browser, checked in the store's file."""
 
+import json
 import re
 
 import pytest
@@ -624,3 +625,32 @@ def test_a_frame_fits_again_when_a_small_window_grows(open_page):
             "() => document.querySelector('.frame-canvas').clientHeight"
             " === document.querySelector('.stage').clientHeight"
         )
+
+
+def test_a_confirmed_finding_becomes_labels(browse_on, page_server, tmp_path):
+    found = [
+        {"label": "reef", "first_frame": 30, "last_frame": 40, "best_frame": frame,
+         "along_m": 5.0, "mission": "tiny", "grid": str(GRID), "patches": patches}
+        for frame, patches in ((35, [3, 4]), (36, [0, 1]))
+    ]  # fmt: skip
+    features = [{"type": "Feature", "geometry": None, "properties": each} for each in found]
+    value = {"type": "FeatureCollection", "tokt_findings": 1, "features": features}
+    (tmp_path / "found.geojson").write_text(json.dumps(value), "utf-8")
+    own = page_server("--annotator", "anna", "--findings", tmp_path / "found.geojson")
+    page = browse_on(own)  # the address that is printed shows them
+    page.wait_for_selector(".tile")
+    page.keyboard.press("Home")
+    page.keyboard.press("y")  # the whole finding, not one patch of it
+    toast(page, "2 patches are decided")
+    saved(page)
+    first = {("anna", 35, 3): "reef", ("anna", 35, 4): "reef"}
+    assert in_store(own) == first
+    page.get_by_role("button", name="decided 2").wait_for()
+    page.keyboard.press("3")  # the next one is sand
+    saved(page)
+    assert in_store(own) == {**first, ("anna", 36, 0): "sand", ("anna", 36, 1): "sand"}
+    undo(page)
+    undo(page)
+    page.get_by_role("button", name="open 4").wait_for()
+    assert in_store(own) == {}
+    page.goto("about:blank")  # before its server ends

@@ -32,19 +32,21 @@ class StereoRenderer:
     sensors' noise and the water's clouds; what is in the world has the world's.
     """
 
-    def __init__(self, world: World, rig: SyntheticRig, seed: int) -> None:
+    def __init__(
+        self, world: World, rig: SyntheticRig, seed: int, materials: Materials | None = None
+    ) -> None:
         self._world, self._rig, self._seed = world, rig, seed
         self._surfaces = Surfaces([thing.shape for thing in world.things])
         textures = [fish_texture(np.random.default_rng([world.seed, _FISH]))]
         textures += [thing.shape.textures for thing in world.things]
-        self._materials = Materials(self._surfaces.materials, textures)
+        self._materials = materials or Materials(self._surfaces.materials, textures)
         self._snow = Snow(np.random.default_rng([world.seed, _SNOW]), world.water)
         clouds = np.random.default_rng([seed, _CLOUDS])
         self._clouds = cloud_bank(clouds, rig.height, rig.width)
         self._seen = ((0.0, b""), np.inf)
         self._kept: dict[int, tuple[ViewMaps, SensorNoise]] = {}
 
-    def _camera(self, side: int) -> tuple[ViewMaps, SensorNoise]:
+    def camera(self, side: int) -> tuple[ViewMaps, SensorNoise]:
         """The parts of the left camera (0) or the right one (1) that stay the same."""
         if side not in self._kept:
             water, rig = self._world.water, self._rig
@@ -79,7 +81,7 @@ class StereoRenderer:
 
     def _solids(self, side: int, t_s: float, camera: Camera) -> Hits:
         """Surfaces without fish; the left camera's nearest depth is kept for `sees_solid`."""
-        maps, _ = self._camera(side)
+        maps, _ = self.camera(side)
         hits = Hits(camera, maps.rays, maps.lamp)
         if self._world.things:
             origins = np.stack([thing.place(t_s) for thing in self._world.things])
@@ -89,12 +91,19 @@ class StereoRenderer:
         return hits
 
     def _see(self, side: int, t_s: float, cameras: tuple[Camera, Camera], velocity: F64) -> U8:
-        world, own = self._world, cameras[side]
-        maps, sensor = self._camera(side)
+        hits = self._solids(side, t_s, cameras[side])
+        if self._world.fish is not None:
+            hits.add_fish(self._world.fish, t_s)
+        frame = self.picture(side, t_s, hits, cameras[0], velocity)
+        return np.asarray(
+            cv2.imdecode(cv2.imencode(".jpg", frame, JPEG)[1], cv2.IMREAD_COLOR), np.uint8
+        )
+
+    def picture(self, side: int, t_s: float, hits: Hits, left: Camera, velocity: F64) -> U8:
+        """One camera's frame of what its rays hit, in the water of that time."""
+        world, own = self._world, hits.camera
+        maps, sensor = self.camera(side)
         micros = round(t_s * 1e6)
-        hits = self._solids(side, t_s, own)
-        if world.fish is not None:
-            hits.add_fish(world.fish, t_s)
         moment = np.random.default_rng([self._seed, _MOMENT, micros])
         light = cut(self._clouds, moment) * np.float32(moment.uniform(0.97, 1.03))
         light *= maps.open_water
@@ -106,15 +115,10 @@ class StereoRenderer:
             clouds = [cloud.at(t_s) for cloud in world.dust]
             add_dust(world.water, maps, own, clouds, light, hits.depth)
         current = np.array(world.current)
-        snow = snow_light(
-            self._snow, cameras[0], own, t_s * current, velocity - current, hits.depth
-        )
+        snow = snow_light(self._snow, left, own, t_s * current, velocity - current, hits.depth)
         cv2.accumulateProduct(cv2.merge([snow] * 3).reshape(light.shape), maps.snow_gain, light)
         noise = np.random.default_rng([self._seed, _DEVELOP, micros, side])
-        frame = sensor.develop(light, noise)
-        return np.asarray(
-            cv2.imdecode(cv2.imencode(".jpg", frame, JPEG)[1], cv2.IMREAD_COLOR), np.uint8
-        )
+        return sensor.develop(light, noise)
 
 
 def _pose(camera: Camera) -> bytes:

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import json
 import os
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tokt.features.common.arrays import U8
 from tokt.features.common.atomic import new_folder
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID
@@ -47,6 +49,7 @@ JPEG = [cv2.IMWRITE_JPEG_QUALITY, 95,
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 3]
 _MOMENT, _SENSOR = 4, 5
 """Numbers of the random streams of a frame; the scene's are 0 to 3."""
+_CAMERAS = (("Left", "L"), ("Right", "R"))
 _FARTHEST_MM = np.iinfo(np.uint16).max
 
 Progress = Callable[[Iterable["RenderedFrame"], int, str], Iterable["RenderedFrame"]]
@@ -58,7 +61,7 @@ class RenderedFrame:
 
     number: int
     nearest_m: float | None
-    to_collar_m: float
+    place: dict[str, float]  # more of what the scene file says of it
     labels: list[str]
 
 
@@ -72,19 +75,40 @@ class SyntheticMission:
     frames: int
     width: int
     height: int
-    obstacle_frames: int  # with a patch labelled as the tower
-    ocean_frames: int  # without any tower pixel
+    obstacle_frames: int  # with a patch labelled as an obstacle
+    ocean_frames: int  # without any pixel of one
     patches: dict[str, int]  # by label
-    nearest_m: float | None  # least depth of the tower in the left camera
+    nearest_m: float | None  # least depth of an obstacle in the left camera
 
 
-@dataclass(frozen=True)
-class MissionScene:
+@dataclass(frozen=True, eq=False)
+class Scene(ABC):
     """Everything a seed decides; frames can be rendered from it in any order."""
 
     seed: int
     rig: SyntheticRig
     water: Water
+    classes: ClassVar[tuple[str, ...]]
+    label_limits: ClassVar[dict[str, float]]  # what decides a patch's label
+
+    @abstractmethod
+    def write(self, folder: Path) -> None:
+        """Write what is not of one frame; make the folders of what is."""
+
+    @abstractmethod
+    def render(self, folder: Path, number: int) -> RenderedFrame:
+        """Render and write one stereo pair, and the left camera's truth."""
+
+
+@dataclass(frozen=True, eq=False)
+class MissionScene(Scene):
+    """An approach to a tower."""
+
+    classes = (OCEAN, TOWER)
+    label_limits: ClassVar = {
+        "least_coverage": MIN_COVERAGE,
+        "least_contrast_grey_levels": MIN_CONTRAST,
+    }
     tower: Tower
     poses: list[CameraPose]
 
@@ -95,6 +119,26 @@ class MissionScene:
         poses = draw_trajectory(trajectory, n_frames)
         return cls(seed, SyntheticRig(rig, width), Water.draw(water), Tower.draw(tower), poses)
 
+    def write(self, folder: Path) -> None:
+        """See `Scene`."""
+        for part in ("masks", "depth"):
+            (folder / part).mkdir()
+
+    def render(self, folder: Path, number: int) -> RenderedFrame:
+        """See `Scene`."""
+        pose = self.poses[number - 1]
+        views = [View(camera, self.tower) for camera in pose.cameras(self.rig)]
+        responses = (self.water.left, self.water.right)
+        for side, (view, response) in enumerate(zip(views, responses, strict=True)):
+            moment = np.random.default_rng([self.seed, _MOMENT, number])
+            exposure = expose(self.water, pose, view, response, moment)
+            if side == 0:
+                labels = _write_truth(folder, number, view, exposure)
+            sensor = np.random.default_rng([self.seed, _SENSOR, number, side])
+            write_picture(folder, side, number, develop(self.water, exposure, sensor))
+        place = {"to_collar_m": round(float(np.linalg.norm(pose.centre)), 4)}
+        return RenderedFrame(number, nearest_m(views[0].depth), place, labels)
+
 
 def simulate_mission(
     out: Path,
@@ -104,6 +148,7 @@ def simulate_mission(
     width: int = FULL_WIDTH,
     jobs: int | None = None,
     progress: Progress | None = None,
+    draw: Callable[[int, int, int], Scene] = MissionScene.draw,
 ) -> SyntheticMission:
     """Render a mission: open water, an approach to a tower, a retreat.
 
@@ -126,6 +171,8 @@ def simulate_mission(
         Threads; by default one a core.
     progress : callable, optional
         ``progress(frames, total, what)`` passes the frames on as they are done.
+    draw : callable
+        ``draw(seed, n_frames, width)`` gives another scene, which may write other truth.
 
     Raises
     ------
@@ -134,14 +181,15 @@ def simulate_mission(
     """
     out = Path(out)
     _check(out, seed, n_frames, width, jobs)
-    scene = MissionScene.draw(seed, n_frames, width)
+    scene = draw(seed, n_frames, width)
     name = out.resolve().name
     if out.is_dir():
         out.rmdir()
     with new_folder(out) as folder:
-        for part in ("Left", "Right", "masks", "depth"):
+        for part, _ in _CAMERAS:
             (folder / part).mkdir()
-        frames = _render_all(scene, folder, jobs or os.cpu_count() or 1, progress)
+        scene.write(folder)
+        frames = _render_all(scene, folder, n_frames, jobs or os.cpu_count() or 1, progress)
         labels = labels_csv(name, ((one.number, one.labels) for one in frames), DEFAULT_GRID)
         (folder / "labels.csv").write_bytes(labels)
         scene.rig.write(folder / "calibration.yml")
@@ -170,38 +218,18 @@ def check_width(width: int) -> None:
 
 
 def _render_all(
-    scene: MissionScene, folder: Path, jobs: int, progress: Progress | None
+    scene: Scene, folder: Path, total: int, jobs: int, progress: Progress | None
 ) -> list[RenderedFrame]:
-    total = len(scene.poses)
     with ThreadPoolExecutor(jobs) as pool:
         try:
             done: Iterable[RenderedFrame] = pool.map(
-                lambda number: _render_frame(scene, folder, number), range(1, total + 1)
+                lambda number: scene.render(folder, number), range(1, total + 1)
             )
             if progress is not None:
                 done = progress(done, total, "simulate")
             return list(done)
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _render_frame(scene: MissionScene, folder: Path, number: int) -> RenderedFrame:
-    """Render and write one stereo pair, and the left camera's truth."""
-    pose = scene.poses[number - 1]
-    views = [View(camera, scene.tower) for camera in pose.cameras(scene.rig)]
-    responses = (scene.water.left, scene.water.right)
-    for side, (view, response) in enumerate(zip(views, responses, strict=True)):
-        moment = np.random.default_rng([scene.seed, _MOMENT, number])
-        exposure = expose(scene.water, pose, view, response, moment)
-        if side == 0:
-            labels = _write_truth(folder, number, view, exposure)
-        sensor = np.random.default_rng([scene.seed, _SENSOR, number, side])
-        folder_name, letter = (("Left", "L"), ("Right", "R"))[side]
-        image = develop(scene.water, exposure, sensor)
-        _write_image(folder / folder_name / f"sim_{letter}_{number}.jpg", image, JPEG)
-    nearest = float(views[0].depth.min())
-    nearest_m = round(nearest, 4) if np.isfinite(nearest) else None
-    return RenderedFrame(number, nearest_m, round(float(np.linalg.norm(pose.centre)), 4), labels)
 
 
 def _write_truth(folder: Path, number: int, view: View, exposure: Exposure) -> list[str]:
@@ -218,6 +246,18 @@ def _write_truth(folder: Path, number: int, view: View, exposure: Exposure) -> l
     return patch_labels(covered, seen)
 
 
+def nearest_m(depth: NDArray[Any]) -> float | None:
+    """The least depth in metres; None where all is open water."""
+    nearest = float(depth.min())
+    return round(nearest, 4) if np.isfinite(nearest) else None
+
+
+def write_picture(folder: Path, side: int, number: int, image: U8) -> None:
+    """Write a frame of the left camera (0) or the right one (1)."""
+    name, letter = _CAMERAS[side]
+    _write_image(folder / name / f"sim_{letter}_{number}.jpg", image, JPEG)
+
+
 def _write_image(path: Path, image: NDArray[Any], parameters: list[int]) -> None:
     good, data = cv2.imencode(path.suffix, image, parameters)
     if not good:
@@ -225,7 +265,7 @@ def _write_image(path: Path, image: NDArray[Any], parameters: list[int]) -> None
     path.write_bytes(data.tobytes())
 
 
-def _scene_json(scene: MissionScene, frames: list[RenderedFrame]) -> str:
+def _scene_json(scene: Scene, frames: list[RenderedFrame]) -> str:
     content = {
         "format": SCENE_FORMAT,
         "seed": scene.seed,
@@ -233,18 +273,16 @@ def _scene_json(scene: MissionScene, frames: list[RenderedFrame]) -> str:
         "width": scene.rig.width,
         "height": scene.rig.height,
         "grid": str(DEFAULT_GRID),
-        "least_coverage": MIN_COVERAGE,
-        "least_contrast_grey_levels": MIN_CONTRAST,
+        **scene.label_limits,
         "water": asdict(scene.water),
         "frames": [
-            {"frame": frame.number, "nearest_m": frame.nearest_m, "to_collar_m": frame.to_collar_m}
-            for frame in frames
+            {"frame": frame.number, "nearest_m": frame.nearest_m, **frame.place} for frame in frames
         ],
     }
     return json.dumps(content, indent=1) + "\n"
 
 
-def _summary(out: Path, scene: MissionScene, frames: list[RenderedFrame]) -> SyntheticMission:
+def _summary(out: Path, scene: Scene, frames: list[RenderedFrame]) -> SyntheticMission:
     labels = Counter(label for frame in frames for label in frame.labels)
     return SyntheticMission(
         path=str(out),
@@ -253,8 +291,8 @@ def _summary(out: Path, scene: MissionScene, frames: list[RenderedFrame]) -> Syn
         frames=len(frames),
         width=scene.rig.width,
         height=scene.rig.height,
-        obstacle_frames=sum(TOWER in frame.labels for frame in frames),
+        obstacle_frames=sum(bool({*frame.labels} - {OCEAN, UNSURE}) for frame in frames),
         ocean_frames=sum(frame.nearest_m is None for frame in frames),
-        patches={label: labels[label] for label in (OCEAN, TOWER, UNSURE)},
+        patches={label: labels[label] for label in (*scene.classes, UNSURE)},
         nearest_m=min((f.nearest_m for f in frames if f.nearest_m is not None), default=None),
     )

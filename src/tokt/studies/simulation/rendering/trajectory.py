@@ -39,17 +39,17 @@ def draw_trajectory(rng: np.random.Generator, n_frames: int) -> list[CameraPose]
     distance, heading, height = (
         np.interp(time, _TIME, values) for values in (_RANGE_M, _HEADING_DEG, _HEIGHT_M)
     )
-    distance = np.maximum(distance * (1 + 0.02 * _sway(rng, time)), 1.90)
+    distance = np.maximum(distance * (1 + 0.02 * sway(rng, time)), 1.90)
     # The same sway fills more of the picture from nearby, where a pilot holds the vehicle stiller.
     looseness = np.clip(distance / 4.0, 0.35, 1.5)
     centres = np.stack(
-        [0.18 * looseness * _sway(rng, time), -height - 0.08 * _sway(rng, time), -distance], axis=1
+        [0.18 * looseness * sway(rng, time), -height - 0.08 * sway(rng, time), -distance], axis=1
     )
     turns = np.stack(
         [
-            0.6 * _sway(rng, time) + 1.5 * (time > 0.8) * (time - 0.8) / 0.2,
-            side * heading + 2.0 * _sway(rng, time) * np.sqrt(looseness),
-            1.2 * _sway(rng, time),
+            0.6 * sway(rng, time) + 1.5 * (time > 0.8) * (time - 0.8) / 0.2,
+            side * heading + 2.0 * sway(rng, time) * np.sqrt(looseness),
+            1.2 * sway(rng, time),
         ],
         axis=1,
     )
@@ -57,12 +57,12 @@ def draw_trajectory(rng: np.random.Generator, n_frames: int) -> list[CameraPose]
     forward = -np.gradient(distance) if n_frames > 1 else np.zeros(n_frames)
     velocity = drift + np.outer(np.sign(forward) * 0.25, [0, 0, 1])
     return [
-        CameraPose(centre, _rotation(turn), speed)
+        CameraPose(centre, rotation(turn), speed)
         for centre, turn, speed in zip(centres, turns, velocity, strict=True)
     ]
 
 
-def _sway(rng: np.random.Generator, time: F64) -> F64:
+def sway(rng: np.random.Generator, time: F64) -> F64:
     """A slow wave of about unit size: three periods of random length and phase."""
     periods = rng.uniform(0.06, 0.35, 3)
     phases = rng.uniform(0.0, 2 * np.pi, 3)
@@ -70,7 +70,7 @@ def _sway(rng: np.random.Generator, time: F64) -> F64:
     return np.asarray(waves.sum(axis=1) / np.sqrt(1.5))
 
 
-def _rotation(degrees: F64) -> F64:
+def rotation(degrees: F64) -> F64:
     """Tower to camera: turned by `degrees` (pitch, heading, roll)."""
     pitch, heading, roll = (
         cv2.Rodrigues(axis * angle)[0]
