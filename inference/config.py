@@ -30,7 +30,7 @@ MATCHERS = (BM, SGBM)
 DEFAULT_SCALE = 0.5
 """Width of the views that are matched over the frames' width."""
 
-MOVING = NEAR, AVOID, IGNORE = "near", "avoid", "ignore"
+MOVING = NEAR, ALL, NONE = "near", "all", "none"
 """What ``--moving`` can be."""
 
 CAMERAS = "live cameras (--source pymba:ID, vimbax:ID or genicam:ID)"
@@ -199,8 +199,9 @@ class PolicyConfig:
     )
     moving: str = option(
         NEAR,
-        "Moving things, such as fish: avoid what is large or near, all, or none of them.",
-        "near|avoid|ignore",
+        "Moving things, such as fish, that are avoided: those large or near, all, or none. "
+        "The others are unknown.",
+        "near|all|none",
         logged="moving",
     )
 

@@ -89,8 +89,8 @@ class Reason(StrEnum):
     """Nothing is seen, and a cloud of sediment hides a wide part of the view.
     Wait until it has settled or drifted off, or go up."""
     MOVING = "moving"
-    """Nothing is seen but small things that move by themselves, such as fish.
-    There is nothing to do; `--moving avoid` makes them an obstacle."""
+    """Nothing is seen but things that move by themselves, such as fish.
+    Wait until they have passed; `--moving all` makes them an obstacle."""
     NO_MODEL = "no_model"
     """There is no model. Deploy a model to the store (`tokt deploy`)."""
 

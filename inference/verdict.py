@@ -59,8 +59,6 @@ class Detection:
     # *clear* stands against it.
     vetoes_clear: bool = False
     note: str = ""  # what else the pilot should know about a frame that was judged
-    doubt: Fault = NO_FAULT  # why no clear of this frame is believed, where an obstacle is seen
-    gray: U8 | None = None  # the left frame as the grid has it, where the detector made it
 
 
 class Detector(Protocol):

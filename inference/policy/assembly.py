@@ -126,7 +126,7 @@ def assemble(
         What a policy measures lateness with.
     anchor : Anchor, optional
         What is to be held in the picture.
-    moving : {"near", "avoid", "ignore"}, optional
+    moving : {"near", "all", "none"}, optional
         Which of the things that move by themselves are avoided. With None neither they nor sediment
         are looked for, as in the logs of an older tokt.
 
@@ -149,35 +149,23 @@ def assemble(
     grid = DEFAULT_GRID if model is None else model.grid
     disparity = None if stereo is None else stereo.detector(grid)
     blind_m = 0.0 if stereo is None else stereo.blind_m
-    if name == "disparity" and disparity is not None:
-        alone = _over_time(SinglePolicy(disparity), None, grid, moving, anchor, blind_m)
-        return Assembly(alone, None, stereo, grid)
     texture = ReloadableTextureDetector(
         None if model is None else TextureDetector(model, threads), fault
     )
     if name == "texture":
-        policy = SinglePolicy(texture)
+        policy: Policy = SinglePolicy(texture)
     elif disparity is None:
         policy = SinglePolicy(texture, note="no fallback: there is no stereo calibration")
+    elif name == "disparity":
+        policy = SinglePolicy(disparity)
     elif name == "either":
         policy = EitherPolicy(texture, disparity)
     else:
         policy = FallbackPolicy(texture, disparity, stopwatch)
-    whole = _over_time(policy, texture, grid, moving, anchor, blind_m)
-    return Assembly(whole, texture, stereo, grid)
-
-
-def _over_time(
-    policy: Policy,
-    texture: ReloadableTextureDetector | None,
-    grid: Grid,
-    moving: str | None,
-    anchor: Anchor | None,
-    blind_m: float,
-) -> TemporalCues:
-    """What follows from a policy's verdicts in a row."""
-    told = policy if moving is None else MovingThings(policy, grid, moving)
-    return TemporalCues(told, texture, anchor, blind_m)
+    if moving is not None:
+        policy = MovingThings(policy, moving)
+    reloadable = None if name == "disparity" else texture
+    return Assembly(TemporalCues(policy, reloadable, anchor, blind_m), reloadable, stereo, grid)
 
 
 def _check(name: str, has_model: bool, has_calibration: bool, threads: int) -> None:

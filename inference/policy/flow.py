@@ -1,4 +1,4 @@
-"""Optical flow: points followed from frame to frame, and how far one motion explains them."""
+"""Optical flow: points followed from frame to frame, and the motion that most of them share."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F32, F64, U8, Bools
+from tokt.features.common.arrays import F32, F64, U8
 
 MIN_SIDE_PX = 64
 """A smaller picture has too few points to follow."""
@@ -89,23 +89,8 @@ def follow(before: FlowPicture, after: FlowPicture, points: F32) -> Tracks:
     return Tracks(points[kept], np.asarray(there[kept], np.float32))
 
 
-RIGID_POINTS = 10
-"""Fewer points are explained by nearly any motion."""
-_RIGID_PX = 1.0
-"""So near to its epipolar line is a point of what moves as one."""
-
-
-def moves_as_one(tracks: Tracks) -> Bools:
-    """Which points one rigid motion of the camera, or of a thing, explains: bool (n,).
-
-    Depths may differ: a point lies on its epipolar line. The geometry, of any camera without
-    distortion, is the one that the most points agree with (RANSAC, always the same draws).
-    """
-    agree = None
-    if len(tracks.then) >= RIGID_POINTS:
-        ransac = cv2.FM_RANSAC, _RIGID_PX, 0.99, 200
-        agree = cv2.findFundamentalMat(tracks.then, tracks.now, *ransac)[1]
-    return np.ones(len(tracks.then), bool) if agree is None else agree.ravel() != 0
+_SHARED, _SHARED_POINTS = 0.7, 7
+"""Part of the points that a common motion has to explain, and how many that are at least."""
 
 
 def common_motion(tracks: Tracks) -> NDArray[Any] | None:
@@ -116,7 +101,3 @@ def common_motion(tracks: Tracks) -> NDArray[Any] | None:
         tracks.then, tracks.now, method=cv2.RANSAC, ransacReprojThreshold=1.0, maxIters=100
     )
     return made if made is not None and agree.mean() >= _SHARED else None
-
-
-_SHARED, _SHARED_POINTS = 0.7, 7
-"""Part of the points that a common motion has to explain, and how many that are at least."""

@@ -17,7 +17,7 @@ from tokt.features.common.arrays import F64, U8
 from tokt.features.frames.grid import Grid
 from tokt.inference.clock import SYSTEM_STOPWATCH, Stopwatch
 from tokt.inference.frame import Frame
-from tokt.inference.reason import NO_FAULT, Fault, Reason
+from tokt.inference.reason import Fault, Reason
 from tokt.inference.texture.detector import TextureDetector
 from tokt.inference.verdict import (
     CLEAR,
@@ -50,8 +50,6 @@ class Judgement:
     mask: U8 | None = None
     grid: Grid | None = None
     class_patches: ClassPatches | None = None
-    doubt: Fault = NO_FAULT
-    gray: U8 | None = None
 
 
 class Policy(Protocol):
@@ -93,17 +91,14 @@ def _judgement(detection: Detection, health: str, reason: Reason) -> Judgement:
     return Judgement(whole, **behind)
 
 
-_BEHIND = (
-    *("decision_values", "features", "boundary", "mask", "grid", "class_patches", "doubt"),
-    "gray",
-)
+_BEHIND = ("decision_values", "features", "boundary", "mask", "grid", "class_patches")
 """What a judgement has of a detection besides its verdict."""
 
 
-def _not_clear(judgement: Judgement, doubt: Fault) -> Judgement:
+def _not_clear(judgement: Judgement) -> Judgement:
     """The same where it does not say clear, otherwise unknown."""
     if judgement.verdict.status != CLEAR:
-        return replace(judgement, doubt=doubt)
+        return judgement
     verdict = judgement.verdict
     return replace(judgement, verdict=unknown_verdict(Fault(verdict.reason, verdict.health)))
 
@@ -174,13 +169,9 @@ class FallbackPolicy:
         health = health_of(_unable(first), _unable(second))
         judgement = _judgement(second, health, _reason(first, second))
         judgement = replace(
-            judgement,
-            features=found.features,
-            texture_s=took_s,
-            boundary=found.boundary,
-            gray=found.gray,
+            judgement, features=found.features, texture_s=took_s, boundary=found.boundary
         )
-        return _not_clear(judgement, first.fault) if first.vetoes_clear else judgement
+        return _not_clear(judgement) if first.vetoes_clear else judgement
 
     def _in_time(self, found: Detection, took_s: float) -> Detection:
         """Texture's answer, or why there is none in time."""
@@ -188,8 +179,7 @@ class FallbackPolicy:
             return found
         late = Fault(Reason.LATE, f"late: {1000 * took_s:.0f} ms")
         if cv2.mean(found.mask)[0] > STATUS_MEAN_THRESHOLD:
-            note = "; ".join(filter(None, (found.note, late)))
-            return replace(found, fault=late, note=note, doubt=late)
+            return replace(found, fault=late, note="; ".join(filter(None, (found.note, late))))
         return replace(found, mask=None, fault=late)
 
 
@@ -213,11 +203,9 @@ class EitherPolicy:
         if first.mask is None or second.mask is None:
             able = second if first.mask is None else first
             judgement = _judgement(able, health, _reason(first, second))
-            judgement = replace(
-                judgement, features=first.features, boundary=first.boundary, gray=first.gray
-            )
-            warned = [found.fault for found in (first, second) if found.vetoes_clear]
-            return _not_clear(judgement, warned[0]) if warned else judgement
+            judgement = replace(judgement, features=first.features, boundary=first.boundary)
+            warned = first.vetoes_clear or second.vetoes_clear
+            return _not_clear(judgement) if warned else judgement
         joined = replace(
             first,
             mask=np.asarray(cv2.bitwise_or(first.mask, second.mask), np.uint8),

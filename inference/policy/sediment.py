@@ -27,7 +27,7 @@ _FINE_PX = 5
 LEARNT_FRAMES = 8
 """Frames of water that have to be seen before one can be told to differ."""
 _WATER_S, _CLOUD_S = 5.0, 300.0
-"""In which the water is learnt anew; in a cloud, too, as a lamp that was turned is none for ever."""
+"""In which the water is learnt anew, in a cloud too: a lamp that was turned is none for ever."""
 _UNTIMED_S, _LONGEST_S = 0.25, 1.0
 """Taken for the time between two frames: without times, and at most."""
 

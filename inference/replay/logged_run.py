@@ -13,7 +13,14 @@ from tokt.inference.recording.log import LogGap, read_log
 from tokt.inference.recording.recording import FILE_NAME, read_recording
 from tokt.inference.recording.run_log import events_path
 from tokt.inference.recording.run_start import MODEL, START, ModelName, RunStart
-from tokt.inference.report import FIELDS, REPLAYABLE, WITH_MOVING, WITH_TREND, ReportField, is_finite
+from tokt.inference.report import (
+    FIELDS,
+    REPLAYABLE,
+    WITH_MOVING,
+    WITH_TREND,
+    ReportField,
+    is_finite,
+)
 from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN
 
 TREND = tuple(each.name for each in FIELDS if each.since in (WITH_TREND, WITH_MOVING))

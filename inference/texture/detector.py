@@ -169,7 +169,7 @@ class TextureDetector:
             self._rule.doubt()
             if found.mask is None or not found.mask.any():
                 found = replace(found, mask=None, fault=fault, vetoes_clear=True)
-        return replace(found, features=features, boundary=boundary, doubt=fault, gray=gray)
+        return replace(found, features=features, boundary=boundary)
 
     def _unlike_training(self, picture: U8, features: F64) -> Fault:
         """Why the model says nothing where it sees nothing in such a frame, or an empty string."""

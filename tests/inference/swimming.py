@@ -46,7 +46,7 @@ class Swimmer:
     at: tuple[float, float]
     velocity: tuple[float, float]
     seed: int
-    half: tuple[int, int] = (22, 11)
+    half: tuple[int, int] = (14, 7)
 
     def draw(self, picture: Any, mask: Any, step: int) -> None:
         x, y = np.array(self.at) + step * np.array(self.velocity)
@@ -60,7 +60,7 @@ class Swimmer:
         mask |= shape
 
 
-def school(seed: int, count: int = 8, speed: float = 14.0) -> list[Swimmer]:
+def school(seed: int, count: int = 16, speed: float = 14.0) -> list[Swimmer]:
     """Some that swim about in all directions."""
     rng = np.random.default_rng(seed)
     ways = rng.uniform(0, 2 * np.pi, count)
@@ -90,11 +90,11 @@ class Told:
     """A policy that says what it is told to."""
 
     def __init__(self, **verdict: Any) -> None:
-        self.mask, self.more, self.behind = NOTHING, verdict, {}
+        self.mask, self.more = NOTHING, verdict
 
     def judge(self, frame: Frame) -> Judgement:
         told = {**vars(verdict_from_mask(self.mask, "texture", "told/1")), **self.more}
-        return Judgement(Verdict(**told), mask=self.mask, gray=frame.left, **self.behind)
+        return Judgement(Verdict(**told), mask=self.mask)
 
 
 def frame(step: int, picture: Any, **more: Any) -> Frame:

@@ -21,19 +21,18 @@ from tests.inference.swimming import (
     texture,
 )
 from tests.tiers import scaled
-from tokt.features.frames.grid import DEFAULT_GRID
-from tokt.inference.config import AVOID, IGNORE, NEAR
-from tokt.inference.policy.moving import HIDDEN_S, KNOWN_PAIRS, NEAR_M, MovingThings
-from tokt.inference.reason import Fault, Reason
+from tokt.inference.config import ALL, NEAR, NONE
+from tokt.inference.policy.moving import KNOWN_PAIRS, NEAR_M, MovingThings
+from tokt.inference.reason import Reason
 from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
 
-STEPS = 9
+STEPS = 6
 OWN = {"shift": (3.0, 1.0), "turn_deg": 0.5, "growth": 1.01}
 
 
 def swum(told, swimmers, own=OWN, seed=1, avoid=NEAR, steps=STEPS, standing=None, **more):
     """The verdicts on a school before a scene, and the share of the view that it covers."""
-    policy, scene, verdicts, shares = MovingThings(told, DEFAULT_GRID, avoid), texture(seed), [], []
+    policy, scene, verdicts, shares = MovingThings(told, avoid), texture(seed), [], []
     for step in range(steps):
         picture, mask = pictured(scene, motion(step, **own), swimmers, step, seed)
         told.mask = in_patches(mask)
@@ -44,14 +43,14 @@ def swum(told, swimmers, own=OWN, seed=1, avoid=NEAR, steps=STEPS, standing=None
     return verdicts, shares
 
 
-def test_a_school_alone_is_no_obstacle_once_that_is_known():
+def test_a_school_alone_is_unknown_once_that_is_known():
     verdicts, shares = swum(Told(), school(1))
     assert {verdict.status for verdict in verdicts[:KNOWN_PAIRS]} == {OBSTACLE}
     assert [verdict.moving for verdict in verdicts[:KNOWN_PAIRS]] == [None] * KNOWN_PAIRS
     last = verdicts[-1]
-    assert (last.status, last.reason, last.box, last.mean) == (CLEAR, Reason.MOVING, None, 0.0)
+    assert (last.status, last.reason, last.box) == (UNKNOWN, Reason.MOVING, None)
     assert last.moving == pytest.approx(shares[-1], abs=0.1)
-    assert last.health.startswith("moving: ") and last.model == "told/1"
+    assert last.health.startswith("only moving things are seen, in ")
 
 
 @given(st.integers(0, 1000), st.tuples(st.floats(-6, 6), st.floats(-4, 4)), st.floats(-1, 1))
@@ -59,7 +58,7 @@ def test_a_school_alone_is_no_obstacle_once_that_is_known():
 def test_a_school_is_told_however_the_vehicle_moves(seed, shift, turn_deg):
     own = {"shift": shift, "turn_deg": turn_deg, "growth": 1.01}
     # Where the ways of a school fit one motion it is not told: that is no error.
-    found = [swum(Told(), school(seed + k, 10), own, seed)[0][-1].moving for k in range(3)]
+    found = [swum(Told(), school(seed + k), own, seed)[0][-1].moving for k in range(3)]
     assert any(found), found
 
 
@@ -74,7 +73,7 @@ def test_a_school_is_told_however_the_vehicle_moves(seed, shift, turn_deg):
 def test_what_stands_is_never_lost(seed, shift, turn_deg, growth, parallax):
     """A near thing before a far scene, whatever moves: the vehicle, or what is a rigid vehicle."""
     told, near, far = Told(), texture(seed + 1), texture(seed)
-    policy = MovingThings(told, DEFAULT_GRID)
+    policy = MovingThings(told)
     for step in range(STEPS):
         picture, _ = pictured(far, motion(step, shift, turn_deg, growth), step=step, seed=seed)
         moved = motion(step, (shift[0] + parallax, shift[1]), turn_deg, growth)
@@ -99,38 +98,24 @@ def test_what_stands_beside_a_school_keeps_the_status():
 @pytest.mark.parametrize(
     ("avoid", "distance_m", "status"),
     [
-        (NEAR, None, CLEAR),
-        (NEAR, NEAR_M + 0.1, CLEAR),
+        (NEAR, None, UNKNOWN),
+        (NEAR, NEAR_M + 0.1, UNKNOWN),
         (NEAR, NEAR_M - 0.1, OBSTACLE),
-        (AVOID, NEAR_M + 0.1, OBSTACLE),
-        (IGNORE, NEAR_M - 0.1, CLEAR),
+        (ALL, NEAR_M + 0.1, OBSTACLE),
+        (NONE, NEAR_M - 0.1, UNKNOWN),
     ],
 )
 def test_which_moving_things_are_avoided(avoid, distance_m, status):
     verdicts, _ = swum(Told(distance_m=distance_m), school(1), avoid=avoid)
     assert verdicts[-1].status == status and verdicts[-1].moving > 0
-    assert verdicts[-1].distance_m == (None if status == CLEAR else distance_m)
+    assert verdicts[-1].distance_m == (None if status == UNKNOWN else distance_m)
 
 
 def test_a_large_school_is_avoided():
     crowd = [replace(one, half=(50, 30)) for one in school(1, 14)]
-    for avoid, status in ((NEAR, OBSTACLE), (IGNORE, CLEAR)):
+    for avoid, status in ((NEAR, OBSTACLE), (NONE, UNKNOWN)):
         verdicts, shares = swum(Told(), crowd, avoid=avoid)
         assert shares[-1] > 0.35 and verdicts[-1].moving > 0 and verdicts[-1].status == status
-
-
-def test_what_hides_the_water_behind_for_long_is_an_obstacle():
-    # They mill about in one place.
-    told, scene = Told(), texture(1)
-    policy, said = MovingThings(told, DEFAULT_GRID), []
-    for step in range(round(HIDDEN_S / STEP_S) + 4):
-        there = [replace(one, velocity=(0, 0), at=(one.at[0] + 14 * np.cos(2.1 * step + k),
-                 one.at[1] + 14 * np.sin(1.7 * step + 2 * k))) for k, one in enumerate(school(1))]  # fmt: skip
-        picture, mask = pictured(scene, motion(step, **OWN), there, step, 1)
-        told.mask = in_patches(mask)
-        told.mask[108:135, 180:216] = 255
-        said.append(policy.judge(frame(step, picture)).verdict.status)
-    assert said[-1] == OBSTACLE
 
 
 def test_one_thing_alone_is_an_obstacle():
@@ -144,18 +129,10 @@ def test_without_the_frame_before_nothing_is_known(more):
     assert {(verdict.status, verdict.moving) for verdict in verdicts} == {(OBSTACLE, None)}
 
 
-def test_a_clear_that_was_not_believed_is_not_by_the_fish_either():
-    told = Told()
-    told.behind = {"doubt": Fault(Reason.DRIFT, "unlike")}
-    last = swum(told, school(1))[0][-1]
-    assert (last.status, last.reason, last.mean) == (UNKNOWN, Reason.DRIFT, None)
-    assert last.moving > 0 and last.health.startswith("unlike; moving: ")
-
-
 @pytest.mark.parametrize("size", [(271, 361), (300, 360), (63, 90), (20, 30)])
 def test_another_size_of_picture_begins_anew(size):
     told = Told()
-    policy, scene = MovingThings(told, DEFAULT_GRID), texture(1)
+    policy, scene = MovingThings(told), texture(1)
     for step in range(STEPS):
         picture, mask = pictured(scene, motion(step, **OWN), school(1), step)
         told.mask = in_patches(mask)
@@ -166,19 +143,20 @@ def test_another_size_of_picture_begins_anew(size):
 
 
 def test_frames_that_follow_each_other_fast_tell_as_much():
-    told, scene = Told(), texture(1)
-    policy = MovingThings(told, DEFAULT_GRID)
+    told, scene, reasons = Told(), texture(1), set()
+    policy = MovingThings(told)
     for step in range(5 * STEPS):
         slow = [replace(one, velocity=tuple(np.array(one.velocity) / 5)) for one in school(1)]
         picture, mask = pictured(scene, motion(step / 5, **OWN), slow, step, 1)
         told.mask = in_patches(mask)
-        last = policy.judge(frame(step, picture, t=1e9 + step * STEP_S / 5)).verdict
-    assert (last.status, last.reason) == (CLEAR, Reason.MOVING)
+        verdict = policy.judge(frame(step, picture, t=1e9 + step * STEP_S / 5)).verdict
+        reasons.add((verdict.status, verdict.reason))
+    assert reasons == {(OBSTACLE, Reason.OK), (UNKNOWN, Reason.MOVING)}
 
 
 def test_without_fish_nothing_moves():
     told = Told()
-    policy, scene = MovingThings(told, DEFAULT_GRID), texture(1)
+    policy, scene = MovingThings(told), texture(1)
     for step in range(STEPS):
         verdict = policy.judge(
             frame(step, pictured(scene, motion(step, **OWN), step=step)[0])

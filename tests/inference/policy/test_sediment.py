@@ -98,7 +98,7 @@ def test_a_lamp_that_was_turned_is_no_cloud_for_ever():
 
 def test_what_is_seen_in_a_cloud_is_an_obstacle():
     assert not any(told([in_cloud(water(number), 1.0) for number in range(5)], nothing_seen=False))
-    policy = MovingThings(says := Told(), DEFAULT_GRID)
+    policy = MovingThings(says := Told())
     statuses = []
     for number in range(24):
         picture = water(number) if number < 12 else in_cloud(water(number), 1.0)
@@ -115,7 +115,7 @@ def test_what_is_seen_in_a_cloud_is_an_obstacle():
     [(Reason.DRIFT, Reason.SEDIMENT), (Reason.NOVEL, Reason.SEDIMENT), (Reason.LATE, Reason.LATE)],
 )
 def test_why_nothing_was_judged(reason, becomes):
-    policy = MovingThings(says := Told(), DEFAULT_GRID)
+    policy = MovingThings(says := Told())
     for number in range(14):
         cloud = number >= 12
         says.more = {"status": UNKNOWN, "reason": reason, "health": "so"} if cloud else {}

@@ -23,7 +23,7 @@ def kept(trigger, verdict_at, seconds) -> list[float]:
 def test_every_reason_is_decided():
     """What a thing never learnt looks like is what a person should label first."""
     no_picture = {"ok", "no_frame", "stale", "stalled", "overload", "missing", "unreadable"}
-    no_picture |= {"incomplete", "unpaired", "camera_lost", "frozen", "no_model", "moving"}
+    no_picture |= {"incomplete", "unpaired", "camera_lost", "frozen", "no_model"}
     assert set(Reason) - set(DOUBTS) == no_picture
 
 
