@@ -64,7 +64,7 @@ def _in_cells(values: NDArray[Any]) -> NDArray[Any]:
 
 
 @dataclass(frozen=True)
-class Tracks:
+class PointFlow:
     """Points that were followed from one frame to the next, float32 (n, 2) each as x, y."""
 
     then: F32
@@ -76,24 +76,24 @@ class Tracks:
         return (self.now - self.then).astype(np.float64)
 
 
-def follow(before: FlowPicture, after: FlowPicture, points: F32) -> Tracks:
+def follow(before: FlowPicture, after: FlowPicture, points: F32) -> PointFlow:
     """Those of the points that are found again, forwards and back (Lucas and Kanade, pyramids)."""
     if not len(points):
-        return Tracks(points, points)
+        return PointFlow(points, points)
     there, found, _ = cv2.calcOpticalFlowPyrLK(before.even, after.even, points, None, **_LK)
     back, again, _ = cv2.calcOpticalFlowPyrLK(after.even, before.even, there, None, **_LK)
     near = np.abs(back - points).max(axis=1) < _BACK_PX
     height, width = after.size
     inside = ((there >= 0) & (there < [width, height])).all(axis=1)
     kept = near & inside & (found.ravel() > 0) & (again.ravel() > 0)
-    return Tracks(points[kept], np.asarray(there[kept], np.float32))
+    return PointFlow(points[kept], np.asarray(there[kept], np.float32))
 
 
 _SHARED, _SHARED_POINTS = 0.7, 7
 """Part of the points that a common motion has to explain, and how many that are at least."""
 
 
-def common_motion(tracks: Tracks) -> NDArray[Any] | None:
+def common_motion(tracks: PointFlow) -> NDArray[Any] | None:
     """The turn, shift and growth (2, 3) that most of the points share, or None."""
     if len(tracks.then) < _SHARED_POINTS:
         return None

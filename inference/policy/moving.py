@@ -37,7 +37,7 @@ from tokt.inference.frame import Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.verdict import OBSTACLE, UNKNOWN, Verdict, health_of, unknown_verdict
 
-from .flow import MIN_SIDE_PX, FlowPicture, Tracks, common_motion, follow
+from .flow import MIN_SIDE_PX, FlowPicture, PointFlow, common_motion, follow
 from .policy import Judgement, Policy
 from .sediment import SedimentWatch
 
@@ -178,7 +178,7 @@ def _masked(mask: U8) -> Bools:
     return np.maximum.reduceat(down, wide * np.arange(PATCHES.cols), axis=1).ravel() > 0
 
 
-def _pair(t_s: float, tracks: Tracks, then: U8, now: U8) -> _Pair:
+def _pair(t_s: float, tracks: PointFlow, then: U8, now: U8) -> _Pair:
     """What two frames showed, whose masks were `then` and `now`."""
     nothing = np.zeros(PATCHES.n_patches, np.int64)
     (x0, y0), (x, y) = tracks.then.astype(np.int64).T, tracks.now.astype(np.int64).T
@@ -203,21 +203,21 @@ def _picture(judgement: Judgement, frame: Frame) -> U8 | None:
     return gray if min(gray.shape) >= MIN_SIDE_PX else None
 
 
-def _fast(tracks: Tracks, water: Bools) -> Bools:
+def _fast(tracks: PointFlow, water: Bools) -> Bools:
     """Which points go beyond what the own motion can be, by the points of the water."""
     flow = tracks.flow
-    common = common_motion(Tracks(tracks.then[water], tracks.now[water]))
+    common = common_motion(PointFlow(tracks.then[water], tracks.now[water]))
     if common is not None:
         flow = tracks.now - (tracks.then @ common[:, :2].T + common[:, 2])
     speed = np.hypot(flow[:, 0], flow[:, 1])
     return np.asarray(speed > FAST_PX + FAST_TIMES * np.median(speed[water]))
 
 
-def _as_bodies(tracks: Tracks, fast: Bools, mask: U8) -> Bools:
+def _as_bodies(tracks: PointFlow, fast: Bools, mask: U8) -> Bools:
     """The fast points in parts of the mask that are one body each: another vehicle, a near wall."""
     part = cv2.connectedComponents(mask)[1][tuple(tracks.now.astype(np.int64).T[::-1])]
     solid = np.zeros(len(fast), bool)
     for number in np.unique(part[fast & (part > 0)]):
         its = fast & (part == number)
-        solid |= its & (common_motion(Tracks(tracks.then[its], tracks.now[its])) is not None)
+        solid |= its & (common_motion(PointFlow(tracks.then[its], tracks.now[its])) is not None)
     return solid

@@ -28,7 +28,7 @@ LEARNT_FRAMES = 8
 """Frames of water that have to be seen before one can be told to differ."""
 _WATER_S, _CLOUD_S = 5.0, 300.0
 """In which the water is learnt anew, in a cloud too: a lamp that was turned is none for ever."""
-_UNTIMED_S, _LONGEST_S = 0.25, 1.0
+_UNTIMED_S, _MAX_PASSED_S = 0.25, 1.0
 """Taken for the time between two frames: without times, and at most."""
 
 
@@ -83,7 +83,7 @@ class SedimentWatch:
         """Seconds since the frame before."""
         passed_s = _UNTIMED_S if t_s is None or self._last_s is None else t_s - self._last_s
         self._last_s = t_s
-        return min(max(passed_s, 0.0), _LONGEST_S)
+        return min(max(passed_s, 0.0), _MAX_PASSED_S)
 
     def _share(self, change: F64) -> float:
         """The part of the patches that look as sediment does, 0..1."""

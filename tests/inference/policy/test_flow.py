@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.inference.swimming import HEIGHT, NOTHING, WIDTH, motion, pictured, texture
 from tests.tiers import scaled
-from tokt.inference.policy.flow import FlowPicture, Tracks, common_motion, follow
+from tokt.inference.policy.flow import FlowPicture, PointFlow, common_motion, follow
 
 ways = st.tuples(st.floats(-12, 12), st.floats(-12, 12))
 seeds = st.integers(0, 10_000)
@@ -37,9 +37,9 @@ def test_points_go_as_the_scene_does(seed, shift, turn_deg, growth):
 
 def test_a_few_points_prove_nothing_nor_do_those_that_go_their_own_ways():
     points = np.random.default_rng(1).uniform(0, 200, (40, 2)).astype(np.float32)
-    assert common_motion(Tracks(points, points)) is not None
-    assert common_motion(Tracks(points[:6], points[:6])) is None
-    assert common_motion(Tracks(points, points[::-1].copy())) is None
+    assert common_motion(PointFlow(points, points)) is not None
+    assert common_motion(PointFlow(points[:6], points[:6])) is None
+    assert common_motion(PointFlow(points, points[::-1].copy())) is None
 
 
 @pytest.mark.parametrize("level", [0, 30, 255])
