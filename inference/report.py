@@ -22,6 +22,7 @@ for them: every model's name of ASCII is whole. A datagram without classes fits 
 DATAGRAM_BYTES = 1472
 
 FIRST, REPLAYABLE, WITH_TREND, WITH_ANCHOR, WITH_BOUNDARY, WITH_PLACE, WITH_CLASSES = range(1, 8)
+WITH_MOVING = 8
 """Versions of the table (`SINCE` says what each brought). A new field gets a new version and stands
 at the end of its datagram or log line, where every older reader leaves it out."""
 
@@ -125,6 +126,7 @@ FIELDS = (
     ReportField("lat_deg", float, "place.lat_deg", unit="deg", since=WITH_PLACE),
     ReportField("lon_deg", float, "place.lon_deg", unit="deg", since=WITH_PLACE),
     _verdict("classes", dict, unit="px", since=WITH_CLASSES, max_bytes=CLASSES_BYTES),
+    _verdict("moving", float, since=WITH_MOVING),
     _log("run", str, "run", nullable=False),
     _log("frame", int, "report.frame"),
     _log("missed", int, "frame.missed", nullable=False, metric="frames_missed_total"),
@@ -174,6 +176,7 @@ MEANINGS = {
     "classes": "for each class seen but water the box around its patches, x0, y0, width, height, "
     "and its share of the mask. Null without a model of several classes. Obstacles come first, "
     "then the largest; what is beyond 500 bytes, or the datagram, is left out",
+    "moving": "share of the view, 0 to 1, that moving things cover; null where not known",
     "run": "the run's id: a log holds run after run",
     "frame": "the frame's number in its source; null in a heartbeat's line",
     "missed": "frames not delivered since the one before",
@@ -199,6 +202,7 @@ SINCE = {
     WITH_BOUNDARY: "a boundary that moves",
     WITH_PLACE: "the vehicle's place",
     WITH_CLASSES: "the classes seen",
+    WITH_MOVING: "moving things",
 }
 """What each version of the table brought."""
 V1_FIELDS = tuple(each for each in FIELDS if each.v1)

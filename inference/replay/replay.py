@@ -32,7 +32,7 @@ from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.policy.temporal_cues import HORIZON_S, Anchor
 from tokt.inference.publisher import mark_overloaded, mark_stale
-from tokt.inference.reason import NO_FAULT, Fault
+from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.recording.run_log import json_values
 from tokt.inference.recording.run_start import ModelName, RunStart, used_file
 from tokt.inference.report import Report
@@ -139,7 +139,9 @@ class Replay:
         if self.other is None and start.model is None and not start.model_fault:
             load = None
         anchor = None if start.anchor is None else Anchor(start.anchor)
-        assembly = assemble(start.policy, load, self.stereo, stopwatch=stopwatch, anchor=anchor)
+        assembly = assemble(
+            start.policy, load, self.stereo, stopwatch=stopwatch, anchor=anchor, moving=start.moving
+        )
         if assembly.texture is not None:
             assembly.texture.note = start.model_note
         return assembly
@@ -185,9 +187,11 @@ class Replay:
         if logged.has_values and self.other is None:
             values = json_values(judgement.decision_values)
             differs += [VALUES] * (repr(values) != repr(logged.values))
+        by_dive = {fields["reason"], logged.verdict["reason"]} & {Reason.MOVING, Reason.SEDIMENT}
         by_texture = fields["method"] == logged.verdict["method"] == TEXTURE
         enough = known.since_start or (
             known.for_texture
+            and not by_dive  # it hangs on what the water looked like long before
             and (assembly.stereo is None or (by_texture and self.run.start.policy == "fallback"))
         )
         return Compared(logged, fields, tuple(differs), "" if enough else BEFORE)

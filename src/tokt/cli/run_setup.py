@@ -230,7 +230,9 @@ def run(config: RunConfig) -> Summary:
         size = config.policy.anchor
         anchor = None if size is None else Anchor(size)
         assembly = assemble(
-            *(config.policy.policy, model.loader, pairs, config.model.threads), anchor=anchor
+            *(config.policy.policy, model.loader, pairs, config.model.threads),
+            anchor=anchor,
+            moving=config.policy.moving,
         )
         if config.source.pixel_format == "Mono8" and model.bundle and model.bundle.needs_colour:
             label = model.bundle.label
@@ -488,7 +490,9 @@ def _observers(
         lines = (LinesApart if source.live else JsonLines)(model.shadow_log, rotation)
         other = model_named(model.shadow)
         named = other.label, other.sha256, other.data
-        challenger = Challenger(*named, config.policy.policy, pairs, model.threads)
+        challenger = Challenger(
+            *named, config.policy.policy, pairs, model.threads, config.policy.moving
+        )
         # After the others: in a replay without a rate it waits for its challenger.
         keep(Shadow(challenger, lines, run, source.live, SYSTEM_CLOCK, events.put))
     return _Observers(observers, log, recorder, drift, counts)
