@@ -80,8 +80,9 @@ def follow(before: FlowPicture, after: FlowPicture, points: F32) -> PointFlow:
     """Those of the points that are found again, forwards and back (Lucas and Kanade, pyramids)."""
     if not len(points):
         return PointFlow(points, points)
-    there, found, _ = cv2.calcOpticalFlowPyrLK(before.even, after.even, points, None, **_LK)
-    back, again, _ = cv2.calcOpticalFlowPyrLK(after.even, before.even, there, None, **_LK)
+    lucas_kanade: Any = cv2.calcOpticalFlowPyrLK  # its types do not know of no first guess
+    there, found, _ = lucas_kanade(before.even, after.even, points, None, **_LK)
+    back, again, _ = lucas_kanade(after.even, before.even, there, None, **_LK)
     near = np.abs(back - points).max(axis=1) < _BACK_PX
     height, width = after.size
     inside = ((there >= 0) & (there < [width, height])).all(axis=1)

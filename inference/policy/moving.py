@@ -100,7 +100,9 @@ class MovingThings:
             return judgement
         mask = np.zeros_like(gray)
         if judgement.mask is not None:
-            mask = cv2.resize(judgement.mask, gray.shape[::-1], interpolation=cv2.INTER_NEAREST)
+            size = gray.shape[1], gray.shape[0]
+            resized = cv2.resize(judgement.mask, size, interpolation=cv2.INTER_NEAREST)
+            mask = np.asarray(resized, np.uint8)
         self._follow(frame, gray, mask)
         judgement, doubt = self._with_moving(judgement, _masked(mask))
         verdict = judgement.verdict
@@ -154,7 +156,7 @@ class MovingThings:
         moving = (last.fast > 0) & (last.fast >= last.slow)
         standing = np.zeros_like(masked)
         lately = [pair for pair in self._pairs if last.t_s - pair.t_s <= LATELY_S]
-        fast, slow = sum(pair.fast for pair in lately), sum(pair.slow for pair in lately)
+        fast, slow = np.sum([(pair.fast, pair.slow) for pair in lately], axis=0)
         shape = PATCHES.rows, PATCHES.cols
         count, part = cv2.connectedComponents(masked.reshape(shape).astype(np.uint8))
         for number in range(1, count):
