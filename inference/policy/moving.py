@@ -85,7 +85,7 @@ class MovingThings:
     avoid: str = NEAR  # `tokt.inference.config.MOVING`
 
     def __post_init__(self) -> None:
-        self._sediment = SedimentWatch(PATCHES)
+        self._sediment = SedimentWatch()
         self._pairs: deque[_Pair] = deque()
         self._key: _Key | None = None
         self._last_s = math.nan

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from tokt.features.common.arrays import F64, U8
-from tokt.features.frames.grid import Grid
+from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 
 BRIGHTER, UNEVEN, CONTRAST_LEFT, WIDE, FRAMES = 0.15, 0.05, 0.8, 0.25, 3
@@ -32,8 +32,9 @@ _UNTIMED_S, _MAX_PASSED_S = 0.25, 1.0
 """Taken for the time between two frames: without times, and at most."""
 
 
-def _looks(gray: U8, grid: Grid) -> F64:
-    """Each patch's log of light, and of fine contrast over light: (2, grid.rows * grid.cols)."""
+def _looks(gray: U8) -> F64:
+    """Each patch's log of light, and of fine contrast over light: (2, n_patches)."""
+    grid = DEFAULT_GRID
     high, wide = grid.patch_size(*gray.shape)
     light = gray[: high * grid.rows, : wide * grid.cols].astype(np.float32)
     fine = cv2.absdiff(light, cv2.blur(light, (_FINE_PX, _FINE_PX)))
@@ -48,8 +49,7 @@ def _looks(gray: U8, grid: Grid) -> F64:
 class SedimentWatch:
     """Follow the look of the water, and tell a cloud in it."""
 
-    def __init__(self, grid: Grid) -> None:
-        self._grid = grid
+    def __init__(self) -> None:
         self._water: F64 | None = None
         self._learnt = self._left = 0
         self._last_s: float | None = None
@@ -60,7 +60,7 @@ class SedimentWatch:
         Parameters
         ----------
         gray : array of uint8, shape (height, width)
-            As the grid has it.
+            As `DEFAULT_GRID` has it.
         nothing_seen : bool
             Whether no detector saw an obstacle in it.
         t_s : float or None
@@ -69,9 +69,9 @@ class SedimentWatch:
         passed_s = self._passed(t_s)
         if not nothing_seen:
             return NO_FAULT
-        looks = _looks(gray, self._grid)
-        if self._water is None or self._water.shape != looks.shape:
-            self._water, self._learnt, self._left = looks, 0, 0
+        looks = _looks(gray)
+        if self._water is None:
+            self._water = looks
         share = self._share(looks - self._water)
         self._left = FRAMES if share >= WIDE else max(self._left - 1, 0)
         self._learn(looks, passed_s, _CLOUD_S if self._left else _WATER_S)
@@ -83,7 +83,7 @@ class SedimentWatch:
         """Seconds since the frame before."""
         passed_s = _UNTIMED_S if t_s is None or self._last_s is None else t_s - self._last_s
         self._last_s = t_s
-        return min(max(passed_s, 0.0), _MAX_PASSED_S)
+        return min(max(0.0, passed_s), _MAX_PASSED_S)
 
     def _share(self, change: F64) -> float:
         """The part of the patches that look as sediment does, 0..1."""

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from tests.inference.swimming import HEIGHT, STEP_S, WIDTH, Told, frame, texture
 from tests.tiers import scaled
-from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.inference.policy.moving import MovingThings
 from tokt.inference.policy.sediment import FRAMES, LEARNT_FRAMES, SedimentWatch
 from tokt.inference.reason import Reason
@@ -40,7 +39,7 @@ def pixels(picture):
 
 def told(pictures, nothing_seen=True, t_s=lambda number: STEP_S * number):
     """What a watch says of pictures after a while of clear water."""
-    watch = SedimentWatch(DEFAULT_GRID)
+    watch = SedimentWatch()
     shown = [water(number) for number in range(LEARNT_FRAMES + 2)]
     said = [watch.take(pixels(each), True, t_s(n)) for n, each in enumerate(shown)]
     assert not any(said)
