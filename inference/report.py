@@ -176,7 +176,8 @@ MEANINGS = {
     "classes": "for each class seen but water the box around its patches, x0, y0, width, height, "
     "and its share of the mask. Null without a model of several classes. Obstacles come first, "
     "then the largest; what is beyond 500 bytes, or the datagram, is left out",
-    "moving": "share of the view, 0 to 1, that moving things cover; null where not known",
+    "moving": "share of the view, 0 to 1, that moving things cover. Null without times of frames, "
+    "in the first three pairs, and where the water shows too few points",
     "run": "the run's id: a log holds run after run",
     "frame": "the frame's number in its source; null in a heartbeat's line",
     "missed": "frames not delivered since the one before",

@@ -35,7 +35,8 @@ class FlowPicture:
     def __init__(self, gray: U8) -> None:
         sharp = gray.astype(np.float32)
         sharp -= cv2.blur(sharp, (25, 25))
-        spread = np.sqrt(cv2.blur(sharp * sharp, (61, 61))) + np.float32(1)
+        # A running sum of a flat picture may end below 0.
+        spread = np.sqrt(np.maximum(cv2.blur(sharp * sharp, (61, 61)), 0)) + np.float32(1)
         self.even = np.clip(128 + 30 * sharp / spread, 0, 255).astype(np.uint8)
         self.size = gray.shape
 

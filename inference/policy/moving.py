@@ -12,6 +12,8 @@
   the mask that is one body (a near wall, another vehicle) are not, however fast.
 - Things move with `FAST_POINTS` of them in the last `WINDOW_S`, in pairs of frames with
   `PAIR_POINTS` at least: a few are strays. One fish alone stays what it was.
+- Where all that is too fast moves as one, nothing swims: it is the vehicle that moves, and what is
+  taken for water stands still in the picture, as dirt on the glass does.
 
 An obstacle of nothing but such things is *unknown* with the reason `moving`: there is nothing that
 one must steer around, and what is behind it is not seen. Flow never makes a frame clear. With
@@ -33,7 +35,7 @@ from tokt.features.common.arrays import I64, U8, Bools
 from tokt.features.extractors.extractor import gray_picture
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.inference.config import ALL, NEAR
-from tokt.inference.frame import Frame
+from tokt.inference.frame import MANY_MISSED, Frame
 from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.verdict import OBSTACLE, UNKNOWN, Verdict, health_of, unknown_verdict
 
@@ -50,6 +52,8 @@ FAST_PX, FAST_TIMES = 3.0, 1.5
 WINDOW_S, STEP_S, GAP_S = 2.0, 0.2, 1.0
 """How long what was seen counts; the least time over which points are followed, as in less slow
 things do not move; and the longest from one frame to the next."""
+REMEMBERED_S = WINDOW_S + 2 * STEP_S
+"""Nothing that is older has a part in what moves."""
 KNOWN_PAIRS = 3
 """Pairs of frames in the window whose own motion has to be known."""
 PAIR_POINTS, FAST_POINTS = 10, 20
@@ -118,12 +122,13 @@ class MovingThings:
     def _follow(self, frame: Frame, gray: U8, mask: U8) -> None:
         """Take in how points went since the key frame, if all is known since, and it is time to."""
         key, t_s = self._key, frame.t
-        follows = frame.timed and frame.missed == 0 and 0 < t_s - self._last_s <= GAP_S
+        follows = frame.timed and frame.missed < MANY_MISSED and 0 < t_s - self._last_s <= GAP_S
         self._last_s = t_s
         if key is None or not follows or key.mask.shape != mask.shape:
             self._pairs.clear()
             key = None
-        if key is not None and t_s - key.t_s < STEP_S:
+        # By the clock's slots: which frames are looked at does not hang on when the run began.
+        if key is not None and t_s // STEP_S == key.t_s // STEP_S:
             return
         picture = FlowPicture(gray)
         self._key = _Key(t_s, picture, mask)
@@ -201,8 +206,10 @@ def _picture(judgement: Judgement, frame: Frame) -> U8 | None:
     verdict = judgement.verdict
     if frame.left is None or (verdict.status == UNKNOWN and verdict.reason not in _LOOKED_AT):
         return None
+    if min(frame.left.shape[:2]) < MIN_SIDE_PX:
+        return None
     gray = gray_picture(frame.left, PATCHES)
-    return gray if min(gray.shape) >= MIN_SIDE_PX else None
+    return gray if gray.shape[0] >= MIN_SIDE_PX else None
 
 
 def _fast(tracks: PointFlow, water: Bools) -> Bools:
@@ -221,5 +228,9 @@ def _as_bodies(tracks: PointFlow, fast: Bools, mask: U8) -> Bools:
     solid = np.zeros(len(fast), bool)
     for number in np.unique(part[fast & (part > 0)]):
         its = fast & (part == number)
-        solid |= its & (common_motion(PointFlow(tracks.then[its], tracks.now[its])) is not None)
-    return solid
+        solid |= its & _is_one(tracks, its)
+    return solid | (fast & ~solid & _is_one(tracks, fast & ~solid))
+
+
+def _is_one(tracks: PointFlow, its: Bools) -> bool:
+    return common_motion(PointFlow(tracks.then[its], tracks.now[its])) is not None

@@ -29,6 +29,7 @@ from tokt.features.frames.mission import LEFT, RIGHT, Mission, open_mission
 from tokt.inference.clock import FixedStopwatch
 from tokt.inference.frame import MANY_MISSED, Frame, pixel_mark
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
+from tokt.inference.policy.moving import REMEMBERED_S
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.policy.temporal_cues import HORIZON_S, Anchor
 from tokt.inference.publisher import mark_overloaded, mark_stale
@@ -111,7 +112,8 @@ class Replay:
         """
         stopwatch = FixedStopwatch()  # what the run's own took
         assembly = self._assembly(stopwatch)
-        history = _History(window=_window(assembly))
+        moving_s = 0.0 if self.run.start.moving is None else REMEMBERED_S
+        history = _History(_window(assembly), HORIZON_S + moving_s)
         exchanged = 0
         for logged in self.run.frames():
             if self.other is None and logged.model is not None and logged.exchanged != exchanged:
@@ -225,8 +227,9 @@ class _History:
     that are not known.
     """
 
-    def __init__(self, window: int) -> None:
+    def __init__(self, window: int, horizon_s: float) -> None:
         self.begin_model(window)
+        self._horizon_s = horizon_s
         self.since_start = self._shown = True
 
     def begin_model(self, window: int) -> None:
@@ -243,7 +246,7 @@ class _History:
         places = self._places + logged.missed
         self._places, self._shown = places + 1, shown
         self.for_texture = places >= self._window - 1
-        self.for_trend = logged.t - self._since_s >= HORIZON_S
+        self.for_trend = logged.t - self._since_s >= self._horizon_s
 
 
 def _window(assembly: Assembly) -> int:

@@ -292,7 +292,10 @@ def depth(
     ] = 10.0,
     fused: Annotated[
         bool,
-        Option("--fused", help="Join what three frames or more agree on, by default fused.ply."),
+        Option(
+            "--fused",
+            help="Write one cloud of what 3 or more frames agree on: --ply, or fused.ply.",
+        ),
     ] = False,
     odometry: Annotated[
         Path | None,
@@ -385,7 +388,7 @@ def _print_depth(found: dict[str, Any], out: Path) -> None:
         print(f"  metres in {cloud['axes']}")
     if found["export"]:
         words = "written: {folder}, {pairs} pairs, {poses} with a pose, {places} with a place"
-        print(words.format(**found["export"]))
+        print(f"{words}\n  poses: {{axes}}".format(**found["export"]))
 
 
 def _steadiness(figures: dict[str, Any], first: int, last: int) -> str:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -22,6 +23,7 @@ from tests.inference.swimming import (
 )
 from tests.tiers import scaled
 from tokt.inference.config import ALL, NEAR, NONE
+from tokt.inference.frame import MANY_MISSED
 from tokt.inference.policy.moving import KNOWN_PAIRS, NEAR_M, MovingThings
 from tokt.inference.reason import Reason
 from tokt.inference.verdict import CLEAR, OBSTACLE, UNKNOWN
@@ -118,12 +120,46 @@ def test_a_large_school_is_avoided():
         assert shares[-1] > 0.35 and verdicts[-1].moving > 0 and verdicts[-1].status == status
 
 
+@pytest.mark.parametrize(
+    ("seed", "count", "own"),
+    [(seed, 2, {"shift": (7.0, 2.0), "growth": 1.01}) for seed in (7, 13)]
+    + [(seed, 3, {"shift": (5.0, 1.0), "growth": 1.02}) for seed in (7, 10)],
+)
+def test_dirt_on_the_glass_is_not_the_water(seed, count, own):
+    """It stands still in the picture: by it alone all that stands in the scene would swim."""
+    rng, scene, dirt = np.random.default_rng(seed), texture(seed), np.zeros((HEIGHT, WIDTH))
+    policy = MovingThings(told := Told())
+    for x, y in rng.uniform([10, 10], [WIDTH - 10, HEIGHT - 10], (40, 2)):
+        cv2.circle(dirt, (int(x), int(y)), 4, 60, -1)
+    poles = rng.uniform([60, 60], [300, 210], (count, 2))
+    for step in range(12):
+        moved, _ = pictured(scene, motion(step, **own), step=step, seed=seed)
+        standing = NOTHING.copy()
+        for x, y in poles + step * np.array(own["shift"]):
+            cv2.circle(standing, (int(x), int(y)), 16, 255, -1)
+        picture = np.where(standing > 0, moved, 60) + dirt + rng.normal(0, 1, dirt.shape)
+        told.mask = in_patches(standing)
+        said = policy.judge(frame(step, np.clip(picture, 0, 255).astype(np.uint8))).verdict
+        assert said.reason is not Reason.MOVING
+
+
+def test_in_water_without_a_point_nothing_is_known():
+    policy = MovingThings(told := Told())
+    told.mask = in_patches(255 * (np.hypot(*(np.mgrid[:HEIGHT, :WIDTH] - 150)) < 45).astype("u1"))
+    inner = cv2.erode(told.mask, np.ones((9, 9)))
+    for step in range(STEPS):
+        picture, _ = pictured(texture(1), motion(step, (9.0, 2.0)))
+        picture = np.where(inner > 0, picture, np.uint8(60))
+        verdict = policy.judge(frame(step, picture)).verdict
+    assert (verdict.status, verdict.moving) == (OBSTACLE, None)
+
+
 def test_one_thing_alone_is_an_obstacle():
     verdicts, _ = swum(Told(), school(1, 1))
     assert {verdict.status for verdict in verdicts} == {OBSTACLE}
 
 
-@pytest.mark.parametrize("more", [{"timed": False}, {"missed": 1}])
+@pytest.mark.parametrize("more", [{"timed": False}, {"missed": MANY_MISSED}])
 def test_without_the_frame_before_nothing_is_known(more):
     verdicts, _ = swum(Told(), school(1), **more)
     assert {(verdict.status, verdict.moving) for verdict in verdicts} == {(OBSTACLE, None)}

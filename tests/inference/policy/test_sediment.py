@@ -1,5 +1,7 @@
 """A cloud of sediment in the water, and what looks a little like one."""
 
+import math
+
 import cv2
 import numpy as np
 import pytest
@@ -61,6 +63,12 @@ def test_a_cloud_is_told_and_so_is_its_end(seed, thick, wide):
     assert all(said[12 : 12 + FRAMES - 1]) and not any(said[12 + FRAMES :])
 
 
+def test_a_time_that_is_no_number_spoils_nothing():
+    times = {3: math.nan}
+    clouds = [in_cloud(water(number), 1.0) for number in range(5)]
+    assert all(told(clouds, t_s=lambda number: times.get(number, STEP_S * number)))
+
+
 def test_times_are_not_needed():
     clouds = [in_cloud(water(number), 1.0) for number in range(5)]
     assert all(told(clouds, t_s=lambda number: None))
@@ -111,7 +119,10 @@ def test_what_is_seen_in_a_cloud_is_an_obstacle():
 
 @pytest.mark.parametrize(
     ("reason", "becomes"),
-    [(Reason.DRIFT, Reason.SEDIMENT), (Reason.NOVEL, Reason.SEDIMENT), (Reason.LATE, Reason.LATE)],
+    [
+        *((Reason.DRIFT, Reason.SEDIMENT), (Reason.NOVEL, Reason.SEDIMENT)),
+        *((Reason.LATE, Reason.LATE), (Reason.FRAME_RULE, Reason.FRAME_RULE)),
+    ],
 )
 def test_why_nothing_was_judged(reason, becomes):
     policy = MovingThings(says := Told())

@@ -189,7 +189,7 @@ def fit_path(tracks: Tracks, rig: Rig, names: Sequence[str]) -> tuple[Tracks, Ad
     if len(tracks.frames) < _MIN_FRAMES or followed < _MIN_FOLLOWED:
         return (
             f"only {followed} points can be followed over {len(tracks.frames)} frames: too few to "
-            "tell how the cameras stand; take more frames, nearer to something solid"
+            "tell a path; take more frames, nearer to something solid"
         )
     return tracks, adjust(Problem(rig, tracks, path.anchor, names, PRIORS), path)
 

@@ -12,8 +12,9 @@ import numpy as np
 from tokt.features.common import atomic
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import LEFT, RIGHT, Mission
+from tokt.inference.recording.run_start import RunStart
 from tokt.inference.replay.logged_run import kind_of, logged_lines, open_run
-from tokt.inference.replay.replay import judged_picture, odometry_of, pictures_of
+from tokt.inference.replay.replay import judged_picture, pictures_of
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.odometry import Motion, Odometry, Pose, motion_between
 
@@ -26,13 +27,13 @@ _PLACE = ("lat_deg", "lon_deg", "depth_m")
 _FIXED = Pose(0.0, np.zeros(3), np.eye(3))
 
 
-def logged_places(log: Path, mission: Mission) -> tuple[Places, Odometry | None]:
-    """Where the vehicle was at the frames of a log's last run, and the odometry that it had.
+def logged_places(log: Path, mission: Mission) -> tuple[Places, RunStart]:
+    """Where the vehicle was at the frames of a log's last run, and how that began.
 
     Raises
     ------
     ToktError
-        If there is no such log, it is of other pictures, or the odometry's file is another now.
+        If there is no such log, or it is of other pictures.
     """
     run = open_run(log)
     lines = {
@@ -49,7 +50,7 @@ def logged_places(log: Path, mission: Mission) -> tuple[Places, Odometry | None]
         raise ToktError(f"{log} is not of mission {mission.name}: {doubt}")
     placed = [lines[n] for n in known if None not in map(lines[n].get, _PLACE)]
     places = {one["frame"]: (one["lat_deg"], one["lon_deg"], -one["depth_m"]) for one in placed}
-    return places, odometry_of(run.start)
+    return places, run.start
 
 
 @dataclass(eq=False)

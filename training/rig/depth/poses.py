@@ -51,7 +51,7 @@ def estimated_poses(
     rig = rig.moved(POSE[:5], np.append(cv2.Rodrigues(c.R)[0], [y / x, z / x]))
     fit = fit_path(build_tracks(matches), rig, ()) if matches else "no frame has enough points"
     if isinstance(fit, str):
-        return {}, f"no poses: {fit}, or give --odometry FILE"
+        return {}, f"no poses: {fit}; give --odometry FILE"
     tracks, adjusted = fit
     poses, path = {}, adjusted.path
     for place, frame in enumerate(tracks.frames):

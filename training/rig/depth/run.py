@@ -16,6 +16,7 @@ from tokt.features.common.extras import needed_by
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames
 from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.replay.replay import odometry_of
 from tokt.inference.sources.files import MissionSource
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
@@ -142,8 +143,10 @@ def _deep(rows: Sequence[DepthRow]) -> list[DepthRow]:
 
 def _given(mission: Mission, request: DepthRequest) -> tuple[Places, Odometry | None]:
     """Where the log says the vehicle was, and the poses given, or else the log's."""
-    places, odometry = ({}, None) if request.log is None else logged_places(request.log, mission)
-    return places, odometry if request.odometry is None else load_odometry(request.odometry)
+    places, start = ({}, None) if request.log is None else logged_places(request.log, mission)
+    if request.odometry is not None:
+        return places, load_odometry(request.odometry)
+    return places, None if start is None else odometry_of(start)
 
 
 def _source(mission: Mission, out: Path, request: DepthRequest) -> MissionSource:
@@ -263,15 +266,16 @@ class PairRematcher:
         if odometry is None:
             trims = {row.frame: row.row_trim_px for row in deep}
             odometry, axes = estimated_poses(self.mission, calibration, trims, progress)
-        if request.export is not None:
-            pairs = [row.frame for row in rows if row.valid_fraction is not None]
-            export = Export(self.mission, calibration, pairs, odometry, places)
-            handed = export.write(request.export, out / request.export, progress)
         if request.fused:
             posed = [(row, odometry[row.frame]) for row in deep if row.frame in odometry]
             clouds = self._joined(posed, request.farthest_m, progress)
             about = {"frames": format_frames(row.frame for row, _ in posed), "axes": axes}
             cloud = self._written(request.ply or out / "fused.ply", clouds, about)
+        if request.export is not None and (cloud or not request.fused):
+            pairs = [row.frame for row in rows if row.valid_fraction is not None]
+            export = Export(self.mission, calibration, pairs, odometry, places)
+            handed = export.write(request.export, out / request.export, progress)
+            handed["axes"] = axes
         agree = f"no {AGREEING} frames with a pose agree within {request.farthest_m:g} m"
         return cloud, handed, agree if odometry else axes
 
