@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tokt.features.common.arrays import F32, F64, U8
+from tokt.features.common.arrays import F32, U8, Bools
+from tokt.features.frames.grid import Grid
 
 MIN_SIDE_PX = 64
 """A smaller picture has too few points to follow."""
@@ -42,13 +42,15 @@ class FlowPicture:
 
     def points(self, seen: U8) -> F32:
         """The sharpest corners, float32 (n, 2) as x, y; most of them where `seen` is not 0."""
-        cells = _in_cells(cv2.cornerMinEigenVal(self.even, 5))
-        best, sharpest = cells.argmax(axis=1), cells.max(axis=1)
-        finest = np.abs(_in_cells(cv2.Laplacian(self.even, cv2.CV_16S))).mean(axis=1)
+        grid = Grid(self.size[0] // _CELL_HIGH, self.size[1] // _CELL_WIDE, None)
+        cells = grid.cells(cv2.cornerMinEigenVal(self.even, 5))
+        sharpest = cells.max(axis=(1, 2))
+        finest = np.abs(grid.cells(cv2.Laplacian(self.even, cv2.CV_16S))).mean(axis=(1, 2))
         noise = float(np.percentile(finest, 25))
         least = min(_OVER_MEDIAN * float(np.median(sharpest)), _OVER_NOISE * noise * noise)
-        row, col = np.divmod(np.arange(len(cells)), self.size[1] // _CELL_WIDE)
-        y, x = row * _CELL_HIGH + best // _CELL_WIDE, col * _CELL_WIDE + best % _CELL_WIDE
+        corner = grid.boxes(*self.size)[:, [0, 2]]
+        best = cells.reshape(len(cells), -1).argmax(axis=1)
+        y, x = (corner + np.stack(np.divmod(best, cells.shape[2]), axis=1)).T
         order = np.argsort(-sharpest, kind="stable")
         order = order[sharpest[order] > least]
         within = seen[y[order], x[order]] != 0
@@ -56,25 +58,11 @@ class FlowPicture:
         return np.stack([x[chosen], y[chosen]], axis=1).astype(np.float32)
 
 
-def _in_cells(values: NDArray[Any]) -> NDArray[Any]:
-    """What is in each cell, row by row: (n, pixels of a cell)."""
-    rows, cols = values.shape[0] // _CELL_HIGH, values.shape[1] // _CELL_WIDE
-    whole = values[: rows * _CELL_HIGH, : cols * _CELL_WIDE]
-    split = whole.reshape(rows, _CELL_HIGH, cols, _CELL_WIDE).swapaxes(1, 2)
-    return split.reshape(rows * cols, -1)
-
-
-@dataclass(frozen=True)
-class PointFlow:
+class PointFlow(NamedTuple):
     """Points that were followed from one frame to the next, float32 (n, 2) each as x, y."""
 
     then: F32
     now: F32
-
-    @property
-    def flow(self) -> F64:
-        """How far each has gone, px: (n, 2)."""
-        return (self.now - self.then).astype(np.float64)
 
 
 def follow(before: FlowPicture, after: FlowPicture, points: F32) -> PointFlow:
@@ -95,11 +83,12 @@ _SHARED, _SHARED_POINTS = 0.7, 7
 """Part of the points that a common motion has to explain, and how many that are at least."""
 
 
-def common_motion(tracks: PointFlow) -> NDArray[Any] | None:
-    """The turn, shift and growth (2, 3) that most of the points share, or None."""
-    if len(tracks.then) < _SHARED_POINTS:
+def common_motion(tracks: PointFlow, which: Bools) -> NDArray[Any] | None:
+    """The turn, shift and growth (2, 3) that most of `which` points share, or None."""
+    if np.count_nonzero(which) < _SHARED_POINTS:
         return None
+    then, now = tracks.then[which], tracks.now[which]
     made, agree = cv2.estimateAffine2D(
-        tracks.then, tracks.now, method=cv2.RANSAC, ransacReprojThreshold=1.0, maxIters=100
+        then, now, method=cv2.RANSAC, ransacReprojThreshold=1.0, maxIters=100
     )
     return made if made is not None and agree.mean() >= _SHARED else None

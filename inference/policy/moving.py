@@ -108,7 +108,7 @@ class MovingThings:
             resized = cv2.resize(judgement.mask, size, interpolation=cv2.INTER_NEAREST)
             mask = np.asarray(resized, np.uint8)
         self._follow(frame, gray, mask)
-        judgement, doubt = self._with_moving(judgement, _masked(mask))
+        judgement, doubt = self._with_moving(judgement, mask)
         verdict = judgement.verdict
         nothing_seen = verdict.status != OBSTACLE and not mask.any()
         cloud = self._sediment.take(gray, nothing_seen, frame.t if frame.timed else None)
@@ -139,11 +139,12 @@ class MovingThings:
         while t_s - self._pairs[0].t_s > WINDOW_S:
             self._pairs.popleft()
 
-    def _with_moving(self, judgement: Judgement, masked: Bools) -> tuple[Judgement, Fault]:
+    def _with_moving(self, judgement: Judgement, mask: U8) -> tuple[Judgement, Fault]:
         """The judgement with the share of what moves; and why it is unknown by that, if it is."""
         known = [int(pair.fast.sum()) for pair in self._pairs if pair.known]
         if len(known) < KNOWN_PAIRS or not self._pairs[-1].known:
             return judgement, NO_FAULT
+        masked = PATCHES.cells(mask).any(axis=(1, 2))
         moving = standing = np.zeros_like(masked)
         if sum(fast for fast in known if fast >= PAIR_POINTS) >= FAST_POINTS:
             moving, standing = self._parts(masked)
@@ -178,13 +179,6 @@ class MovingThings:
         return self.avoid == ALL or (self.avoid == NEAR and (near or large))
 
 
-def _masked(mask: U8) -> Bools:
-    """The patches that a mask reaches; the last of a row or a column goes to the edge."""
-    high, wide = PATCHES.patch_size(*mask.shape)
-    down = np.maximum.reduceat(mask, high * np.arange(PATCHES.rows), axis=0)
-    return np.maximum.reduceat(down, wide * np.arange(PATCHES.cols), axis=1).ravel() > 0
-
-
 def _pair(t_s: float, tracks: PointFlow, then: U8, now: U8) -> _Pair:
     """What two frames showed, whose masks were `then` and `now`."""
     nothing = np.zeros(PATCHES.n_patches, np.int64)
@@ -214,10 +208,9 @@ def _picture(judgement: Judgement, frame: Frame) -> U8 | None:
 
 def _fast(tracks: PointFlow, water: Bools) -> Bools:
     """Which points go beyond what the own motion can be, by the points of the water."""
-    flow = tracks.flow
-    common = common_motion(PointFlow(tracks.then[water], tracks.now[water]))
-    if common is not None:
-        flow = tracks.now - (tracks.then @ common[:, :2].T + common[:, 2])
+    common = common_motion(tracks, water)
+    then = tracks.then if common is None else tracks.then @ common[:, :2].T + common[:, 2]
+    flow = (tracks.now - then).astype(np.float64)
     speed = np.hypot(flow[:, 0], flow[:, 1])
     return np.asarray(speed > FAST_PX + FAST_TIMES * np.median(speed[water]))
 
@@ -228,9 +221,6 @@ def _as_bodies(tracks: PointFlow, fast: Bools, mask: U8) -> Bools:
     solid = np.zeros(len(fast), bool)
     for number in np.unique(part[fast & (part > 0)]):
         its = fast & (part == number)
-        solid |= its & _is_one(tracks, its)
-    return solid | (fast & ~solid & _is_one(tracks, fast & ~solid))
-
-
-def _is_one(tracks: PointFlow, its: Bools) -> bool:
-    return common_motion(PointFlow(tracks.then[its], tracks.now[its])) is not None
+        solid |= its & (common_motion(tracks, its) is not None)
+    left = fast & ~solid
+    return solid | (left & (common_motion(tracks, left) is not None))

@@ -30,23 +30,24 @@ def test_points_go_as_the_scene_does(seed, shift, turn_deg, growth):
     tracks, really = followed(seed, shift=shift, turn_deg=turn_deg, growth=growth)
     assert len(tracks.then) >= 12
     assert np.median(np.abs(tracks.now - really)) < 0.2
-    made = common_motion(tracks)
+    made = common_motion(tracks, np.ones(len(tracks.then), bool))
     assert made is not None
     np.testing.assert_allclose(made, motion(1, shift, turn_deg, growth), atol=0.5)
 
 
 def test_a_few_points_prove_nothing_nor_do_those_that_go_their_own_ways():
     points = np.random.default_rng(1).uniform(0, 200, (40, 2)).astype(np.float32)
-    assert common_motion(PointFlow(points, points)) is not None
-    assert common_motion(PointFlow(points[:6], points[:6])) is None
-    assert common_motion(PointFlow(points, points[::-1].copy())) is None
+    every = np.ones(len(points), bool)
+    assert common_motion(PointFlow(points, points), every) is not None
+    assert common_motion(PointFlow(points, points), every & (np.arange(40) < 6)) is None
+    assert common_motion(PointFlow(points, points[::-1].copy()), every) is None
 
 
 @pytest.mark.parametrize("level", [0, 30, 255])
 def test_a_picture_without_corners_has_no_points(level):
     blank = FlowPicture(np.full((HEIGHT, WIDTH), level, np.uint8))
     points = blank.points(NOTHING)
-    assert points.shape == (0, 2) and follow(blank, blank, points).flow.shape == (0, 2)
+    assert points.shape == (0, 2) and follow(blank, blank, points).now.shape == (0, 2)
 
 
 def test_most_points_are_where_something_was_seen():
