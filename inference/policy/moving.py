@@ -144,7 +144,7 @@ class MovingThings:
         known = [int(pair.fast.sum()) for pair in self._pairs if pair.known]
         if len(known) < KNOWN_PAIRS or not self._pairs[-1].known:
             return judgement, NO_FAULT
-        masked = PATCHES.cells(mask).any(axis=(1, 2))
+        masked = np.asarray(PATCHES.cells(mask).any(axis=(1, 2)), bool)
         moving = standing = np.zeros_like(masked)
         if sum(fast for fast in known if fast >= PAIR_POINTS) >= FAST_POINTS:
             moving, standing = self._parts(masked)
