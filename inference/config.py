@@ -30,6 +30,9 @@ MATCHERS = (BM, SGBM)
 DEFAULT_SCALE = 0.5
 """Width of the views that are matched over the frames' width."""
 
+MOVING = NEAR, ALL, NONE = "near", "all", "none"
+"""What ``--moving`` can be."""
+
 CAMERAS = "live cameras (--source pymba:ID, vimbax:ID or genicam:ID)"
 VIDEO = "network video and USB cameras"
 LIVE = "live cameras and network video"
@@ -193,6 +196,13 @@ class PolicyConfig:
         "far it is from that, and from the centre.",
         "SHARE",
         logged="anchor",
+    )
+    moving: str = option(
+        NEAR,
+        "Moving things, such as fish, that are avoided: those large or near, all, or none. "
+        "The others are unknown.",
+        "near|all|none",
+        logged="moving",
     )
     anchor_from: str | None = option(
         None,

@@ -85,6 +85,12 @@ class Reason(StrEnum):
     NOVEL = "novel"
     """Nothing is seen in a picture with a patch unlike all that the model learnt.
     Look at the picture; label such patches and run `tokt adapt`."""
+    SEDIMENT = "sediment"
+    """Nothing is seen, and a cloud of sediment hides a wide part of the view.
+    Wait until it has settled or drifted off, or go up."""
+    MOVING = "moving"
+    """Nothing is seen but things that move by themselves, such as fish.
+    Wait until they have passed; `--moving all` makes them an obstacle."""
     NO_MODEL = "no_model"
     """There is no model. Deploy a model to the store (`tokt deploy`)."""
 

@@ -22,7 +22,7 @@ for them: every model's name of ASCII is whole. A datagram without classes fits 
 DATAGRAM_BYTES = 1472
 
 FIRST, REPLAYABLE, WITH_TREND, WITH_ANCHOR, WITH_BOUNDARY, WITH_PLACE, WITH_CLASSES = range(1, 8)
-WITH_ANCHOR_STATE = 9
+WITH_MOVING, WITH_ANCHOR_STATE = 8, 9
 """Versions of the table (`SINCE` says what each brought). A new field gets a new version and stands
 at the end of its datagram or log line, where every older reader leaves it out."""
 
@@ -126,6 +126,7 @@ FIELDS = (
     ReportField("lat_deg", float, "place.lat_deg", unit="deg", since=WITH_PLACE),
     ReportField("lon_deg", float, "place.lon_deg", unit="deg", since=WITH_PLACE),
     _verdict("classes", dict, unit="px", since=WITH_CLASSES, max_bytes=CLASSES_BYTES),
+    _verdict("moving", float, since=WITH_MOVING),
     _verdict("anchor", str, since=WITH_ANCHOR_STATE),
     _log("run", str, "run", nullable=False),
     _log("frame", int, "report.frame"),
@@ -176,6 +177,8 @@ MEANINGS = {
     "classes": "for each class seen but water the box around its patches, x0, y0, width, height, "
     "and its share of the mask. Null without a model of several classes. Obstacles come first, "
     "then the largest; what is beyond 500 bytes, or the datagram, is left out",
+    "moving": "share of the view, 0 to 1, that moving things cover. Null without times of frames, "
+    "in the first three pairs, and where the water shows too few points",
     "anchor": "held, searching or lost: the object that somebody named; null without one",
     "run": "the run's id: a log holds run after run",
     "frame": "the frame's number in its source; null in a heartbeat's line",
@@ -202,6 +205,7 @@ SINCE = {
     WITH_BOUNDARY: "a boundary that moves",
     WITH_PLACE: "the vehicle's place",
     WITH_CLASSES: "the classes seen",
+    WITH_MOVING: "moving things",
     WITH_ANCHOR_STATE: "an object that is named",
 }
 """What each version of the table brought."""

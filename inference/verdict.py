@@ -125,6 +125,7 @@ class Verdict:
     # By class: x0, y0, width and height in pixels of the mask, and the share of it; None where no
     # model of several classes judged.
     classes: Mapping[str, tuple[float, ...]] | None = None
+    moving: float | None = None  # share of the view that moving things cover, 0..1
     # Of an object that somebody named: held, searching or lost (`policy.object_tracker`).
     anchor: str | None = None
 

@@ -16,6 +16,7 @@ _BROUGHT = {
     "mavlink": "pymavlink serial",
     "metrics": "prometheus_client",
     "sign": "cryptography",
+    "colmap": "pycolmap",
     "cluster": "dask distributed",
 }
 EXTRAS = {package: extra for extra, brought in _BROUGHT.items() for package in brought.split()}

@@ -11,11 +11,12 @@ import numpy as np
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.inference.clock import SYSTEM_STOPWATCH, Stopwatch
-from tokt.inference.config import BM, DEFAULT_SCALE, MATCHERS
+from tokt.inference.config import BM, DEFAULT_SCALE, MATCHERS, MOVING, NEAR
 from tokt.inference.frame import Frame
 from tokt.inference.texture.detector import ReloadableTextureDetector, TextureDetector
 from tokt.inference.verdict import PUSHBROOM, Detector
 
+from .moving import MovingThings
 from .policy import POLICIES, EitherPolicy, FallbackPolicy, Policy, SinglePolicy, guarded
 from .temporal_cues import Anchor, TemporalCues
 
@@ -107,6 +108,7 @@ def assemble(
     threads: int = 1,
     stopwatch: Stopwatch = SYSTEM_STOPWATCH,
     anchor: Anchor | None = None,
+    moving: str | None = NEAR,
 ) -> Assembly:
     """Assemble the policy of that name.
 
@@ -124,6 +126,9 @@ def assemble(
         What a policy measures lateness with.
     anchor : Anchor, optional
         What is to be held in the picture.
+    moving : {"near", "all", "none"}, optional
+        Which of the things that move by themselves are avoided. With None neither they nor sediment
+        are looked for, as in the logs of an older tokt.
 
     Raises
     ------
@@ -132,6 +137,8 @@ def assemble(
         there is not at least one thread.
     """
     _check(name, load_model is not None, stereo is not None, threads)
+    if moving not in (None, *MOVING):
+        raise ToktError(f"unknown moving {moving!r} (choose from {', '.join(MOVING)})")
     model, fault = None, ""
     try:
         model = None if load_model is None else load_model()
@@ -142,9 +149,6 @@ def assemble(
     grid = DEFAULT_GRID if model is None else model.grid
     disparity = None if stereo is None else stereo.detector(grid)
     blind_m = 0.0 if stereo is None else stereo.blind_m
-    if name == "disparity" and disparity is not None:
-        cues = TemporalCues(SinglePolicy(disparity), None, anchor, blind_m)
-        return Assembly(cues, None, stereo, grid)
     texture = ReloadableTextureDetector(
         None if model is None else TextureDetector(model, threads), fault
     )
@@ -152,11 +156,16 @@ def assemble(
         policy: Policy = SinglePolicy(texture)
     elif disparity is None:
         policy = SinglePolicy(texture, note="no fallback: there is no stereo calibration")
+    elif name == "disparity":
+        policy = SinglePolicy(disparity)
     elif name == "either":
         policy = EitherPolicy(texture, disparity)
     else:
         policy = FallbackPolicy(texture, disparity, stopwatch)
-    return Assembly(TemporalCues(policy, texture, anchor, blind_m), texture, stereo, grid)
+    if moving is not None:
+        policy = MovingThings(policy, moving)
+    reloadable = None if name == "disparity" else texture
+    return Assembly(TemporalCues(policy, reloadable, anchor, blind_m), reloadable, stereo, grid)
 
 
 def _check(name: str, has_model: bool, has_calibration: bool, threads: int) -> None:

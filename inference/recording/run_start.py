@@ -14,7 +14,7 @@ import numpy as np
 from tokt.features.common.errors import ToktError, check_format, os_errors_as
 from tokt.features.common.machine import installed_version
 from tokt.features.kernels.dispatch import KERNELS
-from tokt.inference.config import Limits, RunConfig
+from tokt.inference.config import NEAR, Limits, RunConfig
 
 FORMAT_VERSION = 1
 """Of the event's fields. To change them: raise this, keep reading the older ones, and prove it with
@@ -84,6 +84,7 @@ class RunStart:
     record: str | None = None  # where frames are recorded
     anchor: float | None = None  # share of the picture at which an object is to be held
     fixed_boundary: bool = False  # whether the boundary was left where training put it
+    moving: str | None = NEAR  # which moving things are avoided; None: nobody looked for them
     software: Mapping[str, str] = field(default_factory=software)
 
     @classmethod
@@ -131,7 +132,7 @@ def _text(value: Any) -> str:
     return value
 
 
-_LATER = {"model_note": "", "anchor": None, "fixed_boundary": False}
+_LATER = {"model_note": "", "anchor": None, "fixed_boundary": False, "moving": None}
 """What the first logs do not have."""
 _READ: dict[str, Callable[[Any], Any]] = {
     "str": _text,

@@ -14,11 +14,18 @@ from tokt.inference.recording.log import LogGap, read_log
 from tokt.inference.recording.recording import FILE_NAME, read_recording
 from tokt.inference.recording.run_log import events_path
 from tokt.inference.recording.run_start import MODEL, START, ModelName, RunStart
-from tokt.inference.report import FIELDS, REPLAYABLE, WITH_TREND, ReportField, is_finite
+from tokt.inference.report import (
+    FIELDS,
+    REPLAYABLE,
+    WITH_MOVING,
+    WITH_TREND,
+    ReportField,
+    is_finite,
+)
 from tokt.inference.verdict import CLEAR, OBSTACLE, STATUS_WORDS, UNKNOWN
 
-TREND = tuple(each.name for each in FIELDS if each.since == WITH_TREND)
-"""The fields that hang on the verdicts of the last seconds."""
+TREND = tuple(each.name for each in FIELDS if each.since in (WITH_TREND, WITH_MOVING))
+"""The fields that hang on the frames of the last seconds."""
 ANCHOR = tuple(each.name for each in FIELDS if each.name.startswith("anchor"))
 """The fields that hang on all frames since an object was named."""
 _LATER = {each.name for each in FIELDS if each.since > REPLAYABLE}

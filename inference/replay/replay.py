@@ -29,13 +29,14 @@ from tokt.features.frames.mission import LEFT, RIGHT, Mission, open_mission
 from tokt.inference.clock import FixedStopwatch
 from tokt.inference.frame import MANY_MISSED, Frame, pixel_mark
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
+from tokt.inference.policy.moving import REMEMBERED_S
 from tokt.inference.policy.object_model import ObjectModel, fine_detail
 from tokt.inference.policy.object_naming import named_picture
 from tokt.inference.policy.object_tracker import ObjectTracker
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.policy.temporal_cues import HORIZON_S, Anchor
 from tokt.inference.publisher import mark_overloaded, mark_stale
-from tokt.inference.reason import NO_FAULT, Fault
+from tokt.inference.reason import NO_FAULT, Fault, Reason
 from tokt.inference.recording.run_log import json_values
 from tokt.inference.recording.run_start import ModelName, RunStart, used_file
 from tokt.inference.report import Report
@@ -114,7 +115,8 @@ class Replay:
         """
         stopwatch = FixedStopwatch()  # what the run's own took
         assembly = self._assembly(stopwatch)
-        history = _History(window=_window(assembly))
+        moving_s = 0.0 if self.run.start.moving is None else REMEMBERED_S
+        history = _History(_window(assembly), HORIZON_S + moving_s)
         exchanged = 0
         for logged in self.run.frames():
             if self.other is None and logged.model is not None and logged.exchanged != exchanged:
@@ -144,7 +146,9 @@ class Replay:
         if self.other is None and start.model is None and not start.model_fault:
             load = None
         anchor = None if start.anchor is None else Anchor(start.anchor)
-        assembly = assemble(start.policy, load, self.stereo, stopwatch=stopwatch, anchor=anchor)
+        assembly = assemble(
+            start.policy, load, self.stereo, stopwatch=stopwatch, anchor=anchor, moving=start.moving
+        )
         if assembly.texture is not None:
             assembly.texture.note = start.model_note
         return assembly
@@ -201,9 +205,11 @@ class Replay:
         if logged.has_values and self.other is None:
             values = json_values(judgement.decision_values)
             differs += [VALUES] * (repr(values) != repr(logged.values))
+        by_dive = {fields["reason"], logged.verdict["reason"]} & {Reason.MOVING, Reason.SEDIMENT}
         by_texture = fields["method"] == logged.verdict["method"] == TEXTURE
         enough = known.since_start or (
             known.for_texture
+            and not by_dive  # it hangs on what the water looked like long before
             and (assembly.stereo is None or (by_texture and self.run.start.policy == "fallback"))
         )
         return Compared(logged, fields, tuple(differs), "" if enough else BEFORE)
@@ -237,8 +243,9 @@ class _History:
     that are not known.
     """
 
-    def __init__(self, window: int) -> None:
+    def __init__(self, window: int, horizon_s: float) -> None:
         self.begin_model(window)
+        self._horizon_s = horizon_s
         self.since_start = self._shown = True
 
     def begin_model(self, window: int) -> None:
@@ -255,7 +262,7 @@ class _History:
         places = self._places + logged.missed
         self._places, self._shown = places + 1, shown
         self.for_texture = places >= self._window - 1
-        self.for_trend = logged.t - self._since_s >= HORIZON_S
+        self.for_trend = logged.t - self._since_s >= self._horizon_s
 
 
 def _window(assembly: Assembly) -> int:

@@ -29,6 +29,7 @@ import cv2
 
 from tokt.features.common.errors import ToktError, os_words
 from tokt.inference.clock import Clock, FixedStopwatch, awake_s
+from tokt.inference.config import NEAR
 from tokt.inference.frame import Frame
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
 from tokt.inference.policy.policy import Judgement, Policy
@@ -56,6 +57,7 @@ class Challenger:
     policy: str
     stereo: StereoSetup | None = None
     threads: int = 1
+    moving: str = NEAR
 
     def __post_init__(self) -> None:
         if self.policy == "disparity":
@@ -65,7 +67,9 @@ class Challenger:
         """The policy; ToktError if it cannot be put together, or the bundle fails a check."""
         load = partial(bundle_from_bytes, self.data, self.label)
         # Never late: how long it takes behind the running model is told, and no fault.
-        return assemble(self.policy, load, self.stereo, self.threads, FixedStopwatch())
+        return assemble(
+            *(self.policy, load, self.stereo, self.threads, FixedStopwatch()), moving=self.moving
+        )
 
 
 def serve(challenger: Challenger, connection: Connection) -> None:

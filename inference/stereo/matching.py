@@ -150,6 +150,7 @@ class DenseMatcher:
     matcher: str = BM
     kernels: Kernels = KERNELS
     step: int = STEP_PX  # 1 for every pixel
+    block_px: float = BLOCK_PX  # nearly, of a view `SETTINGS_WIDTH` wide
     contrast: Contrast = CLEAR_CONTRAST
 
     def __post_init__(self) -> None:
@@ -169,7 +170,7 @@ class DenseMatcher:
                 f"disparities up to {smallest + count} pixels would be searched, {NEAREST_M:g} m "
                 f"away, and at most {MAX_DISPARITY_PX} can be: take smaller views"
             )
-        block = min(max(2 * round((BLOCK_PX * ratio - 1) / 2) + 1, 5), BLOCK_PX)
+        block = min(max(2 * round((self.block_px * ratio - 1) / 2) + 1, 5), BLOCK_PX)
         texture = round(TEXTURE * block**2 / BLOCK_PX**2)
         self.settings = BlockMatching(smallest, count, block, CAP, texture, UNIQUENESS_PERCENT)
         self._window = max(2 * round((WINDOW_PX * ratio - 1) / 2) + 1, 3)

@@ -91,7 +91,8 @@ def log_run(
     run = new_run_id(clock)
     load = model if callable(model) else lambda: model
     anchor = None if start.anchor is None else Anchor(start.anchor)
-    assembly = assemble(start.policy, load, stereo, stopwatch=stopwatch, anchor=anchor)
+    said = {"anchor": anchor, "moving": start.moving}
+    assembly = assemble(start.policy, load, stereo, stopwatch=stopwatch, **said)
     watching = [RunLog(log, run, values=values), *observers(run)]
     if assembly.texture is not None:
         assembly.texture.note = start.model_note

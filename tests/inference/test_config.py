@@ -210,11 +210,13 @@ def test_a_start_says_every_option_that_verdicts_depend_on(tmp_path):
     poses.write_text("")
     config = RunConfig.of(
         {"source": "dive", "store": tmp_path, "policy": "either", "threads": 2, "anchor": 0.1}
+        | {"moving": "none"}
         | {"stereo": "pushbroom", "odometry": poses, "calibration": poses, "record": Path("rec")}
         | {"pixel_format": "Mono8", "stale": 0.3}
     )
     start = RunStart.of(config, source="/dive")
     assert {option.logged for option in OPTIONS.values()} - {""} <= start.fields().keys()
+    assert start.moving == "none"
     assert (start.source, start.policy, start.threads, start.anchor) == ("/dive", "either", 2, 0.1)
     assert (start.stereo_way, start.stereo_scale, start.record) == ("pushbroom", 0.5, "rec")
     assert start.odometry == start.calibration and start.models_from == str(tmp_path)

@@ -32,6 +32,7 @@ from tokt.inference.outputs import view as view_module
 from tokt.inference.outputs.listen import SenderMonitor, Silence, listen
 from tokt.inference.outputs.mavlink import MavlinkSender, lens_of
 from tokt.inference.outputs.udp import UdpSender
+from tokt.inference.policy.assembly import assemble
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy
 from tokt.inference.publisher import Observer, ReportPublisher
 from tokt.inference.reason import Fault, Reason
@@ -256,6 +257,25 @@ def test_a_picture_without_the_fine_detail_that_the_model_learnt_from():
     # What is seen all the same is an obstacle.
     picture = cv2.GaussianBlur(draw([(4, 4)], 5), (0, 0), 2)
     assert detector.detect(Frame(3, 0.0, picture, None)).mask.any()
+
+
+def test_a_cloud_of_sediment():
+    """It is bright, and the water's fine blocks fade in it."""
+    dive = Dive()
+    dive.policy = assemble("texture", NoiseScorer, None).policy
+    away = np.hypot(*(np.mgrid[:271, :360] / 360 - 0.4))
+    cloud = np.exp(-((2 * away) ** 2))
+    with dive.under_way():
+        for _ in range(10):
+            dive.give("clear")
+        for _ in range(5):
+            dive.give(
+                "fault", (dive.picture("clear") * (1 - 0.8 * cloud) + 60 * cloud).astype("u1")
+            )
+        for _ in range(2):
+            dive.give("the last of it", dive.picture("clear"))
+        healthy(dive)
+    row("a cloud of sediment, with nothing seen in it", finish(dive), "frames by reason: sediment")
 
 
 def test_a_frame_that_is_not_believed_is_not_known_to_the_frame_rule_either():

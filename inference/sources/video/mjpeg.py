@@ -46,8 +46,8 @@ def jpeg_decoder() -> Iterator[JpegDecoder]:
     """Yield a decoder that refuses what libjpeg complains about.
 
     libjpeg decodes damaged pictures, too, and says so on standard error alone, which goes to a file
-    meanwhile. What is lost or repeated is told so; single bits that are wrong seldom are, but TCP
-    and USB tell those.
+    meanwhile. What is lost or repeated is told so, zeros in its place nearly always; single bits
+    that are wrong seldom are, but TCP and USB tell those.
     """
 
     def decoded(data: bytes) -> tuple[U8 | None, Fault]:

@@ -283,13 +283,34 @@ def depth(
     calibration: Annotated[
         Path, Option("--calibration", metavar="FILE", help="Stereo calibration file.")
     ],
-    ply: Annotated[Path | None, Option(help="PLY file for a point cloud of one frame.")] = None,
+    ply: Annotated[Path | None, Option(help="PLY file for a point cloud.")] = None,
     ply_frame: Annotated[
         int | None, Option(help="Frame of the point cloud. Default: the nearest one.")
     ] = None,
     ply_farthest: Annotated[
         float, Option(help="Farthest distance in the point cloud, in metres.", min=0)
     ] = 10.0,
+    fused: Annotated[
+        bool,
+        Option(
+            "--fused",
+            help="Write one cloud of what 3 or more frames agree on: --ply, or fused.ply.",
+        ),
+    ] = False,
+    odometry: Annotated[
+        Path | None,
+        Option(
+            help="Poses of the left camera, as tokt run takes them. Default: those of --log, else "
+            "estimated from the frames, with errors that add up."
+        ),
+    ] = None,
+    log: Annotated[
+        Path | None, Option(help="Log of a run over these frames, for places and odometry.")
+    ] = None,
+    export: Annotated[
+        str | None,
+        Option(metavar="colmap|opensfm", help="Folder in --out for it: frames, rig, poses."),
+    ] = None,
     out: Annotated[
         Path, Option(help="Folder for depth.csv, depth.png, depth.json and frames/depth_N.png.")
     ] = Path("depth-out"),
@@ -318,7 +339,8 @@ def depth(
     opened = open_mission(mission)
     known = read_calibration_file(calibration)
     drawn = None if pictures is None else [] if pictures == "none" else parse_frames(pictures)
-    request = DepthRequest(chosen, drawn, rate, stereo, scale, ply, ply_frame, ply_farthest)
+    clouds = ply, ply_frame, ply_farthest, fused, odometry, log, export
+    request = DepthRequest(chosen, drawn, rate, stereo, scale, *clouds)
     found = run_depth(opened, known, out, request, progress)
     answer(json, found, lambda: _print_depth(found, out))
 
@@ -357,11 +379,16 @@ def _print_depth(found: dict[str, Any], out: Path) -> None:
     print(f"written: {out / 'depth.csv'}, depth.png, depth.json and {drawn} pictures in frames/")
     if found["ply"]:
         cloud = found["ply"]
+        of = f"frame {cloud['frame']}" if "frame" in cloud else f"frames {cloud['frames']}"
         print(
-            f"point cloud: {cloud['file']}, {cloud['points']} points of frame {cloud['frame']} "
+            f"point cloud: {cloud['file']}, {cloud['points']} points of {of} "
             f"({cloud['matched']} matched, {cloud['out_of_range']} out of range, "
             f"{cloud['outliers']} outliers)"
         )
+        print(f"  metres in {cloud['axes']}")
+    if found["export"]:
+        words = "written: {folder}, {pairs} pairs, {poses} with a pose, {places} with a place"
+        print(f"{words}\n  poses: {{axes}}".format(**found["export"]))
 
 
 def _steadiness(figures: dict[str, Any], first: int, last: int) -> str:

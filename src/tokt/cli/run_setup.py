@@ -233,6 +233,7 @@ def run(config: RunConfig) -> Summary:
         assembly = assemble(
             *(config.policy.policy, model.loader, pairs, config.model.threads),
             anchor=None if size is None else Anchor(size),
+            moving=config.policy.moving,
         )
         if config.source.pixel_format == "Mono8" and model.bundle and model.bundle.needs_colour:
             label = model.bundle.label
@@ -501,7 +502,9 @@ def _observers(
         lines = (LinesApart if source.live else JsonLines)(model.shadow_log, rotation)
         other = model_named(model.shadow)
         named = other.label, other.sha256, other.data
-        challenger = Challenger(*named, config.policy.policy, pairs, model.threads)
+        challenger = Challenger(
+            *named, config.policy.policy, pairs, model.threads, config.policy.moving
+        )
         # After the others: in a replay without a rate it waits for its challenger.
         keep(Shadow(challenger, lines, run, source.live, SYSTEM_CLOCK, events.put))
     return _Observers(observers, log, recorder, drift, counts)

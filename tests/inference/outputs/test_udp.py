@@ -92,7 +92,8 @@ def test_v2_has_the_fields_of_the_design():
     assert " ".join(fields) == (
         "v seq t status x y box mean distance_m method model latency_ms health "
         "closing_m_s contact_s reason age_ms trend trend_confidence expansion_contact_s "
-        "anchor_x anchor_y anchor_size depth_m heading_deg lat_deg lon_deg classes anchor"
+        "anchor_x anchor_y anchor_size depth_m heading_deg lat_deg lon_deg classes moving "
+        "anchor"
     )
 
 

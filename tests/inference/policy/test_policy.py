@@ -13,6 +13,7 @@ from tokt.features.common.errors import ToktError
 from tokt.features.frames.grid import Grid
 from tokt.inference.frame import Frame
 from tokt.inference.policy.assembly import StereoSetup, assemble
+from tokt.inference.policy.moving import MovingThings
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy, SinglePolicy, judge_image
 from tokt.inference.policy.temporal_cues import TemporalCues
 from tokt.inference.reason import Fault, Reason
@@ -206,7 +207,8 @@ def test_the_names_are_fixed(noise_scorer):
     for name, kind in kinds.items():
         load = None if name == "disparity" else lambda: noise_scorer
         policy = assemble(name, load, STEREO).policy
-        assert isinstance(policy, TemporalCues) and isinstance(policy.policy, kind)
+        assert isinstance(policy, TemporalCues) and isinstance(policy.policy, MovingThings)
+        assert isinstance(policy.policy.policy, kind)
 
 
 def test_threads_reach_the_detector_and_are_at_least_one():

@@ -27,6 +27,7 @@ from tests.inference.logged_runs import (
 )
 from tests.inference.policy import named_object
 from tests.inference.stereo.plain_rig import HEIGHT, PLAIN, WIDTH
+from tests.inference.swimming import school
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
 from tokt.inference.clock import SYSTEM_CLOCK
@@ -36,6 +37,7 @@ from tokt.inference.publisher import Observer
 from tokt.inference.recording.recorder import Recorder
 from tokt.inference.recording.run_log import events_path
 from tokt.inference.recording.run_start import used_file
+from tokt.inference.replay.replay import BEFORE
 from tokt.inference.sources.files import MissionSource
 from tokt.inference.stereo.calibration import load_calibration
 from tokt.inference.stereo.calibration_writer import write_calibration
@@ -317,11 +319,11 @@ def test_after_lost_lines_a_trend_is_compared_once_its_seconds_are_known(
 ):
     log_approach(approach, bundle_file, log, hand_clock)
     kept = lines(log)
-    del kept[15]
+    del kept[5]
     write_lines(log, kept)
     found = replayed(log)
     assert found["same"] and found["compared"] == len(APPROACH) - 1, found
-    # 4.25 s are 17 frames: from the 33rd on it is compared again.
+    # A trend and moving things hang on 4.25 s and 2.4 s: 27 frames. The 33rd is compared again.
     for place, code in ((31, 0), (32, 1)):
         write_lines(log, [*kept[:place], {**kept[place], "trend": "shrinking"}, *kept[place + 1 :]])
         replayed(log, code=code)
@@ -332,6 +334,7 @@ def test_a_log_of_before_there_were_trends_comes_out_the_same(
 ):
     log_approach(approach, bundle_file, log, hand_clock)
     new = {"trend", "trend_confidence", "expansion_contact_s", "anchor", "anchor_x", "anchor_y"}
+    new |= {"moving"}
     for path in (log, events_path(log)):
         older = [
             {k: line[k] for k in line if k not in new | {"anchor_size"}} for line in lines(path)
@@ -465,3 +468,48 @@ def test_a_bundle_that_is_another_one_is_not_taken_for_the_run_s(logged, ruled, 
     shutil.copy(bundle_file, ruled)
     ran = call_tokt("replay", log)
     assert ran.code == 2 and "is not the bundle that ran" in ran.err
+
+
+@pytest.fixture
+def schooled(tmp_path):
+    """Frames of a school before a scene of blocks that goes by; none of it looks like another."""
+    rng = np.random.default_rng(5)
+    blocks = 30 + 6 * rng.integers(0, 3, (60, 60)).repeat(8, axis=0).repeat(8, axis=1)
+    folder = tmp_path / "school"
+    folder.mkdir()
+    for step in range(24):
+        picture = blocks[2 * step :, 3 * step :][:271, :360].astype(np.uint8)
+        picture[step, step] += 1
+        for one in school(1, 8):
+            replace(one, half=(22, 11)).draw(picture, np.zeros_like(picture), step)
+        cv2.imwrite(str(folder / f"t_{step + 1}.png"), picture)
+    return folder
+
+
+def test_moving_things_come_out_the_same(schooled, bundle_file, hand_clock, log):
+    start = texture_start(schooled, bundle_file)
+    source = mission_source(schooled, hand_clock, rate=4.0)
+    log_run(source, start, log, hand_clock, read_bundle(bundle_file))
+    said = lines(log)
+    assert [line["moving"] for line in said[:3]] == [None] * 3 and said[3]["moving"] > 0
+    assert {(line["status"], line["reason"]) for line in said} >= {(1, "ok"), (-1, "moving")}
+    found = replayed(log)
+    assert found["same"] and found["compared"] == len(said), found
+    # What was said is compared.
+    write_lines(log, [{**line, "moving": line["moving"] and 0.5} for line in said])
+    found = replayed(log, code=1)
+    assert found["differences"][0]["fields"] == ["moving"]
+    # Where frames before are lost, what hangs on them is not.
+    write_lines(log, [line for place, line in enumerate(said) if place != 5])
+    found = replayed(log)
+    assert found["not_compared"][BEFORE] == sum(line["reason"] == "moving" for line in said[6:])
+
+
+def test_a_log_of_before_things_moved_comes_out_the_same(schooled, bundle_file, hand_clock, log):
+    start = texture_start(schooled, bundle_file, moving=None)
+    source = mission_source(schooled, hand_clock, rate=4.0)
+    log_run(source, start, log, hand_clock, read_bundle(bundle_file))
+    for path in (log, events_path(log)):
+        write_lines(path, [{k: line[k] for k in line if k != "moving"} for line in lines(path)])
+    found = replayed(log)
+    assert found["same"] and found["compared"] == 24, found

@@ -166,7 +166,7 @@ def fit_rig(matches: Sequence[FrameMatches], start: Rig, free: Sequence[str] = (
     # Rows say little of the yaw, and mislead where the lens model is poor; the plain rig's misses a
     # large one. Both are tried, and the points followed over frames decide.
     rough = [
-        _roughly(tracks, fit_epipolar(start, tracks, [*pose, *lens]), names)
+        fit_path(tracks, fit_epipolar(start, tracks, [*pose, *lens]), names)
         for pose in (POSE, [name for name in POSE if name != "rotation_y"])
     ]
     found = [one for one in rough if not isinstance(one, str)]
@@ -181,15 +181,15 @@ def fit_rig(matches: Sequence[FrameMatches], start: Rig, free: Sequence[str] = (
     )
 
 
-def _roughly(tracks: Tracks, rig: Rig, names: Sequence[str]) -> tuple[Tracks, Adjusted] | str:
-    """A first adjustment from a rig, wrong matches and all; or why there is none, in words."""
+def fit_path(tracks: Tracks, rig: Rig, names: Sequence[str]) -> tuple[Tracks, Adjusted] | str:
+    """Fit the path, and the named numbers, wrong matches and all; or why it cannot be, in words."""
     path, placed = first_path(rig, tracks)
     tracks, path = _placed(tracks, path, placed)
     followed = int((tracks.lengths() > 1).sum())
     if len(tracks.frames) < _MIN_FRAMES or followed < _MIN_FOLLOWED:
         return (
             f"only {followed} points can be followed over {len(tracks.frames)} frames: too few to "
-            "tell how the cameras stand; take more frames, nearer to something solid"
+            "tell a path; take more frames, nearer to something solid"
         )
     return tracks, adjust(Problem(rig, tracks, path.anchor, names, PRIORS), path)
 

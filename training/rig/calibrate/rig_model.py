@@ -139,7 +139,8 @@ class Rig:
             if name in names
         }
         by_point = np.concatenate([left[..., _T], right[..., _T] @ self.rotation()], axis=1)
-        return np.stack([by_name[name] for name in names], axis=2), by_point
+        by_rig = np.array([by_name[name] for name in names]).reshape(len(names), len(points_m), 4)
+        return np.moveaxis(by_rig, 0, 2), by_point
 
     def _columns(self, left: F64, right: F64) -> dict[str, tuple[F64, F64]]:
         """By name, the derivative of the left and of the right pixels, (n, 2) each."""

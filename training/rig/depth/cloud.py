@@ -1,9 +1,10 @@
 """Filtered, coloured point clouds from the matches of one pair, and PLY files of them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tokt.features.common.arrays import F64, I64, U8, Bools
@@ -20,14 +21,16 @@ OUTLIER_SIGMA = 2.0
 """A point is an outlier when its mean distance to its nearest `NEIGHBOURS` is more than so many
 standard deviations above the cloud's mean. Source: R. B. Rusu et al., Towards 3D point cloud based
 object maps for household environments, Robotics and Autonomous Systems 56 (2008), section 3.1."""
-VERTEX = np.dtype(
-    [(axis, "<f4") for axis in ("x", "y", "z")] + [(hue, "u1") for hue in ("red", "green", "blue")]
+VERTEX, FAR_VERTEX = (
+    np.dtype([(axis, real) for axis in "xyz"] + [(hue, "u1") for hue in ("red", "green", "blue")])
+    for real in ("<f4", "<f8")
 )
-_TYPE_NAMES = {"<f4": "float", "|u1": "uchar"}
+"""The second for places beyond `_FAR_M`, where float32 does not tell millimetres apart."""
+_FAR_M = 1e4
+_TYPE_NAMES = {"<f4": "float", "<f8": "double", "|u1": "uchar"}
 
 
-@dataclass(frozen=True)
-class PointCloud:
+class PointCloud(NamedTuple):
     """Coloured points, and how many there were before filtering."""
 
     points_m: F64  # (n, 3): metres in the left camera's axes: x right, y down, z along its axis
@@ -52,11 +55,18 @@ def cloud_of(
         Points beyond are left out.
     """
     points = rectifier.points_m(matches.disparity_px, matches.valid)
-    row, column = np.nonzero(matches.valid)
+    pixels = np.argwhere(matches.valid)[:, ::-1]
+    return cloud_of_points(rectifier, points, pixels, left, farthest_m)
+
+
+def cloud_of_points(
+    rectifier: Rectifier, points: F64, pixels: I64, left: U8, farthest_m: float
+) -> PointCloud:
+    """The same of points in the left camera's axes, and of their pixels (x, y) in the view."""
     near = (points[:, 2] >= NEAREST_M) & (points[:, 2] <= farthest_m)
     kept = np.flatnonzero(near)
     kept = kept[~outliers(points[kept])]
-    colors = _colors(rectifier, np.column_stack([column, row])[kept], left)
+    colors = _colors(rectifier, pixels[kept], left)
     n_near = int(near.sum())
     return PointCloud(points[kept], colors, len(points), len(points) - n_near, n_near - len(kept))
 
@@ -98,16 +108,18 @@ def ply_bytes(points_m: F64, colors: U8, comments: Sequence[str] = ()) -> bytes:
         raise ToktError(f"{points_m.shape} coordinates and {colors.shape} colours are no cloud")
     if not np.isfinite(points_m).all():
         raise ToktError("a point cloud holds a coordinate that is not finite")
-    vertices = np.empty(len(points_m), VERTEX)
+    far = np.abs(points_m).max(initial=0) > _FAR_M
+    vertices = np.empty(len(points_m), FAR_VERTEX if far else VERTEX)
     for place, name in enumerate(VERTEX.names or ()):
         vertices[name] = points_m[:, place] if place < 3 else colors[:, place - 3]
-    return _header(len(vertices), comments) + vertices.tobytes()
+    return _header(vertices, comments) + vertices.tobytes()
 
 
-def _header(count: int, comments: Sequence[str]) -> bytes:
+def _header(vertices: NDArray[Any], comments: Sequence[str]) -> bytes:
     """ASCII, as the format wants it: a file's name in a comment may hold anything."""
     words = [" ".join(comment.split()) for comment in comments]
     lines = ["ply", "format binary_little_endian 1.0", *(f"comment {text}" for text in words)]
-    lines.append(f"element vertex {count}")
-    lines += [f"property {_TYPE_NAMES[VERTEX[name].str]} {name}" for name in (VERTEX.names or ())]
+    lines.append(f"element vertex {len(vertices)}")
+    kinds = {name: vertices.dtype[name].str for name in vertices.dtype.names or ()}
+    lines += [f"property {_TYPE_NAMES[kind]} {name}" for name, kind in kinds.items()]
     return "\n".join([*lines, "end_header", ""]).encode("ascii", "replace")

@@ -2,33 +2,44 @@
 
 import json
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tokt.features.common import atomic
 from tokt.features.common.arrays import U8
 from tokt.features.common.errors import FrameError, ToktError, os_errors_as
+from tokt.features.common.extras import needed_by
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import LEFT, RIGHT, Mission, format_frames
 from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.replay.replay import odometry_of
 from tokt.inference.sources.files import MissionSource
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
-from tokt.inference.stereo.matching import Matches
+from tokt.inference.stereo.matching import DenseMatcher, Matches
+from tokt.inference.stereo.odometry import Odometry, Pose, load_odometry
 from tokt.inference.verdict import OBSTACLE
 from tokt.models.operating_point import frame_step
 from tokt.training.evaluation.pictures import CONTRAST_METHOD
+from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
-from .cloud import FARTHEST_M, cloud_of, ply_bytes
+from .cloud import FARTHEST_M, PointCloud, cloud_of, cloud_of_points, ply_bytes
 from .curve import curve_csv, curve_png
+from .export import COLMAP, PROGRAMS, Export, Places, logged_places
+from .fuse import AGREEING, PosedView, fused, fused_block_px
 from .pair_depths import DepthRow, measure_depths, summary
 from .picture import DepthPicture
+from .poses import estimated_poses
 
 SPREAD_PICTURES = 12
 """So many frames are drawn when none was chosen."""
 PICTURES_FOLDER = "frames"
+MAX_FUSED = 100
+"""So many frames are joined at most: time grows with their square."""
 Progress = Callable[..., Any]
 _COLOR_ENDS_M = (1.0, 10.0)
 """Of the colour bar where nothing was matched."""
@@ -50,6 +61,10 @@ class DepthRequest:
     ply: Path | None = None  # where the point cloud goes
     ply_frame: int | None = None  # its frame; None for the one of the least distance
     farthest_m: float = FARTHEST_M  # of the cloud
+    fused: bool = False  # whether the cloud is of all frames with an obstacle
+    odometry: Path | None = None  # the frames' poses; None for the log's, or to estimate them
+    log: Path | None = None  # of the run that saw the frames
+    export: str | None = None  # the program that the frames are handed over to
 
 
 def run_depth(
@@ -80,6 +95,7 @@ def run_depth(
         nothing to make a cloud of. A pair that cannot be judged is a row that says why.
     """
     source = _source(mission, out, request)
+    given = _given(mission, request)
     ply, farthest_m = request.ply, request.farthest_m
     settings = (calibration, DEFAULT_GRID, request.matcher, request.scale)
     detector = DisparityDetector(*settings)
@@ -96,6 +112,13 @@ def run_depth(
     chosen = request.ply_frame
     if chosen is None and found["nearest"]:
         chosen = found["nearest"]["frame"]
+    cloud = handed = None
+    if request.fused or request.export is not None:
+        cloud, handed, nothing = views.write_several(measured, out, request, given, progress)
+    if ply is not None and not request.fused:
+        where = "any frame" if chosen is None else f"frame {chosen}"
+        nothing = f"nothing in {where} was matched within {farthest_m:g} m"
+        cloud = None if chosen is None else views.write_cloud(ply, rows[chosen], farthest_m)
     about = {
         "mission": mission.name,
         "matcher": request.matcher,
@@ -103,17 +126,27 @@ def run_depth(
         "rate": request.rate,
         **found,
         "pictures": views.draw(out / PICTURES_FOLDER, drawn, progress) if drawn else [],
-        "ply": views.write_cloud(ply, rows[chosen], farthest_m)
-        if ply and chosen is not None
-        else None,
+        "ply": cloud,
+        "export": handed,
         "rows": [asdict(row) for row in measured],
     }
     text = json.dumps(about, indent=2, ensure_ascii=False, allow_nan=False)
     atomic.write_text(out / "depth.json", text + "\n")
-    if ply is not None and about["ply"] is None:
-        where = "any frame" if chosen is None else f"frame {chosen}"
-        raise ToktError(f"no point cloud: nothing in {where} was matched within {farthest_m:g} m")
+    if cloud is None and (request.fused or ply is not None):
+        raise ToktError(f"no point cloud: {nothing}")
     return about
+
+
+def _deep(rows: Sequence[DepthRow]) -> list[DepthRow]:
+    return [row for row in rows if row.status == OBSTACLE and row.median_m]
+
+
+def _given(mission: Mission, request: DepthRequest) -> tuple[Places, Odometry | None]:
+    """Where the log says the vehicle was, and the poses given, or else the log's."""
+    places, start = ({}, None) if request.log is None else logged_places(request.log, mission)
+    if request.odometry is not None:
+        return places, load_odometry(request.odometry)
+    return places, None if start is None else odometry_of(start)
 
 
 def _source(mission: Mission, out: Path, request: DepthRequest) -> MissionSource:
@@ -125,8 +158,7 @@ def _source(mission: Mission, out: Path, request: DepthRequest) -> MissionSource
     _refuse_unwritable(out, "--out")
     if request.ply is not None:
         _refuse_unwritable(request.ply.parent, "--ply")
-    if request.ply is None and (request.ply_frame, request.farthest_m) != (None, FARTHEST_M):
-        raise ToktError("--ply-frame and --ply-farthest go together with --ply")
+    _refuse_together(out, request)
     if request.rate is not None and not 0 < request.rate < float("inf"):
         raise ToktError(f"a rate is a positive number of frames per second, not {request.rate}")
     source = MissionSource(mission, SYSTEM_CLOCK, request.frames)
@@ -138,6 +170,24 @@ def _source(mission: Mission, out: Path, request: DepthRequest) -> MissionSource
             f"frames {format_frames(missing)} are not among those looked at: {looked_at}"
         )
     return source
+
+
+def _refuse_together(out: Path, request: DepthRequest) -> None:
+    """Options that do not go with each other, and a program that cannot be handed to."""
+    if request.ply_frame is not None and (request.ply is None or request.fused):
+        raise ToktError("--ply-frame goes together with --ply, and without --fused")
+    if request.farthest_m != FARTHEST_M and request.ply is None and not request.fused:
+        raise ToktError("--ply-farthest goes together with --ply or --fused")
+    several = request.fused or request.export is not None
+    if not several and (request.odometry, request.log) != (None, None):
+        raise ToktError("--odometry and --log go together with --fused or --export")
+    if request.export is not None and request.export not in PROGRAMS:
+        raise ToktError(f"--export is one of {', '.join(PROGRAMS)}, not {request.export!r}")
+    if request.export is not None and (out / request.export).exists():
+        raise ToktError(f"{out / request.export} exists already; choose another --out")
+    if request.export == COLMAP:
+        with needed_by("--export colmap"):
+            import pycolmap  # noqa: F401 - whether it is there
 
 
 def _refuse_unwritable(folder: Path, option: str) -> None:
@@ -156,7 +206,7 @@ def _to_draw(
         return sorted(set(request.pictures))
     if request.frames is not None:
         return [row.frame for row in rows]
-    deep = [row.frame for row in rows if row.status == OBSTACLE and row.median_m]
+    deep = [row.frame for row in _deep(rows)]
     every = max(1, -(-len(deep) // (SPREAD_PICTURES - 1)))
     nearest = {found["nearest"]["frame"]} if found["nearest"] else set()
     return sorted({*deep[::every], *nearest})
@@ -199,22 +249,71 @@ class PairRematcher:
         if left is None or matches is None:
             return None
         cloud = cloud_of(self.detector.rectifier, matches, left, farthest_m)
-        if not len(cloud.points_m):
+        axes = "the left camera's axes: x right, y down, z forward"
+        return self._written(file, [cloud], {"frame": row.frame, "axes": axes})
+
+    def write_several(
+        self,
+        rows: Sequence[DepthRow],
+        out: Path,
+        request: DepthRequest,
+        given: tuple[Places, Odometry | None],
+        progress: Progress,
+    ) -> tuple[dict[str, Any] | None, dict[str, Any] | None, str]:
+        """Join frames and hand them over, as asked: what was written of either, or why no cloud."""
+        (places, odometry), axes, cloud, handed = given, "the odometry's axes", None, None
+        deep, calibration = evenly_spaced(_deep(rows), MAX_FUSED), self.detector.calibration
+        if odometry is None:
+            trims = {row.frame: row.row_trim_px for row in deep}
+            odometry, axes = estimated_poses(self.mission, calibration, trims, progress)
+        if request.fused:
+            posed = [(row, odometry[row.frame]) for row in deep if row.frame in odometry]
+            clouds = self._joined(posed, request.farthest_m, progress)
+            about = {"frames": format_frames(row.frame for row, _ in posed), "axes": axes}
+            cloud = self._written(request.ply or out / "fused.ply", clouds, about)
+        if request.export is not None and (cloud or not request.fused):
+            pairs = [row.frame for row in rows if row.valid_fraction is not None]
+            export = Export(self.mission, calibration, pairs, odometry, places)
+            handed = export.write(request.export, out / request.export, progress)
+            handed["axes"] = axes
+        agree = f"no {AGREEING} frames with a pose agree within {request.farthest_m:g} m"
+        return cloud, handed, agree if odometry else axes
+
+    def _joined(
+        self, posed: Sequence[tuple[DepthRow, Pose]], farthest_m: float, progress: Progress
+    ) -> Iterator[PointCloud]:
+        """What several frames agree on, in the poses' fixed axes."""
+        rectifier, views = self.detector.rectifier, []
+        block_px = fused_block_px(len(posed))
+        matcher = DenseMatcher(rectifier, self.detector.matcher, step=1, block_px=block_px)
+        for row, pose in progress(posed, len(posed), "match"):
+            left, right = (self.mission.read(row.frame, side) for side in (LEFT, RIGHT))
+            found = matcher.match(rectifier.left(left), rectifier.right(right, row.row_trim_px))
+            disparity_px = np.where(found.valid, found.disparity_px, np.float32(np.nan))
+            views.append(PosedView(row.frame, disparity_px, pose))
+        for view, points, pixels in progress(fused(rectifier, views), len(views), "join"):
+            left = self.mission.read(view.frame, LEFT)
+            cloud = cloud_of_points(rectifier, points, pixels, left, farthest_m)
+            placed = cloud.points_m @ view.pose.rotation.T + view.pose.position_m
+            yield cloud._replace(points_m=placed)
+
+    def _written(
+        self, file: Path, parts: Iterable[PointCloud], about: dict[str, Any]
+    ) -> dict[str, Any] | None:
+        """Write some clouds as one; what it holds, or None if there is no point."""
+        columns = [list(column) for column in zip(*parts, strict=True)]
+        if not columns or not sum(map(len, columns[0])):
             return None
+        (what, frames), (_, axes) = about.items()
         comments = [
-            f"mission {self.mission.name}, frame {row.frame}",
-            "metres in the left camera's axes: x right, y down, z forward",
+            f"mission {self.mission.name}, {what} {frames}",
+            f"metres in {axes}",
             f"colours: left frame, {CONTRAST_METHOD}",
         ]
-        atomic.write_bytes(file, ply_bytes(cloud.points_m, cloud.colors, comments))
-        return {
-            "file": str(file),
-            "frame": row.frame,
-            "points": len(cloud.points_m),
-            "matched": cloud.matched,
-            "out_of_range": cloud.out_of_range,
-            "outliers": cloud.outliers,
-        }
+        points, colors = map(np.concatenate, columns[:2])
+        atomic.write_bytes(file, ply_bytes(points, colors, comments))
+        counts = dict(zip(PointCloud._fields[2:], map(sum, columns[2:]), strict=True))
+        return {"file": str(file), **about, "points": len(points), **counts}
 
 
 def _color_ends(rows: Sequence[DepthRow]) -> tuple[float, float]:

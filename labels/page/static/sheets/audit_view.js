@@ -68,7 +68,7 @@ class AuditSheet extends DecisionSheet {
       (mineOf(doubt) !== null || !doubt.label);
     const relabels = targets.every(own);
     const count = relabels ? relabel(targets, labelFor) : settle(targets, labelFor, CONFIRM);
-    this.goOn(single);
+    this.goOn(single, targets);
     say(`${patchesAre(count)} decided; Ctrl+Z undoes.`);
   }
 

@@ -201,13 +201,17 @@ export class DecisionSheet extends TileSheet {
     return kept.filter((patch) => (this.decisionOn(patch) === null) === (which === OPEN));
   }
 
-  /** Select nothing; who decided on the `single` patch under the cursor goes on to the next. */
-  goOn(single) {
+  /**
+   * Select nothing; who decided on the `single` patch under the cursor goes on to the next that is
+   * not one of the `decided`: the server may not have told of these yet.
+   */
+  goOn(single, decided = []) {
     this.grid.select((selection) => {
       selection.clear();
       if (!single) return;
       const { cursor } = selection;
-      const isOpen = (patch, at) => at > cursor && this.decisionOn(patch) === null;
+      const isOpen = (patch, at) =>
+        at > cursor && !decided.includes(patch) && this.decisionOn(patch) === null;
       const next = this.grid.tiles.findIndex(isOpen);
       selection.place(next < 0 ? cursor : next);
     });

@@ -639,6 +639,10 @@ def test_a_confirmed_finding_becomes_labels(browse_on, page_server, tmp_path):
     own = page_server("--annotator", "anna", "--findings", tmp_path / "found.geojson")
     page = browse_on(own)  # the address that is printed shows them
     page.wait_for_selector(".tile")
+    held = []  # a person may be faster than the server tells of the labels
+    page.route("**/api/labels?*", lambda route: held.append(route))
+    page.reload()
+    page.wait_for_selector(".tile")
     page.keyboard.press("Home")
     page.keyboard.press("y")  # the whole finding, not one patch of it
     toast(page, "2 patches are decided")
@@ -648,6 +652,7 @@ def test_a_confirmed_finding_becomes_labels(browse_on, page_server, tmp_path):
     page.get_by_role("button", name="decided 2").wait_for()
     page.keyboard.press("3")  # the next one is sand
     saved(page)
+    page.unroute("**/api/labels?*")  # which lets those go on that are held
     assert in_store(own) == {**first, ("anna", 36, 0): "sand", ("anna", 36, 1): "sand"}
     undo(page)
     undo(page)
