@@ -33,6 +33,8 @@ from tokt.inference.outputs.listen import SenderMonitor, Silence, listen
 from tokt.inference.outputs.mavlink import MavlinkSender, lens_of
 from tokt.inference.outputs.udp import UdpSender
 from tokt.inference.policy.assembly import assemble
+from tokt.inference.policy.object_model import ObjectModel, fine_detail
+from tokt.inference.policy.object_tracker import HELD, SEARCHING, ObjectTracker
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy
 from tokt.inference.publisher import Observer, ReportPublisher
 from tokt.inference.reason import Fault, Reason
@@ -51,6 +53,7 @@ from ..waiting import MAX_S, until
 from .conftest import HandClock, LevelScorer, NoiseScorer, draw
 from .dive import Dive, Outcome, healthy
 from .live import BROADCAST, Sent, bound_socket, refuse
+from .policy import named_object as named
 from .sources.video.encoding import encode
 from .sources.video.packets import transport_stream
 
@@ -276,6 +279,34 @@ def test_a_cloud_of_sediment():
             dive.give("the last of it", dive.picture("clear"))
         healthy(dive)
     row("a cloud of sediment, with nothing seen in it", finish(dive), "frames by reason: sediment")
+
+
+def test_a_named_object_that_is_gone_or_in_a_picture_that_froze():
+    dive, policy = Dive(), assemble("texture", NoiseScorer, None).policy
+    policy.tracker = ObjectTracker(
+        ObjectModel(fine_detail(named.picture(named.own())), named.SHARES)
+    )
+    dive.policy = policy
+
+    def see(frame: np.ndarray) -> tuple[str | None, bool]:
+        dive.give("fault", frame)
+        verdict = dive.listener.reports[-1].verdict
+        errors = {verdict.anchor_x, verdict.anchor_y, verdict.anchor_size}
+        return verdict.anchor, errors == {None}
+
+    with dive.under_way():
+        for seed in range(1, 9):
+            seen = named.picture(named.own(), seed=seed)
+            last = see(seen)
+        assert last == (HELD, False)
+        dive.clock.now += 1.25 * dive.limits.stale_s
+        said = {see(seen.copy())}
+        assert dive.listener.reports[-1].verdict.reason is Reason.FROZEN
+        assert see(named.picture(named.own(), seed=9)) == (HELD, False)
+        said |= {see(named.picture(seed=10)), see(named.picture(named.twin(180), seed=11))}
+    assert said == {(SEARCHING, True)}
+    fault = "a named object out of view, or another of its make in its place, or a frozen camera"
+    hold_row(fault, "`anchor` searching, its errors null", "nothing")
 
 
 def test_a_frame_that_is_not_believed_is_not_known_to_the_frame_rule_either():

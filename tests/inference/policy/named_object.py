@@ -5,6 +5,7 @@ import numpy as np
 
 HEIGHT, WIDTH = 271, 360
 BOX = (150, 90, 60, 84)
+SHARES = tuple(px / side for px, side in zip(BOX, (WIDTH, HEIGHT) * 2, strict=True))
 MIDDLE = (180, 132)
 
 

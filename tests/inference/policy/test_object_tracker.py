@@ -10,7 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.calls import refuses
-from tests.inference.policy.named_object import BOX, HEIGHT, MIDDLE, WIDTH, own, picture, twin
+from tests.inference.policy.named_object import (
+    BOX,
+    HEIGHT,
+    MIDDLE,
+    SHARES,
+    WIDTH,
+    own,
+    picture,
+    twin,
+)
 from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.inference.frame import Frame
@@ -27,8 +36,6 @@ from tokt.inference.policy.object_tracker import (
 from tokt.inference.policy.policy import Judgement
 from tokt.inference.policy.temporal_cues import Anchor, TemporalCues
 from tokt.inference.verdict import verdict_from_mask
-
-SHARES = tuple(px / side for px, side in zip(BOX, (WIDTH, HEIGHT) * 2, strict=True))
 
 
 @pytest.fixture(scope="module")
