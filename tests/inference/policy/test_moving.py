@@ -190,6 +190,30 @@ def test_frames_that_follow_each_other_fast_tell_as_much():
     assert reasons == {(OBSTACLE, Reason.OK), (UNKNOWN, Reason.MOVING)}
 
 
+@pytest.mark.parametrize(("gap_s", "known"), [(0.9, True), (1.1, False)])
+def test_over_a_gap_in_time_nothing_is_compared(gap_s, known):
+    told, scene = Told(), texture(1)
+    policy = MovingThings(told)
+    for step in range(STEPS):
+        picture, mask = pictured(scene, motion(step, **OWN), school(1), step, 1)
+        told.mask = in_patches(mask)
+        t_s = 1e9 + STEP_S * step + (gap_s - STEP_S if step == STEPS - 1 else 0)
+        verdict = policy.judge(frame(step, picture, t=t_s)).verdict
+    assert (verdict.moving is not None) == known
+
+
+def test_a_school_that_left_is_forgotten():
+    """One fish alone is an obstacle again, though many swam before."""
+    told, scene, statuses = Told(), texture(1), []
+    policy = MovingThings(told)
+    for step in range(20):
+        fish = school(1) if step < STEPS else school(1, 1)
+        picture, mask = pictured(scene, motion(step, **OWN), fish, step % STEPS, 1)
+        told.mask = in_patches(mask)
+        statuses.append(policy.judge(frame(step, picture)).verdict.status)
+    assert UNKNOWN in statuses[:STEPS] and statuses[-1] == OBSTACLE
+
+
 def test_without_fish_nothing_moves():
     told = Told()
     policy, scene = MovingThings(told), texture(1)
