@@ -12,7 +12,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from tokt.features.common.arrays import F64, U8
+from tokt.features.common.arrays import F32, F64, U8
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.frame_pictures import FramePictures
 from tokt.features.extractors.textures import LOG, NEAREST, Glcm, Join, Lbp
@@ -113,33 +113,43 @@ class ObjectModel:
 
     def find(self, detail: U8, about: ObjectPlace, px: float, size: float) -> ObjectPlace:
         """Where the fine detail matches best, at most `px` and `size` from a place."""
-        height, width = detail.shape
-        left, right = (round(min(max(about.x + to, 0), width)) for to in (-px, px))
-        top, bottom = (round(min(max(about.y + to, 0), height)) for to in (-px, px))
-        # Half of the object may be out of the picture.
-        border = round(math.exp(SIZE_STEP * SIZES[-1]) * max(self._wide, self._high) / 2) + 1
-        edges = border, border, border, border
-        around = cv2.copyMakeBorder(detail, *edges, cv2.BORDER_CONSTANT, value=MIDDLE)
         best, matches, step = about._replace(match=-1.0), dict[int, float](), 0
         for each in SIZES:
             if abs(SIZE_STEP * each - about.size) > size:
                 continue
-            own = self._own[each]
-            high, wide = own.shape
-            y, x = border + top - high // 2, border + left - wide // 2
-            where = around[y : y + high + bottom - top, x : x + wide + right - left]
-            found = cv2.matchTemplate(where, own, cv2.TM_CCOEFF_NORMED)
+            found, left, top = _matches(detail, self._own[each], (about.x, about.y), px)
             _, matches[each], _, (x, y) = cv2.minMaxLoc(found)
             if matches[each] > best.match:
                 step, match = each, matches[each]
-                at = left + x + wide % 2 / 2, top + y + high % 2 / 2
-                best = ObjectPlace(*at, SIZE_STEP * each, match)
+                best = ObjectPlace(left + x, top + y, SIZE_STEP * each, match)
         before, after = matches.get(step - 1), matches.get(step + 1)
         if before is not None and after is not None and before + after < 2 * best.match:
             # Where a parabola through the three has its top.
             more = (before - after) / (2 * (before - 2 * best.match + after))
             best = best._replace(size=best.size + SIZE_STEP * more)
         return best
+
+    def search(
+        self, detail: U8, about: ObjectPlace, px: float, size: float, but: ObjectPlace | None = None
+    ) -> ObjectPlace:
+        """The same, of a wide reach: in half the pixels first. `but` is what it must not be."""
+        half, best = _halved(detail), about._replace(match=-1.0)
+        for each in SIZES[::2]:
+            if abs(SIZE_STEP * each - about.size) > size:
+                continue
+            own = _halved(self._own[each])
+            found, left, top = _matches(half, own, (about.x / 2, about.y / 2), px / 2)
+            if but is not None:
+                centre, sides = (but.x / 2 - left, but.y / 2 - top), own.shape[::-1]
+                ends = (
+                    (at - side / 2, at + side / 2) for at, side in zip(centre, sides, strict=True)
+                )
+                cols, rows = (slice(*(max(round(end), 0) for end in pair)) for pair in ends)
+                found[rows, cols] = -1.0
+            _, match, _, (x, y) = cv2.minMaxLoc(found)
+            if match > best.match:
+                best = ObjectPlace(2 * (left + x), 2 * (top + y), SIZE_STEP * each, match)
+        return self.find(detail, best, 3.0, 1.5 * SIZE_STEP)
 
     def _apart(self, detail: U8) -> F64:
         """What sets the cells of a picture of the object apart, in the spread of the rest's."""
@@ -156,6 +166,29 @@ def _box_fault(box: Box, height: int) -> str:
     if wide * high > MAX_SHARE:
         return f"it covers more than {100 * MAX_SHARE:.0f} % of the picture"
     return ""
+
+
+def _halved(picture: U8) -> U8:
+    return np.asarray(
+        cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8
+    )
+
+
+def _matches(
+    detail: U8, own: U8, about: tuple[float, float], px: float
+) -> tuple[F32, float, float]:
+    """How well an object matches with its centre at most `px` from a place, -1 to 1.
+
+    A row and a column a pixel, and x and y of the first. Half of it may be out of the picture.
+    """
+    (height, width), (high, wide) = detail.shape, own.shape
+    left, right = (round(min(max(about[0] + to, 0), width)) for to in (-px, px))
+    top, bottom = (round(min(max(about[1] + to, 0), height)) for to in (-px, px))
+    edges = high // 2, high - high // 2, wide // 2, wide - wide // 2
+    around = cv2.copyMakeBorder(detail, *edges, cv2.BORDER_CONSTANT, value=MIDDLE)
+    where = around[top : high + bottom, left : wide + right]
+    found = cv2.matchTemplate(where, own, cv2.TM_CCOEFF_NORMED)
+    return np.asarray(found, np.float32), left + wide % 2 / 2, top + high % 2 / 2
 
 
 def _cells(detail: U8) -> F64:

@@ -15,7 +15,7 @@ import numpy as np
 from tokt.features.common.arrays import U8
 from tokt.inference.frame_checks import shape_fault
 
-from .object_model import MIDDLE, ObjectModel, ObjectPlace, fine_detail, inside
+from .object_model import ObjectModel, ObjectPlace, fine_detail
 
 HELD, SEARCHING, LOST = "held", "searching", "lost"
 
@@ -49,7 +49,8 @@ class ObjectTracker:
         self.model, self.state = model, SEARCHING
         self._centres = deque([model.place], QUEUE)
         self._found: list[ObjectPlace] = []  # in the last frames, while it is searched for
-        self._unseen: float = math.inf  # frames since it was held
+        self._unseen: float = math.inf  # frames since it was held, missing ones too
+        self._searched = 0  # those in which it was looked for
         self._own: list[float] = []  # when it was held first: ln of its size times its distance
 
     def look(
@@ -69,7 +70,8 @@ class ObjectTracker:
         metres = None if place is None else distance(place)
         if place is None or not self._is_same(place, metres):
             self._unseen, self._found = self._unseen + 1, []
-            self.state = LOST if SEARCHED < self._unseen < math.inf else SEARCHING
+            self._searched += self._unseen < math.inf
+            self.state = LOST if self._searched > SEARCHED else SEARCHING
             return None
         if self._unseen > QUEUE:
             self._found.append(place)
@@ -77,7 +79,7 @@ class ObjectTracker:
                 self.state = SEARCHING
                 return None
             self._centres, self._found = deque(self._found, QUEUE), []
-        self._unseen, self.state = 0, HELD
+        self._unseen, self._searched, self.state = 0, 0, HELD
         self._centres.append(place)
         if metres is not None and len(self._own) < QUEUE:
             self._own.append(place.size + math.log(metres))
@@ -87,22 +89,31 @@ class ObjectTracker:
         """Where it is in a picture, if that is sure."""
         if picture is None or shape_fault(picture) or not self.model.fits(picture):
             return None
-        detail, trail, least = fine_detail(picture), self._found or [*self._centres], MATCH_FINDS
+        model, detail, least, margin = self.model, fine_detail(picture), MATCH_FINDS, BESIDE
         px, size = STEP_PX + WIDENS_PX * self._unseen, STEP_SIZE + WIDENS_SIZE * self._unseen
-        wide = reach = self._centres[-1], px, size
-        if self._found or self._unseen <= QUEUE:
-            frames = 1 + (missed if self._found else self._unseen)
-            steps = np.diff(np.array([trail[0], *trail]), axis=0)
-            about = ObjectPlace(*(trail[-1] + steps.mean(axis=0) * frames).tolist())
-            longest = float(np.hypot(steps[:, 0], steps[:, 1]).max())
-            reach = about, px + 2 * longest * frames, size
-            least = max(MATCH_HOLDS, trail[-1].match - MATCH_FALLS)
-        place = self.model.find(detail, *reach)
-        sure = place.match >= least and self.model.texture(detail, place) >= TEXTURE
-        if sure and self._unseen > QUEUE:
-            detail[inside(self.model.box_at(place), detail.shape)] = MIDDLE
-            sure = self.model.find(detail, *wide).match < place.match - BESIDE
-        return place if sure else None
+        reach = self._centres[-1], px, size
+        if self._found:
+            place = model.find(detail, *self._course(self._found, missed))
+        elif self._unseen > QUEUE:
+            place = model.search(detail, *reach)
+        else:
+            place = model.find(detail, *self._course([*self._centres], int(self._unseen)))
+            least, margin = max(MATCH_HOLDS, self._centres[-1].match - MATCH_FALLS), 0.0
+            reach = place, math.inf, math.inf
+        if place.match < least or model.texture(detail, place) < TEXTURE:
+            return None
+        if margin == 0 and place.match >= MATCH_FINDS:
+            return place
+        beside = model.search(detail, *reach, but=place)
+        return place if beside.match < place.match - margin else None
+
+    def _course(self, trail: list[ObjectPlace], unseen: int) -> tuple[ObjectPlace, float, float]:
+        """Where the last places lead to after so many unseen frames, and the reach about there."""
+        steps = np.diff(np.array([trail[0], *trail]), axis=0)
+        about = ObjectPlace(*(trail[-1] + steps.mean(axis=0) * (1 + unseen)).tolist())
+        longest = float(np.hypot(steps[:, 0], steps[:, 1]).max())
+        px = STEP_PX + WIDENS_PX * unseen + 2 * longest * (1 + unseen)
+        return about, px, STEP_SIZE + WIDENS_SIZE * unseen
 
     def _is_same(self, place: ObjectPlace, metres: float | None) -> bool:
         """Whether its size and its distance are those of the thing that was held first."""

@@ -10,7 +10,12 @@ MIDDLE = (180, 132)
 
 
 def thing(detail=1):
-    """An object's levels, (84, 60): its make, the same for all, and a fine detail of its own."""
+    """An object's levels, (84, 60): its make, the same for all, and a fine detail of its own.
+
+    What is between 1 and 2 has its detail of both.
+    """
+    if 1 < detail < 2:
+        return (2 - detail) * thing(1) + (detail - 1) * thing(2)
     make = np.random.default_rng(7).uniform(-1, 1, (7, 5))
     own = np.random.default_rng(detail).uniform(-1, 1, (28, 20))
     coarse, fine = (
@@ -43,3 +48,8 @@ def own(x=MIDDLE[0], y=MIDDLE[1], size=1.0):
 def twin(x, y=MIDDLE[1], size=1.0):
     """Another one of its make."""
     return x, y, size, 2
+
+
+def like(x, y=MIDDLE[1], size=1.0):
+    """Another one, whose fine detail matches at 0.9: more than any that was rendered."""
+    return x, y, size, 1.58
