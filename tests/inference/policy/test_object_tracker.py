@@ -102,7 +102,7 @@ def test_another_of_its_make_is_never_held_in_its_place(model, away):
 
 
 def test_two_that_are_nearly_the_same_are_told_from_each_other_by_none(model):
-    for other in (own(250), like(250)):
+    for other in (own(250), (250, 132, 1.0, 1.45)):
         assert Dive(model).held(own(100), other) is None
 
 
