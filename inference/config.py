@@ -206,7 +206,7 @@ class PolicyConfig:
     )
     anchor_from: str | None = option(
         None,
-        "The object to hold: a box in the pixels of a picture, its file or the source's frame "
+        "The object to hold: a box in the pixels of a picture, its file or a recorded frame's "
         "number. Without --anchor at the size that it has there.",
         "FRAME:X,Y,W,H",
     )

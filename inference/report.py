@@ -179,7 +179,8 @@ MEANINGS = {
     "then the largest; what is beyond 500 bytes, or the datagram, is left out",
     "moving": "share of the view, 0 to 1, that moving things cover. Null without times of frames, "
     "in the first three pairs, and where the water shows too few points",
-    "anchor": "held, searching or lost: the object that somebody named; null without one",
+    "anchor": "held, searching or lost: the object that somebody named; null without one, and in "
+    "heartbeats",
     "run": "the run's id: a log holds run after run",
     "frame": "the frame's number in its source; null in a heartbeat's line",
     "missed": "frames not delivered since the one before",

@@ -211,7 +211,7 @@ class LiveView(Observer):
         said = tuple(self._statuses.popleft() for _ in range(len(self._statuses)))
         left = moment.picture
         picture = None if left is None or shape_fault(left) else fitted(left)
-        if left is not None and picture is not None:
+        if left is not None and picture is not None and self.listener is not None:
             with suppress(ToktError):
                 self._shown.append((moment.report.frame, fine_detail(left)))
         return replace(moment, statuses=said, picture=picture)

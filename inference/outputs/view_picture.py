@@ -99,9 +99,9 @@ class ViewState:
         elif age_s > self.stale_s:
             seen = "an obstacle was seen; " if verdict.status == OBSTACLE else ""
             word, why = OLD, f"{seen}nothing newer for {age_s:.1f} s"
-        facts = _facts(verdict, word in _COLOURS)
-        if told := self.moment.refused or verdict.anchor:
-            facts["object"] = told
+        of_now = not self.ended and age_s <= self.stale_s
+        named = filter(None, (verdict.anchor if of_now else None, self.moment.refused))
+        facts = _facts(verdict, word in _COLOURS, ": ".join(named))
         high = 0 if self.picture is None else len(self.picture)
         return Shown(word, why, age_s, facts, self.frame, (BANNER, BANNER + high))
 
@@ -135,7 +135,7 @@ class ViewState:
         return strip
 
 
-def _facts(verdict: Verdict, of_now: bool) -> dict[str, str]:
+def _facts(verdict: Verdict, of_now: bool, named: str) -> dict[str, str]:
     """The rest of a verdict, in words; where to only while it is of now."""
     told: dict[str, str] = {}
     if of_now and verdict.distance_m is not None:
@@ -144,6 +144,8 @@ def _facts(verdict: Verdict, of_now: bool) -> dict[str, str]:
     steer = [f"{less if px < 0 else more} {abs(px)} px" for px, less, more in ways if px]
     if of_now and steer:
         told["steer"] = ", ".join(steer)
+    if named:
+        told["object"] = named
     return {**told, "model": verdict.model or verdict.method, "health": verdict.health}
 
 

@@ -95,6 +95,10 @@ class ObjectModel:
         height, width = picture.shape[:2]
         return bool(abs(height / width * WIDTH / self._height - 1) < 0.02)
 
+    def size_of(self, share: float) -> float:
+        """The size at which it covers that share of the picture."""
+        return 0.5 * math.log(share / self.share)
+
     def box_at(self, place: ObjectPlace) -> Box:
         """The box around the object at a place."""
         wide, high = (math.exp(place.size) * side for side in (self._wide, self._high))

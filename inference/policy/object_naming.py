@@ -18,6 +18,8 @@ from .object_tracker import ObjectTracker
 from .temporal_cues import TemporalCues
 
 NAMED, REFUSED = "object_named", "object_refused"  # events: it is to be held, or cannot be
+MAX_SIZE = 0.35
+"""Of ln of the wanted size over that in the box: half or twice its share."""
 _TEXT = re.compile(r"(.+):(\d{1,5}),(\d{1,5}),(\d{1,5}),(\d{1,5})")
 
 
@@ -53,12 +55,17 @@ class ObjectNaming:
     def __init__(self, cues: TemporalCues, time_s: Callable[[], float]) -> None:
         self._cues, self._time_s = cues, time_s
         self._waiting: deque[tuple[ObjectModel, Event]] = deque()
+        self._misfit: ObjectTracker | None = None  # the last that frames did not fit, as was told
 
     def name(self, frame: int | str, detail: U8, box: Box) -> None:
         """Learn what is in a box, in shares of a frame's sides; ToktError if it cannot be held."""
         told = {"frame": frame, "box": [*box], "mark": pixel_mark(detail)}
         event = Event(self._time_s(), NAMED, f"an object was named in frame {frame}", told)
-        self._waiting.append((ObjectModel(detail, box), event))
+        model, anchor = ObjectModel(detail, box), self._cues.anchor
+        if anchor is not None and abs(model.size_of(anchor.size)) > MAX_SIZE:
+            held = " to ".join(f"{model.share * part:.2g}" for part in (0.5, 2))
+            raise ToktError(f"--anchor {anchor.size:g}: in this box the object is held at {held}")
+        self._waiting.append((model, event))
 
     def name_before(self, text: str, mission: Mission | None, pixel_format: str | None) -> None:
         """The same of ``FRAME:X,Y,W,H``."""
@@ -74,4 +81,9 @@ class ObjectNaming:
             model, event = self._waiting.popleft()
             self._cues.tracker = ObjectTracker(model)
             events.append(event)
+        tracker = self._cues.tracker
+        if tracker is not None and tracker.misfit and tracker is not self._misfit:
+            self._misfit = tracker
+            words = "frames have another shape than the picture in which the object was named"
+            events.append(Event(self._time_s(), REFUSED, words))
         return events

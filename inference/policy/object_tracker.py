@@ -51,6 +51,7 @@ class ObjectTracker:
         self._found: list[ObjectPlace] = []  # in the last frames, while it is searched for
         self._unseen: float = math.inf  # frames since it was held, missing ones too
         self._searched = 0  # those in which it was looked for
+        self.misfit = False  # whether the last picture had another shape
         self._own: list[float] = []  # when it was held first: ln of its size times its distance
 
     def look(
@@ -87,7 +88,10 @@ class ObjectTracker:
 
     def _place(self, picture: U8 | None, missed: int) -> ObjectPlace | None:
         """Where it is in a picture, if that is sure."""
-        if picture is None or shape_fault(picture) or not self.model.fits(picture):
+        if picture is None or shape_fault(picture):
+            return None
+        self.misfit = not self.model.fits(picture)
+        if self.misfit:
             return None
         model, detail, least, margin = self.model, fine_detail(picture), MATCH_FINDS, BESIDE
         px, size = STEP_PX + WIDENS_PX * self._unseen, STEP_SIZE + WIDENS_SIZE * self._unseen

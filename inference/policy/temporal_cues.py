@@ -425,7 +425,7 @@ class TemporalCues:
         if place is None:
             return AnchorErrors(), None
         x, y, wide, high = box = model.box_at(place)
-        wanted = 0.0 if anchor is None else 0.5 * math.log(anchor.size / model.share)
+        wanted = 0.0 if anchor is None else model.size_of(anchor.size)
         across, down = (_rounded(2 * share - 1) for share in (x + wide / 2, y + high / 2))
         return AnchorErrors(across, down, round(place.size - wanted, 3) + 0.0), box
 

@@ -79,7 +79,9 @@ def test_the_named_object_has_a_box_of_its_own_and_a_word():
     assert abs(rows.max() + 271 - 0.75 * 542) < 6 and abs(cols.min() - 180) < 6
     assert abs(cols.max() - 540) < 6
     refused = drawn(replace(held, refused="too small"))[0]
-    assert refused.facts["object"] == "too small"
+    assert refused.facts["object"] == "held: too small"
+    for old in (drawn(held, at=AT + 1), drawn(held, ended="over")):
+        assert "object" not in old[0].facts
 
 
 def test_each_state_has_its_words():

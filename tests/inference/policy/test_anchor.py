@@ -108,7 +108,7 @@ def held(commands, start, size) -> np.ndarray:
     for _ in range(240):
         verdict = look(at)
         x, y, error = anchor.errors(verdict)
-        told = {"status": verdict.status, "anchor_x": x, "anchor_y": y, "anchor_size": error}
+        told = {"reason": "ok", "anchor_x": x, "anchor_y": y, "anchor_size": error}
         surge, sway, heave = commands(told)
         at = at - np.array([sway, heave, surge]) * step_s
     return at
@@ -124,7 +124,7 @@ def test_the_page_s_controller_holds_the_object(start):
 def test_the_page_s_pid_blocks_act_the_same_way():
     """A PID block's output is its gain times setpoint (0) less process variable."""
     axes = dict(map(reversed, re.findall(r"`(-?anchor_\w+)` for (\w+)", LABVIEW)))
-    told = {"status": 1, "anchor_x": 0.11, "anchor_y": -0.23, "anchor_size": 0.37}
+    told = {"reason": "ok", "anchor_x": 0.11, "anchor_y": -0.23, "anchor_size": 0.37}
     named = [axes[axis] for axis in ("surge", "sway", "heave")]
     variables = [told[name.lstrip("-")] * (-1 if name[0] == "-" else 1) for name in named]
     outputs = [0.3 * (0 - variable) for variable in variables]
@@ -140,6 +140,7 @@ def test_with_a_wrong_sign_it_would_not():
 
 
 def test_nothing_seen_commands_nothing():
-    told = {"status": -1, "anchor_x": None, "anchor_y": None, "anchor_size": None}
-    assert commands_of_the_page()(told) == (0.0, 0.0, 0.0)
-    assert commands_of_the_page()({**told, "status": 0}) == (0.0, 0.0, 0.0)
+    told = {"reason": "ok", "anchor_x": None, "anchor_y": None, "anchor_size": None}
+    old = dict.fromkeys(told, 0.2)
+    for said in (told, {**old, "reason": "stale"}, {**old, "reason": "late"}):
+        assert commands_of_the_page()(said) == (0.0, 0.0, 0.0)

@@ -263,7 +263,7 @@ def test_any_text_is_a_named_box_or_refused(text):
 
 
 def test_a_named_object_is_held_from_the_next_frame_on():
-    cues = SimpleNamespace(tracker=None)
+    cues = SimpleNamespace(tracker=None, anchor=None)
     naming = ObjectNaming(cues, lambda: 12.0)
     detail = fine_detail(picture(own()))
     refuses("not inside", naming.name, 3, detail, (0.9, 0.9, 0.2, 0.2))
@@ -275,6 +275,29 @@ def test_a_named_object_is_held_from_the_next_frame_on():
     assert cues.tracker.state == SEARCHING and naming.take() == []
     refuses("only recorded frames", naming.name_before, "3:10,10,50,50", None, None)
     refuses("", naming.name_before, "not-there.png:10,10,50,50", None, None)
+
+
+def test_a_size_out_of_reach_is_refused(model):
+    for share, held in ((model.share, True), (1.9 * model.share, True), (2.1 * model.share, False)):
+        naming = ObjectNaming(TemporalCues(Sees(SHARES), anchor=Anchor(share)), lambda: 0.0)
+        if held:
+            naming.name(1, fine_detail(picture(own())), SHARES)
+        else:
+            refuses("held at 0.026 to 0.1", naming.name, 1, fine_detail(picture(own())), SHARES)
+        assert len(naming.take()) == held
+
+
+def test_frames_of_another_shape_are_told_once():
+    cues = TemporalCues(Sees(SHARES))
+    naming = ObjectNaming(cues, lambda: 12.0)
+    naming.name(1, fine_detail(picture(own())), SHARES)
+    naming.take()
+    said = []
+    for _ in range(3):
+        assert cues.tracker.look(np.zeros((WIDTH, HEIGHT), np.uint8)) is None
+        said += naming.take()
+    assert [(event.name, event.t) for event in said] == [("object_refused", 12.0)]
+    assert "another shape" in said[0].words
 
 
 class Sees:
@@ -291,14 +314,16 @@ class Sees:
 
 def test_the_errors_are_the_object_s_own_and_its_distance_counts_where_nothing_else_is(model):
     for box, known in (((SHARES[0] + 0.05, *SHARES[1:]), True), ((0.0, 0.0, 1.0, 1.0), False)):
-        cues = TemporalCues(Sees(box), anchor=Anchor(model.share / 4), tracker=ObjectTracker(model))
+        cues = TemporalCues(
+            Sees(box), anchor=Anchor(model.share / 1.5), tracker=ObjectTracker(model)
+        )
         for number in range(1, 12):
             seen = Frame(number, float(number), picture(own(198), seed=number), None)
             judged = cues.judge(seen)
         verdict = judged.verdict
         assert verdict.anchor == HELD and judged.held[0] == pytest.approx(0.467, abs=0.01)
         found = verdict.anchor_x, verdict.anchor_y, verdict.anchor_size
-        assert found == pytest.approx((0.1, -0.026, math.log(2)), abs=0.03)
+        assert found == pytest.approx((0.1, -0.026, math.log(1.5) / 2), abs=0.03)
         assert (len(cues.tracker._own) > 0) == known
         judged = cues.judge(Frame(12, 12.0, None, None))
         assert judged.held is None and judged.verdict.anchor == SEARCHING

@@ -101,13 +101,20 @@ def test_a_phone_shows_all_of_it_without_scrolling_sideways(open_page):
         assert np.abs(pixels(page)[3, 34] - [60, 110, 20]).max() < 20
 
 
-def drag(page, *ends):
+def drag(page, *ends, button="left"):
     """Draw from one place on the picture to another, in shares of it."""
     room = page.locator("#picture").bounding_box()
     for at, (x, y) in enumerate(ends):
         page.mouse.move(room["x"] + x * room["width"], room["y"] + y * room["height"], steps=3)
         if at == 0:
-            page.mouse.down()
+            page.mouse.down(button=button)
+
+
+SECOND_FINGER = """() => {
+  for (const [kind, clientX] of [["down", 90], ["move", 20], ["up", 20]])
+    document.getElementById("picture").dispatchEvent(new PointerEvent(`pointer${kind}`,
+      { clientX, clientY: 90, pointerId: 7, isPrimary: false, bubbles: true }));
+}"""
 
 
 @pytest.mark.parametrize("size", [PHONE, {"width": 1280, "height": 500}])
@@ -128,7 +135,10 @@ def test_a_box_drawn_on_the_page_names_the_object_of_that_very_frame(open_page, 
         drag(page, on_frame(0.5, 0.6), on_frame(0.15, 0.35))  # the button was not pressed
         page.mouse.up()
         page.get_by_role("button").click()
+        drag(page, on_frame(0.1, 0.1), on_frame(0.8, 0.8), button="right")
+        page.mouse.up(button="right")
         drag(page, on_frame(0.5, 0.6), on_frame(0.15, 0.35))
+        page.evaluate(SECOND_FINGER)
         frame = page.evaluate("document.getElementById('picture').frame")
         for _ in range(20):  # it stands still, and what is said goes on
             view.see([(4, 2)])
