@@ -20,7 +20,7 @@ from tokt.features.common.errors import ToktError, os_errors_as
 from tokt.labels.formats.options import Progress
 from tokt.models.bundle.bundle import Bundle, read_bundle
 from tokt.studies.simulation.loop.flight import METHODS, NONE, OURS, PLANNERS, fly, uses_model
-from tokt.studies.simulation.loop.scenes import KINDS, draw_scene
+from tokt.studies.simulation.loop.scenes import ANCHOR, KINDS, draw_scene
 from tokt.studies.simulation.loop.track import Track
 from tokt.studies.simulation.rendering.synthetic_mission import check_width
 from tokt.studies.simulation.report.maps import Chart
@@ -182,6 +182,8 @@ def _check(study: Study) -> None:
                 raise ToktError(f"unknown {what} {name!r} (choose from {', '.join(known)})")
         if not asked or len(set(asked)) < len(asked):
             raise ToktError(f"name each {what} once, and at least one")
+    if ANCHOR in study.scenes and study.planner != OURS:
+        raise ToktError(f"scene {ANCHOR} has a planner of its own: leave out --planner")
 
 
 def _fly(study: Study, flight: tuple[str, str, int]) -> None:

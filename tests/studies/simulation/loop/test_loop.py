@@ -143,8 +143,8 @@ def test_station_is_kept_in_a_current_by_the_named_object_alone():
     blind = (track.frame_t_s >= 12.0) & (track.frame_t_s < 14.0)
     assert not track.frame_anchor[blind].any() and track.frame_anchor[-1] == 1
     assert found.held > 0.8
-    astray = replace(track, station=track.station + 0.6)
-    assert not outcome_of(astray).reached
+    deaf = fly(replace(scene, station=station), "none")
+    assert not deaf.reached and deaf.t_s[-1] > 24 and np.isnan(outcome_of(deaf).held)
 
 
 def test_what_is_held_where_the_object_is_not_is_told():

@@ -86,6 +86,7 @@ def test_methods_without_a_model_need_none_and_the_seeds_are_said(tmp_path, monk
         (["--scenes", "tower,tower"], "name each scene once"),
         (["--scenes", ","], "name each scene once, and at least one"),
         (["--planner", "helm"], "unknown planner 'helm' (choose from tokt, labview,"),
+        (["--scenes", "anchor", "--planner", "labview"], "scene anchor has a planner of its own"),
         (["--methods", "sonar"], "unknown method 'sonar' (choose from texture,"),
         (["--runs", 0], "at least one run is needed, not 0"),
         (["--seed", -1], "a seed is 0 or more, not -1"),

@@ -25,8 +25,8 @@ MAX_M_S, STEP_S = 0.4, 0.25
 class AnchorPlanner:
     """Station before one object; it never arrives."""
 
-    def __init__(self, goal: F64) -> None:
-        self.goal, self.reached = goal, False
+    def __init__(self) -> None:
+        self.reached = False
         self.avoidances: list[float] = []
         self._heard_s = -math.inf
         self._before: F64 | None = None

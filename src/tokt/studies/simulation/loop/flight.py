@@ -34,7 +34,7 @@ from .autopilot import STEP_S, Autopilot, Setpoint
 from .labview import AVOID_S, BEHIND_IT, BEHIND_OBSTACLE, LabviewPlanner
 from .planner import Planner
 from .runtime_process import LateVerdictError, RuntimeProcess
-from .scenes import KINDS, LoopScene, Station
+from .scenes import KINDS, STATION_M, LoopScene, Station
 from .track import IN_VIEW_M, SaidOfFrame, Step, Track
 from .vehicle import HULL_RADIUS_M, State, Vehicle
 
@@ -62,12 +62,8 @@ EPOCH_S = 1_461_149_301.0
 
 
 OURS = "tokt"
-PLANNERS: dict[str, Callable[[LoopScene], Planner | LabviewPlanner | AnchorPlanner]] = {
-    OURS: lambda scene: (
-        Planner(scene.goal, end_m=scene.end_m)
-        if scene.station is None
-        else AnchorPlanner(scene.goal)
-    ),
+PLANNERS: dict[str, Callable[[LoopScene], Planner | LabviewPlanner]] = {
+    OURS: lambda scene: Planner(scene.goal, end_m=scene.end_m),
     "labview": lambda scene: LabviewPlanner(scene.goal, None, scene.end_m),
     "labview-timed": lambda scene: LabviewPlanner(scene.goal, AVOID_S, scene.end_m),
     "sea-trial": lambda scene: LabviewPlanner(
@@ -162,8 +158,13 @@ class _Run:
         self._renderer = StereoRenderer(scene.world, scene.rig, scene.seed)
         self._vehicle = Vehicle(scene.start, scene.world.current)
         self._autopilot = Autopilot()
-        deaf = Planner(scene.goal, deaf=True, end_m=scene.end_m)
-        self._planner = deaf if runtime is None else PLANNERS[planner](scene)
+        self._planner: Planner | LabviewPlanner | AnchorPlanner
+        if scene.station is not None:
+            self._planner = AnchorPlanner()
+        elif runtime is None:
+            self._planner = Planner(scene.goal, deaf=True, end_m=scene.end_m)
+        else:
+            self._planner = PLANNERS[planner](scene)
         self._piloted: F64 | None = None  # where the pilot steers to
         self._steps: list[Step] = []
         self._frames: list[SaidOfFrame] = []
@@ -193,9 +194,17 @@ class _Run:
         scene, planner = self._scene, self._planner
         return Track.recorded(
             KINDS[scene.name].title, scene.name, self._method, scene.seed, self._steps,
-            self._frames, planner.avoidances, planner.reached,
+            self._frames, planner.avoidances, planner.reached or self._kept_station(),
             None if station is None else scene.goal, self._held,
         )  # fmt: skip
+
+    def _kept_station(self) -> bool:
+        """Whether it was near the wanted place until the end."""
+        station = self._scene.station
+        if station is None or self._steps[-1][0] < station.until_s - 2 * STEP_S:
+            return False
+        places = np.array([state.position for _, state, _, _ in self._steps])
+        return bool(np.linalg.norm(places - self._scene.goal, axis=1).max() <= STATION_M)
 
     def _pilot(self, t_s: float) -> F64 | None:
         """Where the pilot steers to while he flies: back the way it came, and up."""

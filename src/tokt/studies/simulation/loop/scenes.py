@@ -48,6 +48,8 @@ STRUCTURE_M = 5.0
 """The mission at sea ended so near to the structure, on station (paper, part 1)."""
 PILOT_S = 15.0
 """How long the pilot flies."""
+STATION_M = 0.5
+"""Who was never farther off station has kept it."""
 SWINGS_S = np.geomspace(4.0, 300.0, 12)  # periods of a current that changes
 ON_WAY_M_S = 0.6
 """About what the vehicle goes: who crosses its way straight on meets it."""

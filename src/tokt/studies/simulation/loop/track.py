@@ -38,7 +38,7 @@ class Track:
     scene: str
     method: str  # what judged the frames
     seed: int
-    reached: bool  # whether it came to the goal
+    reached: bool  # whether it came to the goal, or kept its station
     t_s: F64  # (n,), from the start
     position: F64  # (n, 3): the vehicle's centre, east, down, north, m
     heading: F64  # (n,), rad

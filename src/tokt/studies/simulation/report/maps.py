@@ -95,6 +95,8 @@ def still(track: Track, chart: Chart) -> bytes:
         style: Any = {"fontsize": 8, "color": color, "bbox": paper, "zorder": 7}
         axes.annotate(words, place, (10, 14), textcoords="offset points", **style)
     end = "reached the goal," if track.reached else "did not reach the goal,"
+    if not math.isnan(track.station[0]):
+        end = f"{'kept' if track.reached else 'lost'} its station,"
     end = f"{'collided after' if track.collided else end} {track.t_s[-1]:.0f} s"
     axes.set_title(f"{track.title}\n{track.method}, seed {track.seed}: {end}", fontsize=9)
     axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1), fontsize=8)

@@ -17,8 +17,6 @@ CONFIDENCE = 0.95
 FRESH_S = 2.5
 """An avoidance is of what was in view at most this long before: the frame rule and the way of the
 datagram take up to a second and a half."""
-STATION_M = 0.5
-"""Who was never farther off station has kept it."""
 GROUND_IN_VIEW = ("floor",)
 """Scenes in which something solid is always in view: no avoidance can be told to be false."""
 
@@ -68,8 +66,8 @@ def outcome_of(track: Track) -> FlightOutcome:
     path_m = float(np.linalg.norm(steps, axis=1).sum())
     straight_m = float(np.linalg.norm(track.position[-1] - track.position[0]))
     off_m = float(np.linalg.norm(track.position - track.station, axis=1).max())
+    arrived = track.reached and not track.collided
     station = not math.isnan(off_m)
-    arrived = (off_m <= STATION_M if station else track.reached) and not track.collided
     return FlightOutcome(
         scene=track.scene,
         method=track.method,
@@ -87,7 +85,9 @@ def outcome_of(track: Track) -> FlightOutcome:
         frames=len(track.frame_status),
         unknown_frames=int((track.frame_status == -1).sum()),
         off_m=off_m,
-        held=float((track.frame_anchor > 0).mean()) if station else math.nan,
+        held=float((track.frame_anchor > 0).mean())
+        if station and len(track.frame_anchor)
+        else math.nan,
         held_another=int((track.frame_anchor == 2).sum()),
     )
 
