@@ -19,7 +19,7 @@ from tokt.features.frames.grid import Grid
 from tokt.labels.page.state.enhance import enhanced
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.registry.registry import Registry, local_uri, tracking_uri
-from tokt.training.evaluation.pictures import jpeg_uri
+from tokt.training.evaluation.pictures import jpeg_uri, new_figure
 from tokt.training.evaluation.plots import confusion, data_uri, precision_recall
 from tokt.training.evaluation.report import report_page
 from tokt.training.fitting.tracking import log_dataset
@@ -96,17 +96,11 @@ def _statuses_along(compared: ComparedModels) -> Figure:
     for predictions in compared.models:
         rows.append(compared.status(predictions) + 1)
         names.append(predictions.label)
-    figure = Figure(figsize=(10.5, 0.7 + 0.42 * len(rows)), layout="constrained")
-    for index, axes in enumerate(figure.subplots(len(rows), 1, sharex=True)):
+    figure, panels = new_figure(10.5, 0.7 + 0.42 * len(rows), len(rows), 1, sharex=True)
+    look: Any = {"aspect": "auto", "vmin": 0, "vmax": 2, "interpolation": "nearest"}
+    for index, axes in enumerate(panels):
         colors = _STATUS_COLORS if index else _KIND_COLORS
-        axes.imshow(
-            rows[index][None],
-            aspect="auto",
-            cmap=ListedColormap(colors),
-            vmin=0,
-            vmax=2,
-            interpolation="nearest",
-        )
+        axes.imshow(rows[index][None], cmap=ListedColormap(colors), **look)
         axes.set_yticks([0], [names[index]])
         for gap in np.flatnonzero(compared.series.gaps):
             axes.axvline(gap - 0.5, color="k", lw=0.8, ls=":")
@@ -122,8 +116,7 @@ def _statuses_along(compared: ComparedModels) -> Figure:
 def _errors_along(result: dict[str, Any]) -> Figure:
     """Misses and false alarms of each model by stretch of the dive."""
     rows, labels = result["stretches"], [model["model"] for model in result["models"]]
-    figure = Figure(figsize=(10.5, 3.4), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(10.5, 3.4)
     width = 0.8 / len(labels)
     for number, label in enumerate(labels):
         place = np.arange(len(rows)) - 0.4 + width * (number + 0.5)
@@ -152,8 +145,7 @@ def _learning_curve(curve: dict[str, Any]) -> Figure:
         mean - [point["least"] for point in points],
         np.array([point["most"] for point in points]) - mean,
     ]
-    figure = Figure(figsize=(5.2, 3.6), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(5.2, 3.6)
     axes.errorbar(blocks, mean, yerr=reach, marker="o", capsize=4, color=_MISS_COLOR)
     axes.set(xlabel="training blocks (mean over folds)", ylabel=curve["measure_title"])
     axes.set_xlim(0, None)

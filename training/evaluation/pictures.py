@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import cv2
 import numpy as np
@@ -87,6 +87,16 @@ def jpeg_uri(image: U8, quality: int = 85) -> str:
     """A picture as a data URI, for a page that needs no other file."""
     data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
     return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
+
+
+def new_figure(
+    width: float, height: float, *shape: int, dpi: float | None = None, **given: Any
+) -> tuple[Figure, Any]:
+    """A figure of so many inches, and its axes as `Figure.subplots` gives them."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=dpi, layout="constrained")
+    return figure, figure.subplots(*shape, **given)
 
 
 def figure_png(figure: Figure, dpi: float | Literal["figure"] = "figure") -> bytes:

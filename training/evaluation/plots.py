@@ -9,7 +9,7 @@ from sklearn.metrics import average_precision_score, precision_recall_curve
 
 from tokt.features.common.arrays import F64, Bools
 
-from .pictures import figure_png, png_uri
+from .pictures import figure_png, new_figure, png_uri
 
 Curve = tuple[Bools, F64]
 
@@ -19,8 +19,7 @@ def precision_recall(curves: Mapping[str, Curve]) -> Figure:
 
     By name truth, and the score above 0 where the model says obstacle, each (n_patches,).
     """
-    figure = Figure(figsize=(5.2, 4.2), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(5.2, 4.2)
     for name, (truth, score) in curves.items():
         precision, recall, _ = precision_recall_curve(truth, score)
         area = average_precision_score(truth, score)
@@ -38,8 +37,7 @@ def precision_recall(curves: Mapping[str, Curve]) -> Figure:
 def confusion(table: Mapping[str, Any]) -> Figure:
     """A confusion matrix, as `class_metrics` gives it; a row for each true class."""
     counts, names = np.asarray(table["counts"]), table["classes"]
-    figure = Figure(figsize=(1.6 + 1.1 * len(names), 1.2 + 0.9 * len(names)), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(1.6 + 1.1 * len(names), 1.2 + 0.9 * len(names))
     share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
     axes.imshow(share, cmap="Blues", vmin=0, vmax=1)
     for (row, col), value in np.ndenumerate(counts):
@@ -64,8 +62,7 @@ def mean_by_frame(
     A gap in the frames' numbers breaks the lines; frames are shaded that have labelled obstacle
     patches. Above the threshold the status is 1.
     """
-    figure = Figure(figsize=(10.5, 3.6), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(10.5, 3.6)
     place = np.arange(len(frames))
     breaks = [i for i in range(1, len(frames)) if frames[i] != frames[i - 1] + 1]
     for name, values in means.items():
@@ -90,8 +87,7 @@ def mean_by_frame(
 
 def timings(stages: Mapping[str, float], latency_ms: list[float]) -> Figure:
     """Wall time of each stage, and how long the runtime took over each frame."""
-    figure = Figure(figsize=(10.5, 2.8), layout="constrained")
-    bars, spread = figure.subplots(1, 2)
+    figure, (bars, spread) = new_figure(10.5, 2.8, 1, 2)
     names = list(stages)
     bars.barh(names, [stages[name] for name in names], color="#3b75af")
     bars.invert_yaxis()

@@ -10,6 +10,7 @@ from tokt import __version__
 from tokt.features.common import atomic
 from tokt.features.frames.mission import LEFT, RIGHT, Mission
 from tokt.inference.stereo.rectify import Rectifier
+from tokt.training.evaluation.pictures import new_figure
 from tokt.training.evaluation.plots import data_uri
 from tokt.training.evaluation.report import report_page
 
@@ -43,8 +44,7 @@ def write_report(target: Path, found: SelfCalibration, mission: Mission) -> None
 
 def _error_histogram(found: SelfCalibration) -> Figure:
     """How the vertical errors of the test frames are spread, before and after."""
-    figure = Figure(figsize=(10.5, 3.0), layout="constrained")
-    before, after = figure.subplots(1, 2)
+    figure, (before, after) = new_figure(10.5, 3.0, 1, 2)
     before.hist(found.before.row_px, bins=80, color="#a3151f")
     before.set(title="before", xlabel="left row - right row, px", ylabel="matches")
     inside = np.clip(found.after.row_px, -_WIDEST_PX, _WIDEST_PX)
@@ -55,8 +55,7 @@ def _error_histogram(found: SelfCalibration) -> Figure:
 
 def _error_over_frame(found: SelfCalibration) -> Figure:
     """Where in the left frame rows still differ: a pattern would be a lens that is not right."""
-    figure = Figure(figsize=(10.5, 4.4), layout="constrained")
-    axes, by_frame = figure.subplots(1, 2, width_ratios=(1.15, 1))
+    figure, (axes, by_frame) = new_figure(10.5, 4.4, 1, 2, width_ratios=(1.15, 1))
     at, error = found.after.at, found.after.row_px
     width, height = found.after.frame_size
     dots = axes.scatter(at[:, 0], at[:, 1], c=error, s=4, cmap="coolwarm", vmin=-1.5, vmax=1.5)
@@ -80,8 +79,7 @@ def _error_over_frame(found: SelfCalibration) -> Figure:
 
 def _path_and_depth(found: SelfCalibration) -> Figure:
     """The vehicle's path and the points it saw, from above, and the depth frame by frame."""
-    figure = Figure(figsize=(10.5, 4.0), layout="constrained")
-    above, depth = figure.subplots(1, 2)
+    figure, (above, depth) = new_figure(10.5, 4.0, 1, 2)
     path, tracks = found.fit.path, found.fit.tracks
     followed = path.points_m[tracks.lengths() > 1]
     near = np.abs(followed - np.median(followed, axis=0)).max(axis=1) < 15
@@ -108,8 +106,8 @@ def _rectified_pair(found: SelfCalibration, mission: Mission, one: FrameMatches)
         (LEFT, rectifier.left(mission.read(one.frame, LEFT))),
         (RIGHT, rectifier.right(mission.read(one.frame, RIGHT))),
     )
-    figure = Figure(figsize=(10.5, 4.2), layout="constrained")
-    for axes, (camera, gray) in zip(figure.subplots(1, 2), views, strict=True):
+    figure, panels = new_figure(10.5, 4.2, 1, 2)
+    for axes, (camera, gray) in zip(panels, views, strict=True):
         view = even_contrast_gaussian(gray)
         axes.imshow(view, cmap="gray", vmin=0, vmax=255)
         for row in np.linspace(0, rectifier.size[1], _LINES + 2)[1:-1]:

@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from tokt.inference.verdict import OBSTACLE, UNKNOWN
-from tokt.training.evaluation.pictures import figure_png
+from tokt.training.evaluation.pictures import figure_png, new_figure
 
 from .pair_depths import DepthRow, gaps_of, runs_of
 
@@ -40,8 +39,8 @@ def curve_png(
     With the rows come their `summary` and the mission's name; lines are broken where a frame number
     is more than `step` above the one before.
     """
-    figure = Figure(figsize=(11, 6.2), dpi=_DPI, layout="constrained")
-    depth, valid = figure.subplots(2, 1, sharex=True, height_ratios=(5, 2))
+    size, ratios = (11, 6.2), (5, 2)
+    figure, (depth, valid) = new_figure(*size, 2, 1, dpi=_DPI, sharex=True, height_ratios=ratios)
     table = _broken(rows, step)
     _draw_depth(depth, table)
     _draw_valid(valid, table)

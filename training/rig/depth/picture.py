@@ -23,7 +23,7 @@ from tokt.features.common.arrays import U8
 from tokt.inference.stereo.matching import Matches
 from tokt.inference.stereo.rectify import Rectifier
 from tokt.inference.verdict import HEALTHY, STATUS_WORDS
-from tokt.training.evaluation.pictures import figure_png, raise_contrast
+from tokt.training.evaluation.pictures import figure_png, new_figure, raise_contrast
 
 from .pair_depths import DepthRow
 
@@ -76,8 +76,7 @@ class DepthPicture:
 
     def png(self, row: DepthRow, left: U8, matches: Matches | None) -> bytes:
         """One picture, of the left frame as decoded; without matches where none were looked for."""
-        figure = Figure(figsize=(14.4, 5.9), dpi=_DPI, layout="constrained")
-        frame, depth = figure.subplots(1, 2)
+        figure, (frame, depth) = new_figure(14.4, 5.9, 1, 2, dpi=_DPI)
         frame.imshow(raise_contrast(left, self._width, self._height))
         frame.set_title("left camera, contrast raised", fontsize=10)
         depth.imshow(self.depth_rgb(matches), interpolation="nearest")

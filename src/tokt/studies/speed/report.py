@@ -5,9 +5,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from tokt.training.evaluation.pictures import figure_png
+from tokt.training.evaluation.pictures import figure_png, new_figure
 
 from .paired_timing import Result
 
@@ -54,8 +53,7 @@ def _floor_ratio(case: Result) -> float | None:
 
 def chart_png(results: Sequence[Result], about: Mapping[str, Any]) -> bytes:
     """A PNG file: ratios on a log axis, whiskers for the spread; `about` as in the bench's JSON."""
-    figure = Figure(figsize=(10.5, 2.1 + 0.42 * len(results)), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(10.5, 2.1 + 0.42 * len(results))
     longest = max(max(*case.spread, _floor_ratio(case) or 0.0, 1.0) for case in results)
     left = min(0.9, *(case.spread[0] * 0.8 for case in results))
     right = left * (longest / left) ** _ROOM

@@ -26,7 +26,7 @@ from tokt.studies.simulation.loop.autopilot import Mode
 from tokt.studies.simulation.loop.scenes import LoopScene
 from tokt.studies.simulation.loop.track import Track
 from tokt.studies.simulation.loop.vehicle import CAMERA_AHEAD_M, HULL_RADIUS_M
-from tokt.training.evaluation.pictures import figure_png
+from tokt.training.evaluation.pictures import figure_png, new_figure
 
 _COLORS = {
     Mode.TRANSIT: "#2f6db3",
@@ -160,9 +160,7 @@ def overview(tracks: Sequence[Track], charts: Sequence[Chart]) -> bytes:
     rows = math.ceil(len(tracks) / columns)
     across = min(_WIDE_IN, columns * _WIDEST_MAP_IN)
     height = across * rows * tall / (columns * wide)
-    size = (max(across, 5.0), height + 0.6)
-    figure = Figure(figsize=size, dpi=_STILL_DPI, layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(max(across, 5.0), height + 0.6, dpi=_STILL_DPI)
     for number, (track, chart) in enumerate(zip(tracks, charts, strict=True)):
         row, column = divmod(number, columns)
         corner = np.array([column * wide, -row * tall])
@@ -234,8 +232,7 @@ def _sheet(track: Track, chart: Chart, dpi: int) -> tuple[Figure, Axes]:
     middle = (low[0] + high[0]) / 2
     half = max((high[0] - low[0]) / 2, 0.2 * (high[1] - low[1]))
     wide = _TALL_IN * 2 * half / (high[1] - low[1]) + _BESIDE_IN
-    figure = Figure(figsize=(wide, _TALL_IN), dpi=dpi, layout="constrained")
-    axes = figure.subplots()
+    figure, axes = new_figure(wide, _TALL_IN, dpi=dpi)
     axes.set(xlim=(middle - half, middle + half), ylim=(low[1], high[1]))
     axes.set(xlabel="east, m", ylabel="north, m")
     axes.set_aspect("equal")

@@ -13,6 +13,7 @@ from tokt.inference.verdict import Box
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.patch_scores import Truth
 from tokt.training.evaluation.pictures import CONTRAST_METHOD, figure_png, raise_contrast
+from tokt.training.evaluation.pictures import new_figure as new_figure
 
 SHOWN = (
     "Frames are nearly black: what is shown, not what is judged, has its contrast raised "
@@ -23,12 +24,6 @@ SHOWN = (
 OTHER_COLOR, OCEAN_COLOR, LABEL_COLOR = "#ff4d3d", "#4da3ff", "#62e06a"
 THESIS_COLOR, CORRECTED_COLOR = "#ff9f1c", "#28d7c4"
 _DPI = 110
-
-
-def new_figure(width: float, height: float, *shape: int, **given: Any) -> tuple[Figure, Any]:
-    """A figure in the report's style, of so many inches, and its axes as `Figure.subplots`'s."""
-    figure = Figure(figsize=(width, height), layout="constrained")
-    return figure, figure.subplots(*shape, **given)
 
 
 def png_of(figure: Figure) -> bytes:
