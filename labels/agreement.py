@@ -13,67 +13,37 @@ from .taxonomy import UNSURE, Taxonomy
 
 @dataclass(frozen=True)
 class ClassAgreement:
-    """Agreement on one class, with A as the reference.
+    """Agreement on one class, with A as the reference; None where nothing is divided."""
 
-    Attributes
-    ----------
-    n_a, n_b, n_both : int
-        Patches that A, that B, and that both gave this class.
-    precision, recall : float or None
-        ``n_both / n_b`` and ``n_both / n_a``; None where nothing is divided.
-    f1 : float or None
-        ``2 n_both / (n_a + n_b)``, the positive agreement; the same with A and B exchanged.
-    """
-
-    n_a: int
-    n_b: int
-    n_both: int
-    precision: float | None
-    recall: float | None
-    f1: float | None
+    n_a: int  # patches that A gave this class
+    n_b: int  # that B did
+    n_both: int  # that both did
+    precision: float | None  # n_both / n_b
+    recall: float | None  # n_both / n_a
+    f1: float | None  # 2 n_both / (n_a + n_b), the positive agreement; the same with A, B exchanged
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """What two annotators' labels have in common.
+    """What two annotators' labels have in common."""
 
-    Attributes
-    ----------
-    n_a, n_b, n_both : int
-        Patches labelled by A, by B, by both (``unsure`` is a label here).
-    n_both_sure : int
-        Patches that both gave a class.
-    kappa, agreement : float or None
-        Cohen's kappa and the share of equal labels, over the patches where both are sure. None
-        where there is no such patch; kappa also where all are of one class (it is undefined).
-    kappa_with_unsure, agreement_with_unsure : float or None
-        The same over all patches labelled by both, ``unsure`` being a class of its own.
-    labels : list of str
-        The taxonomy's classes that occur, in its order, then `unknown`, then ``unsure`` if it
-        occurs.
-    unknown : list of str
-        Classes that occur and are not in the taxonomy (any more), by name.
-    confusion : list of list of int
-        ``confusion[i][j]``: patches that A labelled ``labels[i]`` and B ``labels[j]``.
-    per_class : dict of str to ClassAgreement
-        Over all patches labelled by both, by label.
-    obstacle : ClassAgreement or None
-        On "is an obstacle", over the patches where A is sure; B's ``unsure`` counts as no
-        obstacle. It depends on who is A. None where a class is unknown.
-    """
-
-    n_a: int
-    n_b: int
-    n_both: int
-    n_both_sure: int
+    n_a: int  # patches labelled by A (``unsure`` is a label here)
+    n_b: int  # by B
+    n_both: int  # by both
+    n_both_sure: int  # patches that both gave a class
+    # Cohen's kappa and the share of equal labels, over the patches where both are sure. None where
+    # there is no such patch; kappa also where all are of one class (it is undefined).
     kappa: float | None
     agreement: float | None
+    # The same over all patches labelled by both, ``unsure`` being a class of its own.
     kappa_with_unsure: float | None
     agreement_with_unsure: float | None
-    labels: list[str]
-    unknown: list[str]
-    confusion: list[list[int]]
-    per_class: dict[str, ClassAgreement]
+    labels: list[str]  # the taxonomy's that occur, in its order, then `unknown`, then ``unsure``
+    unknown: list[str]  # classes that occur and are not in the taxonomy (any more), by name
+    confusion: list[list[int]]  # [i][j]: patches that A labelled ``labels[i]`` and B ``labels[j]``
+    per_class: dict[str, ClassAgreement]  # over all patches labelled by both, by label
+    # On "is an obstacle", over the patches where A is sure; B's ``unsure`` counts as no obstacle.
+    # It depends on who is A. None where a class is unknown.
     obstacle: ClassAgreement | None
 
 

@@ -9,18 +9,11 @@ from .taxonomy import UNSURE
 
 @dataclass(frozen=True)
 class MergeResult:
-    """The result of `merge_annotators`.
+    """The result of `merge_annotators`."""
 
-    Attributes
-    ----------
-    records : list of LabelRecord
-        One a patch, in order of mission, camera, frame, grid, row, col.
-    conflicts : list of Cell
-        Patches where two annotators are sure of different classes and nobody settled which; or
-        where two settlements differ. They are ``unsure`` in `records`.
-    """
-
-    records: list[LabelRecord]
+    records: list[LabelRecord]  # one a patch, in order of mission, camera, frame, grid, row, col
+    # Patches where two annotators are sure of different classes and nobody settled which; or where
+    # two settlements differ. They are ``unsure`` in `records`.
     conflicts: list[Cell]
 
 

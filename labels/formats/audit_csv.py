@@ -37,67 +37,30 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,99}")
 
 @dataclass(frozen=True)
 class AuditedPatch:
-    """One label that is doubted.
-
-    Parameters
-    ----------
-    mission, camera : str
-    frame, row, col : int
-    label : str
-        What people labelled it; empty where nobody did.
-    suggested : str
-        The class that it is taken for.
-    margin : float
-        Below 0: by how much, in decision values, the label's class loses.
-    reason : str
-        For people.
-    group : int
-        Patches of one group are decided at once; 0 stands alone.
-    """
+    """One label that is doubted."""
 
     mission: str
     camera: str
     frame: int
     row: int
     col: int
-    label: str
-    suggested: str
-    margin: float
-    reason: str
-    group: int = 0
+    label: str  # what people labelled it; empty where nobody did
+    suggested: str  # the class that it is taken for
+    margin: float  # below 0: by how much, in decision values, the label's class loses
+    reason: str  # for people
+    group: int = 0  # patches of one group are decided at once; 0 stands alone
 
 
 @dataclass(frozen=True)
 class Audit:
-    """A ranked list of doubted labels.
+    """A ranked list of doubted labels; ToktError if its name cannot be a file's."""
 
-    Parameters
-    ----------
-    name : str
-        Of its file.
-    of : str
-        The dataset or model that was audited.
-    grid : Grid
-        Which rows and columns count in.
-    rule : str
-        How the patches were found and ranked, in words.
-    patches : tuple of AuditedPatch
-        The worst first.
-    made : str
-        When, as `record.utc_text` writes it; empty where the file does not say.
-
-    Raises
-    ------
-    ToktError
-        If the name cannot be a file's.
-    """
-
-    name: str
-    of: str
-    grid: Grid
-    rule: str
-    patches: tuple[AuditedPatch, ...]
-    made: str = ""
+    name: str  # of its file
+    of: str  # the dataset or model that was audited
+    grid: Grid  # which rows and columns count in
+    rule: str  # how the patches were found and ranked, in words
+    patches: tuple[AuditedPatch, ...]  # the worst first
+    made: str = ""  # when, as `record.utc_text` writes it; empty where the file does not say
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):

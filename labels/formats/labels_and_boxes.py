@@ -137,42 +137,18 @@ def short_names(frames: Iterable[FrameLabels]) -> dict[FrameKey, str]:
 
 @dataclass(frozen=True)
 class FoundBox:
-    """A shape with a class, as a file says it.
+    """A shape with a class, as a file says it; None is what it does not say."""
 
-    Parameters
-    ----------
-    where : str
-        The place in the file, for error messages.
-    image : str
-        What the file calls the frame; may be empty where `position` is given.
-    shape : Shape
-        In pixels of a frame of `size`.
-    label : str
-        The class as the file calls it.
-    annotator : str
-        Who said it, where the attributes do not say.
-    attributes
-        What the file has in the place of free attributes, among which may be ours.
-    size : Size, optional
-        The frame's size, where the file says it.
-    time : str, optional
-        When, where the file says so.
-    model_version : str, optional
-        The model, where the box is not what a person said but a model's suggestion.
-    position : int, optional
-        The frame's position in its camera's sequence, from 0.
-    """
-
-    where: str
-    image: str
-    shape: Shape
-    label: str
-    annotator: str
-    attributes: Any = None
-    size: Size | None = None
-    time: str | None = None
-    model_version: str | None = None
-    position: int | None = None
+    where: str  # the place in the file, for error messages
+    image: str  # what the file calls the frame; may be empty where `position` is given
+    shape: Shape  # in pixels of a frame of `size`
+    label: str  # the class as the file calls it
+    annotator: str  # who said it, where the attributes do not say
+    attributes: Any = None  # what it has in the place of free ones, among which may be ours
+    size: Size | None = None  # the frame's
+    time: str | None = None  # when it was said
+    model_version: str | None = None  # where no person said it, but it is a model's suggestion
+    position: int | None = None  # the frame's in its camera's sequence, from 0
 
 
 def known_shape(kind: str, numbers: Sequence[float], remarks: Remarks) -> Shape | None:

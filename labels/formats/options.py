@@ -25,30 +25,16 @@ def no_progress(items: Iterable[Any], total: int, what: str) -> Iterator[Any]:
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """How to read a file.
+    """How to read a file."""
 
-    Parameters
-    ----------
-    taxonomy : Taxonomy
-        The classes a label may have, besides ``unsure``.
-    annotator : str, optional
-        Who labelled, where the file does not say; by default the file's name without ending.
-    grid : Grid
-        The grid of boxes that are not patches of ours.
-    images : MissionImages, optional
-        The frames, which boxes that are not patches of ours need.
-    classes : mapping of str to str
-        The file's name of a class to ours; to nothing for a class to leave out.
-    camera : str
-        The camera of a file that names frames by their position only.
-    """
-
-    taxonomy: Taxonomy
+    taxonomy: Taxonomy  # the classes a label may have, besides ``unsure``
+    # Who labelled, where the file does not say; by default the file's name without ending.
     annotator: str | None = None
-    grid: Grid = DEFAULT_GRID
-    images: MissionImages | None = None
+    grid: Grid = DEFAULT_GRID  # of boxes that are not patches of ours
+    images: MissionImages | None = None  # the frames, which boxes that are not patches of ours need
+    # The file's name of a class to ours; to nothing for a class to leave out.
     classes: Mapping[str, str] = field(default_factory=dict)
-    camera: str = LEFT
+    camera: str = LEFT  # of a file that names frames by their position only
 
 
 @dataclass(frozen=True)

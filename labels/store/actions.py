@@ -43,65 +43,33 @@ _ANSWER = "SELECT id, annotator, mission, grid, kind, result FROM actions WHERE 
 
 @dataclass(frozen=True)
 class Change:
-    """One patch's part in an action.
-
-    Attributes
-    ----------
-    camera : str
-    frame, row, col : int
-    label : str or None
-        What shall hold; ``None`` takes the label (or the settlement) back.
-    base : str or None
-        What the page believed to hold: this annotator's label, or the settlement.
-    model_version : str or None
-        A person confirmed the suggestion of this model.
-    """
+    """One patch's part in an action."""
 
     camera: str
     frame: int
     row: int
     col: int
-    label: str | None
-    base: str | None
-    model_version: str | None = None
+    label: str | None  # what shall hold; None takes the label (or the settlement) back
+    base: str | None  # what the page believed to hold: this annotator's label, or the settlement
+    model_version: str | None = None  # a person confirmed the suggestion of this model
 
 
 @dataclass(frozen=True)
 class Action:
     """Changes that somebody made in one go; they are written, and undone, together.
 
-    Parameters
-    ----------
-    key : str
-        Chosen by whoever sends it, unique; an action that is sent twice counts once.
-    annotator, mission : str
-    grid : Grid
-    kind : str
-        What was done (``"paint"``, ``"accept"``, ...), to name it when it is undone.
-    time : str
-        When, as `record.utc_text` writes it.
-    changes : tuple of Change
-        At most one a patch.
-    source : str
-        `HUMAN`, or `SETTLED` where the annotator settles patches that others disagree on.
-    blind : bool
-        Whether the annotator saw nobody else's labels.
-
-    Raises
-    ------
-    ToktError
-        If a value cannot be what it should be, or a patch is given twice.
+    Raises ToktError if a value cannot be what it should be, or a patch is given twice.
     """
 
-    key: str
+    key: str  # chosen by whoever sends it, unique; an action that is sent twice counts once
     annotator: str
     mission: str
     grid: Grid
-    kind: str
-    time: str
-    changes: tuple[Change, ...]
-    source: str = HUMAN
-    blind: bool = False
+    kind: str  # what was done (``"paint"``, ``"accept"``, ...), to name it when it is undone
+    time: str  # when, as `record.utc_text` writes it
+    changes: tuple[Change, ...]  # at most one a patch
+    source: str = HUMAN  # or `SETTLED` where the annotator settles what others disagree on
+    blind: bool = False  # whether the annotator saw nobody else's labels
 
     def __post_init__(self) -> None:
         for name in ("key", "kind", "annotator", "mission"):
@@ -130,81 +98,40 @@ class Action:
 
 @dataclass(frozen=True)
 class Conflict:
-    """A change that was not made, because something else was said meanwhile.
-
-    Attributes
-    ----------
-    camera : str
-    frame, row, col : int
-    theirs : str or None
-        What holds.
-    yours : str or None
-        What the change would have made of it.
-    """
+    """A change that was not made, because something else was said meanwhile."""
 
     camera: str
     frame: int
     row: int
     col: int
-    theirs: str | None
-    yours: str | None
+    theirs: str | None  # what holds
+    yours: str | None  # what the change would have made of it
 
 
 @dataclass(frozen=True)
 class ActionResult:
-    """What became of an action, an undo or a redo.
+    """What became of an action, an undo or a redo."""
 
-    Attributes
-    ----------
-    key : str
-        As it was sent.
-    action : int
-        Its number in the store.
-    event : int
-        Highest event number of the store when it was done.
-    changed : int
-        Patches changed.
-    conflicts : tuple of Conflict
-        Changes that were not made.
-    repeated : bool
-        The key was known already: nothing was written, and this is the first time's answer.
-    frames : tuple of (str, int)
-        Frames it speaks of: camera and number.
-    kind : str
-        What was done; for an undo or a redo, the kind of the action undone or redone.
-    """
-
-    key: str
-    action: int
-    event: int
-    changed: int
-    conflicts: tuple[Conflict, ...]
-    repeated: bool
-    frames: tuple[tuple[str, int], ...]
-    kind: str
+    key: str  # as it was sent
+    action: int  # its number in the store
+    event: int  # highest event number of the store when it was done
+    changed: int  # patches changed
+    conflicts: tuple[Conflict, ...]  # changes that were not made
+    repeated: bool  # the key was known: nothing was written, and this is the first time's answer
+    frames: tuple[tuple[str, int], ...]  # that it speaks of: camera and number
+    kind: str  # what was done; for an undo or a redo, the kind of the action undone or redone
 
 
 @dataclass(frozen=True)
 class ActionHead:
-    """The action that an undo or a redo would act on.
+    """The action that an undo or a redo would act on."""
 
-    Attributes
-    ----------
-    key, kind : str
-        Of the action itself, also after it was undone and redone.
-    camera : str
-    frame : int
-        The first frame it changed.
-    changed, frames : int
-        Patches it changed when it was last done or undone, and in how many frames.
-    """
-
-    key: str
+    key: str  # key and kind are of the action itself, also after it was undone and redone
     kind: str
     camera: str
-    frame: int
-    changed: int
-    frames: int
+    frame: int  # the first one it changed
+    changed: int  # patches it changed when it was last done or undone
+    frames: int  # in how many frames
 
 
 class UndoHistory(NamedTuple):

@@ -137,27 +137,13 @@ class Note:
 
 @dataclass(frozen=True)
 class AddResult:
-    """What one `LabelStore.add_counted` did.
+    """What one `LabelStore.add_counted` did."""
 
-    Attributes
-    ----------
-    new : int
-        Labels on patches where that annotator had none.
-    changed : int
-        Labels that replaced another one of the same annotator, or took it back.
-    suggestions : int
-        Model suggestions.
-    unchanged : int
-        Records that said what the store holds already; they write nothing.
-    settled : int
-        Settlements.
-    """
-
-    new: int
-    changed: int
-    suggestions: int
-    unchanged: int
-    settled: int = 0
+    new: int  # labels on patches where that annotator had none
+    changed: int  # labels that replaced another one of the same annotator, or took it back
+    suggestions: int  # of models
+    unchanged: int  # records that said what the store holds already; they write nothing
+    settled: int = 0  # settlements
 
     @property
     def events(self) -> int:
@@ -167,27 +153,15 @@ class AddResult:
 
 @dataclass(frozen=True)
 class AnnotatorStats:
-    """How much one annotator labelled in one mission.
-
-    Attributes
-    ----------
-    frames, patches : int
-        Frames and patches that have a label of this annotator now.
-    blind : int
-        Patches among them that were labelled blind.
-    counts : dict of str to int
-        Patches by label, ``unsure`` included.
-    events : int
-        Everything this annotator ever said there, corrections included.
-    """
+    """How much one annotator labelled in one mission."""
 
     mission: str
     annotator: str
-    frames: int
-    patches: int
-    blind: int
-    events: int
-    counts: dict[str, int] = field(default_factory=dict)
+    frames: int  # that have a label of this annotator now
+    patches: int  # that have one
+    blind: int  # of these, labelled blind
+    events: int  # everything this annotator ever said there, corrections included
+    counts: dict[str, int] = field(default_factory=dict)  # patches by label, ``unsure`` included
 
 
 class LabelStore:

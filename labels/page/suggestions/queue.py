@@ -29,22 +29,12 @@ _Name = tuple[str, int]
 
 @dataclass(frozen=True)
 class QueueEntry:
-    """A frame to label.
-
-    Attributes
-    ----------
-    camera : str
-    frame : int
-    score : float
-        0 to 1; never more than that of the entry before.
-    why : str
-        What speaks for it, in one sentence.
-    """
+    """A frame to label."""
 
     camera: str
     frame: int
-    score: float
-    why: str
+    score: float  # 0 to 1; never more than that of the entry before
+    why: str  # what speaks for it, in one sentence
 
 
 def next_frames(

@@ -21,45 +21,24 @@ _UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
 
 @dataclass(frozen=True)
 class FrameSuggestions:
-    """A model's suggestions for one frame.
+    """A model's suggestions for one frame."""
 
-    Attributes
-    ----------
-    classes : array of int, shape (n_patches,)
-        Index into the model's classes.
-    values : array of float64, shape (n_patches,)
-        How far the decision is on the side of that class, 0 and more: with two classes the
-        distance to the threshold, with more the lead over the second best.
-    fault : str
-        Why there are no suggestions, the arrays being empty; or an empty string.
-    """
-
-    classes: I64
+    classes: I64  # (n_patches,): index into the model's classes
+    # (n_patches,): how far the decision is on the side of that class, 0 and more: with two classes
+    # the distance to the threshold, with more the lead over the second best.
     values: F64
-    fault: str = ""
+    fault: str = ""  # why there are no suggestions, the arrays being empty; or an empty string
 
 
 @dataclass(frozen=True)
 class MissionSuggestions:
-    """Suggestions of all frames judged so far; row i of each array is frame i.
-
-    Attributes
-    ----------
-    cameras : array of str, shape (n,)
-    frames : array of int64, shape (n,)
-    values : array of float64, shape (n, n_patches)
-        As in `FrameSuggestions`.
-    features : array of float32, shape (n, 2 * dim)
-        Mean and standard deviation of each feature over the frame's patches.
-    several : bool
-        Whether the model has more than two classes.
-    """
+    """Suggestions of all frames judged so far; row i of each array is frame i."""
 
     cameras: NDArray[np.str_]
     frames: I64
-    values: F64
-    features: F32
-    several: bool = False
+    values: F64  # (n, n_patches): as in `FrameSuggestions`
+    features: F32  # (n, 2 * dim): mean and standard deviation of each over the frame's patches
+    several: bool = False  # whether the model has more than two classes
 
 
 class SuggestionTable:
