@@ -86,7 +86,7 @@ def _draw_verdict(view: U8, verdict: Verdict, width: int, height: int) -> None:
 def jpeg_uri(image: U8, quality: int = 85) -> str:
     """A picture as a data URI, for a page that needs no other file."""
     data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
-    return "data:image/jpeg;base64," + base64.b64encode(data.tobytes()).decode("ascii")
+    return file_uri("jpeg", data.tobytes())
 
 
 def new_figure(
@@ -106,9 +106,9 @@ def figure_png(figure: Figure, dpi: float | Literal["figure"] = "figure") -> byt
     return buffer.getvalue()
 
 
-def png_uri(png: bytes) -> str:
-    """A PNG file as a data URI, for a page that needs no other file."""
-    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+def file_uri(kind: str, data: bytes) -> str:
+    """A picture's file (``png``, ``webp``) as a data URI, for a page that needs no other file."""
+    return f"data:image/{kind};base64," + base64.b64encode(data).decode("ascii")
 
 
 CONTRAST_METHOD = "lightness (CIELAB) by local contrast, CLAHE with clip limit 6 on 6x6 tiles"

@@ -9,7 +9,7 @@ from sklearn.metrics import average_precision_score, precision_recall_curve
 
 from tokt.features.common.arrays import F64, Bools
 
-from .pictures import figure_png, new_figure, png_uri
+from .pictures import figure_png, file_uri, new_figure
 
 Curve = tuple[Bools, F64]
 
@@ -51,7 +51,7 @@ def confusion(table: Mapping[str, Any]) -> Figure:
 
 def data_uri(figure: Figure) -> str:
     """A figure as a PNG data URI, for a page that needs no other file."""
-    return png_uri(figure_png(figure, 110))
+    return file_uri("png", figure_png(figure, 110))
 
 
 def mean_by_frame(

@@ -139,11 +139,7 @@ def _flat_metrics(metrics: dict[str, Any]) -> dict[str, float]:
     """The headline figures under the names a run is searched by."""
     patch, frames = metrics["patch"], metrics["frames"]
     figures = {
-        "cv_f1": patch["f1"],
-        "cv_precision": patch["precision"],
-        "cv_recall": patch["recall"],
-        "cv_average_precision": patch["average_precision"],
-        "cv_macro_f1": patch["macro_f1"],
+        **{f"cv_{name}": patch[name] for name in (*_FOLD_FIGURES, "macro_f1")},
         "cv_ocean_frames": frames["ocean_frames"],
         "cv_false_status_frames": frames["false_status"],
         "cv_false_status_frames_at_margin_0": metrics["frames_at_zero"]["false_status"],

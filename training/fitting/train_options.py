@@ -200,17 +200,13 @@ def _file_name(extractor: str) -> str:
 
 
 def _target(options: TrainOptions) -> FalseStatusTarget:
-    rate, confidence, text = (
-        options.false_status_rate,
-        options.confidence,
-        str(options.least_patches),
-    )
-    least = None if text == AUTO else _number(text, "--least-patches", "2")
-    if options.frame_rule == AUTO:
-        return FalseStatusTarget(rate, confidence, least, None)
-    hits, _, window = options.frame_rule.partition("/")
-    asked = [_number(text, "--frame-rule", "2/3") for text in (hits, window)]
-    return FalseStatusTarget(rate, confidence, least, (asked[0], asked[1]))
+    least, rule, text = None, None, str(options.least_patches)
+    if text != AUTO:
+        least = _number(text, "--least-patches", "2")
+    if options.frame_rule != AUTO:
+        hits, _, window = options.frame_rule.partition("/")
+        rule = _number(hits, "--frame-rule", "2/3"), _number(window, "--frame-rule", "2/3")
+    return FalseStatusTarget(options.false_status_rate, options.confidence, least, rule)
 
 
 def _number(text: str, option: str, example: str) -> int:

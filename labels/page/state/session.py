@@ -322,7 +322,9 @@ def open_session(
         session = Session(mission, classes, store, board, annotator, version)
         session.refresh()
         session.other_grids = len(set(store.grids(mission.name)) - {str(grid)})
-        session.pictures_version = _pictures_version(mission, version)
+        shown = f"{version}\n{mission.path.resolve()}\n{mission_stamp(mission)}"
+        stamp = hashlib.sha256(shown.encode("utf-8", "surrogateescape"))
+        session.pictures_version = stamp.hexdigest()[:16]
         session.find_fault()
         session.taxonomy_file = taxonomy
         if bundle is not None:
@@ -331,11 +333,6 @@ def open_session(
         store.close()
         raise
     return session
-
-
-def _pictures_version(mission: Mission, version: str) -> str:
-    text = f"{version}\n{mission.path.resolve()}\n{mission_stamp(mission)}"
-    return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()[:16]
 
 
 def _check_frames(mission: Mission, grid: Grid, annotator: str) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tokt.training.evaluation.pictures import png_uri
+from tokt.training.evaluation.pictures import file_uri
 from tokt.training.evaluation.report import report_page
 
 from .exhibits.exhibit import ClaimAgreement, Exhibit, Table
@@ -69,7 +69,7 @@ def plain(value: Any) -> Any:
 def report_html(exhibits: Sequence[Exhibit], results: dict[str, Any]) -> str:
     """The report's text, of the exhibits' pictures and of all else as results.json has it."""
     pictures = {
-        plot_file(exhibit, plot.name): png_uri(plot.png)
+        plot_file(exhibit, plot.name): file_uri("png", plot.png)
         for exhibit in exhibits
         for plot in exhibit.plots
     }

@@ -1,6 +1,5 @@
 """The page about many runs: a table of scenes and methods, and maps. One file, no network."""
 
-import base64
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from tokt import __version__
 from tokt.features.common import atomic
 from tokt.studies.simulation.loop.track import IN_VIEW_M, Track
 from tokt.studies.simulation.loop.vehicle import HULL_RADIUS_M
+from tokt.training.evaluation.pictures import file_uri
 from tokt.training.evaluation.report import report_page
 
 from .maps import Chart, animation, overview, still
@@ -66,12 +66,7 @@ def _sections(out: Path, tracks: Sequence[Track], charts: Sequence[Chart]) -> li
             files[f"{name}-{nearest.seed}.webp"] = animation(nearest, chart)
         for file, data in files.items():
             atomic.write_bytes(out / "maps" / file, data)
-        whole, *maps = (_uri(*file) for file in files.items())
+        whole, *maps = (file_uri(Path(file).suffix[1:], data) for file, data in files.items())
         shown = {"nearest": nearest, "overview": whole, "maps": maps, "runs": len(group)}
         sections.append({**shown, "solid": math.isfinite(nearest.least_m)})
     return sections
-
-
-def _uri(name: str, data: bytes) -> str:
-    kind = Path(name).suffix.removeprefix(".")
-    return f"data:image/{kind};base64," + base64.b64encode(data).decode("ascii")

@@ -9,6 +9,7 @@ from skimage.segmentation import find_boundaries
 
 from tokt.features.common.arrays import I64, U8
 from tokt.studies.baselines.slic import SlicTexture, resized_bgr, superpixels
+from tokt.studies.baselines.thesis_centre import outer_contours
 from tokt.studies.baselines.thesis_models import ThesisModel
 from tokt.studies.baselines.thesis_texture import GRID
 from tokt.studies.thesis.methods.mission_models import SLIC
@@ -57,7 +58,9 @@ def compare(
         np.count_nonzero(by_slic & by_grid) for by_slic, by_grid in zip(*ways, strict=True)
     )
     slic_area, grid_area = (sum(map(np.count_nonzero, masks)) for masks in ways)
-    slic_contours, grid_contours = (sum(map(_contours, masks)) for masks in ways)
+    slic_contours, grid_contours = (
+        sum(len(outer_contours(mask)) for mask in masks) for masks in ways
+    )
     slic_f1, grid_f1 = (
         pooled_score(dict(zip(frames, map(patches_of_mask, masks), strict=True)), labelled).f1
         for masks in ways
@@ -71,11 +74,6 @@ def compare(
         "slic_f1": slic_f1,
         "grid_f1": grid_f1,
     }
-
-
-def _contours(mask: U8) -> int:
-    """How many outer contours a mask has."""
-    return len(cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0])
 
 
 def mask_claim(summary: Mapping[str, Any]) -> Claim:

@@ -178,20 +178,15 @@ def _fitted(rows: pd.DataFrame, start: F64 | None) -> F64:
     """Offset, constant, and the shares of column and row, of all points at once."""
     starts = [start] if start is not None else [np.array([d, 0.0, 0, 0]) for d in (-1.0, 0.0, 1.0)]
     limits = np.array([FARTHEST_FRAMES, np.inf, np.inf, np.inf])
-    found = [
-        least_squares(
-            lambda x: _residuals(rows, x), one, bounds=(-limits, limits),
-            loss="soft_l1", f_scale=_ROW_NOISE_PX,
-        )
-        for one in starts
-    ]  # fmt: skip
+
+    def residuals(fit: F64) -> F64:
+        expected = rows.here + fit[0] * _moved_px(rows, fit[0])
+        return np.asarray(rows.right - expected - _left(rows, fit))
+
+    how: dict[str, Any] = {"loss": "soft_l1", "f_scale": _ROW_NOISE_PX}
+    found = [least_squares(residuals, one, bounds=(-limits, limits), **how) for one in starts]
     best = min(found, key=lambda one: float(one.cost))
     return np.asarray(best.x, np.float64)
-
-
-def _residuals(rows: pd.DataFrame, fit: F64) -> F64:
-    expected = rows.here + fit[0] * _moved_px(rows, fit[0])
-    return np.asarray(rows.right - expected - _left(rows, fit))
 
 
 def _moved_px(rows: pd.DataFrame, frames: float) -> pd.Series:
