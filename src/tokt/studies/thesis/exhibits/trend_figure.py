@@ -274,7 +274,7 @@ def _sign_claim(scores: pd.DataFrame) -> Claim:
 
 def _trend_figure(held: Held) -> Figure:
     """Depth above, a row a method below, over the frame numbers."""
-    shape = {"sharex": True, "height_ratios": [1.4, *[1.0] * len(held)]}
+    shape: dict[str, Any] = {"sharex": True, "height_ratios": [1.4, *[1.0] * len(held)]}
     figure, (depth, *axes) = new_figure(10.5, 2.6 + 1.7 * len(held), 1 + len(held), 1, **shape)
     first = next(iter(held.values()))
     _dots(depth, first.depth_m, first.by_depth)
