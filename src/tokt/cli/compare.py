@@ -36,10 +36,7 @@ RateOption = Annotated[
 ]
 StoppingOption = Annotated[
     float | None,
-    Option(
-        "--stopping-distance",
-        help="Distance in which the vehicle stops, to judge each approach's first status by.",
-    ),
+    Option(help="Distance in which the vehicle stops, to judge each approach's first status by."),
 ]
 CalibrationOption = Annotated[
     Path | None, Option(help="Calibration of the missions' cameras, to measure distances.")
@@ -94,19 +91,14 @@ def compare(
     say(f"MLflow run: {run}" if run else f"not logged: no registry in workspace {workspace}")
 
 
-_BOUNDS = ("of_frames", "of_blocks", "blocks")
-
-
 def _print_at_sea(frames: dict[str, Any], indent: str) -> None:
     """False statuses an hour, and what is left at each approach's first status."""
     hourly = frames["false_status_per_hour"]
     if hourly:
         bound, rate = hourly["upper_bound"], hourly["rate_fps"]
         per = "in 1,000 frames" if rate is None else f"an hour at {rate:.3g} frames a second"
-        seen, most, some, blocks = (
-            f"{one:.0f}" if one >= 100 else f"{one:.3g}"
-            for one in (hourly["false_status"], *(bound[key] for key in _BOUNDS))
-        )
+        counts = hourly["false_status"], bound["of_frames"], bound["of_blocks"], bound["blocks"]
+        seen, most, some, blocks = (f"{one:.0f}" if one >= 100 else f"{one:.3g}" for one in counts)
         print(
             f"{indent}false statuses {per} of open ocean: {seen}; with {bound['confidence']:.0%} "
             f"confidence at most {most}, were frames independent. At most {some} of {blocks} "

@@ -49,8 +49,7 @@ FormatOption = Annotated[
     ),
 ]
 MissionDirOption = Annotated[
-    Path | None,
-    Option("--mission-dir", help="Folder of the mission's frames; needed by all formats but csv."),
+    Path | None, Option(help="Folder of the mission's frames; needed by all formats but csv.")
 ]
 MissionOption = Annotated[
     str | None,

@@ -38,13 +38,10 @@ models_app = Commands("models", "List, show, promote and alias registered model 
 CHAMPION = "champion"
 FlagsOption = Annotated[
     Path | None,
-    Option(
-        "--taxonomy",
-        help="Taxonomy file that sets which classes are obstacles. Default: as trained.",
-    ),
+    Option(help="Taxonomy file that sets which classes are obstacles. Default: as trained."),
 ]
 SignOption = Annotated[
-    Path | None, Option("--sign", help="Sign the bundle with this private key (see tokt keygen).")
+    Path | None, Option(help="Sign the bundle with this private key (see tokt keygen).")
 ]
 RegisteredByOption = Annotated[
     Path | None,
@@ -125,7 +122,7 @@ def alias(
 @models_app.command("promote")
 def promote(
     model: RegisteredModelArgument,
-    to: Annotated[str, Option("--to", metavar="ALIAS", help="Alias to move.")] = CHAMPION,
+    to: Annotated[str, Option(metavar="ALIAS", help="Alias to move.")] = CHAMPION,
     mission: MissionsOption = None,
     labels: LabelFilesOption = None,
     max_ms: Annotated[
@@ -219,11 +216,10 @@ def shipped(
 
     if registered_by is not None and not is_registered_name(model):
         raise ToktError(f"--registered-by goes with a registered model, not with a file ({model})")
-    key = signing_key(sign)
+    key, asked = signing_key(sign), registered_by is not None
     signer = None if key is None else key.public
     if registered_by is not None:
         signer = read_public_key(registered_by)
-    asked = registered_by is not None
     bundle = load_model(model, workspace, signer=signer, signed=asked, notice=say)
     if taxonomy is not None:
         bundle = _flagged(bundle, taxonomy)

@@ -14,13 +14,10 @@ if TYPE_CHECKING:
     from tokt.inference.stereo.calibration import StereoCalibration
 
 DEFAULT_WORKSPACE = Path(".tokt")
-WorkspaceOption = Annotated[
-    Path, Option("--workspace", help="Folder that holds tokt's state.", show_default=True)
-]
+WorkspaceOption = Annotated[Path, Option(help="Folder that holds tokt's state.")]
 JsonOption = Annotated[bool, Option("--json", help="Print one JSON object.")]
 TaxonomyOption = Annotated[
-    Path | None,
-    Option("--taxonomy", help="Taxonomy file. Default: the workspace's, else the built-in one."),
+    Path | None, Option(help="Taxonomy file. Default: the workspace's, else the built-in one.")
 ]
 DatasetArgument = Annotated[str, Argument(help="Dataset: NAME or NAME@HASH.")]
 ModelArgument = Annotated[
@@ -40,17 +37,16 @@ FramesOption = Annotated[str | None, Option(help="Use these frames only, such as
 MissionsOption = Annotated[
     list[Path] | None,
     Option(
-        "--mission",
         metavar="[NAME=]DIR",
         help="Mission folder or video, NAME as its labels call it; or a missions.toml that lists "
         "several. Repeatable.",
     ),
 ]
 PatchesOption = Annotated[
-    Path | None, Option("--patches", help="Folder with one sub-folder of patch images per class.")
+    Path | None, Option(help="Folder with one sub-folder of patch images per class.")
 ]
 LabelFilesOption = Annotated[
-    list[Path] | None, Option("--labels", help="Label file; repeatable. Default: the label store.")
+    list[Path] | None, Option(help="Label file; repeatable. Default: the label store.")
 ]
 FoldsOption = Annotated[int, Option(help="Folds of the cross-validation.", min=2)]
 EmbargoOption = Annotated[
@@ -58,7 +54,7 @@ EmbargoOption = Annotated[
 ]
 ReportOption = Annotated[Path | None, Option("-o", "--output", help="HTML report to write.")]
 LoggedRunOption = Annotated[
-    str | None, Option("--run", help="Run of the log, by its ID. Default: the last one.")
+    str | None, Option(help="Run of the log, by its ID. Default: the last one.")
 ]
 
 

@@ -280,9 +280,7 @@ def _print_boards(found: BoardCalibration, output: Path) -> None:
 
 def depth(
     mission: Annotated[Path, Argument(help="Mission folder with Left/ and Right/.")],
-    calibration: Annotated[
-        Path, Option("--calibration", metavar="FILE", help="Stereo calibration file.")
-    ],
+    calibration: Annotated[Path, Option(help="Stereo calibration file.")],
     ply: Annotated[Path | None, Option(help="PLY file for a point cloud.")] = None,
     ply_frame: Annotated[
         int | None, Option(help="Frame of the point cloud. Default: the nearest one.")

@@ -32,33 +32,26 @@ AUTO = "auto"
 SplitOption = Annotated[
     str | None,
     Option(
-        "--split",
         help="Hold out whole dives (in --folds folds if there are more than 10) or blocks of "
-        "frames. Default: dive; block where there is one dive.",
-        show_default=False,
+        "frames. Default: dive; block where there is one dive."
     ),
 ]
 SitesOption = Annotated[
     list[str] | None,
     Option(
-        "--site",
-        help="Dives of one camera and day, held out together; repeatable. Default: the dataset's.",
-        show_default=False,
+        help="Dives of one camera and day, held out together; repeatable. Default: the dataset's."
     ),
 ]
 WeightOption = Annotated[
     str | None,
-    Option(
-        help="What counts the same in learning: each dive or each patch. Default: dive.",
-        show_default=False,
-    ),
+    Option(help="What counts the same in learning: each dive or each patch. Default: dive."),
 ]
 JobsOption = Annotated[int, Option(help="Processes; -1 for one per core.", min=-1)]
 DaskOption = Annotated[
     str | None, Option(help="Dask cluster to work on that sees the same files (tcp://HOST:8786).")
 ]
 SignRegistrationOption = Annotated[
-    Path | None, Option("--sign", help="Sign the registration with this private key.")
+    Path | None, Option(help="Sign the registration with this private key.")
 ]
 _RULE = (
     "the simplest within one standard error, and 0.01, of the best (result.json has the rule in "
@@ -72,8 +65,7 @@ def train(
         str | None,
         Option(
             help="lbp, haralick, exact names joined by + (lbp_24_8_frame+haralick), or "
-            "spec:FILE.json. Default: haralick, the best one with preset best.",
-            show_default=False,
+            "spec:FILE.json. Default: haralick, the best one with preset best."
         ),
     ] = None,
     preset: Annotated[
