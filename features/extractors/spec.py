@@ -165,6 +165,12 @@ def build_extractor(spec: Spec) -> Extractor:
 
 
 _BORDERS = {"patch": "within each patch", "frame": "across patch edges"}
+_FIXED_WORDS = {
+    "moments": "moments and percentiles of the grey levels",
+    "structure": "strength and coherence of edges",
+    "colour": "colour (CIELAB) and its changes",
+    "place": "place in the frame",
+}
 
 
 def extractor_summary(spec: Mapping[str, Any]) -> str:
@@ -191,30 +197,17 @@ def _texture(part: Mapping[str, Any]) -> str:
         case "haralick":
             log = ", on a logarithmic scale" if part.get("scale") == "log" else ""
             return f"Haralick's 13 figures of grey-level co-occurrence{log}"
-        case "moments":
-            return "moments and percentiles of the grey levels"
-        case "structure":
-            return "strength and coherence of edges"
         case "lines":
             return f"lines of {', '.join(map(str, part['samples']))} samples"
         case "context":
             around = f"of each patch and the {part['statistic']} of its neighbours"
             return f"{extractor_summary(part['part'])}, {around}"
-    return _water(part)
-
-
-def _water(part: Mapping[str, Any]) -> str:
-    match part.get("name"):
         case "gradients":
             return f"gradients smoothed over {', '.join(map(str, part['smooth']))} pixels"
-        case "colour":
-            return "colour (CIELAB) and its changes"
-        case "place":
-            return "place in the frame"
         case "relative":
             of = extractor_summary({"name": "join", "parts": part["parts"]})
             return f"{of}, less what the quietest {part['quietest']:.0%} of its patches show"
-    return json.dumps(dict(part), sort_keys=True)
+    return _FIXED_WORDS.get(str(part.get("name"))) or json.dumps(dict(part), sort_keys=True)
 
 
 def _picture(image: Mapping[str, Any]) -> str:
