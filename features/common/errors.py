@@ -24,7 +24,8 @@ class ToktError(Exception):
     """
 
     def __init__(self, message: str) -> None:
-        super().__init__(_one_line(message))
+        # Cut before it is escaped and, grown by that, after it.
+        super().__init__(_cut(printable(" ".join(_cut(message).splitlines()))))
 
 
 class FrameError(ToktError):
@@ -81,11 +82,6 @@ def counted(number: int, what: str) -> str:
     """The number and what it counts: ``1 frame``, ``2 frames``, ``2 patches``."""
     many = "es" if what.endswith("ch") else "s"
     return f"{number} {what}{'' if number == 1 else many}"
-
-
-def _one_line(text: str) -> str:
-    """The text as it may be printed, cut before it is escaped and, grown by that, after it."""
-    return _cut(printable(" ".join(_cut(text).splitlines())))
 
 
 def _cut(text: str) -> str:

@@ -66,10 +66,13 @@ class FramePictures:
 
     def picture(self, image: Quantization | None) -> U8:
         """The picture a spec's ``image`` describes, uint8; None is the plain one."""
-        made = self._made.get(image)
-        if made is None:
-            made = self._made[image] = self._prepared(image)
-        return made
+        if image not in self._made:
+            self._made[image] = (
+                gray_picture(self._frame, self.grid, self.threads)
+                if image is None
+                else KERNELS.quantize(self.gray16, image, self.threads)
+            )
+        return self._made[image]
 
     def gray(self, images: Collection[Quantization | None]) -> U8:
         """A gray picture for frame checks, made from what extractors of `images` need anyway.
@@ -114,8 +117,3 @@ class FramePictures:
         """The frame resized and gray in 1/256 grey level."""
         frame = check_frame(self._frame, self.threads)
         return KERNELS.resized_gray16(frame, *_picture_size(frame, self.grid), self.threads)
-
-    def _prepared(self, image: Quantization | None) -> U8:
-        if image is None:
-            return gray_picture(self._frame, self.grid, self.threads)
-        return KERNELS.quantize(self.gray16, image, self.threads)

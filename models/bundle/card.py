@@ -70,20 +70,18 @@ def _sight(recipe: Mapping[str, Any]) -> str:
         f"{item['name']} ({'obstacle' if item['obstacle'] else 'clear'})"
         for item in recipe["classes"]
     )
-    name = recipe.get("extractor_name")
+    name, landmarks = recipe.get("extractor_name"), recipe.get("landmarks", 0)
+    classifier = "linear (LinearSVC, scaler folded in), one matrix product"
+    if landmarks:
+        likeness = f"the likeness to {landmarks} landmarks (Nystroem, radial basis)"
+        classifier = f"linear (LinearSVC) in {likeness}"
     resized = f"frames resized to width {grid['width']}" if grid["width"] else "ready-cut"
     return f"""- classes: {classes}
 - grid: {grid["rows"]}x{grid["cols"]} patches, {resized}
 - extractor: {f"`{name}`, " if name else ""}{recipe["dim"]} features a patch: \
 {extractor_summary(recipe["extractor"])}
-- classifier: {_classifier(recipe.get("landmarks", 0))}
+- classifier: {classifier}
 - patch thresholds: {", ".join(f"{value:g}" for value in recipe["thresholds"])}"""
-
-
-def _classifier(landmarks: int) -> str:
-    if not landmarks:
-        return "linear (LinearSVC, scaler folded in), one matrix product"
-    return f"linear (LinearSVC) in the likeness to {landmarks} landmarks (Nystroem, radial basis)"
 
 
 def _operating_point(point: OperatingPoint) -> str:

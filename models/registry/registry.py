@@ -185,10 +185,6 @@ def fitting(version: RegisteredVersion, what: str = "recipe.json") -> Iterator[N
         raise ToktError(f"model {version.label}: its {what} does not fit ({fault})") from None
 
 
-def _provenance(version: RegisteredVersion, recipe: dict[str, Any]) -> dict[str, Any]:
-    return {**recipe["provenance"], "mlflow_run_id": version.run_id}
-
-
 class Registry:
     """Runs and registered models of one workspace.
 
@@ -482,7 +478,7 @@ class Registry:
         if recipe["distribution"] is not None:
             data = self._artifact(version, "distribution.npz")
             distribution = distribution_from_bytes(data, where)
-        provenance = _provenance(version, recipe)
+        provenance = {**recipe["provenance"], "mlflow_run_id": version.run_id}
         return BundleContent(
             name=version.name,
             version=version.version,

@@ -137,9 +137,7 @@ def trusted_keys_from_bytes(data: bytes, where: str) -> TrustedKeys:
         events = tuple(KeyEvent(**item) for item in value["events"])
     except (ValueError, TypeError, KeyError, RecursionError):
         raise damaged from None
-    if set(value) != {"format_version", "events"}:
-        raise damaged
-    if not events or not _sound(events):
+    if set(value) != {"format_version", "events"} or not events or not _sound(events):
         raise damaged
     return TrustedKeys(events)
 
