@@ -181,6 +181,9 @@ class LinesApart:
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._write_all, name="tokt log", daemon=True)
         self._thread.start()
+        self._wait_until_open()
+
+    def _wait_until_open(self) -> None:
         self._opened.wait(_PATIENCE_S)
         if self._fault is not None:
             self._waiting.put(None)
