@@ -39,47 +39,30 @@ class Cell(NamedTuple):
 class LabelRecord:
     """What somebody said about a patch (the label record of the design).
 
-    Parameters
-    ----------
-    mission, camera : str
-        The mission's name; ``"left"`` or ``"right"``.
-    frame : int
-        Frame number.
-    grid : Grid
-        The grid that `row` and `col` count in, both from 0.
-    label : str or None
-        A class, ``"unsure"``, or ``None``: the annotator takes the label, or the settlement, back.
-    annotator : str
-        Who said it; for a suggestion, any name for the model; for a settlement, who settled.
-    time : str
-        When it was said: UTC, ISO 8601, as `utc_text` writes it.
-    source : str
-        ``"human"``; ``"model"`` for a suggestion; or ``"settled"`` for what somebody decided where
-        annotators disagree, whose opinions stay.
-    model_version : str or None
-        The model version that suggested it. A human record may carry one: a person confirmed
-        that model's suggestion.
-    blind : bool
-        Whether the annotator saw nobody else's labels, and no suggestion.
-
     Raises
     ------
     ToktError
         If the patch is outside the grid or a value cannot be what it should be.
     """
 
-    mission: str
-    camera: str
-    frame: int
-    grid: Grid
+    mission: str  # its name
+    camera: str  # ``"left"`` or ``"right"``
+    frame: int  # its number
+    grid: Grid  # that `row` and `col` count in, both from 0
     row: int
     col: int
+    # A class, ``"unsure"``, or ``None``: the annotator takes the label, or the settlement, back.
     label: str | None
+    # Who said it; for a suggestion, any name for the model; for a settlement, who settled.
     annotator: str
-    time: str
+    time: str  # when it was said: UTC, ISO 8601, as `utc_text` writes it
+    # ``"human"``; ``"model"`` for a suggestion; or ``"settled"`` for what somebody decided where
+    # annotators disagree, whose opinions stay.
     source: str = HUMAN
+    # The model version that suggested it. A human record may carry one: a person confirmed that
+    # model's suggestion.
     model_version: str | None = None
-    blind: bool = False
+    blind: bool = False  # whether the annotator saw nobody else's labels, and no suggestion
 
     def __post_init__(self) -> None:
         check_name("mission", self.mission)

@@ -39,30 +39,14 @@ class UnknownClassError(ToktError):
 
 @dataclass(frozen=True)
 class LabelClass:
-    """One class of a taxonomy.
+    """One class of a taxonomy."""
 
-    Parameters
-    ----------
-    name : str
-        What label records, datasets and models carry.
-    obstacle : bool
-        Whether the vehicle could hit it.
-    color : str
-        ``#rrggbb``.
-    key : str
-        The one character that chooses it on the labelling page.
-    description : str
-        What a person should look for.
-    parent : str
-        The class, or the name of the group, that it is a kind of; empty for none.
-    """
-
-    name: str
-    obstacle: bool
-    color: str
-    key: str
-    description: str = ""
-    parent: str = ""
+    name: str  # what label records, datasets and models carry
+    obstacle: bool  # whether the vehicle could hit it
+    color: str  # ``#rrggbb``
+    key: str  # the one character that chooses it on the labelling page
+    description: str = ""  # what a person should look for
+    parent: str = ""  # the class, or the name of the group, that it is a kind of; empty for none
 
 
 @dataclass(frozen=True)
