@@ -7,6 +7,7 @@ import sys
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -18,9 +19,18 @@ from tokt.features.extractors.textures import Moments
 from tokt.features.frames.mission import open_mission
 from tokt.features.kernels.dispatch import KERNELS, load_kernels
 from tokt.features.kernels.quantization import Quantization
+from tokt.inference.policy.policy import Judgement
+from tokt.inference.verdict import verdict_from_mask
 from tokt.studies.baselines.thesis_texture import GRID, haralick_directions
 from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
-from tokt.studies.speed.cases import HaralickKernel, LbpKernel, Picture, WholeFrame, textured_frame
+from tokt.studies.speed.cases import (
+    HaralickKernel,
+    LbpKernel,
+    MovingFrame,
+    Picture,
+    WholeFrame,
+    textured_frame,
+)
 from tokt.studies.speed.haralick_agreement import HaralickAgreement
 from tokt.studies.speed.models import FEATURE_SETS, examples_from_two_images, fit_extractor_pair
 from tokt.studies.speed.paired_timing import BASELINE, OURS, in_turns, result, single_thread
@@ -34,7 +44,7 @@ pytestmark = pytest.mark.xdist_group("bench")  # what they share is made once
 FRAME_CASES = ["lbp_10_5.frame", "lbp_24_8.frame", "haralick.frame"]
 CASES = [
     *("lbp_10_5.kernel", "lbp_24_8.kernel", "haralick.kernel", "haralick_texture.kernel"),
-    *(*FRAME_CASES, "best.frame", "latency.frame_to_udp"),
+    *(*FRAME_CASES, "best.frame", "moving.frame", "latency.frame_to_udp"),
     *("extract.dataset", "extract.dataset_all_cores", "start"),
 ]
 ONE_OF_EACH = BenchSize(compared=1, timed=1, rounds=1, files=1, tables=1, starts=1, latency=1)
@@ -259,6 +269,18 @@ def test_frames_that_the_runtime_refuses_are_counted(two_images):
     case = WholeFrame(FEATURE_SETS[0], two_images)
     case.check(Picture(np.zeros((271, 360, 3), np.uint8)))
     assert case.findings()["frames_refused"] == 1 and not case.exact
+
+
+def test_flow_that_made_a_frame_clear_would_be_told(two_images, picture):
+    case = MovingFrame(two_images.bundle)
+    assert case.check(picture) and case.exact
+    masks = (np.full((10, 10), level, np.uint8) for level in (255, 0))
+    case._alone, case._moving = (
+        SimpleNamespace(judge=lambda _, mask=mask: Judgement(verdict_from_mask(mask, "texture")))
+        for mask in masks
+    )
+    case.check(picture)
+    assert case.findings()["frames_made_clear"] == 1 and not case.exact
 
 
 def test_refused_frames_are_not_timed(sea, tmp_path, no_progress):

@@ -26,7 +26,16 @@ from tokt.training.fitting.presets import DEFAULT_EXTRACTOR, extractor_for
 from tokt.training.options import Notice
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 
-from .cases import BestFrame, Case, HaralickKernel, LbpKernel, Picture, WholeFrame, textured_frame
+from .cases import (
+    BestFrame,
+    Case,
+    HaralickKernel,
+    LbpKernel,
+    MovingFrame,
+    Picture,
+    WholeFrame,
+    textured_frame,
+)
 from .models import (
     FEATURE_SETS,
     ModelPair,
@@ -104,7 +113,7 @@ def measure_in_process(
     frames: list[Case[Picture]] = [
         WholeFrame(*pair) for pair in zip(FEATURE_SETS, models, strict=True)
     ]
-    frames.append(BestFrame(models[-1].bundle, best.bundle))
+    frames += [BestFrame(models[-1].bundle, best.bundle), MovingFrame(models[0].bundle)]
     textured = Picture(textured_frame())
     texture_kernel.check(textured)
     judged = []
