@@ -117,10 +117,8 @@ class LinearModel:
     def decision_values(self, features: F64) -> F64:
         """Signed distances, shape (n_patches, n_outputs), of features (n_patches, dim).
 
-        Raises
-        ------
-        ValueError
-            If a feature is not finite: such a patch cannot be judged, and must not be clear.
+        Raises ValueError if a feature is not finite: such a patch cannot be judged, and must not be
+        clear.
         """
         if self.map is not None:
             features = self.map.likeness(features)

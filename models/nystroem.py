@@ -51,10 +51,7 @@ class NystroemMap:
     def likeness(self, features: F64) -> F64:
         """Likeness to each landmark, 0 to 1, shape (n, n_landmarks), of features (n, dim).
 
-        Raises
-        ------
-        ValueError
-            If a feature is not finite: the limit would make a number of it.
+        Raises ValueError if a feature is not finite: the limit would make a number of it.
         """
         if not np.isfinite(features).all():
             raise ValueError("a feature is not finite")

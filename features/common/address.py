@@ -33,10 +33,7 @@ _ADDRESS = re.compile(r"(?:\[([^\]]+)\]|([^:\s]+)):(\d{1,5})")
 def parse_address(text: str) -> tuple[str, int]:
     """Read ``HOST:PORT`` (or ``[IPV6]:PORT``).
 
-    Raises
-    ------
-    ToktError
-        If it is neither, or the port is not 1..65535.
+    Raises ToktError if it is neither, or the port is not 1..65535.
     """
     match = _ADDRESS.fullmatch(text.strip())
     if match is None or not 1 <= int(match[3]) <= 65535:
@@ -49,10 +46,7 @@ def resolve(host: str, port: int) -> tuple[socket.AddressFamily, Any]:
 
     Programs such as LabVIEW listen on IPv4, and `localhost` may well be ::1 first.
 
-    Raises
-    ------
-    ToktError
-        If the name is not known.
+    Raises ToktError if the name is not known.
     """
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)

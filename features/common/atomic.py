@@ -147,10 +147,7 @@ def new_folder(target: Path) -> Iterator[Path]:
 
     Every file in it is synced before the rename, so `target` never holds half of its content.
 
-    Raises
-    ------
-    FileExistsError
-        If `target` is there already.
+    Raises FileExistsError if `target` is there already.
     """
     if target.exists():
         raise FileExistsError(target)

@@ -13,10 +13,8 @@ def canonical_json(value: Any) -> str:
 def printable_json(data: bytes) -> Any:
     """What JSON's bytes say.
 
-    Raises
-    ------
-    ValueError, RecursionError
-        If it is none, or its text could not be printed or written: half a surrogate pair is JSON.
+    Raises ValueError or RecursionError if it is none, or its text could not be printed or written:
+    half a surrogate pair is JSON.
     """
     value = json.loads(data)
     json.dumps(value, ensure_ascii=False).encode("utf-8")

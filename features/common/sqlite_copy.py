@@ -24,12 +24,8 @@ def _state(source: Path) -> list[tuple[int, int]]:
 def copy_database(source: Path, target: Path) -> None:
     """Copy a database with what is in its logs, as it was at one instant.
 
-    Raises
-    ------
-    ToktError
-        If somebody keeps writing to it.
-    OSError
-        If a file cannot be read, or there is no room for the copy.
+    Raises ToktError if somebody keeps writing to it; OSError if a file cannot be read, or there is
+    no room for the copy.
     """
     for _ in range(_ATTEMPTS):
         before = _state(source)

@@ -155,11 +155,8 @@ def _built(spec: Any, outer: Outer) -> Extractor:
 def build_extractor(spec: Spec) -> Extractor:
     """Build the extractor a spec describes.
 
-    Raises
-    ------
-    ToktError
-        If the spec names an extractor, version or option this tokt does not know. A spec is
-        never read with a part of it ignored.
+    Raises ToktError if the spec names an extractor, version or option this tokt does not know. A
+    spec is never read with a part of it ignored.
     """
     return _built(spec, frozenset())
 

@@ -152,10 +152,7 @@ def is_shown_alike(data: bytes) -> bool:
 def read_image(path: Path) -> U8:
     """Read and decode one file; see `decode_image`.
 
-    Raises
-    ------
-    FrameError
-        If the file cannot be read, or `decode_image` refuses it.
+    Raises FrameError if the file cannot be read, or `decode_image` refuses it.
     """
     with os_errors_as(str(path), FrameError):
         data = path.read_bytes()

@@ -233,10 +233,7 @@ class VideoMission:
 def parse_frames(text: str) -> list[int]:
     """Read a list of frame numbers and ranges such as ``"1-99,132-246"``; sorted, unique.
 
-    Raises
-    ------
-    ToktError
-        If a part is not a number or a rising range.
+    Raises ToktError if a part is not a number or a rising range.
     """
     frames: set[int] = set()
     for part in text.split(","):

@@ -47,12 +47,8 @@ def check_gray(gray: Any, threads: int = 1) -> U8:
 def check_frame(frame: Any, threads: int = 1) -> U8:
     """A gray or BGR frame in C order, copied only if it is not in C order yet.
 
-    Raises
-    ------
-    TypeError
-        If it is not an array of uint8.
-    ValueError
-        If it has another shape or no pixel, or `threads` is not a number of threads.
+    Raises TypeError if it is not an array of uint8; ValueError if it has another shape or no pixel,
+    or `threads` is not a number of threads.
     """
     _check_array(frame, threads)
     if frame.ndim not in (2, 3) or (frame.ndim == 3 and frame.shape[2] != 3):
@@ -127,13 +123,7 @@ def check_signs(signs: U64, others: U64) -> None:
 
 
 def check_samples(samples: Sequence[int], middle: int) -> None:
-    """Check that the kernels know these numbers of samples and this middle level.
-
-    Raises
-    ------
-    ValueError
-        If not.
-    """
+    """Check that the kernels know these numbers of samples and this middle; ValueError if not."""
     powers = [n for n in (2, 4, 8, 16, 32, 64) if n in samples]
     if not powers or list(samples) != powers or any(type(n) is not int for n in samples):
         raise ValueError(f"samples are increasing powers of 2, 2 to {MAX_SAMPLES}, not {samples}")

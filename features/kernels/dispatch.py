@@ -331,12 +331,7 @@ class Kernels:
 def load_kernels(name: str, why: str = "asked for") -> Kernels:
     """The kernels of that name.
 
-    Raises
-    ------
-    ToktError
-        If the name is not known.
-    ImportError
-        If this machine does not have them.
+    Raises ToktError if the name is not known; ImportError if this machine does not have them.
     """
     if name not in NAMES:
         raise ToktError(f"{VARIABLE}={name}: unknown kernels (choose from {', '.join(NAMES)})")

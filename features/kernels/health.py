@@ -43,10 +43,7 @@ def kernel_findings() -> Iterator[Finding]:
     Afterwards `tokt.features.kernels.dispatch` can be imported, also where ``TOKT_KERNELS`` asks
     for kernels that are not there: the default ones then, so that what needs any can be examined.
 
-    Raises
-    ------
-    ImportError
-        If this machine has no kernels at all.
+    Raises ImportError if this machine has no kernels at all.
     """
     fault = _load_default_on_fault()
     from .dispatch import COMPILED, KERNELS, NAMES, load_kernels

@@ -118,10 +118,7 @@ class Quantization:
     def from_json(cls, value: Any) -> Quantization:
         """Read what `to_json` wrote.
 
-        Raises
-        ------
-        ToktError
-            If it is anything else, or an option is out of range.
+        Raises ToktError if it is anything else, or an option is out of range.
         """
         if not isinstance(value, Mapping) or any(value.get(key) != _BASE[key] for key in _BASE):
             raise ToktError(f"image {value!r} is not known here")

@@ -54,13 +54,7 @@ Values = float | Mapping[Any, float]
 
 
 def parse_metrics(text: str) -> tuple[str, int]:
-    """Read ``PORT``, for this computer only, or ``HOST:PORT``.
-
-    Raises
-    ------
-    ToktError
-        If it is neither.
-    """
+    """Read ``PORT``, for this computer only, or ``HOST:PORT``; ToktError if it is neither."""
     return parse_address(text if ":" in text else f"{LOOPBACK}:{text.strip()}")
 
 
@@ -206,10 +200,7 @@ class Metrics:
     scrapes waiting, and nothing else. `port` is the one that is listened on: for 0, any that was
     free.
 
-    Raises
-    ------
-    ToktError
-        If prometheus-client is not installed, or the address cannot be listened on.
+    Raises ToktError if prometheus-client is not installed, or the address cannot be listened on.
     """
 
     def __init__(self, host: str, port: int, collector: RunCollector) -> None:

@@ -212,11 +212,8 @@ class Recorder(Observer):
     `tell` takes the events ``recording``: that a clip opens, that frames are left out and why, that
     they are recorded again. It is called within `judged`. `clips` counts those that were opened.
 
-    Raises
-    ------
-    ToktError
-        If the folder cannot be made, another process records into it, or a time or a size cannot
-        be.
+    Raises ToktError if the folder cannot be made, another process records into it, or a time or a
+    size cannot be.
     """
 
     folder: Path  # made if it is not there; the recording is its `run` folder

@@ -41,13 +41,7 @@ class UsedFile:
 
 
 def used_file(path: Path) -> UsedFile:
-    """A file as it is now.
-
-    Raises
-    ------
-    ToktError
-        If it cannot be read.
-    """
+    """A file as it is now; ToktError if it cannot be read."""
     with os_errors_as(f"cannot read {path}"):
         return UsedFile(str(path.absolute()), hashlib.sha256(path.read_bytes()).hexdigest())
 
@@ -91,10 +85,7 @@ class RunStart:
     def of(cls, config: RunConfig, **found: Any) -> Self:
         """How a run of these options begins; `found` is what they do not say.
 
-        Raises
-        ------
-        ToktError
-            If a file that it uses cannot be read.
+        Raises ToktError if a file that it uses cannot be read.
         """
         said, place = config.logged(), config.model.store or config.model.bundle
         for name in ("calibration", "odometry"):
@@ -113,10 +104,7 @@ class RunStart:
     def from_fields(cls, value: Mapping[str, Any], where: str) -> RunStart:
         """Read back what `fields` gave, among other entries.
 
-        Raises
-        ------
-        ToktError
-            If it is not that, or of a newer tokt.
+        Raises ToktError if it is not that, or of a newer tokt.
         """
         try:
             check_format(value.get("format_version"), FORMAT_VERSION, f"{where}: the log")

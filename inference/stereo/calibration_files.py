@@ -105,11 +105,8 @@ class CalibrationNumbers(StereoCalibration):
 def read_numbers(path: Path | str) -> CalibrationNumbers:
     """Read a calibration file of any text form, told apart by its content.
 
-    Raises
-    ------
-    ToktError
-        If it cannot be read, is none of the forms, lacks a part, or holds a number that is not
-        finite.
+    Raises ToktError if it cannot be read, is none of the forms, lacks a part, or holds a number
+    that is not finite.
     """
     path = Path(path)
     text = _text(path)

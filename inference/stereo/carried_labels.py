@@ -32,10 +32,8 @@ class LabelCarrier:
     may see what is hidden from the left one, or beside its view, and open water is like itself.
     `sure_clear` tells which right patches can show nothing but clear ones.
 
-    Raises
-    ------
-    ToktError
-        If the calibration cannot be used for frames, or the grid for frames of its size.
+    Raises ToktError if the calibration cannot be used for frames, or the grid for frames of its
+    size.
     """
 
     def __init__(self, calibration: StereoCalibration, grid: Grid) -> None:

@@ -139,11 +139,8 @@ class DenseMatcher:
     The matcher is block matching (bm), or OpenCV's semi-global matching (sgbm): more matches,
     several times the time.
 
-    Raises
-    ------
-    ToktError
-        If there is no such matcher, the disparities do not fit the view or their integers, or
-        most of the left frame would not be searched.
+    Raises ToktError if there is no such matcher, the disparities do not fit the view or their
+    integers, or most of the left frame would not be searched.
     """
 
     rectifier: Rectifier

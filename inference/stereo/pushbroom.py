@@ -131,11 +131,8 @@ class PushbroomDetector:
     where the last one was, until the next pose tells. Without it an obstacle stays, for
     `KEPT_FRAMES` frames, where it was seen and at the distance it had; the note says so.
 
-    Raises
-    ------
-    ToktError
-        If these cameras cannot tell one of the distances, or the calibration moves most of the left
-        frame out of view.
+    Raises ToktError if these cameras cannot tell one of the distances, or the calibration moves
+    most of the left frame out of view.
     """
 
     calibration: StereoCalibration

@@ -22,10 +22,7 @@ _REQUEST_TIMEOUT_S = "10"
 def registry_finding(workspace: Path) -> Finding:
     """Examine the registry that tokt's commands would use, without writing to it.
 
-    Raises
-    ------
-    ToktError, OSError
-        If its file cannot be read.
+    Raises ToktError or OSError if its file cannot be read.
     """
     uri = os.environ.get(_VARIABLE, "")
     if not uri:

@@ -123,12 +123,8 @@ class TrustedKeys:
 def trusted_keys_from_bytes(data: bytes, where: str) -> TrustedKeys:
     """Read a keys file.
 
-    Raises
-    ------
-    DamagedKeysError
-        If anything in it is not as tokt writes it.
-    ToktError
-        If a newer tokt wrote it.
+    Raises DamagedKeysError if anything in it is not as tokt writes it; ToktError if a newer tokt
+    wrote it.
     """
     damaged = DamagedKeysError(f"{where} is damaged: the store takes no bundle")
     try:

@@ -83,10 +83,8 @@ class CameraDriver(Protocol):
         `deliver` may be called from any thread, but for one driver never from two at once. A
         driver outlives whatever `deliver` raises: it counts it and goes on.
 
-        Raises
-        ------
-        ToktError
-            If the camera is not there, or cannot be set as asked. Then nothing is left open.
+        Raises ToktError if the camera is not there, or cannot be set as asked. Then nothing is left
+        open.
         """
 
     def stop(self) -> None:

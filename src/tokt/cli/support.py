@@ -67,10 +67,7 @@ def write_support(
 ) -> SupportFile:
     """Pack doctor's findings, versions, configuration, store, logs, tracebacks; and frames.
 
-    Raises
-    ------
-    ToktError
-        If `target` cannot be written.
+    Raises ToktError if `target` cannot be written.
     """
     support = SupportFile()
     about = [finding.to_json() for finding in findings]
