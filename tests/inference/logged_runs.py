@@ -1,5 +1,6 @@
 """Bundles that differ in a known way, and runs of them that are logged."""
 
+import itertools
 import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -86,6 +87,7 @@ def log_run(
     observers=lambda run: (),
     values=True,
     named=None,
+    named_after=0,
 ):
     """Run a source to its end, with a log; its run's id."""
     run = new_run_id(clock)
@@ -102,10 +104,11 @@ def log_run(
     events.put(Event(clock.time(), START, "a run", start.fields()))
     policy, limits = assembly.policy, start.limits
     naming = ObjectNaming(policy, clock.time)
-    if named is not None:
-        naming.name_before(named, source.mission, None)
+    calls = itertools.count()
 
     def between():
+        if next(calls) == named_after and named is not None:
+            naming.name_before(named, source.mission, None)
         return [*switch.between(), *naming.take()]
 
     Runtime(source, policy, [], clock, watching, limits, events, between).run()

@@ -11,6 +11,7 @@ import pytest
 from tests.calls import run_python
 from tests.inference.live import start_tokt
 from tests.inference.logged_runs import lines
+from tests.inference.policy import named_object
 from tests.models.conftest import small_content
 from tests.waiting import MAX_S, until
 from tokt.inference.outputs.udp import decode
@@ -86,6 +87,26 @@ def test_an_anchor_is_sent_as_v2_and_logged_and_replayed(
     events.write_text(json.dumps({**start_event, "anchor": 0.04}) + "\n")
     other = tokt("replay", log)
     assert other.returncode == 1 and "anchor_size" in other.stdout
+
+
+def test_an_object_is_named_by_a_box_in_a_frame_of_the_source(
+    make_mission, bundle_file, receiver, tmp_path
+):
+    folder, log = make_mission([[]] * 5), tmp_path / "log.jsonl"
+    for number in range(1, 6):
+        seen = named_object.picture(named_object.own(120 + 4 * number), seed=number)
+        cv2.imwrite(str(folder / "Left" / f"t_L_{number}.jpg"), seen)
+    run(
+        *("--bundle", bundle_file, "--source", folder, "--policy", "texture", "--log", log),
+        *("--udp", f"v2@127.0.0.1:{receiver.getsockname()[1]}", "--anchor-from", "2:98,90,60,84"),
+    )
+    sent = [decode(receiver.recv(4096)) for _ in range(5)]
+    assert [fields["anchor"] for fields in sent] == [*["searching"] * 2, *["held"] * 3]
+    assert [fields["anchor_x"] for fields in sent[:2]] == [None] * 2
+    assert sent[4]["anchor_x"] == pytest.approx(2 * 140 / 360 - 1, abs=0.02)
+    assert sent[4]["anchor_size"] == pytest.approx(0.0, abs=0.03)
+    again = tokt("replay", log, "--json")
+    assert again.returncode == 0 and json.loads(again.stdout)["same_to_the_bit"] == 5
 
 
 def test_a_file_s_run_under_a_watchdog_is_that_of_its_command_line(
@@ -172,6 +193,14 @@ def test_ctrl_c_ends_cleanly(make_mission, bundle_file, closed_port, tmp_path, n
         (["--bundle", "B", "--anchor", "0.1"], "--anchor is of no use without a receiver of v2"),
         (["--bundle", "B", "--anchor", "0.1", "--udp", "v1@127.0.0.1:9", "--format", "v2"], "v2"),
         (["--bundle", "B", "--anchor", "2", "--format", "v2"], "0.01 to 0.9, not 2"),
+        (["--bundle", "B", "--anchor-from", "1:2,2,50,50"], "--anchor-from is of no use without"),
+        (["--bundle", "B", "--format", "v2", "--anchor-from", "1:2,2"], "FRAME:X,Y,W,H: an image"),
+        (["--bundle", "B", "--format", "v2", "--anchor-from", "9:2,2,50,50"], "frame 9"),
+        (["--bundle", "B", "--format", "v2", "--anchor-from", "1:2,2,50,9"], "cannot be held"),
+        (
+            ["--bundle", "B", "--format", "v2", "--anchor-from", "1:2,2,50,50", "--anchor", "0.5"],
+            "--anchor 0.5: in this box the object is held at 0.013 to 0.051",
+        ),
         (["--bundle", "B", "--stale", "0.5"], "--stale is for live cameras, or recorded"),
         (["--bundle", "B", "--ptp"], "--ptp is for live cameras"),
         (["--bundle", "B", "--source", "pymba:0", "--rate", "3"], "--rate is for recorded"),

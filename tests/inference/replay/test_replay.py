@@ -121,6 +121,12 @@ def test_a_named_object_is_named_anew_where_its_picture_is_there(make_mission, r
     write_lines(log, [{k: v for k, v in line.items() if k != "anchor"} for line in changed])
     write_lines(events_path(log), [line for line in told if line["event"] != "object_named"])
     assert replayed(log, code=1)["compared"] == 8  # as of a log of before
+    log.unlink()
+    events_path(log).unlink()
+    named = {"named": "1:94,90,60,84", "named_after": 2}
+    log_run(source, start, log, SYSTEM_CLOCK, model, **named)
+    assert [line["anchor"] for line in lines(log)][:5] == [None, None, *["searching"] * 2, "held"]
+    assert replayed(log)["same_to_the_bit"] == 8
 
 
 def test_another_bundle_differs_where_it_sees_otherwise(logged, bundle_file, tmp_path, log):
