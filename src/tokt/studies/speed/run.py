@@ -125,10 +125,14 @@ def measure_in_process(
         raise ToktError(f"mission {mission.name}: the runtime refuses to judge any of its frames")
     # A refused frame costs the runtime next to nothing: timing it would flatter.
     timed = [Picture(mission.read(number)) for number in evenly_spaced(judged, size.timed)]
+    # Points are followed between neighbours only.
+    end = numbers.index(judged[-1]) + 1
+    in_a_row = [Picture(mission.read(n)) for n in numbers[max(end - len(timed), 0) : end]]
     results = []
     for case in [*kernels, texture_kernel, *frames]:
         say(f"-- {case.name}")
         shown = [textured] * len(timed) if case is texture_kernel else timed
+        shown = in_a_row if isinstance(case, MovingFrame) else shown
         results.append(case.measure(shown, size.rounds))
     say("-- latency")
     results.append(measure_latency(FEATURE_SETS[0], models[0], timed, size.latency))
