@@ -26,7 +26,7 @@ from tokt.features.common.errors import ToktError, os_errors_as, os_words
 from tokt.inference.clock import SYSTEM_CLOCK, awake_s
 from tokt.inference.frame import Frame
 from tokt.inference.frame_checks import shape_fault
-from tokt.inference.policy.object_model import Box, fine_detail
+from tokt.inference.policy.object_model import Box, detail_picture
 from tokt.inference.policy.object_naming import REFUSED, ObjectNaming
 from tokt.inference.policy.object_tracker import HELD
 from tokt.inference.policy.policy import Judgement
@@ -213,7 +213,7 @@ class LiveView(Observer):
         picture = None if left is None or shape_fault(left) else fitted(left)
         if left is not None and picture is not None and self.listener is not None:
             with suppress(ToktError):
-                self._shown.append((moment.report.frame, fine_detail(left)))
+                self._shown.append((moment.report.frame, detail_picture(left)))
         return replace(moment, statuses=said, picture=picture)
 
     def _say(self, name: str, words: str) -> None:

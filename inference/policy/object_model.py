@@ -42,7 +42,7 @@ class ObjectPlace(NamedTuple):
     match: float  # correlation of the fine detail there, -1 to 1
 
 
-def fine_detail(picture: U8) -> U8:
+def detail_picture(picture: U8) -> U8:
     """What all is learnt and found by, `WIDTH` wide; ToktError if its shape is no camera's."""
     height, width = picture.shape[:2]
     if not 0.1 < height / width < 10:
@@ -72,23 +72,20 @@ class ObjectModel:
     def __init__(self, detail: U8, box: Box) -> None:
         x, y, wide, high = box
         self._height = height = len(detail)
-        fault = _box_fault(box, height)
-        if not fault:
-            self._wide, self._high, self.share = wide * WIDTH, high * height, wide * high
-            self.place = ObjectPlace((x + wide / 2) * WIDTH, (y + high / 2) * height, 0.0, 1.0)
-            own, cells = detail[inside(box, detail.shape)], _cells(detail)
-            self._own = {
-                step: np.asarray(cv2.resize(own, None, fx=times, fy=times), np.uint8)
-                for step, times in zip(SIZES, np.exp(SIZE_STEP * np.array(SIZES)), strict=True)
-            }
-            rest = np.ones(cells.shape[:2], bool)
-            rest[inside(box, rest.shape)] = False
-            self._mean, self._spread = cells[rest].mean(axis=0), cells[rest].std(axis=0) + 1e-3
-            self._texture = self._apart(own)
-            if own.std() < 1:
-                fault = "there is nothing in it"
-        if fault:
+        if fault := _box_fault(box, detail):
             raise ToktError(f"the box cannot be held: {fault}")
+        self._wide, self._high, self.share = wide * WIDTH, high * height, wide * high
+        self.place = ObjectPlace((x + wide / 2) * WIDTH, (y + high / 2) * height, 0.0, 1.0)
+        own, cells = detail[inside(box, detail.shape)], _cells(detail)
+        self._own = {
+            step: np.asarray(cv2.resize(own, None, fx=times, fy=times), np.uint8)
+            for step, times in zip(SIZES, np.exp(SIZE_STEP * np.array(SIZES)), strict=True)
+        }
+        self._halves = {step: _halved(self._own[step]) for step in SIZES[::2]}
+        rest = np.ones(cells.shape[:2], bool)
+        rest[inside(box, rest.shape)] = False
+        self._mean, self._spread = cells[rest].mean(axis=0), cells[rest].std(axis=0) + 1e-3
+        self._texture = self._apart(own)
 
     def fits(self, picture: U8) -> bool:
         """Whether a picture has the shape of the one that this was learnt from."""
@@ -138,18 +135,15 @@ class ObjectModel:
     ) -> ObjectPlace:
         """The same, of a wide reach: in half the pixels first. `but` is what it must not be."""
         half, best = _halved(detail), about._replace(match=-1.0)
-        for each in SIZES[::2]:
+        for each, own in self._halves.items():
             if abs(SIZE_STEP * each - about.size) > size:
                 continue
-            own = _halved(self._own[each])
             found, left, top = _matches(half, own, (about.x / 2, about.y / 2), px / 2)
             if but is not None:
-                centre, sides = (but.x / 2 - left, but.y / 2 - top), own.shape[::-1]
-                ends = (
-                    (at - side / 2, at + side / 2) for at, side in zip(centre, sides, strict=True)
-                )
-                cols, rows = (slice(*(max(round(end), 0) for end in pair)) for pair in ends)
-                found[rows, cols] = -1.0
+                (high, wide), x, y = own.shape, but.x / 2 - left, but.y / 2 - top
+                first = round(x - wide / 2), round(y - high / 2)
+                last = round(x + wide / 2) - 1, round(y + high / 2) - 1
+                cv2.rectangle(found, first, last, -1.0, cv2.FILLED)
             _, match, _, (x, y) = cv2.minMaxLoc(found)
             if match > best.match:
                 best = ObjectPlace(2 * (left + x), 2 * (top + y), SIZE_STEP * each, match)
@@ -160,15 +154,17 @@ class ObjectModel:
         return np.asarray((_cells(detail) - self._mean) / self._spread).ravel()
 
 
-def _box_fault(box: Box, height: int) -> str:
+def _box_fault(box: Box, detail: U8) -> str:
     """Why a box is none that can be held; or nothing."""
     x, y, wide, high = box
     if not (min(box) >= 0 and x + wide <= 1 and y + high <= 1):
         return "it is not inside the picture"
-    if min(wide * WIDTH, high * height) < MIN_SIDE:
+    if min(wide * WIDTH, high * len(detail)) < MIN_SIDE:
         return f"a side is less than 1/{WIDTH // MIN_SIDE} of the picture's width"
     if wide * high > MAX_SHARE:
         return f"it covers more than {100 * MAX_SHARE:.0f} % of the picture"
+    if detail[inside(box, detail.shape)].std() < 1:
+        return "there is nothing in it"
     return ""
 
 

@@ -13,12 +13,12 @@ from tokt.inference.frame import pixel_mark
 from tokt.inference.report import Event
 from tokt.inference.sources.files import read_picture
 
-from .object_model import Box, ObjectModel, fine_detail
+from .object_model import Box, ObjectModel, detail_picture
 from .object_tracker import ObjectTracker
 from .temporal_cues import TemporalCues
 
 NAMED, REFUSED = "object_named", "object_refused"  # events: it is to be held, or cannot be
-MAX_SIZE = 0.35
+MAX_SIZE_ERROR = 0.35
 """Of ln of the wanted size over that in the box: half or twice its share."""
 _TEXT = re.compile(r"(.+):(\d{1,5}),(\d{1,5}),(\d{1,5}),(\d{1,5})")
 
@@ -62,7 +62,7 @@ class ObjectNaming:
         told = {"frame": frame, "box": [*box], "mark": pixel_mark(detail)}
         event = Event(self._time_s(), NAMED, f"an object was named in frame {frame}", told)
         model, anchor = ObjectModel(detail, box), self._cues.anchor
-        if anchor is not None and abs(model.size_of(anchor.size)) > MAX_SIZE:
+        if anchor is not None and abs(model.size_of(anchor.size)) > MAX_SIZE_ERROR:
             held = " to ".join(f"{model.share * part:.2g}" for part in (0.5, 2))
             raise ToktError(f"--anchor {anchor.size:g}: in this box the object is held at {held}")
         self._waiting.append((model, event))
@@ -72,7 +72,7 @@ class ObjectNaming:
         frame, (x, y, wide, high) = parse_named(text)
         picture = named_picture(frame, mission, pixel_format)
         rows, cols = picture.shape[:2]
-        self.name(frame, fine_detail(picture), (x / cols, y / rows, wide / cols, high / rows))
+        self.name(frame, detail_picture(picture), (x / cols, y / rows, wide / cols, high / rows))
 
     def take(self) -> list[Event]:
         """Hold what was named, between two frames; what there is to tell of it."""

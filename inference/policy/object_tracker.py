@@ -15,7 +15,7 @@ import numpy as np
 from tokt.features.common.arrays import U8
 from tokt.inference.frame_checks import shape_fault
 
-from .object_model import ObjectModel, ObjectPlace, fine_detail
+from .object_model import ObjectModel, ObjectPlace, detail_picture
 
 HELD, SEARCHING, LOST = "held", "searching", "lost"
 
@@ -93,23 +93,23 @@ class ObjectTracker:
         self.misfit = not self.model.fits(picture)
         if self.misfit:
             return None
-        model, detail, least, margin = self.model, fine_detail(picture), MATCH_FINDS, BESIDE
-        px, size = STEP_PX + WIDENS_PX * self._unseen, STEP_SIZE + WIDENS_SIZE * self._unseen
-        reach = self._centres[-1], px, size
-        if self._found:
-            place = model.find(detail, *self._course(self._found, missed))
-        elif self._unseen > QUEUE:
-            place = model.search(detail, *reach)
-        else:
+        model, detail, least = self.model, detail_picture(picture), MATCH_FINDS
+        followed = not self._found and self._unseen <= QUEUE
+        if followed:
             place = model.find(detail, *self._course([*self._centres], int(self._unseen)))
-            least, margin = max(MATCH_HOLDS, self._centres[-1].match - MATCH_FALLS), 0.0
-            reach = place, math.inf, math.inf
+            least = max(MATCH_HOLDS, self._centres[-1].match - MATCH_FALLS)
+            reach, beside = (place, math.inf, math.inf), 0.0
+        else:
+            px, size = STEP_PX + WIDENS_PX * self._unseen, STEP_SIZE + WIDENS_SIZE * self._unseen
+            reach, beside = (self._centres[-1], px, size), BESIDE
+            course = self._course(self._found, missed) if self._found else None
+            place = model.find(detail, *course) if course else model.search(detail, *reach)
         if place.match < least or model.texture(detail, place) < TEXTURE:
             return None
-        if margin == 0 and place.match >= MATCH_FINDS:
+        if followed and place.match >= MATCH_FINDS:
             return place
-        beside = model.search(detail, *reach, but=place)
-        return place if beside.match < place.match - margin else None
+        other = model.search(detail, *reach, but=place)
+        return place if other.match < place.match - beside else None
 
     def _course(self, trail: list[ObjectPlace], unseen: int) -> tuple[ObjectPlace, float, float]:
         """Where the last places lead to after so many unseen frames, and the reach about there."""

@@ -30,7 +30,7 @@ from tokt.inference.clock import FixedStopwatch
 from tokt.inference.frame import MANY_MISSED, Frame, pixel_mark
 from tokt.inference.policy.assembly import Assembly, StereoSetup, assemble
 from tokt.inference.policy.moving import REMEMBERED_S
-from tokt.inference.policy.object_model import ObjectModel, fine_detail
+from tokt.inference.policy.object_model import ObjectModel, detail_picture
 from tokt.inference.policy.object_naming import named_picture
 from tokt.inference.policy.object_tracker import ObjectTracker
 from tokt.inference.policy.policy import Judgement
@@ -156,7 +156,7 @@ class Replay:
     def _named(self, event: Mapping[str, Any]) -> ObjectTracker | None:
         """What holds the object of an event; None without its picture."""
         try:
-            detail = fine_detail(named_picture(event["frame"], self.mission, self.pixel_format))
+            detail = detail_picture(named_picture(event["frame"], self.mission, self.pixel_format))
             model = ObjectModel(detail, event["box"])
         except (ToktError, KeyError, TypeError, ValueError):
             return None

@@ -33,7 +33,7 @@ from tokt.inference.outputs.listen import SenderMonitor, Silence, listen
 from tokt.inference.outputs.mavlink import MavlinkSender, lens_of
 from tokt.inference.outputs.udp import UdpSender
 from tokt.inference.policy.assembly import assemble
-from tokt.inference.policy.object_model import ObjectModel, fine_detail
+from tokt.inference.policy.object_model import ObjectModel, detail_picture
 from tokt.inference.policy.object_tracker import HELD, SEARCHING, ObjectTracker
 from tokt.inference.policy.policy import EitherPolicy, FallbackPolicy
 from tokt.inference.publisher import Observer, ReportPublisher
@@ -284,7 +284,7 @@ def test_a_cloud_of_sediment():
 def test_a_named_object_that_is_gone_or_in_a_picture_that_froze():
     dive, policy = Dive(), assemble("texture", NoiseScorer, None).policy
     policy.tracker = ObjectTracker(
-        ObjectModel(fine_detail(named.picture(named.own())), named.SHARES)
+        ObjectModel(detail_picture(named.picture(named.own())), named.SHARES)
     )
     dive.policy = policy
 

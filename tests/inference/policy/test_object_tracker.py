@@ -24,7 +24,7 @@ from tests.inference.policy.named_object import (
 from tests.tiers import scaled
 from tokt.features.common.errors import ToktError
 from tokt.inference.frame import MANY_MISSED, Frame
-from tokt.inference.policy.object_model import ObjectModel, fine_detail, inside
+from tokt.inference.policy.object_model import ObjectModel, detail_picture, inside
 from tokt.inference.policy.object_naming import ObjectNaming, parse_named
 from tokt.inference.policy.object_tracker import (
     AGAIN,
@@ -42,7 +42,7 @@ from tokt.inference.verdict import verdict_from_mask
 
 @pytest.fixture(scope="module")
 def model():
-    return ObjectModel(fine_detail(picture(own())), SHARES)
+    return ObjectModel(detail_picture(picture(own())), SHARES)
 
 
 class Dive:
@@ -108,7 +108,7 @@ def test_two_that_are_nearly_the_same_are_told_from_each_other_by_none(model):
 
 def test_one_frame_of_it_does_not_lend_its_like_a_name(model):
     dive = Dive(model)
-    best = model.find(fine_detail(picture(like(250))), model.place, math.inf, math.inf)
+    best = model.find(detail_picture(picture(like(250))), model.place, math.inf, math.inf)
     assert 0.86 < best.match < MATCH_FINDS
     for x in (100, 250, 240):  # of these two the like is not far from where the object was
         dive.see(own(x))
@@ -208,9 +208,9 @@ def test_a_thing_as_large_in_the_picture_at_half_the_distance_is_another(model):
     ],
 )
 def test_what_cannot_be_held_is_refused(box, why):
-    refuses(why, ObjectModel, fine_detail(picture(own())), box)
+    refuses(why, ObjectModel, detail_picture(picture(own())), box)
     refuses("nothing in it", ObjectModel, np.full((HEIGHT, WIDTH), 128, np.uint8), SHARES)
-    refuses("no picture of a camera", fine_detail, np.zeros((1, 400), np.uint8))
+    refuses("no picture of a camera", detail_picture, np.zeros((1, 400), np.uint8))
 
 
 share = st.floats(-0.2, 1.2)
@@ -232,7 +232,7 @@ def test_any_box_of_any_picture_is_searched_for_or_refused(kind, box, shape):
         "stripes": stripes,
     }[kind]
     try:
-        tracker = ObjectTracker(ObjectModel(fine_detail(frame), box))
+        tracker = ObjectTracker(ObjectModel(detail_picture(frame), box))
     except ToktError as error:
         assert "\n" not in str(error)
         return
@@ -265,7 +265,7 @@ def test_any_text_is_a_named_box_or_refused(text):
 def test_a_named_object_is_held_from_the_next_frame_on():
     cues = SimpleNamespace(tracker=None, anchor=None)
     naming = ObjectNaming(cues, lambda: 12.0)
-    detail = fine_detail(picture(own()))
+    detail = detail_picture(picture(own()))
     refuses("not inside", naming.name, 3, detail, (0.9, 0.9, 0.2, 0.2))
     assert naming.take() == [] and cues.tracker is None
     naming.name(3, detail, SHARES)
@@ -281,16 +281,16 @@ def test_a_size_out_of_reach_is_refused(model):
     for share, held in ((model.share, True), (1.9 * model.share, True), (2.1 * model.share, False)):
         naming = ObjectNaming(TemporalCues(Sees(SHARES), anchor=Anchor(share)), lambda: 0.0)
         if held:
-            naming.name(1, fine_detail(picture(own())), SHARES)
+            naming.name(1, detail_picture(picture(own())), SHARES)
         else:
-            refuses("held at 0.026 to 0.1", naming.name, 1, fine_detail(picture(own())), SHARES)
+            refuses("held at 0.026 to 0.1", naming.name, 1, detail_picture(picture(own())), SHARES)
         assert len(naming.take()) == held
 
 
 def test_frames_of_another_shape_are_told_once():
     cues = TemporalCues(Sees(SHARES))
     naming = ObjectNaming(cues, lambda: 12.0)
-    naming.name(1, fine_detail(picture(own())), SHARES)
+    naming.name(1, detail_picture(picture(own())), SHARES)
     naming.take()
     said = []
     for _ in range(3):

@@ -113,7 +113,8 @@ def measure_in_process(
     frames: list[Case[Picture]] = [
         WholeFrame(*pair) for pair in zip(FEATURE_SETS, models, strict=True)
     ]
-    frames += [BestFrame(models[-1].bundle, best.bundle), MovingFrame(models[0].bundle)]
+    moving = MovingFrame(models[0].bundle)
+    frames += [BestFrame(models[-1].bundle, best.bundle), moving]
     textured = Picture(textured_frame())
     texture_kernel.check(textured)
     judged = []
@@ -125,15 +126,17 @@ def measure_in_process(
         raise ToktError(f"mission {mission.name}: the runtime refuses to judge any of its frames")
     # A refused frame costs the runtime next to nothing: timing it would flatter.
     timed = [Picture(mission.read(number)) for number in evenly_spaced(judged, size.timed)]
-    # Points are followed between neighbours only.
     end = numbers.index(judged[-1]) + 1
-    in_a_row = [Picture(mission.read(n)) for n in numbers[max(end - len(timed), 0) : end]]
+    neighbours = numbers[max(end - len(timed), 0) : end]
+    others = {
+        texture_kernel.name: [textured] * len(timed),
+        # Points are followed between neighbours only.
+        moving.name: [Picture(mission.read(number)) for number in neighbours],
+    }
     results = []
     for case in [*kernels, texture_kernel, *frames]:
         say(f"-- {case.name}")
-        shown = [textured] * len(timed) if case is texture_kernel else timed
-        shown = in_a_row if isinstance(case, MovingFrame) else shown
-        results.append(case.measure(shown, size.rounds))
+        results.append(case.measure(others.get(case.name, timed), size.rounds))
     say("-- latency")
     results.append(measure_latency(FEATURE_SETS[0], models[0], timed, size.latency))
     return results, len(compared), len(timed)
