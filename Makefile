@@ -6,12 +6,6 @@ READY := $(VENV)/ready
 DEMO_READY := $(VENV)/demo-ready
 DOCS_READY := $(VENV)/docs-ready
 RELEASE_READY := $(VENV)/release-ready
-# mypy and import-linter do not see through an editable install's name mapping: they are shown
-# the same files under the names they are imported by.
-TREE := rm -rf $(VENV)/tree && mkdir -p $(VENV)/tree/tokt && \
-	ln -s $(CURDIR)/src/tokt/* $(VENV)/tree/tokt/ && \
-	for part in features labels training models inference; do \
-	ln -s $(CURDIR)/$$part $(VENV)/tree/tokt/$$part; done
 
 .PHONY: demo docs test test-rest test-all wheels test-wheels newest check sanitize fuzz soak scale page-times effort video fingerprint format clean
 
@@ -52,11 +46,10 @@ check: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/deptry features models labels inference training src
 	$(BIN)/ruff format --check .
-	$(TREE)
-	MYPYPATH=$(VENV)/tree $(BIN)/mypy
-	MYPYPATH=$(VENV)/tree $(BIN)/mypy $(ELSEWHERE) win32
-	MYPYPATH=$(VENV)/tree $(BIN)/mypy $(ELSEWHERE) darwin
-	cd $(VENV)/tree && ../bin/lint-imports --config ../../pyproject.toml
+	$(BIN)/mypy
+	$(BIN)/mypy $(ELSEWHERE) win32
+	$(BIN)/mypy $(ELSEWHERE) darwin
+	$(BIN)/lint-imports
 
 # What is published, in dist/. TOKT_REPOSITORY=https://... is where the links of its page lead.
 wheels: $(RELEASE_READY)
@@ -82,13 +75,8 @@ newest: $(READY)
 # until it ends is no leak.
 SANITIZED := $(VENV)/sanitized
 sanitize: $(READY)
-	rm -rf $(SANITIZED) && mkdir -p $(SANITIZED)/tokt/features/kernels
-	ln -s $(CURDIR)/src/tokt/* $(SANITIZED)/tokt/
-	for part in labels training models inference; do \
-		ln -s $(CURDIR)/$$part $(SANITIZED)/tokt/$$part; done
-	for part in __init__.py common frames extractors; do \
-		ln -s $(CURDIR)/features/$$part $(SANITIZED)/tokt/features/$$part; done
-	ln -s $(CURDIR)/features/kernels/*.py $(SANITIZED)/tokt/features/kernels/
+	rm -rf $(SANITIZED) && cp -RL src $(SANITIZED)
+	rm -f $(SANITIZED)/tokt/features/kernels/_native.*
 	$(BIN)/cython -3 --module-name tokt.features.kernels._native features/kernels/native/kernels.pyx \
 		-o $(SANITIZED)/_native.c
 	gcc -shared -fPIC -O1 -g -ffp-contract=off -fno-omit-frame-pointer -Ifeatures/kernels/native \

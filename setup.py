@@ -1,14 +1,14 @@
-"""The packages, found in their folders; the wheel's tag; the links of the package's page."""
+"""The wheel's tag, the links of the package's page, and a check of the links in src/tokt."""
 
 import os
 import re
+import sys
 from pathlib import Path
 from sysconfig import get_config_var
 
-from setuptools import find_packages, setup
+from setuptools import setup
 from setuptools.command.bdist_wheel import bdist_wheel
 
-TOP_LEVEL = ("features", "labels", "training", "models", "inference")
 REPOSITORY = os.environ.get("TOKT_REPOSITORY", "").rstrip("/")
 LINK = re.compile(r"(!?)(\[[^]]*\])\((?![a-z]+:|#)([^)]+)\)")
 
@@ -35,6 +35,17 @@ class Wheel(bdist_wheel):
         super().run()
 
 
+def check_links() -> None:
+    """Stop if git wrote the links in src/tokt as text files, as it does by default on Windows."""
+    for path in Path(__file__).parent.glob("src/tokt/*"):
+        if path.is_file() and not path.suffix:
+            sys.exit(
+                f"tokt: error: {path} is a text file, not a link to ../../{path.name}: allow links "
+                "(on Windows in Developer Mode), then run `git config core.symlinks true` and "
+                "`git checkout -- src/tokt`"
+            )
+
+
 def page() -> str:
     """README, with links that work away from the repository once it has an address."""
     text = Path(__file__).with_name("README.md").read_text("utf-8")
@@ -51,12 +62,8 @@ def addresses() -> dict[str, str]:
     return named if REPOSITORY else {}
 
 
+check_links()
 setup(
-    packages=[
-        *find_packages("src"),
-        *(f"tokt.{part}" for part in TOP_LEVEL),
-        *(f"tokt.{part}.{name}" for part in TOP_LEVEL for name in find_packages(part)),
-    ],
     cmdclass={"bdist_wheel": Wheel},
     long_description=page(),
     long_description_content_type="text/markdown",

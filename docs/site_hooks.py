@@ -9,13 +9,11 @@ import os
 import re
 import sys
 import tempfile
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import nbformat
 from mkdocs.config.defaults import MkDocsConfig
-from mkdocs.plugins import event_priority
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
@@ -27,22 +25,6 @@ MAX_CELL_S = 600
 _LOG = logging.getLogger("mkdocs.hooks.tokt")
 _EXTERNAL = re.compile(r'href="(https?://[^"]+)"')
 _external: dict[str, set[str]] = {}
-
-
-@event_priority(100)
-def on_config(config: MkDocsConfig) -> None:
-    """Show mkdocstrings the sources by the names they are imported by (mkdocs.yml, `paths`).
-
-    Before its own step, which passes over paths that are not there yet.
-    """
-    root = Path(config.config_file_path).parent
-    tree = root / "build/tree/tokt"
-    tree.mkdir(parents=True, exist_ok=True)
-    parts = ("features", "labels", "models", "inference", "training")
-    for source in [*(root / "src/tokt").iterdir(), *(root / part for part in parts)]:
-        # Another build may make them at the same time.
-        with suppress(FileExistsError):
-            (tree / source.name).symlink_to(source)
 
 
 def on_page_markdown(markdown: str, page: Page, **_: Any) -> None:

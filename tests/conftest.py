@@ -103,7 +103,8 @@ def git_files():
         return []
     words = (git, "ls-files", "-z", "--cached", "--others", "--exclude-standard")
     listed = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
-    return sorted({name for name in listed.stdout.split("\0") if (ROOT / name).is_file()})
+    # Links to folders too: those of src/tokt.
+    return sorted({name for name in listed.stdout.split("\0") if name and (ROOT / name).exists()})
 
 
 @pytest.fixture(scope="session")
@@ -114,7 +115,7 @@ def sources(git_files, tmp_path_factory):
     copy = tmp_path_factory.mktemp("copy")
     for name in git_files:
         (copy / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(ROOT / name, copy / name)
+        shutil.copyfile(ROOT / name, copy / name, follow_symlinks=False)
     return copy
 
 

@@ -46,10 +46,9 @@ print(json.dumps(failed))
 
 def runtime_modules():
     """All modules of what a ship runs, but drivers and servers of the extras."""
-    for folder in ("features", "models", "inference", "src/tokt/cli"):
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            parts = path.relative_to(ROOT).with_suffix("").parts
-            parts = parts[1:] if parts[0] == "src" else ("tokt", *parts)
+    for folder in ("features", "models", "inference", "cli"):
+        for path in sorted((ROOT / "src/tokt" / folder).rglob("*.py")):
+            parts = path.relative_to(ROOT / "src").with_suffix("").parts
             yield ".".join(parts).removesuffix(".__init__")
 
 

@@ -2,7 +2,6 @@
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -29,11 +28,7 @@ LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)|<img[^>]* src=\"([^\"]+)\"", re.DO
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The site, built strictly: a dead link, an anchor that is not there, a page in no menu.
-
-    As in a fresh checkout, where nothing of an earlier build is there.
-    """
-    shutil.rmtree(ROOT / "build/tree", ignore_errors=True)
+    """The site, built strictly: a dead link, an anchor that is not there, a page in no menu."""
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", folder]
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}

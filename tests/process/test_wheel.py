@@ -41,12 +41,10 @@ on_posix = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 
 def _import_path(name):
     """Where a file of the checkout belongs in the wheel; None for one outside of the product."""
-    folders = sorted(SETUPTOOLS["package-dir"].items(), key=lambda one: -len(one[1]))
-    for package, folder in folders:
-        if PurePosixPath(name).is_relative_to(folder):
-            within = PurePosixPath(name).relative_to(folder)
-            return str(PurePosixPath(*package.split("."), within))
-    return None
+    folder = PurePosixPath(name).parts[0]
+    if (ROOT / "src/tokt" / folder).is_symlink():
+        return f"tokt/{name}"
+    return name.removeprefix("src/") if folder == "src" else None
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +53,7 @@ def product(git_files):
     if not git_files:
         pytest.skip("not a git checkout")
     placed = {_import_path(name): ROOT / name for name in git_files}
-    return {path: file for path, file in placed.items() if path is not None}
+    return {path: file for path, file in placed.items() if path and not file.is_symlink()}
 
 
 @pytest.fixture(scope="module")

@@ -48,7 +48,7 @@ _MLFLOW = f"mlflow {mlflow.__version__}"  # of mlflow or mlflow-skinny
 
 def code_version() -> str:
     """The version of tokt, with the git commit where it runs from a checkout."""
-    folder = Path(__file__).parents[2]
+    folder = Path(__file__).resolve().parents[2]  # of a checkout: src/tokt holds links
     if not (folder / ".git").exists():
         return __version__  # git would describe whatever repository the install happens to be in
     try:
