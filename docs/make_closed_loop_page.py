@@ -13,12 +13,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tokt.studies.simulation.loop.flight import PLANNERS
-from tokt.studies.simulation.loop.scenes import KINDS, LoopScene, draw_scene
-from tokt.studies.simulation.loop.track import Track
-from tokt.studies.simulation.loop.vehicle import State
-from tokt.studies.simulation.report.maps import Chart, still
-from tokt.studies.simulation.report.outcome import GROUND_IN_VIEW
+from tokt_studies.simulation.loop.flight import PLANNERS
+from tokt_studies.simulation.loop.scenes import KINDS, LoopScene, draw_scene
+from tokt_studies.simulation.loop.track import Track
+from tokt_studies.simulation.loop.vehicle import State
+from tokt_studies.simulation.report.maps import Chart, still
+from tokt_studies.simulation.report.outcome import GROUND_IN_VIEW
 
 DOCS = Path(__file__).parent
 PAGE, PICTURE = DOCS / "explanation" / "closed_loop.md", DOCS / "pictures" / "sea_trial.jpg"

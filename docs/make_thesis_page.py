@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-from tokt.studies.thesis.page import write_thesis_page
+from tokt_studies.thesis.page import write_thesis_page
 
 results = json.loads((Path(sys.argv[1]) / "results.json").read_text(encoding="utf-8"))
 write_thesis_page(results, Path(__file__).parent / "thesis.md")

@@ -32,14 +32,14 @@ from markdown_it import MarkdownIt
 ROOT = Path(__file__).resolve().parents[1]
 MAX_WORDS = 15_500
 MAX_SENTENCE = 25
-TEMPLATE = "src/tokt/studies/thesis/page.md.in"
+TEMPLATE = "studies/src/tokt_studies/thesis/page.md.in"
 MADE = ("docs/thesis.md",)
 """Made by a program from the template."""
 GLOSSARY = "docs/glossary.md"
 PUBLIC = ("tokt", "tokt.sklearn", "tokt.mlflow")
 """Modules whose public docstrings the reference shows, as `generate_reference.py` has them."""
 STEPS = ("features", "labels", "models", "training", "inference")
-ROOMS = ("src/tokt/cli", "src/tokt/studies", *STEPS)
+ROOMS = ("src/tokt/cli", "studies/src/tokt_studies", *STEPS)
 
 _ABBREVIATION = re.compile(r"(e\.g|i\.e|vs|cf|etc|approx|no|fig|eq|pp?)\.")
 _MARKDOWN = MarkdownIt("commonmark").enable("table")

@@ -213,7 +213,7 @@ def test_a_long_sentence_in_a_docstring_is_found(prose):
 def test_the_script_fails_where_there_is_too_much(prose, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(prose, "ROOT", tmp_path)
     monkeypatch.setattr(prose, "product_texts", lambda: [])
-    (tmp_path / "src/tokt/studies/thesis").mkdir(parents=True)
+    (tmp_path / "studies/src/tokt_studies/thesis").mkdir(parents=True)
     for page in ("README.md", "CONTRIBUTING.md", prose.TEMPLATE):
         (tmp_path / page).write_text("Short.")
     assert prose.main([]) == 0

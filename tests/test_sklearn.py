@@ -36,12 +36,12 @@ from tokt.sklearn import (
     load_dataset,
     patches_of,
 )
-from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt.training.datasets.dataset import open_dataset
 from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import settings_named
 from tokt.training.fitting.train import TrainRequest, fit_and_measure
+from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission
 
 FRAMES = 40
 EXTRACTORS = {

@@ -18,7 +18,6 @@ from tokt.labels.taxonomy import Taxonomy as Taxonomy
 from tokt.models.bundle.bundle import Bundle as Bundle
 from tokt.models.registry.load import load_model as load_model
 from tokt.models.store.store import Store as Store
-from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission as simulate_mission
 from tokt.training.compare.compare_options import CompareOptions as CompareOptions
 from tokt.training.compare.compare_options import Comparison as Comparison
 from tokt.training.compare.compare_options import compare as compare
@@ -30,5 +29,6 @@ from tokt.training.evaluation.evaluate_options import evaluate as evaluate
 from tokt.training.fitting.train_options import TrainedVersion as TrainedVersion
 from tokt.training.fitting.train_options import TrainOptions as TrainOptions
 from tokt.training.fitting.train_options import train as train
+from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission as simulate_mission
 
 __version__: str

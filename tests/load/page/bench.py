@@ -20,9 +20,9 @@ from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import open_mission
 from tokt.labels.store.store import FILE_NAME
 from tokt.labels.taxonomy import Taxonomy
-from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
 from tokt.training.datasets.mission_list import named_missions
 from tokt.training.datasets.mission_source import LabelledMission, labelled_missions
+from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission
 
 from .chart import label_chart_png
 from .mission import copy_frames, label_all, link_frames

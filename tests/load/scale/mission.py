@@ -12,7 +12,7 @@ from tokt.cli.output import progress
 from tokt.features.common.arrays import U8
 from tokt.features.frames.mission import LEFT, open_mission
 from tokt.labels.formats.label_csv import COLUMNS
-from tokt.studies.simulation.rendering.synthetic_mission import simulate_mission
+from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission
 
 NAME = "scale"
 DIVE_FRAMES, LABELS = 100, "labels.csv"

@@ -19,8 +19,8 @@ from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import DEFAULT_GRID
-from tokt.studies.simulation.scene.rig import FULL_WIDTH
 from tokt.training.datasets.splits import BLOCK_FRAMES, FOLDS
+from tokt_studies.simulation.scene.rig import FULL_WIDTH
 
 from .cost import Cost, watched
 from .mission import ScaleMission

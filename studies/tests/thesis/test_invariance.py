@@ -1,0 +1,109 @@
+"""Verdicts under grey changes, rotation and noise: shares that are counted, claims both ways."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tokt.features.common.errors import ToktError
+from tokt_studies.thesis.exhibits import invariance as exhibit_of
+from tokt_studies.thesis.exhibits.exhibit import ClaimAgreement
+from tokt_studies.thesis.exhibits.invariance import (
+    GAIN,
+    GAMMA,
+    NOISE,
+    QUARTER,
+    SMALL,
+    changed_shares,
+    haralick_claim,
+    invariance,
+    lbp_claim,
+    turned,
+)
+
+pytestmark = pytest.mark.xdist_group("reproduce")
+ROWS = [GAMMA, GAIN, QUARTER, *SMALL, NOISE]
+
+
+class Bright:
+    """Calls a patch other whose mean grey level is above a limit; the same for every extractor."""
+
+    def __init__(self, limit: float) -> None:
+        self.limit = limit
+
+    def predict(self, rows: np.ndarray) -> np.ndarray:
+        return (rows[:, 0] > self.limit).astype(int)
+
+
+def grey(picture: np.ndarray, grid: Any) -> dict[str, np.ndarray]:
+    means = grid.cells(picture).reshape(grid.n_patches, -1).mean(axis=1)[:, None]
+    return {"lbp_10_5": means, "lbp_24_8": means, "haralick": means}
+
+
+def context_with(limit: float) -> Any:
+    """Two kinds of patches, of grey level 40 and 100, labelled as clear and as an obstacle."""
+    truth = (np.arange(100) % 2).astype(np.int8)
+    frame = np.repeat(np.repeat((40 + 60 * truth).reshape(10, 10), 27, 0), 36, 1).astype(np.uint8)
+    models = dict.fromkeys(grey(frame, exhibit_of.GRID), SimpleNamespace(classifier=Bright(limit)))
+    return SimpleNamespace(
+        thesis=models, truth=lambda number: truth, decoded=lambda ns: ((n, frame) for n in ns)
+    )
+
+
+def test_only_what_changes_a_verdict_is_counted(monkeypatch):
+    """By brightness: gain and gamma make clear water other, a turn leaves each patch as it is."""
+    monkeypatch.setattr(exhibit_of, "described", lambda picture, grid: grey(picture, grid))
+    shares = changed_shares(context_with(70), [1, 2])["haralick"]
+    assert shares.index.tolist() == ROWS
+    assert shares[GAIN] == shares[GAMMA] == 0.5
+    assert shares[[QUARTER, *SMALL, NOISE]].max() == 0
+    assert changed_shares(context_with(300), [1]).max().max() == 0
+    with pytest.raises(ToktError, match="can be read"):
+        changed_shares(context_with(70), [])
+
+
+def test_a_patch_is_turned_about_its_middle():
+    """A cross of one patch stays in it, and a full turn changes nothing."""
+    picture = np.zeros((270, 360), np.uint8)
+    picture[40:41, 40:68] = 255
+    found = turned(90)(picture)
+    assert found[27:54, 36:72].any() and not found[54:].any() and not found[:27].any()
+    assert (np.ptp(np.nonzero(found[27:54, 36:72])[0]) > 20) and (
+        np.ptp(np.nonzero(found[27:54, 36:72])[1]) <= 1
+    )
+    assert (turned(0)(picture) == picture).all()
+
+
+def shares_of(lbp: list[float], haralick: list[float]) -> pd.DataFrame:
+    columns = {"lbp_10_5": lbp, "lbp_24_8": [0.0] * 6, "haralick": haralick}
+    return pd.DataFrame(columns, index=ROWS)
+
+
+def test_lbp_is_unchanged_or_not():
+    still, noisy = [0.0] * 6, [0.0] * 5 + [0.9]
+    assert lbp_claim(shares_of(still, still)).agreement is ClaimAgreement.YES
+    assert lbp_claim(shares_of(noisy, still)).agreement is ClaimAgreement.YES
+    turned_ones = [0.0, 0.0, 0.2, 0.0, 0.0, 0.0]
+    assert lbp_claim(shares_of(turned_ones, still)).agreement is ClaimAgreement.PARTLY
+    both = shares_of(turned_ones, still).assign(lbp_24_8=turned_ones)
+    assert lbp_claim(both).agreement is ClaimAgreement.NO
+
+
+def test_haralick_changes_more_or_not():
+    still = [0.0] * 6
+    for turns, noise, agreement in ((0.2, 0.2, "YES"), (0.2, 0.0, "PARTLY"), (0.0, 0.0, "NO")):
+        shares = shares_of(still, [0.0, 0.0, turns, turns, turns, noise])
+        assert haralick_claim(shares).agreement is ClaimAgreement[agreement]
+
+
+def test_the_exhibit(judged, context_of, monkeypatch):
+    monkeypatch.setattr(exhibit_of, "FRAMES", 2)
+    found = invariance(judged)
+    table = found.tables[0].frame.set_index("change")
+    assert table.index.tolist() == ROWS
+    assert ((table >= 0) & (table <= 1)).all(axis=None)
+    assert table["LBP (10, 5)"].max() > 0
+    with pytest.raises(ToktError, match="labelled"):
+        invariance(context_of(judged.mission.path, {"labels": None}))

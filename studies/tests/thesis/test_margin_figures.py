@@ -1,0 +1,127 @@
+"""The false line, the sweep of disparities and the cut margin: found, and found to be untrue."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tokt_studies.baselines.thesis_stereo import CROP_PX, N_DISPARITIES_PX, disparity_map
+from tokt_studies.thesis.exhibits import margin_figures
+from tokt_studies.thesis.exhibits.exhibit import ClaimAgreement
+from tokt_studies.thesis.exhibits.margin_figures import (
+    SWEEP,
+    edge_claim,
+    line_claim,
+    matched_by_number,
+    seen_at_the_edges,
+    sweep_claim,
+)
+from tokt_studies.thesis.exhibits.margin_figures import margin_figures as margin_exhibit
+
+SIZE = 1024, 1360
+
+
+def empty_map(*columns: int) -> np.ndarray:
+    """A map that is white in some columns."""
+    found = np.zeros(SIZE, np.uint8)
+    found[:, list(columns)] = 255
+    return found
+
+
+@pytest.mark.parametrize(
+    ("maps", "agreement"),
+    [
+        ([empty_map(1250, 1251), empty_map(1250, 1251)], "YES"),
+        ([empty_map(1250), empty_map(1300)], "PARTLY"),
+        ([empty_map(20), empty_map(20)], "NO"),
+        ([empty_map(), empty_map()], "NO"),
+        ([], "UNAVAILABLE"),
+    ],
+)
+def test_a_false_line_stands_at_the_right_of_every_map(maps, agreement):
+    assert line_claim(maps).agreement is ClaimAgreement[agreement]
+
+
+def test_the_sweep_is_of_the_thesiss_block_matching():
+    """With its own number it gives the thesis's map."""
+    rng = np.random.default_rng(3)
+    left = np.zeros(SIZE, np.uint8)
+    left[300:500, 500:800] = rng.integers(0, 255, (200, 300))
+    right = np.roll(left, -30, axis=1)
+    sweep = matched_by_number([(left, right)])
+    white = disparity_map(left, right) > 0
+    # The least disparity found is stretched to 0, which is also what is not matched.
+    assert sweep[N_DISPARITIES_PX][0] == pytest.approx(100 * white.mean(), abs=0.1)
+    assert sweep[N_DISPARITIES_PX][0] > 1
+
+
+def test_matches_fall_where_the_search_leaves_the_picture():
+    """Texture at the left edge: a longer search has no room there."""
+    left = np.zeros(SIZE, np.uint8)
+    left[300:500, 60:200] = np.random.default_rng(3).integers(0, 255, (200, 140))
+    sweep = matched_by_number([(left, left)])
+    assert sweep[SWEEP[0]][0] > 2 * sweep[SWEEP[-1]][0]
+    assert sweep_claim(sweep).agreement is ClaimAgreement.PARTLY
+
+
+@pytest.mark.parametrize(
+    ("shares", "agreement"),
+    [
+        (np.linspace(9, 2, len(SWEEP)), "YES"),
+        ([9, 8, 7, 7, 6, 5, 4, 3], "PARTLY"),
+        ([5] * len(SWEEP), "NO"),
+        (np.linspace(2, 9, len(SWEEP)), "NO"),
+    ],
+)
+def test_matches_fall_with_the_number_of_disparities_or_not(shares, agreement):
+    sweep = pd.DataFrame([shares], columns=list(SWEEP))
+    assert sweep_claim(sweep).agreement is ClaimAgreement[agreement]
+    assert sweep_claim(sweep[:0]).agreement is ClaimAgreement.UNAVAILABLE
+
+
+def mirrored(context, monkeypatch, thesis_map) -> pd.DataFrame:
+    monkeypatch.setattr(margin_figures, "thesis_map", thesis_map)
+    monkeypatch.setattr(margin_figures, "MIRRORED_FRAMES", 2)
+    monkeypatch.setattr(margin_figures, "in_map", in_place)
+    return seen_at_the_edges(context)
+
+
+def in_place(patches: np.ndarray) -> np.ndarray:
+    """As `in_map`, without any undistortion."""
+    there = (patches == 1).reshape(10, 10)
+    return np.kron(there, np.ones((102, 136), bool))
+
+
+def test_an_obstacle_at_the_right_edge_is_cut_off(reproduced, monkeypatch):
+    """A map that is white all over loses what lies in the margin, and only at the right edge."""
+    seen = mirrored(reproduced, monkeypatch, lambda *_: np.full((1020, 1360), 255, np.uint8))
+    assert (seen["left"] == 1).all()
+    assert seen["right"].to_numpy() == pytest.approx(1 - seen["right, in the margin"])
+    assert (seen["right, in the margin"] > 0.1).all()
+    assert edge_claim(seen).agreement is ClaimAgreement.YES
+    same = seen.assign(right=seen["left"])
+    assert edge_claim(same).agreement is ClaimAgreement.PARTLY
+    outside = same.assign(**{"right, in the margin": 0.0})
+    assert edge_claim(outside).agreement is ClaimAgreement.NO
+    assert edge_claim(seen[:0]).agreement is ClaimAgreement.UNAVAILABLE
+
+
+def test_the_pair_is_moved_to_the_edge(reproduced, monkeypatch):
+    """What is in the map is the obstacle's own brightness, so it is where the patches are moved."""
+    columns = []
+
+    def brightness(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        columns.append(float(np.average(np.arange(left.shape[1]), weights=left.mean(axis=(0, 2)))))
+        return np.zeros((1020, 1360), np.uint8)
+
+    mirrored(reproduced, monkeypatch, brightness)
+    assert columns[0] == pytest.approx(359 - columns[1], abs=1e-6)
+
+
+def test_the_exhibit(reproduced, monkeypatch):
+    for name in ("OPEN_FRAMES", "SWEPT_FRAMES", "MIRRORED_FRAMES"):
+        monkeypatch.setattr(margin_figures, name, 2)
+    exhibit = margin_exhibit(reproduced)
+    assert len(exhibit.claims) == 3
+    sweep, edges = (table.frame for table in exhibit.tables)
+    assert list(sweep.columns) == list(SWEEP) and len(edges) == 2
+    assert CROP_PX == 200
