@@ -44,7 +44,7 @@ ELSEWHERE := --no-warn-unreachable --no-warn-unused-ignores --disable-error-code
 
 check: $(READY)
 	$(BIN)/ruff check .
-	$(BIN)/deptry features models labels inference training src
+	$(BIN)/deptry features models labels inference training src studies/src
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/mypy $(ELSEWHERE) win32
@@ -125,26 +125,26 @@ format: $(READY)
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 # What an older checkout compiled would be imported in place of the new extension.
 NEW_VENV := $(PYTHON) -m venv $(VENV) && rm -f features/kernels/_native.*.so
-SOURCES := pyproject.toml setup.py constraints.txt $(wildcard features/kernels/native/*.h features/kernels/native/*.pyx)
+SOURCES := pyproject.toml setup.py constraints.txt studies/pyproject.toml studies/setup.py $(wildcard features/kernels/native/*.h features/kernels/native/*.pyx)
 
 $(READY): $(SOURCES)
 	$(NEW_VENV)
-	$(PIP) -e '.[all,dev]'
+	$(PIP) -e '.[all,dev]' -e studies
 	touch $@
 
 # Bytecode is written as it is needed: most of these packages is never imported.
 $(DEMO_READY): $(SOURCES)
 	$(NEW_VENV)
-	$(PIP) --no-compile -e '.[demo]'
+	$(PIP) --no-compile -e '.[demo]' -e studies
 	touch $@
 
 $(DOCS_READY): $(READY)
-	$(PIP) -e '.[docs]'
+	$(PIP) -e '.[docs]' -e studies
 	touch $@
 
 $(RELEASE_READY): $(READY)
-	$(PIP) -e '.[release]'
+	$(PIP) -e '.[release]' -e studies
 	touch $@
 
 clean:
-	rm -rf $(VENV) demo-out bench-out build dist src/*.egg-info features/kernels/_native.*.so features/kernels/native/*.c
+	rm -rf $(VENV) demo-out bench-out build dist src/*.egg-info studies/build studies/src/*.egg-info features/kernels/_native.*.so features/kernels/native/*.c

@@ -18,7 +18,7 @@ from typing import Any
 import typer
 
 import tokt
-from tokt.cli.app import app
+from tokt.cli.app import whole_app
 from tokt.inference.clock import SYSTEM_CLOCK
 from tokt.inference.config import OPTIONS, Option
 from tokt.inference.monitoring.metrics import RunCollector
@@ -73,10 +73,10 @@ FORMATS = {
     "inference.recording.recording.RECORDING_FORMAT": "recording, `recording.jsonl`",
     "inference.replay.shadow.SHADOW_FORMAT": "log of a challenger, `--shadow-log`",
     "inference.stereo.calibration_files.FORMAT_VERSION": "stereo calibration, `.yml`",
-    "studies.simulation.rendering.synthetic_mission.SCENE_FORMAT": "scene of `tokt simulate`",
-    "studies.simulation.study.RESULTS_FORMAT": "results of `tokt simulate`",
-    "studies.simulation.loop.track.TRACK_FORMAT": "flight of `tokt simulate --closed-loop`",
-    "studies.thesis.report.FORMAT": "results of `tokt reproduce`",
+    "tokt_studies.simulation.rendering.synthetic_mission.SCENE_FORMAT": "scene of `tokt simulate`",
+    "tokt_studies.simulation.study.RESULTS_FORMAT": "results of `tokt simulate`",
+    "tokt_studies.simulation.loop.track.TRACK_FORMAT": "flight of `tokt simulate --closed-loop`",
+    "tokt_studies.thesis.report.FORMAT": "results of `tokt reproduce`",
 }
 """The version of each file format: where it stands in the code, and what has it."""
 _CODE = re.compile(r"(\d+) (.+?)(?=[;,] \d|\.?$)")
@@ -107,7 +107,7 @@ def as_cell(text: str) -> str:
 
 def command_line() -> str:
     """Every command, as its help has it."""
-    root = typer.main.get_command(app)
+    root = typer.main.get_command(whole_app())
     lines = ["# Command line", "", root.help, "", *_overview(root), ""]
     for name, command in _leaves(root, "tokt"):
         lines += _command(name, command)
@@ -245,7 +245,7 @@ Why a verdict is unknown. With status 1 or 0, what the verdict had to do without
 
 def exit_codes() -> str:
     """What a command's end says."""
-    root = typer.main.get_command(app)
+    root = typer.main.get_command(whole_app())
     (listed,) = re.findall(r"Exit codes: (.*)", " ".join((root.epilog or "").split()))
     codes, _, more = listed.partition(". ")
     rows = [[f"`{code}`", as_cell(words)] for code, words in re.findall(_CODE, codes)]
@@ -295,7 +295,8 @@ def formats() -> str:
 
 def _version(place: str) -> int:
     module, _, name = place.rpartition(".")
-    return getattr(importlib.import_module(f"tokt.{module}"), name)
+    package = "" if module.startswith("tokt_studies.") else "tokt."
+    return getattr(importlib.import_module(package + module), name)
 
 
 def python() -> str:
@@ -322,7 +323,9 @@ def _place(module: Any, name: str) -> tuple[int, bool, str]:
     """Where a name stands: by the step it belongs to, functions first."""
     found = getattr(module, name)
     kind = isinstance(found, type)
-    step = "errors" if kind and issubclass(found, Exception) else found.__module__.split(".")[1]
+    package, room, *_ = found.__module__.split(".")
+    step = "studies" if package == "tokt_studies" else room
+    step = "errors" if kind and issubclass(found, Exception) else step
     return [*STEPS].index(step) if module is tokt else 0, kind, name
 
 
@@ -332,7 +335,7 @@ def _fields(found: Any) -> list[str]:
         return []
     names = [each.name for each in dataclasses.fields(found)]
     if found.__name__ in OPTIONS_OF:
-        command = typer.main.get_command(app)
+        command = typer.main.get_command(whole_app())
         for word in OPTIONS_OF[found.__name__].split():
             command = command.commands[word]
         words = {param.name: param.help or "" for param in command.params}

@@ -297,9 +297,9 @@ def product_texts() -> Iterator[Text]:
     """All that the program says: help, pages, scripts, public docstrings, texts in modules."""
     from typer.main import get_command
 
-    from tokt.cli.app import app
+    from tokt.cli.app import whole_app
 
-    yield from help_texts(get_command(app))
+    yield from help_texts(get_command(whole_app()))
     readers = {".py": said_texts, ".html": html_texts, ".js": script_texts}
     for file in sorted(file for room in ROOMS for file in (ROOT / room).rglob("*")):
         if file.suffix in readers:

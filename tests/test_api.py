@@ -8,7 +8,7 @@ import pytest
 
 import tokt
 from tests.calls import refused, refuses, run_python, succeeds
-from tests.conftest import BUILD_TINY, LABEL_COLUMNS, TRAIN_TINY, write_labels
+from tests.fixtures import BUILD_TINY, LABEL_COLUMNS, TRAIN_TINY, write_labels
 from tokt.features.common.extras import EXTRAS, MissingExtraError
 from tokt.models.bundle.bundle import read_bundle
 from tokt.models.store.store import Store

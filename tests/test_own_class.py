@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from tests.calls import succeeds
-from tests.conftest import taxonomy_toml, write_labels
+from tests.fixtures import taxonomy_toml, write_labels
 from tokt.labels.formats.label_csv import read_label_csv
 from tokt.labels.taxonomy import load_taxonomy
 

@@ -1,4 +1,4 @@
-"""tokt's estimators as scikit-learn uses them, on rendered missions."""
+"""tokt's estimators as scikit-learn uses them, on small dives in colour."""
 
 import doctest
 import pickle
@@ -22,6 +22,7 @@ from sklearn.utils.validation import validate_data
 
 import tokt.sklearn
 from tests.calls import refuses, succeeds
+from tests.fixtures import TINY_FRAMES, draw_tiny_frame, tiny_labels, write_labels
 from tokt.features.common.errors import ToktError
 from tokt.features.extractors.extractor import extractor_named, gray_picture
 from tokt.features.frames.grid import Grid
@@ -41,9 +42,7 @@ from tokt.training.datasets.feature_cache import cached_features
 from tokt.training.fitting.cross_validation import Split
 from tokt.training.fitting.presets import settings_named
 from tokt.training.fitting.train import TrainRequest, fit_and_measure
-from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission
 
-FRAMES = 40
 EXTRACTORS = {
     "lbp": LBP(),
     "lbp_24_8_frame": LBP(points=24, radius=8, border="frame"),
@@ -57,12 +56,23 @@ EXTRACTORS = {
 MIN_CHECKS = 45
 
 
+def write_dive(folder, seed):
+    """Write the frames of the tiny mission in colour, with noise of a dive's own."""
+    rng = np.random.default_rng(seed)
+    (folder / "Left").mkdir(parents=True)
+    for frame in range(1, TINY_FRAMES + 1):
+        colour = draw_tiny_frame(frame)[..., None] * (1.2, 1.0, 0.6)  # blue, green, red of water
+        noisy = (colour + rng.normal(0, 1, colour.shape)).clip(0, 255).astype(np.uint8)
+        cv2.imwrite(str(folder / "Left" / f"{folder.name}_L_{frame}.png"), noisy)
+    write_labels(folder / "labels.csv", tiny_labels(folder.name))
+
+
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory):
     """Datasets `one`, a dive that is split by blocks, and `two`, of two dives."""
     home = tmp_path_factory.mktemp("sklearn")
     for seed, name in ((1, "east"), (2, "west")):
-        simulate_mission(home / name, seed=seed, n_frames=FRAMES, width=340, jobs=1)
+        write_dive(home / name, seed)
     where = ("--workspace", home / ".tokt", "--block", 4)
     given = [("--mission", home / d, "--labels", home / d / "labels.csv") for d in ("east", "west")]
     succeeds("dataset", "build", "one", *given[0], *where)

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import pytest
 from _pytest.mark.expression import Expression
 
-from tests.conftest import pytest_ignore_collect
-from tests.tiers import CORE, HERE, PROOF, TIERS, is_proof, tier_of
+from tests.fixtures import pytest_ignore_collect
+from tests.tiers import CORE, HERE, PROOF, STUDIES, TIERS, is_proof, tier_of
 
 ROOT = HERE.parent
 MAKEFILE = (ROOT / "Makefile").read_text("utf-8")
@@ -32,7 +32,6 @@ def in_make_test(*markers):
         ("labels/page/api/test_access.py", "process"),
         ("labels/page/state/test_review_sheet.py", "core"),
         ("labels/page/browser/frame_view/test_browser_frame.py", "browser"),
-        ("studies/simulation/loop/test_loop.py", "study"),
         ("training/compare/test_compare.py", "study"),
         ("load/test_soak.py", "load"),
         ("fuzz/test_fuzz.py", "fuzz"),
@@ -40,6 +39,7 @@ def in_make_test(*markers):
 )
 def test_a_folder_decides(file, name):
     assert (HERE / file).is_file() and tier_of(HERE / file).name == name
+    assert tier_of(STUDIES / "speed" / "test_bench.py").name == "study"
 
 
 def test_every_folder_of_a_tier_and_all_of_the_proof_is_there():

@@ -10,6 +10,7 @@ from pathlib import Path, PurePosixPath
 from hypothesis import settings
 
 HERE = Path(__file__).parent
+STUDIES = HERE.parent / "studies" / "tests"
 SHARES = {"quick": 0.25, "full": 1.0}
 """Hypothesis profiles of the command line, and the share of each test's examples that they try."""
 
@@ -24,6 +25,7 @@ class Tier:
         The marker.
     folders : tuple of str
         Within `tests`; one name alone is any folder of that name. None for what is in no other.
+        All tests of `studies/tests` are of the tier `study`.
     examples : int
         That Hypothesis tries where a test does not say how many.
     """
@@ -33,14 +35,15 @@ class Tier:
     examples: int
 
 
-_STUDIES = ("compare", "fitting", "rig", "search")
+_SLOW_ROOMS = ("compare", "fitting", "rig", "search")
 CORE = Tier("core", (), 100)
+STUDY = Tier("study", tuple(f"training/{room}" for room in _SLOW_ROOMS), 50)
 TIERS = (
     Tier("browser", ("labels/page/browser",), 20),
     Tier(
         "process", ("process", "labels/page/api", "models/registry", "inference/sources/video"), 20
     ),
-    Tier("study", ("studies", *(f"training/{room}" for room in _STUDIES)), 50),
+    STUDY,
     Tier("load", ("load",), 20),
     Tier("fuzz", ("fuzz",), 100),
     CORE,
@@ -67,6 +70,8 @@ def _within(path: PurePosixPath, folder: str) -> bool:
 
 def tier_of(path: Path) -> Tier:
     """The tier of a test file's folder."""
+    if path.is_relative_to(STUDIES):
+        return STUDY
     within = PurePosixPath(path.relative_to(HERE).as_posix())
     return next(
         (tier for tier in TIERS if any(_within(within, folder) for folder in tier.folders)), CORE
@@ -75,8 +80,7 @@ def tier_of(path: Path) -> Tier:
 
 def is_proof(path: Path) -> bool:
     """Whether a test file is run each time."""
-    within = PurePosixPath(path.relative_to(HERE).as_posix())
-    return any(within.is_relative_to(proof) for proof in PROOF)
+    return any(path.is_relative_to(HERE / proof) for proof in PROOF)
 
 
 def scaled(examples: int) -> int:
@@ -103,6 +107,6 @@ def register_profiles(name: str) -> None:
         )
 
 
-# Known before the command line is read; each tier's own take their place (tests/conftest.py).
+# Known before the command line is read; each tier's own take their place (tests/fixtures.py).
 for _name in SHARES:
     settings.register_profile(_name, deadline=None)

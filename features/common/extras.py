@@ -35,6 +35,8 @@ def missing_extra(
     `extra` is named where several bring the package.
     """
     package = (error.name or "").partition(".")[0]
+    if package == "tokt_studies":
+        return MissingExtraError(f"{who} needs {package}: install the distribution tokt-studies")
     if package not in EXTRAS:
         return None
     wanted = extra or EXTRAS[package]

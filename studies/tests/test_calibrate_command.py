@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.calls import refused, succeeds
 from tokt.inference.stereo.calibration import StereoCalibration, load_calibration
 from tokt.inference.stereo.calibration_writer import write_calibration
 from tokt_studies.simulation.rendering.synthetic_mission import MissionScene
@@ -18,6 +19,11 @@ from tokt_studies.simulation.rendering.synthetic_mission import MissionScene
 pytestmark = pytest.mark.xdist_group("calibrated")  # what they share is made once
 
 WIDTH, FRAMES = 480, range(80, 100, 2)
+
+
+def told(*arguments):
+    """Run a command that must end well; the JSON that it prints."""
+    return json.loads(succeeds(*arguments, "--json").out)
 
 
 @dataclass(frozen=True)
@@ -55,7 +61,7 @@ class Calibrated:
 
 
 @pytest.fixture(scope="module")
-def calibrated(rendered, told):
+def calibrated(rendered):
     """Nothing given but the baseline."""
     file, report = rendered.path.parent / "own.yml", rendered.path.parent / "own.html"
     options = ("-o", file, "--baseline", 305.5, "--report", report)
@@ -134,7 +140,7 @@ def test_a_shift_is_measured(rendered, tmp_path, run_tokt):
     assert re.search(r"shifted: .* a trim of \+[12]\.\d px .*moved down", ran.out), ran.out
 
 
-def test_what_cannot_be_done_is_one_line(rendered, tmp_path, refused):
+def test_what_cannot_be_done_is_one_line(rendered, tmp_path):
     water = tmp_path / "water"
     for side in ("Left", "Right"):
         (water / side).mkdir(parents=True)
@@ -161,7 +167,7 @@ def test_what_cannot_be_done_is_one_line(rendered, tmp_path, refused):
         assert not out.exists()
 
 
-def test_starts_from_a_file(rendered, tmp_path, done):
+def test_starts_from_a_file(rendered, tmp_path):
     """K and D as given, principal point and distortion included; only the standing is found."""
     start, out = tmp_path / "start.yml", tmp_path / "own.json"
     lens = np.array([0.01, 0.02, 0.0, 0.0, 0.0])
@@ -169,14 +175,14 @@ def test_starts_from_a_file(rendered, tmp_path, done):
     odd[:2, 2] += 3, -2
     write_calibration(start, replace(rendered.truth, K1=odd, D1=lens, D2=lens))
     options = ("--start", start, "--frames", "86-92", "--fit", "all")
-    ran = done("calibrate", rendered.path, "-o", out, *options)
+    ran = succeeds("calibrate", rendered.path, "-o", out, *options)
     found = load_calibration(out)
     np.testing.assert_allclose(found.K1, odd)
     np.testing.assert_allclose(found.D1, lens)
     assert "NOT held out" in ran.out
 
 
-def test_the_printed_form_gives_focal_length_and_lens(rendered, tmp_path, done):
+def test_the_printed_form_gives_focal_length_and_lens(rendered, tmp_path):
     """A principal point outside the frame is not used, and this is said."""
     lens = {"skew": 0, "k": [0.02, 0.01, 0, 0, 0], "p": [0, 0, 0, 0]}
     eye = {"fx": 790.0, "fy": 780.0, "cx": 240.0, "cy": -22.0, **lens}
@@ -186,7 +192,7 @@ def test_the_printed_form_gives_focal_length_and_lens(rendered, tmp_path, done):
     printed.write_text(json.dumps(table), encoding="utf-8")
     out = tmp_path / "own.yml"
     options = ("--start", printed, "--frames", "86-92", "--fit", "all")
-    ran = done("calibrate", rendered.path, "-o", out, *options)
+    ran = succeeds("calibrate", rendered.path, "-o", out, *options)
     assert "principal point at the centre" in ran.err
     found = load_calibration(out)
     np.testing.assert_allclose(np.diag(found.K1)[:2], 790.0)
@@ -194,7 +200,7 @@ def test_the_printed_form_gives_focal_length_and_lens(rendered, tmp_path, done):
 
 
 @pytest.mark.mission
-def test_the_real_mission_fit_even_tested_odd(mission_dir, tmp_path, told):
+def test_the_real_mission_fit_even_tested_odd(mission_dir, tmp_path):
     """Fourteen frames, for time; the reference's depths are in the mission's README."""
     out = tmp_path / "own.yml"
     options = ("--fit", "even", "--frames", "170-175,180-183,194-197")

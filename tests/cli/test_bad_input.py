@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.calls import run_python
-from tests.conftest import tiny_labels, write_labels
+from tests.fixtures import tiny_labels, write_labels
 from tests.models.parts import pack, rehash, unpack
 from tokt.models.bundle.bundle import read_bundle
 from tokt.models.store.store import Store

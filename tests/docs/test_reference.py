@@ -76,17 +76,18 @@ def test_exit_codes_are_those_of_help(reference, run_tokt):
 
 def test_every_version_of_a_file_format_is_on_the_page(reference):
     """What the code calls a format's version: a whole number, by such a name."""
+    rooms = [*(ROOT / "src/tokt").iterdir(), ROOT / "studies/src/tokt_studies"]
     found = {
         f"{module}.{target.id}"
-        for folder in ("features", "labels", "models", "inference", "training", "src/tokt")
-        for path in (ROOT / folder).rglob("*.py")
+        for room in rooms
+        for path in room.rglob("*.py")
         for node in ast.parse(path.read_text("utf-8")).body
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant)
         if type(node.value.value) is int
         for target in node.targets
         if isinstance(target, ast.Name) and VERSION.fullmatch(target.id)
-        for module in [".".join(path.relative_to(ROOT).with_suffix("").parts)]
+        for module in [".".join(path.with_suffix("").parts).rpartition(".src.")[2]]
     }
-    found = {name.removeprefix("src.tokt.") for name in found}
+    found = {name.removeprefix("tokt.") for name in found}
     assert found - {*reference["FORMATS"]} == set()
     assert "version" in reference["formats"]()

@@ -5,7 +5,7 @@ import sqlite3
 import pytest
 
 from tests.calls import refused, succeeds
-from tests.conftest import taxonomy_toml
+from tests.fixtures import taxonomy_toml
 from tests.inference.test_faults import hold_row
 
 HEADER = "mission,camera,frame,row,col,label\n"

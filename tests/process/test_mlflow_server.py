@@ -16,7 +16,7 @@ import mlflow
 import pytest
 
 from tests.calls import call_tokt, free_port, refused, succeeds
-from tests.conftest import TRAIN_TINY, draw_tiny_frame
+from tests.fixtures import TRAIN_TINY, draw_tiny_frame
 from tests.process.postgres import PASSWORD, create_database, postgres
 from tests.waiting import MAX_S, until
 from tokt.models.registry.registry import Registry

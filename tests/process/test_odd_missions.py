@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from tests.calls import call_tokt, free_port
-from tests.conftest import write_labels
+from tests.fixtures import write_labels
 from tests.inference.stereo.plain_rig import store_parts
 from tests.waiting import MAX_S
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle

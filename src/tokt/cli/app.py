@@ -7,6 +7,8 @@ import tempfile
 import time
 import traceback
 from contextlib import suppress
+from functools import cache
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +18,7 @@ from typer import Option
 from tokt.features.common.errors import ToktError, os_words
 from tokt.features.common.extras import missing_extra
 
-from . import cameras, compare, dataset, doctor, labels, models, replay, rig, run, studies, train
+from . import cameras, compare, dataset, doctor, labels, models, replay, rig, run, train
 from .completion import join_bash_words
 from .help import Commands
 from .interrupts import interrupt_ends
@@ -24,6 +26,10 @@ from .output import live_without_terminal, open_standard_files, say
 
 _TRACEBACKS = 20
 """Files with tracebacks that are kept."""
+_ENTRY_POINTS = "tokt.commands"
+"""Group of the entry points by which other distributions add commands; each is a Typer app."""
+_OF_STUDIES = ("demo", "simulate", "reproduce", "bench")
+"""Commands of the distribution tokt-studies."""
 
 
 def _new_app(**more: bool) -> Commands:
@@ -73,27 +79,72 @@ _COMMANDS = {
         doctor.doctor,
     ),
     "Cameras and stereo": (cameras.cameras, rig.calibrate, rig.depth),
-    "Studies": (studies.demo, studies.simulate, studies.reproduce, studies.bench),
 }
 """The commands by their headings; each is its function's name."""
-app = _new_app()
-for _heading, _commands in _COMMANDS.items():
-    for _command in _commands:
-        if isinstance(_command, Commands):
-            app.add_typer(_command, rich_help_panel=_heading)
+
+
+def _core_app() -> Commands:
+    """Return tokt's own commands, as a new app."""
+    made = _new_app()
+    for heading, commands in _COMMANDS.items():
+        for command in commands:
+            if isinstance(command, Commands):
+                made.add_typer(command, rich_help_panel=heading)
+            else:
+                made.command(rich_help_panel=heading)(command)
+    return made
+
+
+app = _core_app()
+_OWN = {
+    str(command.info.name) if isinstance(command, Commands) else command.__name__
+    for commands in _COMMANDS.values()
+    for command in commands
+}
+
+
+@cache
+def whole_app() -> Commands:
+    """Return the commands of tokt and of other installed distributions."""
+    made = _core_app()
+    for entry in entry_points(group=_ENTRY_POINTS):
+        try:
+            others = entry.load()
+        except (ImportError, AttributeError) as error:
+            say(f"tokt: warning: the commands of {entry.value} cannot be loaded: {error}")
         else:
-            app.command(rich_help_panel=_heading)(_command)
+            made.registered_commands += others.registered_commands
+            made.registered_groups += others.registered_groups
+    there = {command.name or command.callback.__name__ for command in made.registered_commands
+             if command.callback is not None}  # fmt: skip
+    anything = {"allow_extra_args": True, "ignore_unknown_options": True}
+    for name in _OF_STUDIES:
+        if name not in there:
+            settings = {"hidden": True, "add_help_option": False, "context_settings": anything}
+            made.command(name, **settings)(_refuse_missing_studies)
+    return made
+
+
+def _refuse_missing_studies(context: typer.Context) -> None:
+    from tokt import __version__
+
+    raise ToktError(
+        f"tokt {context.info_name} comes with the distribution tokt-studies, which is not "
+        f"installed: pip install tokt-studies=={__version__}"
+    )
 
 
 def _app_for(arguments: list[str]) -> typer.Typer:
-    """The commands; of the runtime's that one only: after a crash there is no time for the others,
-    which take a sixth of its start to put together.
+    """Return the app that holds the command: `run` alone, tokt's own commands, or all commands.
+
+    After a crash there is no time for the others, which take a sixth of the start of `run` to put
+    together; and only what tokt itself does not have is looked for in other distributions.
     """
-    if arguments[:1] != ["run"]:
-        return app
-    alone = _new_app(add_completion=False)
-    alone.command()(run.run)
-    return alone
+    if arguments[:1] == ["run"]:
+        alone = _new_app(add_completion=False)
+        alone.command()(run.run)
+        return alone
+    return app if arguments and arguments[0] in _OWN else whole_app()
 
 
 def main() -> None:

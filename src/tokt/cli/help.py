@@ -19,7 +19,7 @@ _HEADINGS = {
     "File": "file_format mission_dir classes full",
     "Dataset": "task block",
     "Model": "extractor preset name fixed_boundary",
-    "Images": "ocean other picture picture_mask",
+    "Images": "ocean other",
     "Learning": "weight max_samples class_weight changes",
     "Cross-validation": "folds embargo split site stress draws",
     "Operating point": "false_status_rate confidence least_patches frame_rule",
@@ -31,7 +31,6 @@ _HEADINGS = {
     "Distances": "calibration stereo scale rate stopping_distance log",
     "Point cloud": "ply ply_frame ply_farthest fused",
     "Several frames": "depth.odometry depth.log depth.export",
-    "Closed loop": "closed_loop scenes methods runs simulate.model",
     "Log": "run source export",
     "Judged by": "bundle store replay.calibration",
 }
@@ -39,15 +38,15 @@ _HEADINGS = {
 _VALUES = """
     annotator=NAME baseline=MM board=COLSxROWS budget=TIME|N camera=left|right
     class_weight=none|balanced|auto classes=THEIRS=OURS confidence=SHARE
-    dask=ADDRESS distrust=ID false_status_rate=RATE fit=alternate|even|odd|all focal=PX folder=DIR
+    dask=ADDRESS distrust=ID false_status_rate=RATE fit=alternate|even|odd|all focal=PX
     force=WHY frame_rule=K/N|auto free=PARTS grid=ROWSxCOLS@WIDTH learning_curve=MODEL
     least_patches=N|auto max_ms=MS mission=MISSION mission_dir=DIR models=MODEL... name=NAME
-    ocean=IMAGE other=IMAGE out=DIR patches=DIR picture=IMAGE picture_mask=IMAGE pictures=FRAMES
+    ocean=IMAGE other=IMAGE out=DIR patches=DIR pictures=FRAMES
     ply_farthest=METRES port=PORT
     preset=thesis|plain|water|best rate=FPS reason=WHY registered_by=KEY.pub seconds=SECONDS
     sign=KEY site=NAME=A,B source=SOURCE space=FILE.toml split=dive|block square=MM stereo=bm|sgbm
     stereo_scale=SCALE stopping_distance=METRES store=STORE task=binary|classes timeout=SECONDS
-    trust=KEY.pub udp=HOST:PORT weight=dive|patch width=PX workspace=DIR
+    trust=KEY.pub udp=HOST:PORT weight=dive|patch workspace=DIR
 """
 """What stands for the value of an option or argument that its declaration gives no ``metavar``."""
 _HEADING_OF = {name: of for of, names in _HEADINGS.items() for name in names.split()}

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument, Option
 
+from tokt.cli.help import Commands
+from tokt.cli.options import JsonOption, is_written, read_calibration_file
+from tokt.cli.output import answer, progress, say
+from tokt.cli.output import print_line as print
 from tokt.features.common.errors import ToktError
-
-from .options import JsonOption, is_written, read_calibration_file
-from .output import answer, progress, say
-from .output import print_line as print
 
 if TYPE_CHECKING:
     from tokt_studies.simulation.rendering.synthetic_mission import SyntheticMission
@@ -22,6 +22,8 @@ ProcessesOption = Annotated[
     int | None, Option("--jobs", help="Processes. Default: one per core.", min=1)
 ]
 _NOT_EXACT = 1
+_CLOSED_LOOP, _IMAGES = "Closed loop", "Images"
+"""Headings of options in the help."""
 _FOR_MISSIONS = ("frames", "pipeline")
 _FOR_CLOSED_LOOP = ("scenes", "methods", "runs", "model", "planner")
 
@@ -34,7 +36,7 @@ def demo(
     out: Annotated[Path, Option(help="Output folder; emptied first.")] = Path("demo-out"),
     frames: Annotated[int, Option(help="Stereo pairs of the rendered mission.", min=60)] = 120,
     width: Annotated[
-        int, Option(help="Width in pixels of the rendered frames.", min=360, max=1360)
+        int, Option(metavar="PX", help="Width in pixels of the rendered frames.", min=360, max=1360)
     ] = 1360,
     json: JsonOption = False,
 ) -> None:
@@ -50,7 +52,8 @@ def demo(
 def simulate(
     context: typer.Context,
     folder: Annotated[
-        Path, Argument(help="New folder to write, or one of a closed loop to go on with.")
+        Path,
+        Argument(metavar="DIR", help="New folder to write, or one of a closed loop to go on with."),
     ],
     seed: Annotated[
         int,
@@ -68,24 +71,42 @@ def simulate(
     ] = False,
     width: Annotated[
         int | None,
-        Option(help="Frame width in pixels. Default: 1360 for a mission, 360 in the closed loop."),
+        Option(
+            metavar="PX",
+            help="Frame width in pixels. Default: 1360 for a mission, 360 in the closed loop.",
+        ),
     ] = None,
     closed_loop: Annotated[
         bool,
         Option(
             "--closed-loop",
+            rich_help_panel=_CLOSED_LOOP,
             help="Fly a vehicle that tokt run steers, instead of rendering a mission.",
         ),
     ] = False,
     scenes: Annotated[
-        str | None, Option(help="Scenes, separated by commas. Default: all but anchor.")
+        str | None,
+        Option(
+            rich_help_panel=_CLOSED_LOOP,
+            help="Scenes, separated by commas. Default: all but anchor.",
+        ),
     ] = None,
     methods: Annotated[
-        str | None, Option(help="Any of texture,disparity,either,fallback,none. Default: all.")
+        str | None,
+        Option(
+            rich_help_panel=_CLOSED_LOOP,
+            help="Any of texture,disparity,either,fallback,none. Default: all.",
+        ),
     ] = None,
-    runs: Annotated[int, Option(help="Number of runs of each scene and method.")] = 5,
+    runs: Annotated[
+        int, Option(rich_help_panel=_CLOSED_LOOP, help="Number of runs of each scene and method.")
+    ] = 5,
     model: Annotated[
-        Path | None, Option(help="Model to fly. Default: one trained on rendered missions.")
+        Path | None,
+        Option(
+            rich_help_panel=_CLOSED_LOOP,
+            help="Model to fly. Default: one trained on rendered missions.",
+        ),
     ] = None,
     planner: Annotated[
         str,
@@ -178,10 +199,19 @@ def reproduce(
     ] = None,
     picture: Annotated[
         Path | None,
-        Option(help="Image in bad light for figures 5.6 to 5.8. Default: a rendered river."),
+        Option(
+            metavar="IMAGE",
+            rich_help_panel=_IMAGES,
+            help="Image in bad light for figures 5.6 to 5.8. Default: a rendered river.",
+        ),
     ] = None,
     picture_mask: Annotated[
-        Path | None, Option(help="Mask of --picture drawn by a person: white where an obstacle is.")
+        Path | None,
+        Option(
+            metavar="IMAGE",
+            rich_help_panel=_IMAGES,
+            help="Mask of --picture drawn by a person: white where an obstacle is.",
+        ),
     ] = None,
     calibration: Annotated[
         Path | None, Option(help="Stereo calibration. Default: calibrate from the frames.")
@@ -276,3 +306,8 @@ def bench(
     if not found.about["exact"]:
         say("tokt: warning: not every case gave the same as the libraries")
         raise typer.Exit(_NOT_EXACT)
+
+
+app = Commands("studies", "Measure or try out tokt.")
+for _command in (demo, simulate, reproduce, bench):
+    app.command(rich_help_panel="Studies")(_command)

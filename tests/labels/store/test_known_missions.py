@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.calls import refuses, succeeds
-from tests.conftest import write_labels, write_video
+from tests.fixtures import write_labels, write_video
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
 from tokt.labels.store import known_missions

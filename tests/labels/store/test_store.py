@@ -14,7 +14,7 @@ from dataclasses import replace
 import pytest
 
 from tests.calls import refuses
-from tests.conftest import write_labels
+from tests.fixtures import write_labels
 from tests.labels.store.said import history
 from tests.waiting import MAX_S
 from tokt.features.frames.grid import Grid

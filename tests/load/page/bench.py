@@ -9,6 +9,7 @@ from typing import Any
 
 from rich.table import Table
 
+import tokt
 from tests.load.effort.effort import LabellingEffort, measure_effort
 from tests.load.effort.stretches import FRAMES
 from tests.load.program import label_server
@@ -22,7 +23,6 @@ from tokt.labels.store.store import FILE_NAME
 from tokt.labels.taxonomy import Taxonomy
 from tokt.training.datasets.mission_list import named_missions
 from tokt.training.datasets.mission_source import LabelledMission, labelled_missions
-from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission
 
 from .chart import label_chart_png
 from .mission import copy_frames, label_all, link_frames
@@ -68,7 +68,7 @@ def run_label_bench(
         folder = Path(name)
         if mission is None:
             say("-- render a mission")
-            simulate_mission(
+            tokt.simulate_mission(
                 folder / "rendered", n_frames=extent.rendered, width=extent.width, progress=progress
             )
         shown = mission or folder / "rendered"

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pandas as pd
 
+import tokt
 from tokt.cli.output import progress
 from tokt.features.common.arrays import U8
 from tokt.features.frames.mission import LEFT, open_mission
 from tokt.labels.formats.label_csv import COLUMNS
-from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission
 
 NAME = "scale"
 DIVE_FRAMES, LABELS = 100, "labels.csv"
@@ -31,7 +31,7 @@ class ScaleMission:
 
     def __init__(self, folder: Path, width: int, story_frames: int) -> None:
         dive = folder / "dive"
-        simulate_mission(dive, n_frames=story_frames, width=width)
+        tokt.simulate_mission(dive, n_frames=story_frames, width=width)
         rendered = open_mission(dive)
         self.path = folder / NAME
         self._pictures = [_gray(rendered.read(number)) for number in rendered.frames(LEFT)]

@@ -20,12 +20,12 @@ from tokt.features.common.machine import machine
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.training.datasets.splits import BLOCK_FRAMES, FOLDS
-from tokt_studies.simulation.scene.rig import FULL_WIDTH
 
 from .cost import Cost, watched
 from .mission import ScaleMission
 from .steps import BUILD, EXTRACTOR, FIT, ONE_JOB, TRAINING, TWO_JOBS
 
+FULL_WIDTH = 1360  # pixels, of the mission camera
 _PROCESSES = ((BUILD,), (ONE_JOB,), (TWO_JOBS,), (FIT,), (TRAINING,))
 _BYTES_A_PIXEL = 0.6  # of a noisy frame as JPEG, at most
 _KEPT_TWICE = 2.2  # the mission's frames, and the datasets' copies of them

@@ -23,7 +23,7 @@ import pytest
 from mlflow.exceptions import MlflowException
 
 from tests.calls import call_tokt, free_port, refuses, succeeds
-from tests.conftest import ROOT, TRAIN_TINY, draw_tiny_frame
+from tests.fixtures import ROOT, TRAIN_TINY, draw_tiny_frame
 from tests.inference.test_faults import hold_row
 from tests.waiting import until
 from tokt.features.frames.image_file import read_image

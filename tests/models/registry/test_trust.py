@@ -16,7 +16,7 @@ import pytest
 from pyarrow import parquet
 
 from tests.calls import call_tokt, refused, refuses, succeeds
-from tests.conftest import TRAIN_TINY
+from tests.fixtures import TRAIN_TINY
 from tests.inference.test_faults import hold_row
 from tests.models.parts import pack, unpack
 from tokt.models.bundle.bundle import (

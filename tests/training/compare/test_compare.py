@@ -16,7 +16,7 @@ import pytest
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from tests.calls import refuses
-from tests.conftest import tiny_labels, write_labels
+from tests.fixtures import tiny_labels, write_labels
 from tokt.models.bundle.bundle import bundle_bytes, read_bundle
 from tokt.models.operating_point import MofNRule
 from tokt.models.registry.registry import Registry

@@ -10,7 +10,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import LinearSVC
 
 from tests.calls import refuses
-from tests.conftest import quiet
+from tests.fixtures import quiet
 from tokt.features.extractors.extractor import extractor_named
 from tokt.training.datasets.augmentations import STRESS, augment
 from tokt.training.datasets.dataset import open_dataset

@@ -16,7 +16,7 @@ import pandas as pd
 import pytest
 
 from tests.calls import refused, refuses, run_python
-from tests.conftest import LABEL_COLUMNS, taxonomy_toml, tower_cells
+from tests.fixtures import LABEL_COLUMNS, taxonomy_toml, tower_cells
 from tests.inference.test_faults import hold_row
 from tokt.features.frames.grid import Grid
 from tokt.labels import taxonomy as taxonomy_module

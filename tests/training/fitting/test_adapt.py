@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from tests.calls import refuses
-from tests.conftest import quiet, write_labels
+from tests.fixtures import quiet, write_labels
 from tokt.models.registry.registry import Registry
 from tokt.models.water import WaterPrior
 from tokt.training.datasets.dataset import open_dataset

@@ -19,7 +19,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import LinearSVC
 
 from tests.calls import refuses, run_python, succeeds
-from tests.conftest import (
+from tests.fixtures import (
     BUILD_TINY,
     TINY_FRAMES,
     TRAIN_TINY,

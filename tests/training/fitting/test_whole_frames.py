@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from tests.calls import call_tokt
-from tests.conftest import TRAIN_TINY, quiet
+from tests.fixtures import TRAIN_TINY, quiet
 from tokt.features.extractors.extractor import build_extractor, extractor_named
 from tokt.features.frames.mission import LEFT, open_mission
 from tokt.inference.frame import Frame

@@ -5,7 +5,7 @@ from urllib.parse import urlencode
 
 import pytest
 
-from tests.conftest import taxonomy_toml
+from tests.fixtures import taxonomy_toml
 from tests.waiting import until
 from tokt.labels.record import utc_now
 from tokt.labels.store.store import FILE_NAME, LabelStore

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.conftest import write_video
+from tests.fixtures import write_video
 from tokt.features.frames.mission import open_mission
 
 pytestmark = pytest.mark.xdist_group("server_video")  # what they share is made once

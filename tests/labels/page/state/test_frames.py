@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.conftest import write_video
+from tests.fixtures import write_video
 from tests.waiting import MAX_S
 from tokt.features.common.errors import FrameError
 from tokt.features.frames.mission import VideoMission, open_mission

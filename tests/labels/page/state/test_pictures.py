@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.calls import refuses
-from tests.conftest import write_video
+from tests.fixtures import write_video
 from tests.inference.test_faults import hold_row
 from tests.tiers import scaled
 from tokt.features.common.errors import FrameError

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.calls import refuses
-from tests.conftest import write_video
+from tests.fixtures import write_video
 from tests.waiting import until
 from tokt.features.common.errors import FrameError
 from tokt.features.frames.grid import Grid

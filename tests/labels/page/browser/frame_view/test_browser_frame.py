@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from skimage.color import deltaE_ciede2000, rgb2lab
 
-from tests.conftest import draw_tiny_frame
+from tests.fixtures import draw_tiny_frame
 from tests.labels.page.conftest import knows
 from tests.waiting import until
 from tokt.labels.taxonomy import Taxonomy

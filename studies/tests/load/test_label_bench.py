@@ -14,11 +14,10 @@ from tests.load.page.chart import label_chart_png
 from tests.load.page.mission import label_all, link_frames
 from tests.load.page.tab import chromium
 from tests.load.program import label_server
+from tests.load.report import WORST, Timing, print_report
 from tokt.features.common.errors import ToktError
 from tokt.features.frames.mission import open_mission
 from tokt.labels.store.store import LabelStore
-
-from .report import WORST, Timing, print_report
 
 TIMES = [
     *("first_page", "next_frame", "next_frame_fast", "jump"),
