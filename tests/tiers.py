@@ -72,6 +72,8 @@ def tier_of(path: Path) -> Tier:
     """The tier of a test file's folder."""
     if path.is_relative_to(STUDIES):
         return STUDY
+    if not path.is_relative_to(HERE):  # the conftest.py of both
+        return CORE
     within = PurePosixPath(path.relative_to(HERE).as_posix())
     return next(
         (tier for tier in TIERS if any(_within(within, folder) for folder in tier.folders)), CORE
