@@ -63,7 +63,7 @@ test-wheels: $(RELEASE_READY)
 	rm -rf build/again
 	$(BIN)/python packaging/wheels.py build --out build/again
 	cd build/again && sha256sum --quiet --check --ignore-missing ../../dist/SHA256SUMS
-	$(BIN)/python packaging/wheels.py test dist/*_$(shell uname -m).whl dist/*-none-any.whl \
+	$(BIN)/python packaging/wheels.py test dist/tokt-*_$(shell uname -m).whl dist/tokt-*-none-any.whl \
 		--python $(PYTHON)
 
 # Whether the newest versions of all dependencies break something: for a schedule, such as cron's.

@@ -35,7 +35,7 @@ def environment(folder: Path, constraints: Path) -> Path:
     """A fresh environment's Python, with tokt and all that its tests need."""
     run(sys.executable, "-m", "venv", "--clear", folder)
     python = folder / "bin/python"
-    pip(python, f"{ROOT}[all,dev]", constraints=constraints)
+    pip(python, f"{ROOT}[all,dev]", ROOT / "studies", constraints=constraints)
     return python
 
 
@@ -53,7 +53,7 @@ def main() -> None:
         newer = {
             package: version
             for package, version in packages(python).items()
-            if package not in ("pip", "tokt") and PINS.get(package) != version
+            if package not in ("pip", "tokt", "tokt-studies") and PINS.get(package) != version
         }
         for package, version in newer.items():
             print(f"newer: {package} {PINS.get(package, 'not pinned')} -> {version}")

@@ -1,4 +1,7 @@
-"""Build, describe and test what is published: an sdist and wheels, the same bytes each time."""
+"""Build, describe and test what is published: an sdist and wheels, the same bytes each time.
+
+The wheel of tokt-studies is built beside those of tokt, from the same commit.
+"""
 
 import argparse
 import gzip
@@ -50,6 +53,7 @@ def build(out: Path) -> None:
                 shutil.unpack_archive(out / sdist.name, sources)
                 (unpacked,) = Path(sources).iterdir()
                 run(*pack, "--wheel", unpacked, SOURCE_DATE_EPOCH=when, **environ)
+        run(*pack, "--wheel", folder / "checkout/studies", SOURCE_DATE_EPOCH=when)
         for wheel in folder.glob("*.whl"):
             if "-linux_" in wheel.name:
                 # Under the oldest manylinux tag that what it links to allows.
@@ -78,7 +82,7 @@ def pack_again(sdist: Path, target: Path, when: int) -> None:
 
 def describe(out: Path) -> None:
     """Write the SBOM and the licences of a wheel with all its extras, and the hashes of all."""
-    wheel = next(out.glob("*-none-any.whl"))
+    wheel = next(out.glob("tokt-*-none-any.whl"))
     version = wheel.name.split("-")[1]
     name = f"tokt-{version}"
     with tempfile.TemporaryDirectory() as folder:
@@ -91,7 +95,8 @@ def describe(out: Path) -> None:
         (out / f"{name}.cdx.json").write_text(json.dumps(sbom, indent=1))
         words = ("--format=markdown", "--with-urls", "--order=license")
         (out / f"{name}.licenses.md").write_text(run("pip-licenses", "--python", python, *words))
-    files = sorted(file for file in out.glob(f"{name}*") if file.is_file())
+    studies = out.glob(f"tokt_studies-{version}-*.whl")
+    files = sorted(file for file in [*out.glob(f"{name}*"), *studies] if file.is_file())
     lines = [f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.name}" for file in files]
     (out / "SHA256SUMS").write_text("\n".join([*lines, ""]))
 

@@ -78,11 +78,17 @@ print([policy.judge(frame).verdict.status for frame in tokt.open_source({str(mis
     for missing in (
         ("train", "tiny", "--extractor", "lbp", *space),
         ("evaluate", "m", "--mission", mission, *space),
-        ("bench",),
     ):
         refused = _run(slim_python, "-m", "tokt", *missing)
         assert refused.returncode == 2
         assert refused.stderr.count("\n") == 1 and "extra 'train'" in refused.stderr, refused.stderr
+
+    for command in ("demo", "bench", "simulate"):
+        refused = _run(slim_python, "-m", "tokt", command, "--help")
+        assert refused.returncode == 2 and refused.stderr.count("\n") == 1, refused.stderr
+        assert f"tokt {command} comes with the distribution tokt-studies" in refused.stderr
+    refused = _run(slim_python, "-c", "import tokt; tokt.simulate_mission")
+    assert "tokt.simulate_mission needs tokt_studies: install the distribution" in refused.stderr
 
     found = _run(slim_python, "-m", "tokt", "doctor", "--json", *space)
     findings = {item["name"]: item for item in json.loads(found.stdout)["findings"]}
