@@ -7,9 +7,11 @@ import http.client
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from contextlib import closing
@@ -97,6 +99,58 @@ def test_without_a_compiler_a_wheel_is_for_all_platforms(wheel, sources, tmp_pat
     files = [link.removeprefix("https://example.org/tokt/").split("/", 2)[2] for link in links]
     assert len(files) > 10 and all((ROOT / file).is_file() for file in files)
     assert "Project-URL: Changelog, https://example.org/tokt/blob/HEAD/CHANGELOG.md" in page
+
+
+def git(folder, *words):
+    """Run git in a folder, as somebody."""
+    who = ("-c", "user.name=tests", "-c", "user.email=tests@example.org")
+    subprocess.run(["git", *who, *words], cwd=folder, check=True, capture_output=True)
+
+
+def test_an_sdist_holds_every_file_once_and_makes_the_same_wheel(
+    sources, product, packed, tmp_path
+):
+    checkout = tmp_path / "checkout"
+    shutil.copytree(sources, checkout, symlinks=True)
+    git(checkout, "init", "--quiet")
+    git(checkout, "add", "--all")
+    git(checkout, "commit", "--quiet", "--message", "all")
+    program = f"import setuptools.build_meta as b; print(b.build_sdist({str(tmp_path)!r}))"
+    subprocess.run([sys.executable, "-c", program], cwd=checkout, check=True, capture_output=True)
+    (sdist,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        names = ["/".join(one.name.split("/")[1:]) for one in archive.getmembers() if one.isfile()]
+    assert len(names) == len({*names})
+    assert [path for path in product if f"src/{path}" not in names] == []
+    folders = {path.name for path in (ROOT / "src/tokt").iterdir() if path.is_symlink()}
+    assert len(folders) == 5 and {name.split("/")[0] for name in names}.isdisjoint(folders)
+    pip = (sys.executable, "-m", "pip", "--disable-pip-version-check", "wheel", "--quiet")
+    options = ("--no-build-isolation", "--no-deps", "--wheel-dir", tmp_path, sdist)
+    environ = {**os.environ, "CC": "false"}  # the kernels are compiled elsewhere
+    subprocess.run([*pip, *options], env=environ, check=True, capture_output=True)
+    with zipfile.ZipFile(next(tmp_path.glob("*.whl"))) as archive:
+        made = [name for name in archive.namelist() if ".dist-info/" not in name]
+    assert sorted(made) == sorted(name for name in packed if not name.endswith((".so", ".pyd")))
+
+
+def test_a_checkout_without_links_says_how_to_get_them(sources, tmp_path):
+    """As git makes it on Windows by default: a link is a text file."""
+    git(sources, "init", "--quiet", tmp_path / "origin")
+    shutil.copytree(sources, tmp_path / "origin", symlinks=True, dirs_exist_ok=True)
+    git(tmp_path / "origin", "add", "--all")
+    git(tmp_path / "origin", "commit", "--quiet", "--message", "all")
+    git(tmp_path, "clone", "--quiet", "-c", "core.symlinks=false", "origin", "plain")
+
+    def version():
+        command = [sys.executable, "setup.py", "--version"]
+        return subprocess.run(command, cwd=tmp_path / "plain", capture_output=True, text=True)
+
+    said = version()
+    assert said.returncode == 1 and said.stdout == "" and said.stderr.count("\n") == 1
+    assert said.stderr.startswith("tokt: error: ") and "is a text file, not a link" in said.stderr
+    for command in re.findall("`git (.*?)`", said.stderr):
+        git(tmp_path / "plain", *command.split())
+    assert version().returncode == 0
 
 
 @pytest.fixture(scope="module")
