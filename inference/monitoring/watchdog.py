@@ -29,6 +29,11 @@ EVERY_S = 0.2
 """Seconds between two signs of life, however fast the loop goes."""
 
 
+def restarts() -> int:
+    """Return how often a watchdog has started this run again."""
+    return int(os.environ.get(RESTARTS_VARIABLE, "0"))
+
+
 class Notifier:
     """Signs of life of this process; none where nobody asked for them.
 

@@ -1,5 +1,6 @@
 """A stereo calibration, checked before it is used."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,10 +36,15 @@ class CheckedCalibration:
     oddities: list[str]  # what is strange yet usable, and what was assumed or left out in reading
     refusals: list[str]  # why it cannot be used; empty for one that can
 
-    def usable(self) -> StereoCalibration:
-        """The calibration; ToktError if there is a reason why it cannot be used."""
+    def usable(self, notice: Callable[[str], object] = lambda _: None) -> StereoCalibration:
+        """Return the calibration, and tell `notice` what is odd about it.
+
+        Raises ToktError if there is a reason why it cannot be used.
+        """
         if self.refusals:
             raise ToktError(f"calibration {self.path}: {'; '.join(self.refusals)}")
+        for oddity in self.oddities:
+            notice(f"calibration {self.path}: {oddity}")
         return self.calibration
 
 
@@ -50,23 +56,25 @@ def load_calibration(path: Path | str) -> StereoCalibration:
     return read_calibration(path).usable()
 
 
-def read_calibration(path: Path | str) -> CheckedCalibration:
-    """Read a calibration file, however implausible its numbers are.
+def read_calibration(*paths: Path | str) -> CheckedCalibration:
+    """Read a calibration in OpenCV's form, however implausible its numbers are.
 
     Parameters
     ----------
-    path : Path
+    *paths : Path
         OpenCV FileStorage (YAML, JSON, XML) with K1 D1 K2 D2 R T_mm, or the usual other names;
-        a Bouguet toolbox export; a table as printed. Frames are of 1360x1024 where it does not
-        say ``image_width`` and ``image_height``. R1 and R2, where they are present, follow from R
-        and T_mm: they are held against them, and computed anew.
+        in one file, or in several, such as OpenCV's sample program writes (intrinsics and
+        extrinsics). Frames are of 1360x1024 where none says ``image_width`` and
+        ``image_height``. R1 and R2, where they are present, follow from R and T_mm: they are held
+        against them, and computed anew.
 
     Raises
     ------
     ToktError
-        If the file cannot be read, misses a part, or holds a number that is not finite.
+        If a file cannot be read, is of another tool's form, or holds a number that is not finite,
+        and if a part is missing.
     """
-    return check_calibration(read_numbers(path))
+    return check_calibration(read_numbers(*map(Path, paths)))
 
 
 def check_calibration(numbers: CalibrationNumbers) -> CheckedCalibration:

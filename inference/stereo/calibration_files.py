@@ -1,8 +1,7 @@
-"""The numbers in a stereo calibration file, whichever of the usual forms it has.
+"""The numbers of a stereo calibration in OpenCV's FileStorage (YAML, JSON, XML).
 
-Three text forms are read: OpenCV's FileStorage (YAML, JSON, XML), what Bouguet's camera
-calibration toolbox prints or exports, and a table as a thesis prints it. Whether the cameras
-described can be is not judged here.
+Files of other tools are recognised, and read by `tokt calibrate` alone, which writes them in this
+form. Whether the cameras described can be is not judged here.
 """
 
 import json
@@ -58,6 +57,9 @@ _SHAPES: dict[str, tuple[tuple[int, ...], tuple[int, ...], str]] = {
     "T_mm": ((3,), (3, 1), "hold 3 numbers"),
 }
 _MATLAB_MAGIC = b"MATLAB "
+OPENCV, MATLAB = "OpenCV FileStorage", "a MATLAB file"
+BOUGUET, PRINTED = "a Bouguet toolbox export", "a printed table"
+"""The forms of a calibration file; all but the first are only converted."""
 
 
 @dataclass(frozen=True)
@@ -102,28 +104,44 @@ class CalibrationNumbers(StereoCalibration):
     remarks: Sequence[str] = ()  # what was assumed or left out in reading it
 
 
-def read_numbers(path: Path | str) -> CalibrationNumbers:
-    """Read a calibration file of any text form, told apart by its content.
+def read_numbers(*paths: Path) -> CalibrationNumbers:
+    """Read a calibration of OpenCV's form, from one file or from several that share its parts.
 
-    Raises ToktError if it cannot be read, is none of the forms, lacks a part, or holds a number
-    that is not finite.
+    Raises ToktError if a file cannot be read or has another form, if a part is missing or stands
+    in two files, or if a number is not finite.
     """
-    path = Path(path)
-    text = _text(path)
-    if re.search(r"\bfc_(left|right)\s*=", text):
-        return _read_bouguet(path, text)
-    printed = _printed_table(path, text)
-    return _read_opencv(path, text) if printed is None else _read_printed(path, printed)
+    name = Path(", ".join(map(str, paths)))  # for messages
+    values: dict[str, ArrayLike | None] = {}
+    size: ArrayLike | None = None
+    remarks: list[str] = []
+    for path in paths:
+        form, text = read_form(path)
+        if form != OPENCV:
+            raise ToktError(
+                f"calibration {path} is {form}: convert it first, with "
+                f"`tokt calibrate {path} -o FILE.yml`"
+            )
+        parts, own_size = _read_opencv(path, text, remarks)
+        twice = sorted(values.keys() & parts.keys())
+        if twice:
+            raise ToktError(f"calibration {name} has {', '.join(twice)} in two files")
+        values |= parts
+        size = size if own_size is None else own_size
+    return checked_numbers(name, OPENCV, values, size, remarks)
 
 
-def _text(path: Path) -> str:
+def read_form(path: Path) -> tuple[str, str]:
+    """Return which form a calibration file has, told apart by its content, and its text.
+
+    The text of a MATLAB file is empty. Raises ToktError if the file cannot be read, is too large,
+    or is no text.
+    """
     if not path.is_file():
         raise ToktError(f"calibration {path} does not exist")
     with os_errors_as(f"calibration {path} cannot be read"), path.open("rb") as handle:
         data = handle.read(_MAX_BYTES + 1)
     if data.startswith(_MATLAB_MAGIC) or path.suffix.lower() == ".mat":
-        words = "is a MATLAB file: only `tokt` commands read it, named .mat"
-        raise ToktError(f"calibration {path} {words}")
+        return MATLAB, ""
     if len(data) > _MAX_BYTES:
         raise ToktError(f"calibration {path} is no calibration: it is larger than 1 MB")
     try:
@@ -132,7 +150,14 @@ def _text(path: Path) -> str:
         text = data.decode("latin-1")
     if "\0" in text or sum(map(text.count, "[{<")) > _MAX_BRACKETS:
         _unknown_form(path)
-    return text
+    if re.search(r"\bfc_(left|right)\s*=", text):
+        return BOUGUET, text
+    try:
+        value = json.loads(text, parse_int=float)
+    except (ValueError, RecursionError):
+        return OPENCV, text
+    is_table = isinstance(value, dict) and {"left", "right"} <= value.keys()
+    return (PRINTED if is_table else OPENCV), text
 
 
 def _unknown_form(path: Path) -> NoReturn:
@@ -167,10 +192,10 @@ def checked_numbers(
     if missing:
         raise ToktError(f"calibration {path} has no {', '.join(missing)}")
     arrays = {
-        name: _finite(path, name, value) for name, value in values.items() if value is not None
+        name: finite_array(path, name, value) for name, value in values.items() if value is not None
     }
     if arrays["R"].size == 3:
-        arrays["R"] = _finite(path, "R", cv2.Rodrigues(arrays["R"].ravel())[0])
+        arrays["R"] = finite_array(path, "R", cv2.Rodrigues(arrays["R"].ravel())[0])
     for name, (sizes, shape, words) in _SHAPES.items():
         if arrays[name].size not in sizes:
             raise ToktError(f"calibration {path}: {name} must {words}")
@@ -179,7 +204,7 @@ def checked_numbers(
     if size is None:
         size = width, height
         remarks = [*remarks, f"it does not say its frames' size: taken for {width}x{height}"]
-    sides = _finite(path, "the frame size", size).ravel()
+    sides = finite_array(path, "the frame size", size).ravel()
     if sides.size != 2 or (sides != sides.round()).any() or (abs(sides) > 1e6).any():
         words = "the frame size is not a width and a height in pixels"
         raise ToktError(f"calibration {path}: {words}")
@@ -187,7 +212,8 @@ def checked_numbers(
     return CalibrationNumbers(**parts, path=path, form=form, remarks=remarks)
 
 
-def _finite(path: Path, name: str, value: ArrayLike) -> F64:
+def finite_array(path: Path, name: str, value: ArrayLike) -> F64:
+    """Return numbers of a file as an array; ToktError if they are none, not finite or absurd."""
     try:
         array = np.asarray(value, np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -208,33 +234,28 @@ def millimetres(shift: ArrayLike, unit: str | None, remarks: list[str]) -> F64:
     return np.asarray(shift, np.float64) * (factor or 1.0)
 
 
-# --- OpenCV FileStorage ---
-
-
-def _read_opencv(path: Path, text: str) -> CalibrationNumbers:
+def _read_opencv(
+    path: Path, text: str, remarks: list[str]
+) -> tuple[dict[str, ArrayLike | None], ArrayLike | None]:
+    """Return the parts that a file holds, and the frame size that it names."""
     try:
         storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
     except (cv2.error, SystemError):
         _unknown_form(path)
     try:
-        return _opencv_numbers(path, storage)
+        version = storage.getNode("format_version")
+        if version.isInt() and version.real() > FORMAT_VERSION:
+            newer = f"is of format {version.real():.0f}: a newer tokt reads it"
+            raise ToktError(f"calibration {path} {newer}")
+        parts = {name: _first_array(storage, others) for name, others in _OPENCV_NAMES.items()}
+        parts["T_mm"] = _opencv_shift(path, storage, remarks)
+        held: dict[str, ArrayLike | None] = {}
+        held |= {name: array for name, array in parts.items() if array is not None}
+        return held, _opencv_size(storage)
     except (cv2.error, SystemError, UnicodeDecodeError):
         raise ToktError(f"calibration {path}: its matrices cannot be read") from None
     finally:
         storage.release()
-
-
-def _opencv_numbers(path: Path, storage: cv2.FileStorage) -> CalibrationNumbers:
-    version = storage.getNode("format_version")
-    if version.isInt() and version.real() > FORMAT_VERSION:
-        newer = f"is of format {version.real():.0f}: a newer tokt reads it"
-        raise ToktError(f"calibration {path} {newer}")
-    remarks: list[str] = []
-    values: dict[str, ArrayLike | None] = {
-        name: _first_array(storage, others) for name, others in _OPENCV_NAMES.items()
-    }
-    values["T_mm"] = _opencv_shift(path, storage, remarks)
-    return checked_numbers(path, "OpenCV FileStorage", values, _opencv_size(storage), remarks)
 
 
 def _first_array(storage: cv2.FileStorage, names: Sequence[str]) -> F64 | None:
@@ -287,161 +308,6 @@ def _opencv_size(storage: cv2.FileStorage) -> ArrayLike | None:
         if all(side.isInt() or side.isReal() for side in sides):
             return [side.real() for side in sides]
     return _first_array(storage, ("image_size", "imageSize", "frame_size"))
-
-
-# --- Bouguet's toolbox ---
-
-
-def _read_bouguet(path: Path, text: str) -> CalibrationNumbers:
-    """Read assignments such as ``fc_left = [ 533.0 533.2 ] ± [ 1.1 1.1 ]``.
-
-    The uncertainties behind ± are not read. Of a name that stands there twice the later one
-    counts: the toolbox prints its stereo parameters before and after optimisation.
-    """
-    plain = re.sub(r"\.\.\.[^\n]*\n", " ", re.sub(r"%[^\n]*", "", text))
-    found = re.findall(r"\b([A-Za-z]\w*)\s*=\s*(?:\[([^\]]*)\]|([^\s;,\[]+))", plain)
-    values = {name: (inside or alone) for name, inside, alone in found if name in BOUGUET_NAMES}
-    words = {name: re.findall(r"[^\s,;]+", value) for name, value in values.items()}
-    numbers = {name: _finite(path, name, each) for name, each in words.items()}
-    return bouguet_numbers(path, "Bouguet toolbox text", numbers)
-
-
-_BOUGUET_SIDES = {"1": "left", "2": "right"}
-_BOUGUET_SIZES = {"fc": 2, "cc": 2, "alpha_c": 1}
-BOUGUET_NAMES = (
-    *(f"{part}_{side}" for part in ("fc", "cc", "alpha_c", "kc") for side in ("left", "right")),
-    *("om", "R", "T", "nx", "ny"),
-)
-
-
-def bouguet_numbers(path: Path, form: str, values: Mapping[str, ArrayLike]) -> CalibrationNumbers:
-    """Turn the toolbox's variables into OpenCV's.
-
-    Both have the centre of the first pixel at (0, 0) (the toolbox subtracts MATLAB's 1 from the
-    corners it finds), both order ``kc`` as k1, k2, p1, p2, k3, and in both a point of the right
-    camera is R @ left + T, with R from the rotation vector ``om``.
-
-    Parameters
-    ----------
-    values : mapping
-        fc_left, cc_left, kc_left, the same for right, om or R, T in millimetres; perhaps
-        alpha_c_left and alpha_c_right (skew over the focal length), nx and ny.
-
-    Raises
-    ------
-    ToktError
-        As `checked_numbers`.
-    """
-    needed = [f"{part}_{side}" for side in ("left", "right") for part in ("fc", "cc", "kc")]
-    missing = [name for name in (*needed, "T") if name not in values]
-    missing += [] if "om" in values or "R" in values else ["om"]
-    if missing:
-        raise ToktError(f"calibration {path} has no {', '.join(missing)}")
-    got = {name: _finite(path, name, value).ravel() for name, value in values.items()}
-    remarks: list[str] = []
-    parts: dict[str, ArrayLike | None] = {"T_mm": got["T"], "R": _bouguet_rotation(got, remarks)}
-    for number, side in _BOUGUET_SIDES.items():
-        (fx, fy), (cx, cy), (alpha,) = (
-            _sized(path, got, f"{part}_{side}", size) for part, size in _BOUGUET_SIZES.items()
-        )
-        parts[f"K{number}"] = np.array([[fx, alpha * fx, cx], [0, fy, cy], [0, 0, 1]])
-        kc = got[f"kc_{side}"]
-        if kc.size not in (4, 5):
-            raise ToktError(f"calibration {path}: kc_{side} must hold k1 k2 p1 p2 k3")
-        parts[f"D{number}"] = np.pad(kc, (0, 5 - kc.size))
-    size = np.append(got["nx"], got["ny"]) if "nx" in got and "ny" in got else None
-    return checked_numbers(path, form, parts, size, remarks)
-
-
-def _sized(path: Path, got: Mapping[str, F64], name: str, size: int) -> F64:
-    array = got.get(name, np.zeros(1))
-    if array.size != size:
-        raise ToktError(f"calibration {path}: {name} must hold {size} number{'s' * (size > 1)}")
-    return array
-
-
-def _bouguet_rotation(got: Mapping[str, F64], remarks: list[str]) -> F64:
-    if "om" not in got or got["om"].size != 3:
-        return got.get("R", got.get("om", np.zeros(0)))
-    R = np.asarray(cv2.Rodrigues(got["om"])[0], np.float64)
-    if "R" in got and (got["R"].size != 9 or abs(got["R"].reshape(3, 3) - R).max() > 1e-3):
-        remarks.append("om and R are not the same rotation: om is used")
-    return R
-
-
-# --- as printed ---
-
-
-def _printed_table(path: Path, text: str) -> dict[str, Any] | None:
-    """The JSON object of a printed table; None where the text is none."""
-
-    def refuse(constant: str) -> NoReturn:
-        raise ToktError(f"calibration {path} holds {constant}, which is not a finite number")
-
-    try:
-        # As floats: a whole number of any length then at most becomes infinite.
-        value = json.loads(text, parse_int=float, parse_constant=refuse)
-    except (ValueError, RecursionError):
-        return None
-    return value if isinstance(value, dict) and {"left", "right"} <= value.keys() else None
-
-
-def _read_printed(path: Path, table: dict[str, Any]) -> CalibrationNumbers:
-    """Read ``left`` and ``right`` (fx fy cx cy skew k p), rotation vector and translation.
-
-    Angles are in radians, lengths in millimetres; as in Bouguet's toolbox a point of the right
-    camera is R @ left + T.
-    """
-    remarks: list[str] = []
-    values: dict[str, ArrayLike | None] = {
-        "R": table.get("rotation_vector_rad"),
-        "T_mm": table.get("translation_mm"),
-    }
-    for number, side in _BOUGUET_SIDES.items():
-        camera = table[side]
-        if not isinstance(camera, dict):
-            raise ToktError(f"calibration {path}: {side} is not a camera's table")
-        lacking = [name for name in ("fx", "fy", "cx", "cy", "k") if name not in camera]
-        if lacking:
-            raise ToktError(f"calibration {path}: {side} has no {', '.join(lacking)}")
-        fx, fy, cx, cy, skew = (
-            _one(path, f"{name} of {side}", camera.get(name, 0.0))
-            for name in ("fx", "fy", "cx", "cy", "skew")
-        )
-        values[f"K{number}"] = np.array([[fx, skew, cx], [0, fy, cy], [0, 0, 1]])
-        values[f"D{number}"] = _printed_distortion(path, side, camera, remarks)
-    names = [name for name in ("image_width", "image_height") if name in table]
-    size = np.array([_one(path, name, table[name]) for name in names]) if names else None
-    return checked_numbers(path, "printed table (JSON)", values, size, remarks)
-
-
-def _one(path: Path, name: str, value: Any) -> float:
-    number = _finite(path, name, value)
-    if number.size != 1:
-        raise ToktError(f"calibration {path}: {name} is not one number")
-    return float(number.item())
-
-
-def _printed_distortion(
-    path: Path, side: str, camera: Mapping[str, Any], remarks: list[str]
-) -> F64:
-    """OpenCV's k1 k2 p1 p2 k3 from k = k1 k2 k3 k4 ... and p = p1 p2 ...; says what is left out."""
-    k = _finite(path, f"k of {side}", camera["k"]).ravel()
-    p = _finite(path, f"p of {side}", camera.get("p", [])).ravel()
-    beyond = [f"k{i} = {value:g}" for i, value in enumerate(k[3:], 4) if value]
-    beyond += [f"p{i} = {value:g}" for i, value in enumerate(p[2:], 3) if value]
-    if beyond:
-        remarks.append(
-            f"{side}: {', '.join(beyond)} has no place in OpenCV's k1 k2 p1 p2 k3 and is left out"
-        )
-    if k[2:4].any() and not p.any():
-        remarks.append(
-            f"{side}: all tangential numbers are 0. If the printed k is Bouguet's kc, its 3rd and "
-            "4th number are p1 and p2, not k3 and k4"
-        )
-    k1, k2, k3 = np.pad(k, (0, 3))[:3]
-    p1, p2 = np.pad(p, (0, 2))[:2]
-    return np.array([k1, k2, p1, p2, k3], np.float64)
 
 
 _STEPS = 4000

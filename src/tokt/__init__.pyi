@@ -1,10 +1,10 @@
 """The public names: `tokt` loads one from its module when it is first used."""
 
-from tokt.cli.run_setup import run as run
 from tokt.features.common.errors import ToktError as ToktError
 from tokt.features.extractors.named_extractors import extractor_named as extractor_named
 from tokt.features.frames.grid import Grid as Grid
 from tokt.features.frames.mission import open_mission as open_mission
+from tokt.inference.assembly.run import run as run
 from tokt.inference.config import RunConfig as RunConfig
 from tokt.inference.frame import Frame as Frame
 from tokt.inference.policy.policy import SinglePolicy as SinglePolicy

@@ -10,12 +10,13 @@ from pathlib import Path
 import cv2
 from scipy.io import savemat
 
-from tests.inference.stereo.test_calibration_files import BOUGUET_SCREEN, THESIS, VERSION_1
-from tests.training.rig.test_matlab_calibration import bouguet, stereo_params
+from tests.training.calibration.test_calibration_files import BOUGUET_SCREEN, THESIS, VERSION_1
+from tests.training.calibration.test_matlab_calibration import bouguet, stereo_params
 from tokt.features.extractors.extractor import extractor_named
-from tokt.inference.stereo.calibration import check_calibration, read_calibration
+from tokt.inference.stereo.calibration import check_calibration
 from tokt.inference.stereo.odometry import load_odometry
 from tokt.inference.stereo.rectify import Rectifier
+from tokt.training.calibration.any_form import describe_calibration_file
 from tokt.training.datasets.mission_list import named_missions
 from tokt.training.search.space import BUILT_IN, read_space
 
@@ -70,7 +71,7 @@ def _matlab_forms() -> list[Files]:
 def _read_rig(folder: Path) -> Rectifier:
     """Read a calibration and work out from it what the runtime does once."""
     (path,) = folder.iterdir()
-    return Rectifier(read_calibration(path).usable())
+    return Rectifier(describe_calibration_file(path).usable())
 
 
 def _opencv_texts() -> list[bytes]:
@@ -83,7 +84,7 @@ def _read_odometry(folder: Path) -> object:
 
 def _read_matlab(folder: Path) -> object:
     """scipy reads it, in a process of its own."""
-    from tokt.training.matlab_file import read_matlab_numbers
+    from tokt.training.calibration.matlab_file import read_matlab_numbers
 
     return check_calibration(read_matlab_numbers(folder / "c.mat")).usable()
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from tests.calls import run_python
 from tests.tiers import scaled
-from tokt.cli.run_setup import check
 from tokt.features.common.errors import ToktError
+from tokt.inference.assembly.option_checks import check_options
 from tokt.inference.config import OPTIONS, SECTIONS, Option, RunConfig, read_config
 from tokt.inference.recording.run_start import RunStart
 
@@ -164,7 +164,7 @@ def test_any_file_is_read_or_refused(tmp_path, section, key, value):
 
 def test_the_sample_of_the_docs_is_a_run():
     config = RunConfig.of(read_config(DIVE))
-    check(config)
+    check_options(config)
     assert {option.section for option in OPTIONS.values() if option.name in config.given} >= {
         *("source", "model", "stereo", "outputs", "recording")
     }

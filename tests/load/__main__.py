@@ -9,7 +9,7 @@ from typer import Option
 
 from tests.load.report import Found, print_report
 from tokt.cli.app import run_app
-from tokt.cli.output import print_json, say
+from tokt.features.common.terminal import print_json, say
 
 _NOT_AS_ASKED = 1
 

@@ -12,7 +12,7 @@ from tokt.labels.formats.options import Progress, no_progress
 from tokt.labels.taxonomy import load_taxonomy
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.registry.load import load_model
-from tokt.training.calibration_file import read_calibration_file
+from tokt.training.calibration.any_form import read_calibration_file
 from tokt.training.datasets.mission_source import LabelledMission, labelled_missions
 from tokt.training.options import Notice, OneOrMore, PathOrText, paths, takes
 

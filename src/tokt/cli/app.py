@@ -17,12 +17,12 @@ from typer import Option
 
 from tokt.features.common.errors import ToktError, os_words
 from tokt.features.common.extras import missing_extra
+from tokt.features.common.terminal import live_without_terminal, open_standard_files, say
 
 from . import cameras, compare, dataset, doctor, labels, models, replay, rig, run, train
 from .completion import join_bash_words
 from .help import Commands
 from .interrupts import interrupt_ends
-from .output import live_without_terminal, open_standard_files, say
 
 _TRACEBACKS = 20
 """Files with tracebacks that are kept."""

@@ -14,9 +14,10 @@ from typer import Argument, Option
 
 from tokt.features.common.address import without_credentials
 from tokt.features.common.errors import ToktError
+from tokt.features.common.terminal import say, stop_on_signal
 
 from .options import JsonOption
-from .output import answer, say, stop_on_signal
+from .output import answer
 from .output import print_line as print
 
 _DEVICES = Path("/dev")

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
+from tokt.features.common.terminal import say
+from tokt.features.common.workspace import DEFAULT_WORKSPACE
+
 from .options import (
-    DEFAULT_WORKSPACE,
     FixedBoundaryOption,
     FramesOption,
     JsonOption,
@@ -21,7 +23,7 @@ from .options import (
     WorkspaceOption,
     fields_of,
 )
-from .output import answer, figure, print_patches, progress, say, scores
+from .output import answer, figure, print_patches, progress, scores
 from .output import print_line as print
 
 if TYPE_CHECKING:

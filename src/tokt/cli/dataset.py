@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
+from tokt.features.common.terminal import print_json, say
+from tokt.features.common.workspace import DEFAULT_WORKSPACE
+
 from .help import Commands
 from .options import (
-    DEFAULT_WORKSPACE,
     DatasetArgument,
     FramesOption,
     JsonOption,
@@ -19,7 +21,7 @@ from .options import (
     WorkspaceOption,
     fields_of,
 )
-from .output import answer, print_json, progress, say
+from .output import answer, progress
 from .output import print_line as print
 
 if TYPE_CHECKING:

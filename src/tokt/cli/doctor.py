@@ -12,9 +12,11 @@ import typer
 from typer import Option
 
 from tokt.features.common.errors import FAULT, NOTE, OK, Finding, ToktError, printable
+from tokt.features.common.terminal import say
+from tokt.features.common.workspace import DEFAULT_WORKSPACE
 
-from .options import DEFAULT_WORKSPACE, JsonOption, WorkspaceOption
-from .output import answer, say
+from .options import JsonOption, WorkspaceOption
+from .output import answer
 from .output import print_line as print
 
 _FAULTY = 1

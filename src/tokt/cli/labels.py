@@ -12,18 +12,14 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError, counted, printable
+from tokt.features.common.terminal import print_json, say
+from tokt.features.common.workspace import DEFAULT_WORKSPACE
 from tokt.labels.formats import NAMES
 
 from .help import Commands
 from .interrupts import interrupt_ends
-from .options import (
-    DEFAULT_WORKSPACE,
-    JsonOption,
-    TaxonomyOption,
-    WorkspaceOption,
-    read_calibration_file,
-)
-from .output import answer, print_json, progress, say
+from .options import JsonOption, TaxonomyOption, WorkspaceOption
+from .output import answer, progress
 from .output import print_line as print
 
 if TYPE_CHECKING:
@@ -116,10 +112,11 @@ def label(
         carry = None
         if calibration is not None:
             from tokt.inference.stereo.carried_labels import LabelCarrier
+            from tokt.training.calibration.any_form import read_calibration_file
 
             if len(frames.cameras) < 2:
                 raise ToktError(f"--calibration: {frames.name} has the frames of one camera only")
-            carry = LabelCarrier(read_calibration_file(calibration), patches).carry
+            carry = LabelCarrier(read_calibration_file(calibration, say), patches).carry
         view = "" if findings is None else _review(findings, frames, patches, workspace)
         kept = None if no_token else token or kept_token(workspace / TOKEN_FILE)
         address = listen(host, port, kept)

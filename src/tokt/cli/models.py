@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError, os_errors_as
+from tokt.features.common.terminal import print_json, say
+from tokt.features.common.workspace import DEFAULT_WORKSPACE
 from tokt.models.signing.passphrase import PASSPHRASE_VARIABLE, asked_passphrase, signing_key
 
 from .help import Commands
 from .options import (
-    DEFAULT_WORKSPACE,
     JsonOption,
     LabelFilesOption,
     MissionsOption,
@@ -24,7 +25,7 @@ from .options import (
     RegisteredModelArgument,
     WorkspaceOption,
 )
-from .output import answer, figure, print_json, progress, say
+from .output import answer, figure, progress
 from .output import print_line as print
 
 if TYPE_CHECKING:

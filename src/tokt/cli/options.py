@@ -1,19 +1,13 @@
-"""Options and arguments that several commands share, and the calibration file they name."""
+"""Options and arguments that several commands share."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from typer import Argument, Option
 
-from .output import say
-
-if TYPE_CHECKING:
-    from tokt.inference.stereo.calibration import StereoCalibration
-
-DEFAULT_WORKSPACE = Path(".tokt")
 WorkspaceOption = Annotated[Path, Option(help="Folder that holds tokt's state.")]
 JsonOption = Annotated[bool, Option("--json", help="Print one JSON object.")]
 TaxonomyOption = Annotated[
@@ -67,10 +61,3 @@ def is_written(context: typer.Context, name: str) -> bool:
     """Whether an option is on the command line, be it with its default value."""
     source = context.get_parameter_source(name)
     return source is not None and source.name == "COMMANDLINE"
-
-
-def read_calibration_file(path: Path) -> StereoCalibration:
-    """Read a calibration that is to be used; what is odd about it is said on standard error."""
-    from tokt.training import calibration_file
-
-    return calibration_file.read_calibration_file(path, say)

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError, counted
+from tokt.features.common.terminal import say
 
-from .options import JsonOption, LoggedRunOption, read_calibration_file
-from .output import answer, progress, say
+from .options import JsonOption, LoggedRunOption
+from .output import answer, progress
 from .output import print_line as print
 
 if TYPE_CHECKING:
@@ -226,8 +227,11 @@ def _stereo(logged: LoggedRun, calibration: Path | None) -> StereoSetup | None:
         if calibration is None:
             raise ToktError(f"{different} (--calibration {path} takes it all the same)")
         say(f"note: {different}")
+    # A run of earlier versions may have had a calibration of any form.
+    from tokt.training.calibration.any_form import read_calibration_file
+
     return StereoSetup(
-        read_calibration_file(path), start.stereo_way, start.stereo_scale, odometry_of(start)
+        read_calibration_file(path, say), start.stereo_way, start.stereo_scale, odometry_of(start)
     )
 
 

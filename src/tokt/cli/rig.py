@@ -10,9 +10,10 @@ import typer
 from typer import Argument, Option
 
 from tokt.features.common.errors import ToktError
+from tokt.features.common.terminal import say
 
-from .options import FramesOption, JsonOption, read_calibration_file
-from .output import answer, progress, say
+from .options import FramesOption, JsonOption, is_written
+from .output import answer, progress
 from .output import print_line as print
 
 if TYPE_CHECKING:
@@ -28,9 +29,14 @@ _REASONS = 3
 
 
 def calibrate(
-    mission: Annotated[
-        Path,
-        Argument(help="Folder with Left/ and Right/: a mission, or checkerboards with --board."),
+    context: typer.Context,
+    sources: Annotated[
+        list[Path],
+        Argument(
+            metavar="MISSION|FILE...",
+            help="Folder with Left/ and Right/: a mission, or checkerboards with --board. Or a "
+            "calibration of another tool to convert, in one file or several.",
+        ),
     ],
     output: Annotated[
         Path | None,
@@ -79,7 +85,15 @@ def calibrate(
     square: Annotated[float | None, Option(help="Side of the board's squares in mm.")] = None,
     json: JsonOption = False,
 ) -> None:
-    """Calibrate two cameras from a mission's frames or checkerboards."""
+    """Calibrate two cameras, or convert another tool's calibration.
+
+    Two cameras are calibrated from a mission's frames or from checkerboards. A file is converted
+    into the form that `tokt run` reads.
+    """
+    if any(path.is_file() for path in sources):
+        _convert(context, sources, output, json)
+        return
+    mission = _one_mission(sources)
     if check:
         if calibration is None:
             raise ToktError("--check needs --calibration FILE")
@@ -115,6 +129,37 @@ def calibrate(
     answer(json, value, lambda: _print_self(found, output, report))
 
 
+def _one_mission(sources: list[Path]) -> Path:
+    if len(sources) > 1:
+        raise ToktError(f"calibrate takes one mission, not {len(sources)}")
+    return sources[0]
+
+
+def _convert(context: typer.Context, files: list[Path], output: Path | None, json: bool) -> None:
+    """Write a calibration of another tool's form as the file that a run reads."""
+    from tokt.inference.stereo.calibration_writer import write_calibration
+    from tokt.training.calibration.any_form import describe_calibration_file
+
+    for name in sorted(context.params.keys() - {"sources", "output", "json"}):
+        if is_written(context, name):
+            raise ToktError(f"--{name} is for a mission, not for converting a calibration file")
+    if output is None:
+        raise ToktError("give -o FILE to write the calibration to")
+    _check_names(output, None)
+    described = describe_calibration_file(*files)
+    calibration = described.usable(say)
+    names = ", ".join(file.name for file in files)
+    write_calibration(output, calibration, {"converted_from": described.form, "files": names})
+    width, height = calibration.frame_size
+    found = {
+        "calibration": str(output),
+        "form": described.form,
+        "frame_size": [width, height],
+        "oddities": described.oddities,
+    }
+    answer(json, found, lambda: print(f"written: {output}, from {described.form}"))
+
+
 def _check_names(output: Path, report: Path | None) -> None:
     """Refuse names that could not be written before minutes of work, not after."""
     known = (".yml", ".yaml", ".json", ".xml")
@@ -129,7 +174,7 @@ def _start(
     mission: Path, baseline: float | None, focal: float | None, start: Path | None, free: str | None
 ) -> StartingRig:
     from tokt.features.frames.mission import open_mission
-    from tokt.training.calibration_file import describe_calibration_file
+    from tokt.training.calibration.any_form import describe_calibration_file
     from tokt.training.rig.calibrate.self_calibration import (
         BASELINE_MM,
         parse_free,
@@ -193,7 +238,7 @@ def _focal_words(found: SelfCalibration) -> str:
 def _check(mission: Path, file: Path, frames: str | None, json: bool) -> None:
     """Measure a calibration on a mission's frames, and end with the exit code of the answer."""
     from tokt.features.frames.mission import open_mission
-    from tokt.training.calibration_file import describe_calibration_file
+    from tokt.training.calibration.any_form import describe_calibration_file
     from tokt.training.rig.calibrate.frame_selection import frame_size
     from tokt.training.rig.calibrate.vertical_error import GOOD, UNUSABLE, measurable
 
@@ -331,11 +376,12 @@ def depth(
     says why. Matched pixels have a depth, open water has none: what is not matched is not clear.
     """
     from tokt.features.frames.mission import open_mission, parse_frames
+    from tokt.training.calibration.any_form import read_calibration_file
     from tokt.training.rig.depth.run import DepthRequest, run_depth
 
     chosen = None if frames is None else parse_frames(frames)
     opened = open_mission(mission)
-    known = read_calibration_file(calibration)
+    known = read_calibration_file(calibration, say)
     drawn = None if pictures is None else [] if pictures == "none" else parse_frames(pictures)
     clouds = ply, ply_frame, ply_farthest, fused, odometry, log, export
     request = DepthRequest(chosen, drawn, rate, stereo, scale, *clouds)

@@ -10,10 +10,10 @@ import typer
 from typer import Option
 
 from tokt.features.common.errors import ToktError, counted
+from tokt.features.common.terminal import real_stderr, say, stop_on_signal
 from tokt.inference.config import OPTIONS, RunConfig, read_config
 
 from .options import is_written
-from .output import real_stderr, say, stop_on_signal
 
 
 def run(
@@ -36,9 +36,9 @@ def run(
         raise ToktError("Missing option '--source'.")
     if asked.monitoring.watchdog:
         raise typer.Exit(_watched(asked.source.source))
-    from . import run_setup
+    from tokt.inference.assembly.run import run as run_to_its_end
 
-    run_setup.run(asked)
+    run_to_its_end(asked)
 
 
 def _options() -> list[Parameter]:

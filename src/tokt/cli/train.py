@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from tokt.features.common.errors import ToktError
+from tokt.features.common.terminal import say
+from tokt.features.common.workspace import DEFAULT_WORKSPACE
 
 from .options import (
-    DEFAULT_WORKSPACE,
     DatasetArgument,
     EmbargoOption,
     FixedBoundaryOption,
@@ -22,7 +23,7 @@ from .options import (
     WorkspaceOption,
     fields_of,
 )
-from .output import answer, figure, print_patches, progress, say, scores
+from .output import answer, figure, print_patches, progress, scores
 from .output import print_line as print
 
 if TYPE_CHECKING:

@@ -10,10 +10,11 @@ import typer
 from typer import Argument, Option
 
 from tokt.cli.help import Commands
-from tokt.cli.options import JsonOption, is_written, read_calibration_file
-from tokt.cli.output import answer, progress, say
+from tokt.cli.options import JsonOption, is_written
+from tokt.cli.output import answer, progress
 from tokt.cli.output import print_line as print
 from tokt.features.common.errors import ToktError
+from tokt.features.common.terminal import say
 
 if TYPE_CHECKING:
     from tokt_studies.simulation.rendering.synthetic_mission import SyntheticMission
@@ -293,13 +294,14 @@ def bench(
     """
     if calibration and mission is None:
         raise ToktError("--calibration goes together with --mission")
+    from tokt.training.calibration.any_form import read_calibration_file
     from tokt_studies.speed.report import print_table
     from tokt_studies.speed.run import FULL, QUICK, run_bench
 
     extent = QUICK if quick else FULL
     if frames is not None:
         extent = replace(extent, compared=frames)
-    known = read_calibration_file(calibration) if calibration else None
+    known = read_calibration_file(calibration, say) if calibration else None
     found = run_bench(out, mission, labels, known, extent, progress, say)
     answer(json, found.to_json(), lambda: print_table(found.results, found.about))
     say(f"chart: {out / 'bench.png'}")

@@ -9,7 +9,8 @@ from typing import Any
 from tests.load.page.mission import copy_frames
 from tests.load.page.tab import ANNOTATOR, Tab
 from tests.load.program import label_server
-from tokt.cli.output import progress, say
+from tokt.cli.output import progress
+from tokt.features.common.terminal import say
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.labels.store.store import FILE_NAME, LabelStore
 from tokt.training.datasets.mission_source import LabelledMission

@@ -14,9 +14,10 @@ from tests.load.effort.effort import LabellingEffort, measure_effort
 from tests.load.effort.stretches import FRAMES
 from tests.load.program import label_server
 from tests.load.report import Found, Timing, machine_words, table, yes_or_no
-from tokt.cli.output import progress, say
+from tokt.cli.output import progress
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
+from tokt.features.common.terminal import say
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.features.frames.mission import open_mission
 from tokt.labels.store.store import FILE_NAME

@@ -14,9 +14,10 @@ import numpy as np
 from rich.table import Table
 
 from tests.load.report import Found, machine_words, table
-from tokt.cli.output import progress, say
+from tokt.cli.output import progress
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
+from tokt.features.common.terminal import say
 from tokt.features.extractors.extractor import extractor_named
 from tokt.features.frames.grid import DEFAULT_GRID
 from tokt.training.datasets.splits import BLOCK_FRAMES, FOLDS

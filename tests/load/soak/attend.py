@@ -12,8 +12,8 @@ import numpy as np
 import psutil
 from prometheus_client.parser import text_string_to_metric_families
 
-from tokt.cli.output import say
 from tokt.features.common.arrays import F64
+from tokt.features.common.terminal import say
 from tokt.models.bundle.bundle import Bundle
 from tokt.models.store.store import Store
 

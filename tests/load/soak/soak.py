@@ -16,9 +16,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from tests.load.report import Found, machine_words, table, yes_or_no
-from tokt.cli.output import say
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
+from tokt.features.common.terminal import say
 
 from .chart import chart_png
 from .live import LiveRuns

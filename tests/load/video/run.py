@@ -11,9 +11,9 @@ import numpy as np
 
 from tests.inference.sources.video.senders import Film, gst_rtp, rtsp
 from tests.load.report import Found, machine_words, table
-from tokt.cli.output import say
 from tokt.features.common.errors import ToktError
 from tokt.features.common.machine import machine
+from tokt.features.common.terminal import say
 
 from .captures import count_captures, judged_share
 from .latency import bare_codec, lossy_read, reader_latency, run_latency

@@ -17,7 +17,7 @@ from tokt.labels.formats.options import Progress
 from tokt.labels.merge import merge_annotators
 from tokt.labels.record import LabelRecord
 from tokt.labels.taxonomy import UNSURE, Taxonomy
-from tokt.training.calibration_file import read_calibration_file
+from tokt.training.calibration.any_form import read_calibration_file
 from tokt.training.datasets.mission_source import labels_of_mission, read_labels
 from tokt.training.fitting.train import rendered_other_image
 from tokt.training.options import Notice

@@ -16,13 +16,9 @@ from scipy.io.matlab import MatReadError
 
 from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
-from tokt.inference.stereo.calibration_files import (
-    BOUGUET_NAMES,
-    CalibrationNumbers,
-    bouguet_numbers,
-    checked_numbers,
-    millimetres,
-)
+from tokt.inference.stereo.calibration_files import CalibrationNumbers, checked_numbers, millimetres
+
+from .bouguet import BOUGUET_NAMES, bouguet_numbers
 
 BOUGUET_FORM = "Bouguet toolbox .mat"
 STEREO_PARAMS_FORM = "MATLAB stereoParams .mat"

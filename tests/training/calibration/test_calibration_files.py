@@ -1,6 +1,7 @@
 """Every text form of a calibration file, written here as its tool writes it."""
 
 import json
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -10,14 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.calls import refuses
+from tests.calls import refused, refuses, succeeds
+from tests.inference.stereo.plain_rig import store_parts
 from tests.tiers import scaled
-from tokt.cli.options import read_calibration_file
 from tokt.features.common.errors import ToktError
-from tokt.inference.stereo.calibration import StereoCalibration, load_calibration, read_calibration
+from tokt.features.common.terminal import say
+from tokt.inference.stereo.calibration import StereoCalibration, load_calibration
 from tokt.inference.stereo.calibration_writer import write_calibration
-
-from .plain_rig import store_parts
+from tokt.training.calibration.any_form import describe_calibration_file, read_calibration_file
 
 MATRIX = "{}: !!opencv-matrix\n   rows: 3\n   cols: {}\n   dt: d\n   data: [ {} ]\n"
 LENS = "{}: !!opencv-nd-matrix\n   sizes: [ 5 ]\n   dt: d\n   data: [ {} ]\n"
@@ -82,7 +83,7 @@ def test_files_of_earlier_versions_are_read(tmp_path, text, size):
 @pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
 def test_bouguet_s_screen_output(tmp_path, encoding):
     (tmp_path / "c.txt").write_bytes(BOUGUET_SCREEN.encode(encoding))
-    described = read_calibration(tmp_path / "c.txt")
+    described = describe_calibration_file(tmp_path / "c.txt")
     found = replace(described.calibration, frame_size=(640, 480))
     assert described.form == "Bouguet toolbox text" and not described.refusals
     assert found.K1[0, 0] == 533.00371  # after the optimisation
@@ -109,7 +110,7 @@ def test_bouguet_s_script_with_a_size_and_skew(tmp_path):
         "cc_right = [ 321.0 ; 241.0 ];\nkc_right = [ 0 ; 0 ; 0 ; 0 ; 0 ];\n"
         "R = [ 1 0 0 ; 0 0.8 -0.6 ; 0 0.6 0.8 ];\nT = [ -300 ; 0 ; 0 ];\nnx = 640;\nny = 480;\n"
     )
-    described = read_calibration(tmp_path / "c.m")
+    described = describe_calibration_file(tmp_path / "c.m")
     assert described.calibration.frame_size == (640, 480)
     assert described.calibration.R[1].tolist() == [0, 0.8, -0.6]
     assert described.calibration.K1[0, 1] == 0
@@ -118,7 +119,7 @@ def test_bouguet_s_script_with_a_size_and_skew(tmp_path):
 
 def test_the_thesis_s_printed_form(tmp_path):
     (tmp_path / "c.json").write_text(json.dumps(THESIS))
-    described = read_calibration(tmp_path / "c.json")
+    described = describe_calibration_file(tmp_path / "c.json")
     found = described.calibration
     assert found.D1.tolist() == [0.25, 0.5, 0.001, 0.002, -0.125]  # k1 k2 p1 p2 k3
     assert found.D2.tolist() == [0.25, 0, 0, 0, 0]
@@ -143,7 +144,7 @@ def test_the_thesis_s_printed_form(tmp_path):
 )
 def test_printed_tables_that_are_wrong(tmp_path, change, message):
     (tmp_path / "c.json").write_text(json.dumps({**THESIS, **change}))
-    refuses(message, load_calibration, tmp_path / "c.json")
+    refuses(message, read_calibration_file, tmp_path / "c.json", print)
 
 
 @pytest.mark.parametrize(
@@ -159,7 +160,7 @@ def test_other_names_and_plain_lists(tmp_path, names):
     content = {names.get(name, name): value for name, value in parts.items()}
     content |= {"image_size": [640, 480]} | {key: names[key] for key in names if key == "unit"}
     (tmp_path / "c.json").write_text(json.dumps(content))
-    described = read_calibration(tmp_path / "c.json")
+    described = describe_calibration_file(tmp_path / "c.json")
     assert not described.oddities and described.usable().D1[4] == 0.3
     assert described.calibration.K1.tolist() == parts["K1"]
 
@@ -172,9 +173,62 @@ def test_units_are_read(tmp_path, unit, factor):
     assert found.ravel().tolist() == [-0.5 * factor, 0, 0]
 
 
-def test_only_commands_read_matlab_s_binary_files(tmp_path):
-    (tmp_path / "c.dat").write_bytes(b"MATLAB 5.0 MAT-file, Platform: PCWIN64" + bytes(100))
-    refuses("a MATLAB file", load_calibration, tmp_path / "c.dat")
+@pytest.mark.parametrize(
+    ("name", "content", "form"),
+    [
+        ("c.dat", b"MATLAB 5.0 MAT-file, Platform: PCWIN64" + bytes(100), "a MATLAB file"),
+        ("c.mat", b"anything", "a MATLAB file"),
+        ("c.txt", BOUGUET_SCREEN.encode("cp1252"), "a Bouguet toolbox export"),
+        ("c.json", json.dumps(THESIS).encode(), "a printed table"),
+    ],
+    ids=["matlab", "named .mat", "bouguet", "printed"],
+)
+def test_a_run_reads_opencv_s_form_alone_and_names_the_command(tmp_path, name, content, form):
+    (tmp_path / name).write_bytes(content)
+    said = refuses(f"is {form}: convert it first", load_calibration, tmp_path / name)
+    assert f"`tokt calibrate {tmp_path / name} -o FILE.yml`" in said
+    about = ("--source", tmp_path, "--calibration", tmp_path / name, "--policy", "disparity")
+    assert f"is {form}: convert it first" in refused("", "run", *about)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("c.txt", BOUGUET_SCREEN), ("c.json", json.dumps(THESIS))],
+    ids=["bouguet", "printed"],
+)
+def test_another_tool_s_file_is_converted(tmp_path, name, content):
+    (tmp_path / name).write_text(content, "utf-8")
+    ran = succeeds("calibrate", tmp_path / name, "-o", tmp_path / "rig.yml", "--json")
+    told = json.loads(ran.out)
+    assert told["frame_size"] == [1360, 1024] and told["form"] in ran.out
+    assert "taken for 1360x1024" in ran.err and "taken for 1360x1024" in str(told["oddities"])
+    whole = read_calibration_file(tmp_path / name, print)
+    for part, value in vars(load_calibration(tmp_path / "rig.yml")).items():
+        assert np.array_equal(value, getattr(whole, part)), part
+    for words, *options in (
+        ("--baseline is for a mission", "--baseline", 300),
+        ("--check is for a mission", "--check"),
+    ):
+        refused(words, "calibrate", tmp_path / name, "-o", tmp_path / "no.yml", *options)
+    refused("give -o FILE", "calibrate", tmp_path / name)
+    assert not (tmp_path / "no.yml").exists()
+
+
+def test_two_files_share_the_parts_of_one_calibration(tmp_path):
+    """As OpenCV's sample program writes them."""
+    head, *parts = re.split(r"(?m)^(?=\w+: !!)", VERSION_1)
+    (tmp_path / "intrinsics.yml").write_text(head + "".join(parts[:4]))
+    (tmp_path / "extrinsics.yml").write_text(head + "".join(parts[4:]))
+    files = (tmp_path / "intrinsics.yml", tmp_path / "extrinsics.yml")
+    succeeds("calibrate", *files, "-o", tmp_path / "rig.yml")
+    (tmp_path / "whole.yml").write_text(VERSION_1)
+    whole = load_calibration(tmp_path / "whole.yml")
+    for part, value in vars(load_calibration(tmp_path / "rig.yml")).items():
+        assert np.array_equal(value, getattr(whole, part)), part
+    said = refused("K1", "calibrate", files[0], files[0], "-o", tmp_path / "no.yml")
+    assert "in two files" in said
+    refused("has no R, T_mm", "calibrate", files[0], "-o", tmp_path / "no.yml")
+    assert not (tmp_path / "no.yml").exists()
 
 
 def test_what_nests_too_deep_or_is_too_large_is_refused(tmp_path):
@@ -188,7 +242,7 @@ def test_what_nests_too_deep_or_is_too_large_is_refused(tmp_path):
 
 def test_oddities_are_said_on_standard_error(tmp_path, capsys):
     (tmp_path / "c.yml").write_text(OF_YESTERDAY)
-    read_calibration_file(tmp_path / "c.yml")
+    read_calibration_file(tmp_path / "c.yml", say)
     assert capsys.readouterr().err.endswith("frames' size: taken for 1360x1024\n")
 
 
@@ -254,7 +308,7 @@ def test_what_is_written_is_read_to_the_last_digit(folder, name, calibration, no
         assert noted == " ".join(note.split()).strip("\"'")
         assert np.array_equal(storage.getNode("K2").mat(), calibration.K2)
         storage.release()
-    for name, value in vars(load_calibration(path)).items():
+    for name, value in vars(read_calibration_file(path, print)).items():
         assert np.array_equal(value, getattr(calibration, name)), name
 
 
@@ -273,7 +327,7 @@ def test_damaged_files_are_refused_or_read_never_worse(folder, calibration, data
         content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
     path.write_bytes(content[: data.draw(st.integers(0, len(content)))])
     try:
-        found = read_calibration(path).calibration
+        found = describe_calibration_file(path).calibration
     except ToktError as error:
         assert "\n" not in str(error)
         return
@@ -293,7 +347,7 @@ def test_no_form_takes_a_number_that_is_not_finite(folder, calibration, part, da
         path.write_text(bouguet(broken))
     else:
         store_parts(path, {key: getattr(broken, key) for key in PARTS})
-    refuses("not finite", read_calibration, path)
+    refuses("not finite", describe_calibration_file, path)
 
 
 def test_a_calibration_file_appears_whole_or_not_at_all(tmp_path):

@@ -9,9 +9,9 @@ from scipy.io import savemat
 
 from tests.calls import refuses
 from tests.tiers import scaled
-from tokt.cli.options import read_calibration_file
 from tokt.inference.stereo.calibration import check_calibration
-from tokt.training.matlab_file import matlab_numbers, read_matlab_numbers
+from tokt.training.calibration.any_form import read_calibration_file
+from tokt.training.calibration.matlab_file import matlab_numbers, read_matlab_numbers
 
 K_LEFT = np.array([[600.0, 0, 319.5], [0, 601.0, 239.25], [0, 0, 1]])
 K_RIGHT = np.array([[605.0, 0, 310.5], [0, 606.0, 243.25], [0, 0, 1]])
@@ -139,7 +139,7 @@ def test_truncated_files_are_refused(tmp_path_factory, part, compressed):
 def test_a_file_that_scipy_crashes_on_is_damaged(tmp_path):
     path = tmp_path / "c.mat"
     savemat(path, {"s": stereo_params()})
-    assert read_calibration_file(path).frame_size == (640, 480)
+    assert read_calibration_file(path, print).frame_size == (640, 480)
     content = bytearray(path.read_bytes())
     assert content[520] == 9  # the type of a field's numbers: double
     content[520] = 0

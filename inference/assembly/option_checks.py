@@ -1,0 +1,86 @@
+"""Checks of the options of a run against each other."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tokt.features.common.errors import ToktError
+from tokt.inference.config import (
+    CAMERAS,
+    FILES,
+    LIVE,
+    MODELS,
+    OPTIONS,
+    PICTURES,
+    REAL_TIME,
+    VIDEO,
+    RunConfig,
+)
+from tokt.inference.outputs.udp import parse_receiver, version_of
+from tokt.inference.policy.temporal_cues import Anchor
+from tokt.inference.recording.run_log import events_path
+from tokt.inference.sources.open import is_camera_source
+from tokt.inference.sources.stream import is_stream_source
+from tokt.inference.sources.video.address import is_video_source
+
+if TYPE_CHECKING:
+    pass
+
+
+def check_options(config: RunConfig) -> None:
+    """Refuse options that contradict each other, and those that would do nothing."""
+    if config.monitoring.watchdog:
+        raise ToktError("--watchdog is for the command tokt run: it starts processes")
+    given = [each for each in OPTIONS.values() if each.name in config.given]
+    for each in given:
+        if each.not_with in config.given:
+            raise ToktError(f"give --{each.key} or --{OPTIONS[each.not_with].key}, not both")
+        if each.needs and config.given.isdisjoint(each.needs):
+            words = " or ".join(f"--{OPTIONS[name].key}" for name in each.needs)
+            raise ToktError(f"--{each.key} is of no use without {words}")
+    log, shadow_log = config.recording.log, config.model.shadow_log
+    logs = () if log is None else (log, events_path(log))
+    if shadow_log is not None and shadow_log.absolute() in [path.absolute() for path in logs]:
+        raise ToktError("--shadow-log names a file that --log writes: give it one of its own")
+    _check_told(config)
+    useless = _useless(config)
+    for each in given:
+        if each.only in useless:
+            raise ToktError(f"--{each.key} is for {useless[each.only]}")
+
+
+def _useless(config: RunConfig) -> dict[str, str]:
+    """The kinds of runs that this one is not; what options for them are for."""
+    source = config.source.source
+    useless: dict[str, str] = {}
+    if is_video_source(source):
+        useless |= {CAMERAS: CAMERAS, **dict.fromkeys((FILES, PICTURES), f"{FILES}, not for video")}
+    elif is_camera_source(source):
+        useless |= {VIDEO: VIDEO, FILES: f"{FILES}, not for live cameras"}
+    else:
+        useless |= {CAMERAS: CAMERAS, VIDEO: VIDEO, LIVE: LIVE}
+        if is_stream_source(source):
+            useless |= dict.fromkeys((FILES, PICTURES), f"{FILES}, not for a stream")
+        if config.source.rate is None:
+            useless[REAL_TIME] = REAL_TIME
+    if config.policy.policy == "disparity":
+        useless[MODELS] = MODELS
+    return useless
+
+
+def _check_told(config: RunConfig) -> None:
+    """Refuse an anchor or a place of which nobody would hear, and a share that cannot be held."""
+    policy = config.policy
+    if policy.anchor is not None:
+        Anchor(policy.anchor)
+    asked = {"anchor": policy.anchor, "anchor-from": policy.anchor_from, "nmea": config.source.nmea}
+    version = version_of(config.outputs.format)
+    receivers = config.outputs.udp or []
+    versions = {parse_receiver(text, version).version for text in receivers} or {version}
+    if versions != {1} or config.recording.log is not None or config.recording.record is not None:
+        return
+    for name in (name for name, value in asked.items() if value is not None):
+        raise ToktError(
+            f"--{name} is of no use without a receiver of v2 (--format v2 or --udp v2@HOST:PORT), "
+            "--log or --record"
+        )

@@ -1,0 +1,87 @@
+"""The model of a run: loaded, and exchanged for the next one of its store."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
+from tokt.features.common.errors import ToktError
+from tokt.inference.clock import SYSTEM_CLOCK
+from tokt.inference.config import ModelConfig, RunConfig
+from tokt.inference.monitoring.drift import DriftMonitor
+from tokt.inference.monitoring.reload import ModelReloader
+from tokt.inference.policy.assembly import Assembly
+from tokt.inference.texture.detector import TextureDetector
+from tokt.models.bundle.bundle import Bundle, read_bundle
+from tokt.models.store.last_good import load_running
+from tokt.models.store.store import Store
+
+if TYPE_CHECKING:
+    pass
+
+
+class RunModel:
+    """The model a run begins with."""
+
+    def __init__(self, wanted: ModelConfig) -> None:
+        self.bundle: Bundle | None = None  # it, once loaded
+        self.fault = ""  # why it could not be loaded
+        self.notes: list[str] = []  # why it is not the store's active one
+        self._wanted = wanted
+
+    @property
+    def loader(self) -> Callable[[], Bundle] | None:
+        """What loads it; None where none was asked for."""
+        return self._load if self._wanted.store or self._wanted.bundle else None
+
+    def _load(self) -> Bundle:
+        try:
+            if self._wanted.bundle is not None:
+                found = read_bundle(self._wanted.bundle)
+                if found.deployment_fault:
+                    fault = f"model {found.label} cannot guard a vehicle: {found.deployment_fault}"
+                    raise ToktError(f"{self._wanted.bundle}: {fault}")
+            else:
+                assert self._wanted.store is not None
+                found, self.notes = load_running(Store(self._wanted.store))
+        except ToktError as error:
+            self.fault = str(error)
+            raise
+        self.bundle = self.as_it_runs(found)
+        return self.bundle
+
+    def as_it_runs(self, bundle: Bundle) -> Bundle:
+        """A model that has passed all checks, with its boundary as the options want it."""
+        return bundle.with_fixed_boundary() if self._wanted.fixed_boundary else bundle
+
+    def words(self) -> list[str]:
+        """Lines for people."""
+        lines = [f"WARNING: {note}" for note in self.notes]
+        if self.bundle is None:
+            return lines
+        rule = self.bundle.operating_point.rule
+        late = f"; {rule.latency_words()}" if rule.latency_frames else ""
+        return [*lines, f"model {self.bundle.label}: status 1 with {rule.words()}{late}"]
+
+
+def open_model_watch(
+    config: RunConfig, model: RunModel, assembly: Assembly, drift: DriftMonitor, opened: ExitStack
+) -> ModelReloader | None:
+    """What goes over to a store's next model, where there is a store."""
+    slot = assembly.texture
+    if config.model.store is None or slot is None:
+        return None
+
+    def put(bundle: Bundle, note: str) -> None:
+        wanted = config.model
+        slot.put(TextureDetector(model.as_it_runs(bundle), wanted.threads), note)
+        drift.set_model(bundle)
+
+    watch = ModelReloader(
+        *(Store(config.model.store), model.bundle, assembly.misfit, put, SYSTEM_CLOCK),
+        is_active=not model.notes,
+    )
+    watch.start()
+    opened.callback(watch.close)
+    return watch
