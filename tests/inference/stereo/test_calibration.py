@@ -117,11 +117,3 @@ def test_the_mission_s_calibration(calibration_path):
     calibration = load_calibration(calibration_path)
     assert calibration.frame_size == (1360, 1024)
     assert np.linalg.norm(calibration.T_mm) == pytest.approx(305.47, abs=0.01)
-
-
-@pytest.mark.mission
-def test_the_thesis_s_printed_table_is_described_and_refused(calibration_path):
-    path = calibration_path.with_name("calibration_thesis.json")
-    described = read_calibration(path)
-    assert described.form == "printed table (JSON)" and len(described.refusals) == 3
-    refuses(r"principal point of K1 .* outside .* left of the left", load_calibration, path)

@@ -371,3 +371,12 @@ def test_frames_larger_than_any_camera_s_are_refused(tmp_path):
     text = VERSION_1.replace("image_width: 1400", "image_width: 100000")
     (tmp_path / "c.yml").write_text(text)
     refuses("the frame size is 100000x1040", load_calibration, tmp_path / "c.yml")
+
+
+@pytest.mark.mission
+def test_the_thesis_s_printed_table_is_described_and_refused(mission_dir):
+    path = mission_dir.parent / "calibration_thesis.json"
+    described = describe_calibration_file(path)
+    assert described.form == "printed table (JSON)" and len(described.refusals) == 3
+    words = r"principal point of K1 .* outside .* left of the left"
+    refuses(words, read_calibration_file, path, print)
