@@ -69,7 +69,7 @@ TOKT_VARIANTS(glcm_keys,
               (first, second, n, keys))
 
 /* Count one pair; a key that is new is kept by moving past it, without a branch. */
-static inline int glcm_count(uint32_t *count, uint16_t *cells, int n_cells, uint16_t key) {
+TOKT_BODY int glcm_count(uint32_t *count, uint16_t *cells, int n_cells, uint16_t key) {
     uint32_t before = count[key];
     cells[n_cells] = key;
     count[key] = before + 1;
@@ -134,7 +134,7 @@ static void glcm_drop_zeros(GlcmPairs *pairs) {
 }
 
 /* n log2(total / n): what n of `total` add to the entropy, times `total`; 0 for none. */
-static inline double glcm_surprise(int64_t n, int64_t total, double log2_total, GlcmLog2 log2_of) {
+TOKT_BODY double glcm_surprise(int64_t n, int64_t total, double log2_total, GlcmLog2 log2_of) {
     if (2 * n > total) /* nearly all of them: the two logarithms would cancel */
         return -1.4426950408889634 * (double)n * log1p((double)(n - total) / (double)total);
     return (double)n * (log2_total - (n < log2_of.size ? log2_of.of[n] : log2((double)n)));

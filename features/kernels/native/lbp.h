@@ -63,9 +63,9 @@ typedef struct {
     double *left, *right; /* weights along the row */
 } LbpScratch;
 
-static inline int lbp_padded(int width) { return (width + LBP_LANES - 1) & ~(LBP_LANES - 1); }
+TOKT_BODY int lbp_padded(int width) { return (width + LBP_LANES - 1) & ~(LBP_LANES - 1); }
 
-static inline int lbp_at_most(int size, int most) { return size < most ? size : most; }
+TOKT_BODY int lbp_at_most(int size, int most) { return size < most ? size : most; }
 
 /* Doubles that a patch of this size needs as scratch. */
 static size_t lbp_scratch(const LbpPoints *points, int height, int width) {
@@ -154,7 +154,7 @@ TOKT_BODY void lbp_set_bits(const LbpPoints *points, const LbpView *view, const 
     }
 }
 
-static inline int lbp_ones(uint64_t word) {
+TOKT_BODY int lbp_ones(uint64_t word) {
 #if defined(__GNUC__)
     return __builtin_popcountll(word);
 #else

@@ -33,7 +33,7 @@ typedef struct {
     uint8_t *line;   /* [3][wide] ones, changes and the last bits of a row */
 } NearestBlock;
 
-static inline int nearest_wide(int width) {
+TOKT_BODY int nearest_wide(int width) {
     return (width + NEAREST_LANES - 1) & -NEAREST_LANES;
 }
 

@@ -46,8 +46,8 @@ static size_t quantize_scratch(const QuantizeSettings *settings, int width) {
            quantize_box_scratch(width, settings->window);
 }
 
-static inline int quantize_min(int one, int two) { return one < two ? one : two; }
-static inline int quantize_max(int one, int two) { return one > two ? one : two; }
+TOKT_BODY int quantize_min(int one, int two) { return one < two ? one : two; }
+TOKT_BODY int quantize_max(int one, int two) { return one > two ? one : two; }
 
 static double *quantize_lay_out(QuantizeBox *box, int side, int width, double *memory) {
     box->reach = side / 2;
