@@ -7,8 +7,10 @@ import zipfile
 
 import pytest
 
+import tokt
 from tests.fixtures import ROOT
 from tests.process.installed import Installed
+from tokt_studies.simulation.rendering.synthetic_mission import simulate_mission
 
 pytestmark = pytest.mark.xdist_group("wheel")  # tokt's is built once
 
@@ -53,3 +55,7 @@ def test_its_commands_join_those_of_an_installed_tokt(studies_wheel, wheel, tmp_
     options = ("--frames", "12", "--width", "360", "--jobs", "1")
     said = installed.run(installed.python, "-m", "tokt", "simulate", dive, *options)
     assert "12 stereo pairs of 360x271" in said and (dive / "labels.csv").is_file()
+
+
+def test_the_public_name_of_tokt_is_that_of_the_studies():
+    assert tokt.simulate_mission is simulate_mission and "simulate_mission" in dir(tokt)

@@ -71,10 +71,11 @@ class HelpGroup(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write a line for each command."""
-        width = formatter.width - 6 - max(map(len, self.commands))
+        shown = {name: each for name, each in self.commands.items() if not each.hidden}
+        width = formatter.width - 6 - max(map(len, shown))
         rows = [
             (_heading(each, "Commands"), (name, each.get_short_help_str(width)))
-            for name, each in self.commands.items()
+            for name, each in shown.items()
         ]
         _write(rows, formatter)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import typer
 
-SCRIPT = Path(__file__).parents[1] / "docs" / "prose.py"
+SCRIPT = Path(__file__).parents[2] / "docs" / "prose.py"
 LONG = " ".join(f"word{number}" for number in range(26))
 
 
