@@ -90,3 +90,15 @@ def is_there(name):
         owner, _, attribute = name.rpartition(".")
         return attribute in getattr(resolve_name(owner), "__annotations__", {})
     return True
+
+
+def test_tests_of_tokt_import_nothing_of_the_studies():
+    """They run without them: those that need a rendered dive are in studies/tests."""
+    importing = {
+        path.relative_to(ROOT).as_posix()
+        for path in modules("tests")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.ImportFrom | ast.Import)
+        if "tokt_studies" in ast.unparse(node)
+    }
+    assert importing == set()
