@@ -22,14 +22,16 @@ from numpy.typing import NDArray
 
 from tokt.features.common.arrays import Bools
 from tokt.inference.frame import Frame
+from tokt.inference.policy.policy import Judgement
+from tokt.inference.reason import Fault, Reason
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.matching import Matches
-from tokt.inference.verdict import CLEAR, OBSTACLE, verdict_from_mask
+from tokt.inference.verdict import CLEAR, OBSTACLE, unknown_verdict, verdict_from_mask
 
-from .baseline import NO_PICTURE, BaselineResult, not_judged
 from .thesis_texture import GRID
 
+NO_PICTURE = unknown_verdict(Fault(Reason.MISSING, "a picture of it cannot be read"))
 MIN_MEAN_PX = 0.5
 """Mean disparity below which a few matches by chance are all that there is."""
 
@@ -42,17 +44,17 @@ class Thirds:
     def __init__(self, calibration: StereoCalibration) -> None:
         self._detector = DisparityDetector(calibration, GRID)
 
-    def judge(self, frame: Frame) -> BaselineResult:
+    def judge(self, frame: Frame) -> Judgement:
         """Judge one pair of a run, in their order."""
         if frame.left is None or frame.right is None:
-            return not_judged(NO_PICTURE)
+            return Judgement(NO_PICTURE)
         # Without the frames missed before it, of which the method knows nothing.
         seen = self._detector.observe(Frame(frame.number, frame.t, frame.left, frame.right))
         if seen.detection.mask is None or seen.matches is None:
-            return not_judged(seen.detection.fault)
+            return Judgement(unknown_verdict(seen.detection.fault))
         return self._decide(seen.matches, seen.detection.mask.shape)
 
-    def _decide(self, matches: Matches, size: tuple[int, ...]) -> BaselineResult:
+    def _decide(self, matches: Matches, size: tuple[int, ...]) -> Judgement:
         disparity = np.where(matches.valid, matches.disparity_px, 0.0)
         left, centre, right = (_mean_of_third(disparity, matches.searched, i) for i in range(3))
         matched = matches.valid.astype(np.uint8) * 255
@@ -61,7 +63,7 @@ class Thirds:
         turn = (1 if right < left else -1) * (size[1] // 3) if barred else 0
         verdict = verdict_from_mask(mask, self.name)
         verdict = replace(verdict, status=OBSTACLE if barred else CLEAR, x=turn, y=0)
-        return BaselineResult(verdict, mask)
+        return Judgement(verdict, mask=mask)
 
 
 def _mean_of_third(values: NDArray[Any], searched: Bools, which: int) -> float:

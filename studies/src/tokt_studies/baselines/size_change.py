@@ -27,11 +27,12 @@ import numpy as np
 
 from tokt.features.common.arrays import F32, F64, U8
 from tokt.inference.frame import Frame
+from tokt.inference.policy.policy import Judgement
 from tokt.inference.reason import Fault, Reason
-from tokt.inference.verdict import CLEAR, OBSTACLE, verdict_from_mask
+from tokt.inference.verdict import CLEAR, OBSTACLE, unknown_verdict, verdict_from_mask
 from tokt.training.rig.calibrate.matching import even_contrast_gaussian, mutual_matches, view_scale
 
-from .baseline import NO_PICTURE, BaselineResult, not_judged
+from .mean_disparity import NO_PICTURE
 from .thesis_texture import GRID
 
 BACK = 4
@@ -72,22 +73,23 @@ class SizeChange:
         self._before: deque[_RememberedFrame] = deque(maxlen=back)
         self._sift = cv2.SIFT.create(_MAX_FEATURES)
 
-    def judge(self, frame: Frame) -> BaselineResult:
+    def judge(self, frame: Frame) -> Judgement:
         """Judge the left frame of a run, in their order."""
         if frame.left is None:
-            return not_judged(NO_PICTURE)
+            return Judgement(NO_PICTURE)
         now = self._look(frame.left)
         before = self._before[0] if len(self._before) == self._before.maxlen else None
         self._before.append(now)
         if before is None or before.view.shape != now.view.shape:
-            return not_judged(Fault(Reason.FRAME_RULE, "no frame to compare with yet"))
+            fault = Fault(Reason.FRAME_RULE, "no frame to compare with yet")
+            return Judgement(unknown_verdict(fault))
         found, picture = _grown(before, now), np.zeros(now.view.shape, np.uint8)
         for (x, y), radius in found:
             cv2.circle(picture, (round(x), round(y)), max(round(radius), 1), 255, cv2.FILLED)
         size = GRID.resized(*frame.left.shape[:2])[::-1]
         mask = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_NEAREST), np.uint8)
         status = OBSTACLE if len(found) >= MIN_KEYPOINTS else CLEAR
-        return BaselineResult(replace(verdict_from_mask(mask, self.name), status=status), mask)
+        return Judgement(replace(verdict_from_mask(mask, self.name), status=status), mask=mask)
 
     def _look(self, frame: U8) -> _RememberedFrame:
         gray = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)

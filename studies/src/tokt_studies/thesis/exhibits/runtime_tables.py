@@ -25,7 +25,7 @@ from tokt.features.frames.mission import LEFT, RIGHT
 from tokt.inference.config import DEFAULT_SCALE
 from tokt.inference.frame import Frame
 from tokt.inference.frame_checks import frame_fault
-from tokt.inference.policy.policy import SinglePolicy
+from tokt.inference.policy.policy import Policy, SinglePolicy
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
 from tokt.inference.stereo.pushbroom import PushbroomDetector
@@ -287,7 +287,7 @@ def cited_methods(calibration: StereoCalibration) -> list[TimedMethod]:
     ]
 
 
-def _verdict(method: SinglePolicy | Thirds, number: int, left: U8, right: U8) -> Verdict:
+def _verdict(method: Policy, number: int, left: U8, right: U8) -> Verdict:
     return method.judge(Frame(number, float(number), left, right)).verdict
 
 

@@ -20,7 +20,7 @@ from tokt.features.extractors.extractor import build_extractor
 from tokt.features.frames.image_file import decode_image, pixel_sha256
 from tokt.features.frames.mission import LEFT, RIGHT, open_mission
 from tokt.inference.clock import SYSTEM_CLOCK
-from tokt.inference.policy.policy import SinglePolicy
+from tokt.inference.policy.policy import Policy, SinglePolicy
 from tokt.inference.sources.files import MissionSource
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
@@ -54,7 +54,7 @@ THESIS_DISPARITY = "disparity"
 TOKT_STEREO, TOKT_MODEL = "tokt_stereo", "tokt_model"
 ONE_CAMERA = SizeChange.name, TOKT_MODEL  # which is the one asked for
 
-MakeMethod = Callable[[], SinglePolicy | SizeChange | Thirds]
+MakeMethod = Callable[[], Policy]
 """Makes what judges a run of frames; it goes to another process."""
 
 
