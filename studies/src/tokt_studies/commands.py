@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,8 +24,9 @@ ProcessesOption = Annotated[
     int | None, Option("--jobs", help="Processes. Default: one per core.", min=1)
 ]
 _NOT_EXACT = 1
-_CLOSED_LOOP, _IMAGES = "Closed loop", "Images"
-"""Headings of options in the help."""
+_LoopOption = partial(Option, rich_help_panel="Closed loop")
+_ImageOption = partial(Option, metavar="IMAGE", rich_help_panel="Images")
+"""Options under headings of their own in the help."""
 _FOR_MISSIONS = ("frames", "pipeline")
 _FOR_CLOSED_LOOP = ("scenes", "methods", "runs", "model", "planner")
 
@@ -79,35 +81,20 @@ def simulate(
     ] = None,
     closed_loop: Annotated[
         bool,
-        Option(
+        _LoopOption(
             "--closed-loop",
-            rich_help_panel=_CLOSED_LOOP,
             help="Fly a vehicle that tokt run steers, instead of rendering a mission.",
         ),
     ] = False,
     scenes: Annotated[
-        str | None,
-        Option(
-            rich_help_panel=_CLOSED_LOOP,
-            help="Scenes, separated by commas. Default: all but anchor.",
-        ),
+        str | None, _LoopOption(help="Scenes, separated by commas. Default: all but anchor.")
     ] = None,
     methods: Annotated[
-        str | None,
-        Option(
-            rich_help_panel=_CLOSED_LOOP,
-            help="Any of texture,disparity,either,fallback,none. Default: all.",
-        ),
+        str | None, _LoopOption(help="Any of texture,disparity,either,fallback,none. Default: all.")
     ] = None,
-    runs: Annotated[
-        int, Option(rich_help_panel=_CLOSED_LOOP, help="Number of runs of each scene and method.")
-    ] = 5,
+    runs: Annotated[int, _LoopOption(help="Number of runs of each scene and method.")] = 5,
     model: Annotated[
-        Path | None,
-        Option(
-            rich_help_panel=_CLOSED_LOOP,
-            help="Model to fly. Default: one trained on rendered missions.",
-        ),
+        Path | None, _LoopOption(help="Model to fly. Default: one trained on rendered missions.")
     ] = None,
     planner: Annotated[
         str,
@@ -200,19 +187,11 @@ def reproduce(
     ] = None,
     picture: Annotated[
         Path | None,
-        Option(
-            metavar="IMAGE",
-            rich_help_panel=_IMAGES,
-            help="Image in bad light for figures 5.6 to 5.8. Default: a rendered river.",
-        ),
+        _ImageOption(help="Image in bad light for figures 5.6 to 5.8. Default: a rendered river."),
     ] = None,
     picture_mask: Annotated[
         Path | None,
-        Option(
-            metavar="IMAGE",
-            rich_help_panel=_IMAGES,
-            help="Mask of --picture drawn by a person: white where an obstacle is.",
-        ),
+        _ImageOption(help="Mask of --picture drawn by a person: white where an obstacle is."),
     ] = None,
     calibration: Annotated[
         Path | None, Option(help="Stereo calibration. Default: calibrate from the frames.")
