@@ -111,5 +111,5 @@ def write_drift(folder: Path, seed: int, frames: int, width: int, snow: int = 1)
         cv2.imwrite(str(folder / "Left" / f"drift_L_{index + 1}.png"), frame)
         place = place + step_s * velocity
     ocean = [OCEAN] * DEFAULT_GRID.n_patches
-    labels = labels_csv(folder.name, ((n, ocean) for n in range(1, frames + 1)), DEFAULT_GRID)
+    labels = labels_csv(folder.name, ((n, ocean) for n in range(1, frames + 1)))
     (folder / "labels.csv").write_bytes(labels)

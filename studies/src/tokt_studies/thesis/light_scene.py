@@ -7,8 +7,6 @@ import numpy as np
 
 from tokt.features.common.arrays import U8
 from tokt.inference.stereo.calibration import StereoCalibration
-from tokt_studies.simulation.rendering.loop_lighting import ViewMaps
-from tokt_studies.simulation.rendering.raycast import Hits
 from tokt_studies.simulation.rendering.stereo_renderer import StereoRenderer
 from tokt_studies.simulation.scene.closed_loop_world import World
 from tokt_studies.simulation.scene.fish_and_dust import School
@@ -79,8 +77,10 @@ class LitScene:
         """The pair in a water, with the exact mask of what is there, seen or not."""
         rig = self._rig
         world = World(water, self._things, self._fish, seed=self._seed)
-        left, right = StereoRenderer(world, rig, self._seed).pair(0.0, _AT_REST, 0.0, _AT_REST)
-        there = np.isfinite(self._hits(water).depth).reshape(left.shape[:2])
+        renderer = StereoRenderer(world, rig, self._seed)
+        left, right = renderer.pair(0.0, _AT_REST, 0.0, _AT_REST)
+        camera, _ = rig.cameras(np.eye(3), _AT_REST)
+        there = np.isfinite(renderer.hits(0, 0.0, camera).depth).reshape(left.shape[:2])
         straight, shift_mm = np.zeros(5), 1000.0 * rig.translation_m.reshape(3, 1)
         cameras = rig.left, straight, rig.right, straight, rig.rotation, shift_mm
         mask = there.astype(np.uint8) * 255
@@ -95,14 +95,3 @@ class LitScene:
             "the rendered rig's exact calibration",
             rendered=True,
         )
-
-    def _hits(self, water: Water) -> Hits:
-        """What the left camera's rays meet."""
-        maps = ViewMaps(water, self._rig, 0)
-        camera, _ = self._rig.cameras(np.eye(3), _AT_REST)
-        hits = Hits(camera, maps.rays, maps.lamp)
-        for thing in self._things:
-            hits.add_solids(thing.surfaces, np.array([thing.at], np.float64))
-        if self._fish is not None:
-            hits.add_fish(self._fish, 0.0)
-        return hits

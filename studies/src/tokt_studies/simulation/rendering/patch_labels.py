@@ -1,14 +1,13 @@
 """The label of each patch of a synthetic frame, from the geometry and the contrast; its file."""
 
-import csv
-import io
 from collections.abc import Iterable, Sequence
 
 import cv2
 import numpy as np
+import pandas as pd
 
 from tokt.features.common.arrays import F32, F64, Bools
-from tokt.features.frames.grid import Grid
+from tokt.features.frames.grid import DEFAULT_GRID, Grid
 from tokt.features.frames.mission import LEFT
 
 OCEAN, UNSURE, TOWER = "ocean", "unsure", "subsea_installation"
@@ -59,12 +58,13 @@ def patch_labels(covered: F64, seen: F64) -> list[str]:
     return list(np.where(certain, TOWER, np.where(covered > 0, UNSURE, OCEAN)))
 
 
-def labels_csv(mission: str, frames: Iterable[tuple[int, Sequence[str]]], grid: Grid) -> bytes:
+def labels_csv(mission: str, frames: Iterable[tuple[int, Sequence[str]]]) -> bytes:
     """The label file of a mission's left frames: a row a patch of numbered frames with labels."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["mission", "camera", "frame", "row", "col", "label"])
-    for number, labels in frames:
-        for cell, label in enumerate(labels):
-            writer.writerow([mission, LEFT, number, *divmod(cell, grid.cols), label])
-    return text.getvalue().encode("utf-8")
+    rows = [
+        (mission, LEFT, number, *divmod(cell, DEFAULT_GRID.cols), label)
+        for number, labels in frames
+        for cell, label in enumerate(labels)
+    ]
+    table = pd.DataFrame(rows, columns=["mission", "camera", "frame", "row", "col", "label"])
+    text: str = table.to_csv(index=False, lineterminator="\n")
+    return text.encode("utf-8")

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import cv2
 import numpy as np
+import pandas as pd
 
 from tokt.features.common.arrays import F64
 from tokt.features.common.errors import ToktError
@@ -134,14 +132,17 @@ class PipelineScene(Scene):
     def write(self, folder: Path) -> None:
         """See `Scene`."""
         (folder / FILE_NAME).write_text(_TAXONOMY.to_toml(), encoding="utf-8")
-        poses = ([n + 1, n * _FRAME_S, *_pose(pose)] for n, pose in enumerate(self.poses))
-        _write_csv(folder / "odometry.csv", COLUMNS, poses)
-        faults = (
+        poses = [[n + 1, n * _FRAME_S, *_pose(pose)] for n, pose in enumerate(self.poses)]
+        faults = [
             [CLASSES[one.kind], one.along_m, one.length_m, *self.pipeline.place(one)]
             for one in self.pipeline.faults
-        )
-        names = ("class", "along_m", "length_m", "x_m", "y_m", "z_m")
-        _write_csv(folder / "faults.csv", names, faults)
+        ]
+        names = ["class", "along_m", "length_m", "x_m", "y_m", "z_m"]
+        for name, columns, rows in (("odometry", COLUMNS, poses), ("faults", names, faults)):
+            text = pd.DataFrame(rows, columns=list(columns)).to_csv(
+                index=False, lineterminator="\n", float_format="%.6f"
+            )
+            (folder / f"{name}.csv").write_text(text, encoding="utf-8")
 
 
 def _pose(pose: CameraPose) -> list[float]:
@@ -149,12 +150,3 @@ def _pose(pose: CameraPose) -> list[float]:
     axis = cv2.Rodrigues(pose.rotation.T)[0].ravel()
     half = float(np.linalg.norm(axis)) / 2
     return [*pose.centre, np.cos(half), *(np.sinc(half / np.pi) / 2 * axis)]
-
-
-def _write_csv(path: Path, columns: Iterable[str], rows: Iterable[list[Any]]) -> None:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    for row in rows:
-        writer.writerow(f"{cell:.6f}" if isinstance(cell, float) else cell for cell in row)
-    path.write_text(text.getvalue(), encoding="utf-8")

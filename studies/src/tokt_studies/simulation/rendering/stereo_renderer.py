@@ -79,6 +79,13 @@ class StereoRenderer:
         """Both cameras, level, with the left one at `position`."""
         return self._rig.cameras(upright(heading_rad), np.asarray(position, np.float64))
 
+    def hits(self, side: int, t_s: float, camera: Camera) -> Hits:
+        """What the rays of the left camera (0) or the right one (1) meet: solids, and fish."""
+        hits = self._solids(side, t_s, camera)
+        if self._world.fish is not None:
+            hits.add_fish(self._world.fish, t_s)
+        return hits
+
     def _solids(self, side: int, t_s: float, camera: Camera) -> Hits:
         """Surfaces without fish; the left camera's nearest depth is kept for `sees_solid`."""
         maps, _ = self.camera(side)
@@ -91,9 +98,7 @@ class StereoRenderer:
         return hits
 
     def _see(self, side: int, t_s: float, cameras: tuple[Camera, Camera], velocity: F64) -> U8:
-        hits = self._solids(side, t_s, cameras[side])
-        if self._world.fish is not None:
-            hits.add_fish(self._world.fish, t_s)
+        hits = self.hits(side, t_s, cameras[side])
         frame = self.picture(side, t_s, hits, cameras[0], velocity)
         return np.asarray(
             cv2.imdecode(cv2.imencode(".jpg", frame, JPEG)[1], cv2.IMREAD_COLOR), np.uint8

@@ -157,27 +157,11 @@ def simulate_mission(
     ``calibration.yml`` and ``scene.json``. The folder `out` appears when all of it is written; its
     name becomes the mission's name.
 
-    Parameters
-    ----------
-    out : Path
-        A folder that is not there, or empty.
-    seed : int
-        The same seed gives the same bytes, whatever the `jobs`.
-    n_frames : int
-        Stereo pairs; from 40 on, every part of the dive has frames.
-    width : int
-        In pixels; the height and the cameras follow the mission's proportions.
-    jobs : int, optional
-        Threads; by default one a core.
-    progress : callable, optional
-        ``progress(frames, total, what)`` passes the frames on as they are done.
-    draw : callable
-        ``draw(seed, n_frames, width)`` gives another scene, which may write other truth.
-
-    Raises
-    ------
-    ToktError
-        If `out` is there and not an empty folder, or a number is out of range.
+    The same seed gives the same bytes, whatever the `jobs` (threads; by default one a core). From
+    40 frames on every part of the dive has some. The height and the cameras follow the mission's
+    proportions. ``progress(frames, total, what)`` passes the frames on as they are done, and
+    ``draw(seed, n_frames, width)`` gives another scene, which may write other truth. Raises
+    ToktError if `out` is there and not an empty folder, or a number is out of range.
     """
     out = Path(out)
     _check(out, seed, n_frames, width, jobs)
@@ -190,7 +174,7 @@ def simulate_mission(
             (folder / part).mkdir()
         scene.write(folder)
         frames = _render_all(scene, folder, n_frames, jobs or os.cpu_count() or 1, progress)
-        labels = labels_csv(name, ((one.number, one.labels) for one in frames), DEFAULT_GRID)
+        labels = labels_csv(name, ((one.number, one.labels) for one in frames))
         (folder / "labels.csv").write_bytes(labels)
         scene.rig.write(folder / "calibration.yml")
         (folder / "scene.json").write_text(_scene_json(scene, frames), encoding="utf-8")
