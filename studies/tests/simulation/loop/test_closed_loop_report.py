@@ -195,11 +195,3 @@ def test_no_false_avoidance_is_told_where_the_ground_is_always_in_view(chart, tm
     run = replace(track([Mode.TRANSIT] * 2, 1, 2.0), scene="floor")
     write_report(tmp_path, [run], [chart], [])
     assert "<td>-</td>" in (tmp_path / "report.html").read_text("utf-8")
-
-
-def test_a_map_shows_the_waypoint(chart):
-    run = track([Mode.TRANSIT] * 3, 0, 1.5)
-    plain, marked = (
-        picture(still(run, replace(chart, waypoint=to))) for to in (None, np.array([1.0, 0.0, 9.0]))
-    )
-    assert pixels(marked, ORANGE) > pixels(plain, ORANGE) + 40

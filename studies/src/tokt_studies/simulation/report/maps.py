@@ -61,7 +61,6 @@ class Chart:
     outlines: Sequence[F64]  # (n, 2) of what is solid, from above: east and north, m
     goal: F64  # (3,), world, m
     current_m_s: tuple[float, float, float]  # the water's velocity: east, down, north
-    waypoint: F64 | None = None  # (3,), world, m
 
     @classmethod
     def of(cls, scene: LoopScene, t_s: float) -> Chart:
@@ -219,8 +218,7 @@ def _draw_nearest(axes: Axes, track: Track, color: str, width: float, shift: Any
 def _extent(tracks: Sequence[Track], charts: Sequence[Chart]) -> tuple[F64, F64]:
     """(east, north) of the least and the greatest place on a map that shows them all."""
     places = [track.position[:, _EAST_NORTH] for track in tracks]
-    marks = (mark for chart in charts for mark in (chart.goal, chart.waypoint))
-    places += [mark[None, _EAST_NORTH] for mark in marks if mark is not None]
+    places += [chart.goal[None, _EAST_NORTH] for chart in charts]
     places += [outline for chart in charts for outline in chart.outlines]
     everything = np.concatenate(places)
     return everything.min(axis=0) - _MARGIN_M, everything.max(axis=0) + _MARGIN_M
@@ -241,10 +239,6 @@ def _sheet(track: Track, chart: Chart, dpi: int) -> tuple[Figure, Axes]:
     start, goal = track.position[0][_EAST_NORTH], chart.goal[_EAST_NORTH]
     axes.plot(*start, "^", color="black", ms=7, zorder=4, label="start")
     axes.plot(*goal, "*", color=_GREEN, ms=12, zorder=4, label="goal")
-    if chart.waypoint is not None:
-        axes.plot(
-            *chart.waypoint[_EAST_NORTH], "P", color=_COLORS[Mode.AVOID], ms=11, label="waypoint"
-        )
     _draw_current(axes, chart)
     return figure, axes
 

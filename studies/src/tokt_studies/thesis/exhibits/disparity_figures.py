@@ -130,10 +130,7 @@ def exchange(inputs: StudyInputs, frames: Sequence[int]) -> pd.DataFrame:
     """Judge left frames with their own right frame, another one's, and their own upside down.
 
     Every kind is a run of its own, with a detector of its own, as if the right camera gave nothing
-    else. A row a left frame and kind: ``frame``; ``right``, one of `KINDS`; of ours the part of the
-    rectified view that is matched, the status, and the near and far end of the depths (nan where
-    there are none); of the thesis's cropped map the part with a disparity, its mean (0..255), and
-    the part of its pixels that changed between matched and not against the frame's own right frame.
+    else. A row a left frame and kind.
     """
     pairs_of = {number: pair_of(inputs, number) for number in frames}
     lefts = {number: pair[0] for number, pair in pairs_of.items()}
@@ -156,12 +153,13 @@ def exchange(inputs: StudyInputs, frames: Sequence[int]) -> pd.DataFrame:
                 {
                     "frame": ours.frame,
                     "right": kind,
-                    "ours_matched": ours.valid_fraction or 0.0,
+                    "ours_matched": ours.valid_fraction or 0.0,  # of the rectified view
                     "status": STATUS_WORDS[ours.status],
-                    "near_m": ours.distance_m,
+                    "near_m": ours.distance_m,  # ends of the depths; nan where there are none
                     "far_m": ours.far_m,
-                    "thesis_matched": float((now > 0).mean()),
+                    "thesis_matched": float((now > 0).mean()),  # of the cropped map
                     "thesis_mean": float(now.mean()),
+                    # Pixels, between matched and not, against the frame's own right frame.
                     "thesis_changed": float(((now > 0) != with_its_own).mean()),
                 }
             )

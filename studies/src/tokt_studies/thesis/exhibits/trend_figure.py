@@ -179,23 +179,7 @@ def depth_trend(times_s: F64, depths_m: F64) -> tuple[str | None, float | None]:
 
 
 def score(held: pd.DataFrame) -> dict[str, float | int | None]:
-    """Sum the comparison up.
-
-    asked, said : int
-        Frames in which something is seen and the depth's change is known; those with a trend.
-    same_sign, opposite_sign : int
-        Of those in which depth changes and the trend is growing or shrinking.
-    sign_agreement : float or None
-        Share of the frames with a sign in both whose signs are the same.
-    missed_approach : int
-        Frames in which the thing comes nearer and *steady* or *shrinking* is said.
-    rank_correlation : float or None
-        Spearman's, of mean and depth: -1 would be a relative distance.
-    contacts : int
-        Frames with a time to contact by both, the mean and the depth.
-    contact_ratio_10, contact_ratio_50, contact_ratio_90 : float
-        Percentiles of the one by the mean over the one by the depth; nan without any.
-    """
+    """Sum the comparison up: numbers of frames, and figures that may be None or nan."""
     seen = held[held["mean"] > STATUS_MEAN_THRESHOLD]
     asked = seen[seen.by_depth.notna()]
     signed = asked[asked.by_depth.isin(MOVING) & asked.trend.isin(MOVING)]
@@ -203,14 +187,16 @@ def score(held: pd.DataFrame) -> dict[str, float | int | None]:
     missed = (asked.by_depth == GROWING) & asked.trend.isin((STEADY, SHRINKING))
     ratios = (held.contact_s / held.contact_s_by_depth).dropna().astype(float)
     return {
-        "asked": len(asked),
+        "asked": len(asked),  # something is seen, and the depth's change is known
         "said": int(asked.trend.notna().sum()),
-        "same_sign": same,
+        "same_sign": same,  # of those in which both are growing or shrinking
         "opposite_sign": len(signed) - same,
         "sign_agreement": same / len(signed) if len(signed) else None,
-        "missed_approach": int(missed.sum()),
+        "missed_approach": int(missed.sum()),  # it comes nearer; steady or shrinking is said
+        # Spearman's, of mean and depth: -1 would be a relative distance.
         "rank_correlation": _ranks(seen.dropna(subset="depth_m")),
-        "contacts": len(ratios),
+        "contacts": len(ratios),  # with a time to contact by the mean, and by the depth
+        # Percentiles of the one by the mean over the one by the depth.
         **{f"contact_ratio_{percent}": ratios.quantile(percent / 100) for percent in _SPREAD},
     }
 
