@@ -26,7 +26,6 @@ from tokt.inference.policy.policy import Judgement
 from tokt.inference.reason import Fault, Reason
 from tokt.inference.stereo.calibration import StereoCalibration
 from tokt.inference.stereo.disparity import DisparityDetector
-from tokt.inference.stereo.matching import Matches
 from tokt.inference.verdict import CLEAR, OBSTACLE, unknown_verdict, verdict_from_mask
 
 from .thesis_texture import GRID
@@ -50,17 +49,16 @@ class Thirds:
             return Judgement(NO_PICTURE)
         # Without the frames missed before it, of which the method knows nothing.
         seen = self._detector.observe(Frame(frame.number, frame.t, frame.left, frame.right))
-        if seen.detection.mask is None or seen.matches is None:
+        matches = seen.matches
+        if seen.detection.mask is None or matches is None:
             return Judgement(unknown_verdict(seen.detection.fault))
-        return self._decide(seen.matches, seen.detection.mask.shape)
-
-    def _decide(self, matches: Matches, size: tuple[int, ...]) -> Judgement:
+        height, width = seen.detection.mask.shape
         disparity = np.where(matches.valid, matches.disparity_px, 0.0)
         left, centre, right = (_mean_of_third(disparity, matches.searched, i) for i in range(3))
         matched = matches.valid.astype(np.uint8) * 255
-        mask = self._detector.rectifier.to_left(matched, size[0], size[1])
+        mask = self._detector.rectifier.to_left(matched, height, width)
         barred = centre > MIN_MEAN_PX and centre >= max(left, right)
-        turn = (1 if right < left else -1) * (size[1] // 3) if barred else 0
+        turn = (1 if right < left else -1) * (width // 3) if barred else 0
         verdict = verdict_from_mask(mask, self.name)
         verdict = replace(verdict, status=OBSTACLE if barred else CLEAR, x=turn, y=0)
         return Judgement(verdict, mask=mask)

@@ -30,6 +30,7 @@ Camera = tuple[F64, F64]
 
 THESIS_FRAME_SIZE = (1360, 1024)
 """Width and height in pixels of the frames that the settings are for."""
+THESIS_SIZE_WORDS = "x".join(map(str, THESIS_FRAME_SIZE))
 
 # fx, fy in pixels, and the coefficients as the program hands them to OpenCV (k1, k2, p1, p2, k3);
 # it leaves the principal point at 0, 0.
@@ -65,6 +66,11 @@ def undistorted(frame: U8, camera: Camera) -> U8:
     return np.asarray(cv2.undistort(gray, *camera), np.uint8)
 
 
+def undistorted_pair(left: U8, right: U8) -> tuple[U8, U8]:
+    """Both frames of a pair, gray and undistorted."""
+    return undistorted(left, LEFT_CAMERA), undistorted(right, RIGHT_CAMERA)
+
+
 def block_matching(disparities: int = N_DISPARITIES_PX) -> cv2.StereoBM:
     """Block matching by table 3.5, or that of another number of disparities."""
     matcher = cv2.StereoBM.create(disparities, BLOCK_PX)
@@ -87,7 +93,7 @@ def disparity_map(left: U8, right: U8) -> U8:
 
     They are uint8, (1024, 1360); 0 is where nothing was matched.
     """
-    found = _MATCHER.compute(undistorted(left, LEFT_CAMERA), undistorted(right, RIGHT_CAMERA))
+    found = _MATCHER.compute(*undistorted_pair(left, right))
     stretched = cv2.normalize(found, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)  # type: ignore[call-overload]
     return np.asarray(stretched, np.uint8)
 

@@ -138,14 +138,6 @@ def _prepare(
     return run
 
 
-def _build(run: DemoRun, workspace: Path, progress: Progress) -> None:
-    mine, frames = [LabelledMission(run.mission, run.records)], run.train_frames
-    plan, _ = plan_from_missions(
-        "demo", "binary", mine, run.taxonomy, frames=frames, block_frames=run.block_frames
-    )
-    run.dataset = write_dataset(plan, workspace / "datasets", progress)
-
-
 def _train_all(run: DemoRun, workspace: Path, registry: Registry, progress: Progress) -> None:
     for name, extractor, preset in (*_CANDIDATES, *_BASELINES):
         chosen, settings = extractor_for(extractor, preset), settings_named(preset)
@@ -230,8 +222,12 @@ def run_demo(
     run = _prepare(out, mission, labels, frames, width, progress, say)
     workspace, store = out / "workspace", Store(out / "store")
     registry = Registry(workspace, create=True, own=True)
+    labelled, learnt = [LabelledMission(run.mission, run.records)], run.train_frames
     with run.stage("build the dataset", say):
-        _build(run, workspace, progress)
+        plan, _ = plan_from_missions(
+            "demo", "binary", labelled, run.taxonomy, frames=learnt, block_frames=run.block_frames
+        )
+        run.dataset = write_dataset(plan, workspace / "datasets", progress)
     with run.stage("train and register", say):
         _train_all(run, workspace, registry, progress)
     with run.stage("compare, choose the champion, export, deploy", say):
@@ -245,10 +241,9 @@ def run_demo(
     with run.stage("score all models on the held-back frames", say):
         for name, bundle in run.bundles.items():
             scored = score_mission(bundle, run.mission, progress, run.held_frames)
-            labelled = LabelledMission(run.mission, run.records)
             run.scored[name] = scored
             run.evaluations[name] = evaluate_missions(
-                bundle, [labelled], run.taxonomy, progress, scored=scored
+                bundle, labelled, run.taxonomy, progress, scored=scored
             )
     say("-- write the report")
     write_report(out / "report.html", run, bundle_file)

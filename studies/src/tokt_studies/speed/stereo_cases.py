@@ -16,13 +16,12 @@ from tokt.inference.frame_checks import pair_shape_fault
 from tokt.inference.reason import Reason
 from tokt.inference.stereo.calibration import StereoCalibration, load_calibration
 from tokt.inference.stereo.disparity import DisparityDetector
-from tokt.inference.stereo.matching import Matches
 from tokt.inference.stereo.pushbroom import BAND, CELL_PX, PushbroomDetector
 from tokt.inference.verdict import STATUS_MEAN_THRESHOLD
 from tokt.labels.formats.options import Progress
 from tokt.training.options import Notice
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
-from tokt_studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
+from tokt_studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, THESIS_SIZE_WORDS, judge_pair
 from tokt_studies.baselines.thesis_texture import GRID
 
 from .cases import Case
@@ -130,15 +129,11 @@ class StereoPair(PairCase):
         ours, theirs = (
             detector.match(item.left, item.right) for detector in (self._detector, self._library)
         )
-        return self.compared(item, not _same(ours, theirs), seen)
-
-
-def _same(one: Matches, other: Matches) -> bool:
-    """Whether the same pixels were matched, with the same disparities."""
-    valid = one.valid
-    return np.array_equal(valid, other.valid) and np.array_equal(
-        one.disparity_px[valid], other.disparity_px[valid]
-    )
+        valid = ours.valid
+        same = np.array_equal(valid, theirs.valid) and np.array_equal(
+            ours.disparity_px[valid], theirs.disparity_px[valid]
+        )
+        return self.compared(item, not same, seen)
 
 
 class PushbroomPair(PairCase):
@@ -218,8 +213,7 @@ def stereo_input(mission: Mission, calibration: StereoCalibration | None) -> Ste
         return _left_out("no pair of it can be read")
     sizes = {image.shape[1::-1] for image in (first.left, first.right)}
     if sizes != {THESIS_FRAME_SIZE} or calibration.frame_size != THESIS_FRAME_SIZE:
-        size = "x".join(map(str, THESIS_FRAME_SIZE))
-        return _left_out(f"the thesis's pipeline is for frames of {size}")
+        return _left_out(f"the thesis's pipeline is for frames of {THESIS_SIZE_WORDS}")
     return StereoInput(calibration, words)
 
 

@@ -11,12 +11,10 @@ from tokt.features.common.errors import ToktError
 from tokt.training.rig.calibrate.frame_selection import evenly_spaced
 from tokt_studies.baselines.thesis_stereo import (
     CROP_PX,
-    LEFT_CAMERA,
     MIN_DISPARITY_PX,
     N_DISPARITIES_PX,
-    RIGHT_CAMERA,
     block_matching,
-    undistorted,
+    undistorted_pair,
 )
 from tokt_studies.baselines.thesis_texture import GRID
 from tokt_studies.thesis.patch_scores import Truth
@@ -48,17 +46,16 @@ def margin_figures(context: StudyContext) -> Exhibit:
         [pair_of(context, n) for n in evenly_spaced(context.textured_pairs, SWEPT_FRAMES)]
     )
     seen = seen_at_the_edges(context)
+    edges = (
+        "Part of the labelled obstacle that is white in the thesis's map without its right "
+        f"{CROP_PX} px, and part in these. The pair is moved until the obstacle touches the left "
+        "edge; its mirror image has it at the right one."
+    )
     return Exhibit(
         claims=(line_claim(empty), sweep_claim(sweep), edge_claim(seen)),
         tables=(
             Table("sweep", "Matched part of the whole map, in per cent; a row a pair.", sweep),
-            Table(
-                "edges",
-                "Part of the labelled obstacle that is white in the thesis's map without its right "
-                f"{CROP_PX} px, and part in these. The pair is moved until the obstacle touches "
-                "the left edge; its mirror image has it at the right one.",
-                seen,
-            ),
+            Table("edges", edges, seen),
         ),
     )
 
@@ -89,10 +86,7 @@ def matched_by_number(pairs: Sequence[tuple[U8, U8]]) -> pd.DataFrame:
     """Matched part of the map in per cent: a row a pair, a column a number of `SWEEP`."""
     rows = []
     for left, right in pairs:
-        views = [
-            undistorted(at_thesis_size(one), camera)
-            for one, camera in ((left, LEFT_CAMERA), (right, RIGHT_CAMERA))
-        ]
+        views = undistorted_pair(at_thesis_size(left), at_thesis_size(right))
         maps = {number: block_matching(number).compute(*views) for number in SWEEP}
         unmatched = 16 * (MIN_DISPARITY_PX - 1)
         rows.append({n: 100 * float((found > unmatched).mean()) for n, found in maps.items()})

@@ -35,12 +35,11 @@ from tokt_studies.baselines.mean_disparity import Thirds
 from tokt_studies.baselines.slic import SlicTexture, resized_bgr, superpixels
 from tokt_studies.baselines.thesis_models import ThesisModel
 from tokt_studies.baselines.thesis_stereo import (
-    LEFT_CAMERA,
-    RIGHT_CAMERA,
     THESIS_FRAME_SIZE,
+    THESIS_SIZE_WORDS,
     disparity_map,
     judge_pair,
-    undistorted,
+    undistorted_pair,
 )
 from tokt_studies.baselines.thesis_texture import GRID, resized_gray
 from tokt_studies.speed.paired_timing import in_turns, single_thread
@@ -239,10 +238,7 @@ def thesis_disparity() -> TimedMethod:
     return _of_pairs(
         ("disparity", "disparity, a pair", THESIS),
         lambda _, left, right: judge_pair(left, right).verdict,
-        (
-            lambda left, right: (undistorted(left, LEFT_CAMERA), undistorted(right, RIGHT_CAMERA)),
-            disparity_map,
-        ),
+        (undistorted_pair, disparity_map),
     )
 
 
@@ -492,14 +488,14 @@ def _printed_rows(found: Found) -> pd.DataFrame:
         if one.copied:
             rows.append([*there[:3], None, "copied by mistake", None, None])
             continue
-        here, whole = found.get(one.key), None
-        if here is not None and one.stages:
-            whole = float(np.median(here.total_ms))
-            ms = whole if one.stages == STAGES else float(here.stage_ms[list(one.stages)].sum())
-        if whole is None:
+        here = found.get(one.key)
+        if here is None or not one.stages:
             rows.append([*there, "none", None, None])
             continue
-        words = "whole frame" if one.stages == STAGES else " and ".join(one.stages)
+        whole = float(np.median(here.total_ms))
+        words, ms = "whole frame", whole
+        if one.stages != STAGES:
+            words, ms = " and ".join(one.stages), float(here.stage_ms[list(one.stages)].sum())
         rows.append([*there, words, ms * SEQUENCE / 1e3, ms / whole])
     columns = ["table", "row", "thesis s", "part of it", "here", "s", "part"]
     return pd.DataFrame(rows, columns=columns)
@@ -555,8 +551,8 @@ def _claim(found: Found, key: str, what: str) -> Claim:
     seconds = f"{theirs:g} s to {reference:g} s"
     claim = Claim.about(what, f"{ratio_there:.3g} ({seconds}; tables 5.1 to 5.4)")
     if key not in found:
-        size = "x".join(map(str, THESIS_FRAME_SIZE))
-        return claim("not measured", f"this mission has no pairs of {size}, the thesis's size")
+        why = f"this mission has no pairs of {THESIS_SIZE_WORDS}, the thesis's size"
+        return claim("not measured", why)
     ratio, low, high = _middle(_ratio(found, key))
     own = found[key].stage_ms
     return claim(

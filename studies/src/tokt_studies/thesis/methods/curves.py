@@ -38,7 +38,7 @@ from tokt.training.parallel import mapped
 from tokt_studies.baselines.mean_disparity import Thirds
 from tokt_studies.baselines.size_change import SizeChange
 from tokt_studies.baselines.thesis_models import ThesisModel
-from tokt_studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, judge_pair
+from tokt_studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, THESIS_SIZE_WORDS, judge_pair
 from tokt_studies.baselines.thesis_texture import GRID
 from tokt_studies.thesis.inputs import StudyInputs
 
@@ -287,8 +287,8 @@ def _add_thesis(curves: Curves, inputs: StudyInputs, readable: Sequence[FrameRes
     elif not inputs.pairs:
         curves.left_out.append("the thesis's disparity: the mission has no right frames")
     else:
-        size = "x".join(map(str, THESIS_FRAME_SIZE))
-        curves.left_out.append(f"the thesis's disparity: its numbers are for frames of {size}")
+        words = f"the thesis's disparity: its numbers are for frames of {THESIS_SIZE_WORDS}"
+        curves.left_out.append(words)
 
 
 def _add_slow(
