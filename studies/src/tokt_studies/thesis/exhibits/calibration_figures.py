@@ -47,21 +47,18 @@ def calibration_figures(context: StudyContext) -> Exhibit:
         raise ToktError("needs pairs with something in them")
     rows = row_differences(context)
     bends = edge_bends(context, evenly_spaced(context.textured_pairs, LINED_FRAMES))
+    caption = (
+        "Median row differences in pixels of matched points (SIFT, one geometry a frame). Raw is "
+        "before the thesis's step, thesis after it. Ours is rectified with "
+        f"{context.calibration_words}, which may have been fitted to these frames."
+    )
     return Exhibit(
         words=(
             "Of the printed calibration k4, the rotation and the parts of T enter no step that the "
             "thesis prints. Its step named rectify undistorts each picture by itself.",
         ),
         claims=(bend_claim(bends), row_claim(rows)),
-        tables=(
-            Table(
-                "rows",
-                "Median row differences in pixels of matched points (SIFT, one geometry a frame). "
-                "Raw is before the thesis's step, thesis after it. Ours is rectified with "
-                f"{context.calibration_words}, which may have been fitted to these frames.",
-                rows,
-            ),
-        ),
+        tables=(Table("rows", caption, rows),),
     )
 
 

@@ -96,6 +96,12 @@ def centre_and_box(context: StudyContext) -> Exhibit:
             f"no method sees anything in frame {number}, which should show the structure"
         )
     mission = _mission(context)
+    caption = (
+        f"Frame {number}: the mask with its contours (3.22), the two centres and where each says "
+        "to steer (3.23), and the two boxes (3.24). Where the thesis's box leaves the frame, the "
+        "panel grows with it. Last: of frames with several contours the one whose box is largest "
+        f"beside the union. {SHOWN}"
+    )
     return Exhibit(
         (
             "The thesis's way is that of its published program, which looks for outer contours "
@@ -106,16 +112,7 @@ def centre_and_box(context: StudyContext) -> Exhibit:
             "thesis's method says obstacle. None is of an image it learnt from.",
         ),
         (box_claim(mission), fineness_claim(fitting_the_exact_mask())),
-        plots=(
-            Plot(
-                "contours-centre-box",
-                f"Frame {number}: the mask with its contours (3.22), the two centres and where "
-                "each says to steer (3.23), and the two boxes (3.24). Where the thesis's box "
-                "leaves the frame, the panel grows with it. Last: of frames with several contours "
-                f"the one whose box is largest beside the union. {SHOWN}",
-                png_of(_figure(context, shown, mission)),
-            ),
-        ),
+        plots=(Plot("contours-centre-box", caption, png_of(_figure(context, shown, mission))),),
     )
 
 

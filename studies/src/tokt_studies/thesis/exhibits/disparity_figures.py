@@ -99,29 +99,19 @@ def disparity_figures(context: StudyContext) -> Exhibit:
         "matched_points": len(covered),
         "points_searched": float(covered.mean()) if len(covered) else None,
     }
+    figures = pd.DataFrame(numbers.items(), columns=["figure", "value"])
+    maps = f"Frame {best}. Blue: the margin that the thesis cuts off. {SHOWN}"
+    clouds = (
+        f"Point clouds of frame {best}, as the thesis's program and as ours make them. Red is "
+        "near; of each axis the middle 98 % are shown."
+    )
     return Exhibit(
         words=_words(context, frames, best),
         claims=(map_claim(numbers), cloud_claim(numbers)),
-        tables=(
-            _table(rows),
-            Table(
-                "figures",
-                "What the claims are judged by.",
-                pd.DataFrame(numbers.items(), columns=["figure", "value"]),
-            ),
-        ),
+        tables=(_table(rows), Table("figures", "What the claims are judged by.", figures)),
         plots=(
-            Plot(
-                "disparity_and_margin",
-                f"Frame {best}. Blue: the margin that the thesis cuts off. {SHOWN}",
-                png_of(_maps(shown, picture, ends)),
-            ),
-            Plot(
-                "point_cloud",
-                f"Point clouds of frame {best}, as the thesis's program and as ours make them. "
-                "Red is near; of each axis the middle 98 % are shown.",
-                png_of(_clouds(shown)),
-            ),
+            Plot("disparity_and_margin", maps, png_of(_maps(shown, picture, ends))),
+            Plot("point_cloud", clouds, png_of(_clouds(shown))),
         ),
     )
 

@@ -130,20 +130,17 @@ def prediction_dots(context: StudyContext) -> Exhibit:
     said = by_thesis(context, frame)
     patches, truths = context.curves.patches, context.truths
     pooled = {one.name: pooled_score(patches.get(one.name, {}), truths) for one in said}
+    caption = (
+        f"Frame {number}: dots and mask by each method; green outlines are patches labelled as an "
+        f"obstacle. {SHOWN}"
+    )
     return Exhibit(
         (
             f"Frame {number}, which no method learnt from. Red dots are patches said to be other "
             f"than ocean; they are white in the mask. {LEARNT_ELSEWHERE}",
         ),
         (dot_claim(said, truth, pooled), alike_claim(patches, context.scored)),
-        plots=(
-            Plot(
-                "dots",
-                f"Frame {number}: dots and mask by each method; green outlines are patches "
-                f"labelled as an obstacle. {SHOWN}",
-                png_of(_figure(frame, said, truth)),
-            ),
-        ),
+        plots=(Plot("dots", caption, png_of(_figure(frame, said, truth))),),
     )
 
 

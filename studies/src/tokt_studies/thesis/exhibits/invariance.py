@@ -34,17 +34,15 @@ def invariance(context: StudyContext) -> Exhibit:
         raise ToktError("needs frames with labelled obstacles")
     frames = evenly_spaced(shown, FRAMES)
     shares = changed_shares(context, frames)
+    caption = (
+        f"Share of patches whose verdict changes with the picture, in {len(frames)} labelled "
+        "frames that the models did not learn from. Obstacles and clear water weigh the same. "
+        "Rotation is of each patch about its middle."
+    )
+    table = shares.rename(columns=TITLES).rename_axis("change").reset_index()
     return Exhibit(
         claims=(lbp_claim(shares), haralick_claim(shares)),
-        tables=(
-            Table(
-                "changed",
-                f"Share of patches whose verdict changes with the picture, in {len(frames)} "
-                "labelled frames that the models did not learn from. Obstacles and clear water "
-                "weigh the same. Rotation is of each patch about its middle.",
-                shares.rename(columns=TITLES).rename_axis("change").reset_index(),
-            ),
-        ),
+        tables=(Table("changed", caption, table),),
     )
 
 

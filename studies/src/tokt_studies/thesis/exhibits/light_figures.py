@@ -117,6 +117,14 @@ def bad_lighting(context: StudyContext) -> Exhibit:
         texture = None, str(error)
     said = _predictions(context, texture, bad)
     low = low_light(context, texture, LitScene(width, SEED))
+    by_light = (
+        "F1 by patch of a rendered tower in the sea trial's water as the lamp goes down, and the "
+        "mean values of the thesis's masks. Empty where a method cannot judge."
+    )
+    caption = (
+        f"{bad.words} (5.6); what is there, {bad.truth_words} (5.7); and what each method says "
+        f"(5.8). Green outlines are obstacle patches. {SHOWN}"
+    )
     return Exhibit(
         _words(bad, said),
         (
@@ -124,23 +132,8 @@ def bad_lighting(context: StudyContext) -> Exhibit:
             training_claim(said, bad, _trained_on_bright_water(context, bad, width)),
             low_light_claim(low),
         ),
-        (
-            _scores(said, bad),
-            Table(
-                "by-light",
-                "F1 by patch of a rendered tower in the sea trial's water as the lamp goes down, "
-                "and the mean values of the thesis's masks. Empty where a method cannot judge.",
-                low,
-            ),
-        ),
-        (
-            Plot(
-                "predictions",
-                f"{bad.words} (5.6); what is there, {bad.truth_words} (5.7); and what each method "
-                f"says (5.8). Green outlines are obstacle patches. {SHOWN}",
-                png_of(_figure(bad, said)),
-            ),
-        ),
+        (_scores(said, bad), Table("by-light", by_light, low)),
+        (Plot("predictions", caption, png_of(_figure(bad, said))),),
     )
 
 

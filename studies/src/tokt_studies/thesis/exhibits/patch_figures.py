@@ -40,24 +40,22 @@ def patch_histograms(context: StudyContext) -> Exhibit:
     frame, labels = context.picture(number), context.truth(number)
     rows = described(frame)
     patches, how = _choose(labels)
+    lbp = (
+        f"Frame {number} with the two patches, and their LBP histograms (figure 3.16); a bar that "
+        f"is cut off has its value beside it. {SHOWN}"
+    )
+    haralick = (
+        f"Frame {number}: the size of Haralick's 13 features of the two patches, logarithmic "
+        "(figure 3.19)."
+    )
     return Exhibit(
         words=(
             f"Frame {number}; {how}. The features are the thesis's, of the patch cut out first.",
         ),
         claims=(histogram_claim(rows, patches, labels == 0),),
         plots=(
-            Plot(
-                "lbp-patches",
-                f"Frame {number} with the two patches, and their LBP histograms (figure 3.16); a "
-                f"bar that is cut off has its value beside it. {SHOWN}",
-                png_of(_lbp_figure(frame, rows, patches)),
-            ),
-            Plot(
-                "haralick-patches",
-                f"Frame {number}: the size of Haralick's 13 features of the two patches, "
-                "logarithmic (figure 3.19).",
-                png_of(_haralick_figure(rows["haralick"], patches)),
-            ),
+            Plot("lbp-patches", lbp, png_of(_lbp_figure(frame, rows, patches))),
+            Plot("haralick-patches", haralick, png_of(_haralick_figure(rows["haralick"], patches))),
         ),
     )
 

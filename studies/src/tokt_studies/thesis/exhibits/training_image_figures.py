@@ -140,6 +140,12 @@ def training_images(context: StudyContext) -> Exhibit:
         "correlation). F1 by patch is of a model that learnt from ocean and this image, over "
         f"{len(tested)} labelled frames. No frame is both learnt from and scored."
     )
+    histograms = (
+        "Mean LBP histogram of the patches of each image, on one scale; a bar that is cut off has "
+        "its value beside it. First ocean, then what could be learnt from, the most varied image "
+        f"first. {SHOWN}"
+    )
+    shown = [ocean, *(images[name] for name in table["image"])]
     return Exhibit(
         (
             "Bins are coloured by the share of the circle that is brighter than its centre. None "
@@ -154,15 +160,7 @@ def training_images(context: StudyContext) -> Exhibit:
             variety_claim(table),
         ),
         (Table("candidates", caption, table),),
-        (
-            Plot(
-                "histograms",
-                "Mean LBP histogram of the patches of each image, on one scale; a bar that is cut "
-                "off has its value beside it. First ocean, then what could be learnt from, the "
-                f"most varied image first. {SHOWN}",
-                png_of(_histograms([ocean, *(images[name] for name in table["image"])])),
-            ),
-        ),
+        (Plot("histograms", histograms, png_of(_histograms(shown))),),
     )
 
 

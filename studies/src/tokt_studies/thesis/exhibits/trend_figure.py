@@ -72,25 +72,20 @@ def trend_exhibit(context: StudyContext) -> Exhibit:
     }
     scores = pd.DataFrame({title: {"whose": whose[title], **score(held[title])} for title in held})
     scores = scores.T.rename_axis("mean of")
+    table = scores.rename(columns=lambda name: name.replace("_", " ")).reset_index()
+    asked = (
+        "Asked: something is seen, and the change of the stereo depth is known. Contact ratios: "
+        "time to contact from expansion over that from depth, percentiles."
+    )
+    caption = (
+        "Above: median stereo depth, coloured by what it does. Below: the mean value of each "
+        "method, coloured by the trend that is said of it; gray: none is said."
+    )
     return Exhibit(
         words=_words(context, frames, texture),
         claims=(_distance_claim(scores), _sign_claim(scores)),
-        tables=(
-            Table(
-                "trend_against_depth",
-                "Asked: something is seen, and the change of the stereo depth is known. Contact "
-                "ratios: time to contact from expansion over that from depth, percentiles.",
-                scores.rename(columns=lambda name: name.replace("_", " ")).reset_index(),
-            ),
-        ),
-        plots=(
-            Plot(
-                "trend",
-                "Above: median stereo depth, coloured by what it does. Below: the mean value of "
-                "each method, coloured by the trend that is said of it; gray: none is said.",
-                png_of(_trend_figure(held)),
-            ),
-        ),
+        tables=(Table("trend_against_depth", asked, table),),
+        plots=(Plot("trend", caption, png_of(_trend_figure(held))),),
     )
 
 
