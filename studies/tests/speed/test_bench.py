@@ -34,10 +34,17 @@ from tokt_studies.speed.cases import (
 )
 from tokt_studies.speed.haralick_agreement import HaralickAgreement
 from tokt_studies.speed.models import FEATURE_SETS, examples_from_two_images, fit_extractor_pair
-from tokt_studies.speed.paired_timing import BASELINE, OURS, in_turns, result, single_thread
+from tokt_studies.speed.paired_timing import (
+    BASELINE,
+    OURS,
+    BenchSize,
+    in_turns,
+    result,
+    single_thread,
+)
 from tokt_studies.speed.process_cases import first_verdict
 from tokt_studies.speed.report import about_lines
-from tokt_studies.speed.run import BenchSize, measure_in_process
+from tokt_studies.speed.run import measure_in_process
 
 pytestmark = pytest.mark.xdist_group("bench")  # what they share is made once
 

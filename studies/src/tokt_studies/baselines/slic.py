@@ -21,8 +21,6 @@ today and of the later ones of that time.
 
 References
 ----------
-L. S. Brusletto, *Computer Vision Based Obstacle Avoidance for a Remotely Operated Vehicle*,
-NTNU 2016, and its program AURlabCVsimulator.
 R. Achanta, A. Shaji, K. Smith, A. Lucchi, P. Fua and S. Suesstrunk, *SLIC superpixels compared to
 state-of-the-art superpixel methods*, IEEE TPAMI 34(11), 2012.
 """

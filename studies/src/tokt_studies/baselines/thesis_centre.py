@@ -1,11 +1,11 @@
 """Centre, box and message of a mask as the thesis's program computes them, faults included.
 
-Read from the published program (``imageTools.py`` and ``simulation_disparity.py`` of
-AURlabCVsimulator): the mask is dilated once by 5x5 ones; the centre is the area-weighted mean of
-the outer contours' rounded centroids, cut to whole pixels; Ypos is computed from the centre's x;
-the box's corner is the least x and the least y, but these start from the frame's height and width
-in the wrong order, and its size is the *sum* of the contours' widths and the *sum* of their
-heights.
+Figures 3.22 to 3.24. Read from the published program (``imageTools.py`` and
+``simulation_disparity.py`` of AURlabCVsimulator): the mask is dilated once by 5x5 ones; the centre
+is the area-weighted mean of the outer contours' rounded centroids, cut to whole pixels; Ypos is
+computed from the centre's x; the box's corner is the least x and the least y, but these start from
+the frame's height and width in the wrong order, and its size is the *sum* of the contours' widths
+and the *sum* of their heights.
 
 ::
 
@@ -18,11 +18,6 @@ heights.
     +---------------+           +---------------+
 
 The corrected way is `tokt.inference.verdict`; this one is only for showing the difference.
-
-References
-----------
-L. S. Brusletto, *Computer Vision Based Obstacle Avoidance for a Remotely Operated Vehicle*,
-NTNU 2016, figures 3.22 to 3.24, and its program AURlabCVsimulator.
 """
 
 from collections.abc import Sequence

@@ -10,11 +10,6 @@ The cloud's projection is that of the author's own earlier program (points3Dmake
 0..255 are taken for disparities, a focal length of 57 (the camera's 2222 px times 35 over 1360, in
 whole numbers as its Python divided), the mean of the printed principal points, and no baseline, so
 that its lengths have no unit. Whether figure 3.10 was drawn with exactly this is not printed.
-
-References
-----------
-L. S. Brusletto, *Computer Vision Based Obstacle Avoidance for a Remotely Operated Vehicle*,
-NTNU 2016: cameras in tables 3.3 and 3.4, the pipeline in its program AURlabCVsimulator.
 """
 
 from dataclasses import dataclass
@@ -32,8 +27,8 @@ THESIS_FRAME_SIZE = (1360, 1024)
 """Width and height in pixels of the frames that the settings are for."""
 THESIS_SIZE_WORDS = "x".join(map(str, THESIS_FRAME_SIZE))
 
-# fx, fy in pixels, and the coefficients as the program hands them to OpenCV (k1, k2, p1, p2, k3);
-# it leaves the principal point at 0, 0.
+# Tables 3.3 and 3.4: fx, fy in pixels, and the coefficients as the program hands them to OpenCV
+# (k1, k2, p1, p2, k3); it leaves the principal point at 0, 0.
 LEFT_CAMERA = np.diag([2222.72426, 2190.48031, 1]), np.array([0.27724, 0.28163, 0, 0, -0.06867])
 RIGHT_CAMERA = np.diag([2226.10095, 2195.17250, 1]), np.array([0.29407, 0.29892, 0, 0, -0.08315])
 BLOCK_PX, MIN_DISPARITY_PX, N_DISPARITIES_PX = 9, -39, 112

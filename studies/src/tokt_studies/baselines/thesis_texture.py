@@ -7,11 +7,6 @@ each other.
 Run as ``python -m tokt_studies.baselines.thesis_texture MODEL FRAME PORT`` it judges one frame and
 sends the verdict to 127.0.0.1 as one v1 datagram; the model is a joblib file of a LinearSVC on
 LBP (10, 5). `tokt bench` times that process, so this file imports little.
-
-References
-----------
-L. S. Brusletto, *Computer Vision Based Obstacle Avoidance for a Remotely Operated Vehicle*,
-NTNU 2016.
 """
 
 import sys

@@ -29,6 +29,19 @@ Times = Mapping[str, F64]
 
 
 @dataclass(frozen=True)
+class BenchSize:
+    """Numbers of frames and repetitions of a bench."""
+
+    compared: int | None  # frames of the mission on which both ways are compared; None for all
+    timed: int  # frames that are decoded, kept in memory and timed
+    rounds: int  # how often each of these is timed
+    files: int  # image files of the feature table
+    tables: int  # how often the table is made
+    starts: int  # how often each process is started
+    latency: int  # how often each of the timed frames is sent at a camera's rate
+
+
+@dataclass(frozen=True)
 class Result:
     """Times and findings of one case."""
 

@@ -44,26 +44,13 @@ from .models import (
     examples_from_two_images,
     fit_extractor_pair,
 )
-from .paired_timing import SPREAD_IS, Result, single_thread
+from .paired_timing import SPREAD_IS, BenchSize, Result, single_thread
 from .process_cases import measure_extraction, measure_latency, measure_start
 from .report import chart_png
 from .stereo_cases import measure_stereo, stereo_input
 
 LABEL_FILE = "labels.csv"
 EMBEDDED_FRAMES = 16
-
-
-@dataclass(frozen=True)
-class BenchSize:
-    """Numbers of frames and repetitions of a bench."""
-
-    compared: int | None  # frames of the mission on which both ways are compared; None for all
-    timed: int  # frames that are decoded, kept in memory and timed
-    rounds: int  # how often each of these is timed
-    files: int  # image files of the feature table
-    tables: int  # how often the table is made
-    starts: int  # how often each process is started
-    latency: int  # how often each of the timed frames is sent at a camera's rate
 
 
 FULL = BenchSize(compared=None, timed=12, rounds=8, files=24, tables=5, starts=7, latency=15)
@@ -191,8 +178,7 @@ def _measure(
         *models, best = [fit_extractor_pair(*one, examples, first) for one in asked]
         results, compared, timed = measure_in_process(mission, models, best, size, progress, say)
         if stereo.calibration is not None:
-            extent = (size.compared, size.timed, size.rounds)
-            results += measure_stereo(mission, stereo.calibration, *extent, progress, say)
+            results += measure_stereo(mission, stereo.calibration, size, progress, say)
         results += _outside(mission, models, size, folder, say)
     is_library = KERNELS.name == LIBRARY
     kernels = {"name": KERNELS.name, "why": KERNELS.why, "is_library": is_library}

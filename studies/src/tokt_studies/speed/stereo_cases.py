@@ -25,7 +25,7 @@ from tokt_studies.baselines.thesis_stereo import THESIS_FRAME_SIZE, THESIS_SIZE_
 from tokt_studies.baselines.thesis_texture import GRID
 
 from .cases import Case
-from .paired_timing import BASELINE, OURS, Result, Times, in_turns, result
+from .paired_timing import BASELINE, OURS, BenchSize, Result, Times, in_turns, result
 
 CALIBRATION_FILE = "calibration.yml"
 COMPARED_PAIRS = 40
@@ -224,19 +224,17 @@ def _left_out(why: str) -> StereoInput:
 def measure_stereo(
     mission: Mission,
     calibration: StereoCalibration,
-    compared: int | None,
-    timed: int,
-    rounds: int,
+    size: BenchSize,
     progress: Progress,
     say: Notice,
 ) -> list[Result]:
     """Both cases: compared on pairs of the whole mission, then timed on a few of them.
 
-    At most `COMPARED_PAIRS` are judged both ways, and `timed` kept in memory. That none can be
-    judged is a `ToktError`.
+    At most `COMPARED_PAIRS` are judged both ways. That none can be judged is a `ToktError`.
     """
     stereo, pushbroom = StereoPair(calibration), PushbroomPair(calibration)
-    numbers = evenly_spaced(pair_numbers(mission), min(compared or COMPARED_PAIRS, COMPARED_PAIRS))
+    most = min(size.compared or COMPARED_PAIRS, COMPARED_PAIRS)
+    numbers = evenly_spaced(pair_numbers(mission), most)
     judged = []
     for pair in progress(read_pairs(mission, numbers), len(numbers), "compare pairs"):
         pushbroom.check(pair)
@@ -245,13 +243,13 @@ def measure_stereo(
             judged.append(pair.number)
     if not judged:
         raise ToktError(f"mission {mission.name}: the runtime refuses to judge any of its pairs")
-    pairs = list(read_pairs(mission, evenly_spaced(judged, timed)))
+    pairs = list(read_pairs(mission, evenly_spaced(judged, size.timed)))
     obstacle = np.array([bool(stereo.sees_obstacle(pair)) for pair in pairs])
     results = []
     cases: tuple[Case[Pair], ...] = (stereo, pushbroom)
     for case in cases:
         say(f"-- {case.name}")
-        times = in_turns(case.timed(), pairs, rounds)
+        times = in_turns(case.timed(), pairs, size.rounds)
         kinds = by_kind(times, obstacle)
         results.append(result(case.name, times, case.exact, {**case.findings(), **kinds}))
     return results

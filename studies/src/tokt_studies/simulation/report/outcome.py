@@ -110,12 +110,8 @@ def bounds(happened: int, runs: int) -> tuple[float, float]:
 def table(outcomes: Sequence[FlightOutcome]) -> pd.DataFrame:
     """A row for each scene and method, in the order in which they first occur.
 
-    Columns: scene, method, runs; collided, reached, false_avoidance, went_back (runs in which it
-    happened, the last as `false_retreats`, each with ``_low`` and ``_high``, the bounds of its rate
-    at 95 % confidence); clearance_min_m, clearance_median_m (NaN where nothing
-    is solid); detour_median, detour_most and time_median_s (of the runs that arrived, NaN without
-    any); off_most_m, held_median, held_another_frames (of those before an object);
-    false_status_frames, frames.
+    Of what happened in so many runs ``_low`` and ``_high`` are the bounds of its rate at 95 %
+    confidence. Detours and times are of the runs that arrived; what no run has is NaN.
     """
     frame = pd.DataFrame([asdict(outcome) for outcome in outcomes])
     frame["false_avoidance"] = frame["false_avoidances"] > 0

@@ -16,8 +16,8 @@ _GROUND_M = 0.5
 """Thickness of the sea floor's slabs."""
 CABLE_M = (0.01, 0.03)
 """Radius of a cable."""
-_MESH_M, _TWINE_M = 0.15, 0.003
-"""Of a net: from knot to knot, and the radius of its twine."""
+_NET_M, _MESH_M, _TWINE_M = (4.0, 3.0), 0.15, 0.003
+"""Of a net: width and height, from knot to knot, and the radius of its twine."""
 
 
 def one_tower(rng: np.random.Generator, at: Triple = (0.0, 0.0, 0.0)) -> Placed:
@@ -67,10 +67,9 @@ def cable(rng: np.random.Generator, at: Triple) -> Placed:
     return Placed(bare(rng, [Frustum(foot, -foot, radius, radius, _ROPE)]), at)
 
 
-def net(
-    rng: np.random.Generator, at: Triple, width_m: float = 4.0, height_m: float = 3.0
-) -> Placed:
+def net(rng: np.random.Generator, at: Triple) -> Placed:
     """A lost fishing net that hangs upright across the way, between two ropes."""
+    width_m, height_m = _NET_M
     across, down = np.array([width_m / 2, 0.0, 0.0]), np.array([0.0, height_m / 2, 0.0])
     lines = [
         (y, across, 0.02 if abs(y[1]) == height_m / 2 else _TWINE_M)

@@ -229,9 +229,7 @@ def synchrony_figure(context: StudyContext) -> Exhibit:
 
 
 def _with_neighbours(context: StudyContext) -> list[int]:
-    """Pairs with something in them whose left frames before and after are there, and whose right
-    frame after is.
-    """
+    """Pairs with something in them that have both left neighbours, and the right one after."""
     left, right = (set(context.mission.frames(camera)) for camera in (LEFT, RIGHT))
     return [
         number
