@@ -107,8 +107,7 @@ def _pictures(run: DemoRun, labels: dict[int, list[LabelRecord]]) -> list[dict[s
         image = run.mission.read(frame, LEFT)
         values, verdict = said[frame]
         drawn = beside_labels(bundle, image, values, verdict, labels.get(frame, []), run.taxonomy)
-        uri = jpeg_uri(drawn)
-        pictures.append({"frame": frame, "why": why, "uri": uri, "verdict": verdict})
+        pictures.append({"frame": frame, "why": why, "uri": jpeg_uri(drawn), "verdict": verdict})
     return pictures
 
 

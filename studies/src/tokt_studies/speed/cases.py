@@ -128,8 +128,7 @@ class LbpKernel(Case[Picture]):
         counts = []
         for patch in picture.patches:
             codes = local_binary_pattern(patch, self.points, self.radius, method="uniform")
-            flat = codes.ravel().astype(np.intp)
-            counts.append(np.bincount(flat, minlength=self.points + 2))
+            counts.append(np.bincount(codes.ravel().astype(np.intp), minlength=self.points + 2))
         return counts
 
     def ours(self, picture: Picture) -> I64:

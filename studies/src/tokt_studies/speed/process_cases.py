@@ -172,8 +172,7 @@ def measure_latency(
                 for place, picture in paced(pictures):
                     arrived[BASELINE][first + place] = time.monotonic()
                     judged = judge(picture.frame, texture.describe_patch, models.classifier)
-                    datagram = encode_v1(judged.verdict) or b""
-                    plain.sendto(datagram, ("127.0.0.1", receiver.port))
+                    plain.sendto(encode_v1(judged.verdict) or b"", ("127.0.0.1", receiver.port))
         heard = [(at, decode(data)) for at, data in receiver.heard()]
     counted = slice(_WARM_UP * len(pictures), None)
     times, said = {}, {}

@@ -154,8 +154,7 @@ def _outside(
         results.append(measure_extraction(name, files, jobs, size.tables))
     say("-- start")
     frame, suffix = mission.encoded(_most_obstacles(mission, models[0], size.timed))
-    start = folder / "start"
-    results.append(measure_start(models[0], frame, suffix, start, size.starts))
+    results.append(measure_start(models[0], frame, suffix, folder / "start", size.starts))
     return results
 
 

@@ -244,8 +244,7 @@ class Planner:
         if _at_rest(nav):
             box = datagram.get("box")
             whole = box is not None and box[0] > 0 and box[0] + box[2] < MASK_WIDTH
-            look = Look(t_s, datagram["x"] or 0, datagram["mean"] or 0.0, whole)
-            self._wait.seen.append(look)
+            self._wait.seen.append(Look(t_s, datagram["x"] or 0, datagram["mean"] or 0.0, whole))
         if self._wait.keeps_its_place(t_s) or self._wait.comes_here():
             return False
         return t_s - self._wait.since_s < WAIT_S
@@ -409,5 +408,4 @@ def _at_rest(nav: State) -> bool:
 
 def _stopping_m(nav: State) -> float:
     """How far ahead the vehicle comes to rest, about; 0 where it goes back."""
-    speed = max(float(nav.velocity_body[0]), 0.0)
-    return STOPPING_S * speed
+    return STOPPING_S * max(float(nav.velocity_body[0]), 0.0)

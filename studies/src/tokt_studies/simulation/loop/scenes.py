@@ -147,8 +147,7 @@ def _floor(rng: Rng, scene: LoopScene) -> LoopScene:
 def _structure(rng: Rng, scene: LoopScene) -> LoopScene:
     scene = _tower(rng, scene)
     east, _, north = scene.world.things[0].at
-    goal = np.array([east, scene.goal[1], north])
-    return replace(scene, goal=goal, end_m=STRUCTURE_M)
+    return replace(scene, goal=np.array([east, scene.goal[1], north]), end_m=STRUCTURE_M)
 
 
 def _pilot(rng: Rng, scene: LoopScene) -> LoopScene:
@@ -177,8 +176,7 @@ def _fish(rng: Rng, scene: LoopScene) -> LoopScene:
     side = float(rng.choice([-1.0, 1.0]))
     through = (0.0, scene.start.position[1], float(rng.uniform(-4.0, 0.0)))
     at_s = float(rng.uniform(6.0, 12.0))
-    school = School(rng, through, at_s, velocity=(0.8 * side, 0.0, 0.0))
-    return _with(scene, fish=school)
+    return _with(scene, fish=School(rng, through, at_s, velocity=(0.8 * side, 0.0, 0.0)))
 
 
 def _snow(rng: Rng, scene: LoopScene) -> LoopScene:

@@ -226,8 +226,7 @@ def _write_truth(folder: Path, number: int, view: View, exposure: Exposure) -> l
     covered = coverage(mask, DEFAULT_GRID)
     if not mask.any():
         return patch_labels(covered, covered)
-    seen = contrast(exposure.clean, exposure.open_water, mask, DEFAULT_GRID)
-    return patch_labels(covered, seen)
+    return patch_labels(covered, contrast(exposure.clean, exposure.open_water, mask, DEFAULT_GRID))
 
 
 def nearest_m(depth: NDArray[Any]) -> float | None:

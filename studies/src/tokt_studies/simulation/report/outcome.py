@@ -62,8 +62,7 @@ def outcome_of(track: Track) -> FlightOutcome:
     """Judge a flight by its track."""
     going_back = track.mode == Mode.BACK_OFF
     retreats_s = track.t_s[1:][going_back[1:] & ~going_back[:-1]]
-    steps = np.diff(track.position, axis=0)
-    path_m = float(np.linalg.norm(steps, axis=1).sum())
+    path_m = float(np.linalg.norm(np.diff(track.position, axis=0), axis=1).sum())
     straight_m = float(np.linalg.norm(track.position[-1] - track.position[0]))
     off_m = float(np.linalg.norm(track.position - track.station, axis=1).max())
     arrived = track.reached and not track.collided

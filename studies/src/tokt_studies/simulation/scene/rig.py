@@ -36,8 +36,7 @@ class Camera:
 
     def place(self, seen: F64) -> F64:
         """Columns and rows (..., 2) of points (..., 3) in this camera's coordinates."""
-        there = seen[..., :2] / seen[..., 2:] * self.matrix[0, 0] + self.matrix[:2, 2]
-        return np.asarray(there)
+        return np.asarray(seen[..., :2] / seen[..., 2:] * self.matrix[0, 0] + self.matrix[:2, 2])
 
     def rays(self, pixels: I64) -> F64:
         """Directions (3, n) in this camera's coordinates, of length one along the optical axis."""

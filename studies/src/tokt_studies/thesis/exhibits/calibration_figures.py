@@ -164,8 +164,7 @@ def bend_claim(bends: F64) -> Claim:
     )
     found = f"{len(bends)} straight edges a fifth of the frame long"
     if len(bends) < FEW_EDGES:
-        why = f"no board is in them, and {FEW_EDGES} such edges are needed"
-        return claim(found, why)
+        return claim(found, f"no board is in them, and {FEW_EDGES} such edges are needed")
     before, *after = 100 * np.median(bends, axis=0)
     ways = ", ".join(f"{way} {value:.2f} %" for way, value in zip(_WAYS, after, strict=True))
     return claim(

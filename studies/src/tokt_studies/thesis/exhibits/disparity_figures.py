@@ -306,8 +306,7 @@ def cloud_claim(numbers: dict[str, Any]) -> Claim:
     )
     no_distance = rank > _MIN_RANK and spread > numbers["cloud_spread"]
     if numbers["in_place"] is None:
-        why = "the frame has no labels, so that places cannot be judged"
-        return claim(found, why)
+        return claim(found, "the frame has no labels, so that places cannot be judged")
     in_place = numbers["in_place"] >= _IN_PLACE
     return claim(
         f"{numbers['in_place']:.0%} of the map's white lies on labelled patches; {found}",
