@@ -23,7 +23,7 @@ def imported(module, found):
 def test_all_modules_of_the_start_are_preloaded():
     index = (STATIC / "index.html").read_text("utf-8")
     preloaded = re.findall(r'rel="modulepreload" href="/static/([\w./]+)"', index)
-    needed = imported("core/main.js", set()) - {"core/main.js"}
+    needed = imported("start/main.js", set()) - {"start/main.js"}
     assert len(needed) > 20
     assert sorted(preloaded) == sorted(needed)
 

@@ -41,13 +41,13 @@ _SHEET = """(first) => {
   });
 }"""
 _LOADED = """async (frames) => {
-  const { framesFollowed } = await import("/static/frame/suggest.js");
+  const { framesFollowed } = await import("/static/labelling/suggest.js");
   const { labelsOf } = await import("/static/saving/labels.js");
   const needed = frames.flatMap((frame) => [frame, ...framesFollowed("left", frame)]);
   return needed.every((frame) => labelsOf("left", frame));
 }"""
 _HELD = """async (frames) => {
-  const { hintsOf } = await import("/static/frame/painting.js");
+  const { hintsOf } = await import("/static/labelling/painting.js");
   const { labelsOf } = await import("/static/saving/labels.js");
   return frames.map((frame) => {
     const hints = hintsOf("left", frame);

@@ -1,7 +1,7 @@
 // Parts of views' bars: classes as people see them (colour, key and name together), buttons with
 // their keys, choices, pages, sizes.
 
-import { asksObstacleClass, obstacleClass, obstacleClasses } from "../frame/suggest.js";
+import { asksObstacleClass, obstacleClass, obstacleClasses } from "../labelling/suggest.js";
 import { onFailure, post } from "./api.js";
 import { backAfterMouse, button, el, say, setAttribute } from "./dom.js";
 import { colourOf, mission, signOf } from "./mission.js";

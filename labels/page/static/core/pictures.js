@@ -3,7 +3,7 @@
 
 import { address, fetchOk } from "./api.js";
 import { frames, mission, setting } from "./mission.js";
-import { patchSize } from "../frame/patch_grid.js";
+import { patchSize } from "./patch_grid.js";
 
 const KEPT = 14;
 const SIDE_BY_SIDE = 3;

@@ -4,10 +4,10 @@
 import { choice, commandButtons, optionsOf } from "../core/controls.js";
 import { backAfterMouse, el, focusView, redraw, setAttribute } from "../core/dom.js";
 import { frameIndex, frames, mission, setSetting, setting, stateOf } from "../core/mission.js";
-import { disagree } from "./cell_drawing.js";
-import { cellName } from "./patch_grid.js";
-import { filterChoices, filterName, passingFrames } from "./steps.js";
-import { kindOf } from "./suggest.js";
+import { disagree } from "../labelling/cell_drawing.js";
+import { cellName } from "../core/patch_grid.js";
+import { filterChoices, filterName, passingFrames } from "../labelling/steps.js";
+import { kindOf } from "../labelling/suggest.js";
 import { STATES } from "./timeline.js";
 
 /** Build the bar of commands, by name, and the status line: {root, legend, show(camera, frame)}. */

@@ -3,10 +3,10 @@
 
 import {
   drawCells, drawCursor, drawNotes, drawOthers, drawPending, drawStroke, shownCell,
-} from "./cell_drawing.js";
+} from "../labelling/cell_drawing.js";
 import { soon } from "../core/dom.js";
 import { mission, setting } from "../core/mission.js";
-import { cellAt, patchSize, rowCol } from "./patch_grid.js";
+import { cellAt, patchSize, rowCol } from "../core/patch_grid.js";
 
 const PIXELS_FROM = 3; // screen pixels a frame pixel from which they are shown as squares
 const HEAD_EVERY = 18; // least CSS pixels between two heads

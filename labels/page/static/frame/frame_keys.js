@@ -1,7 +1,7 @@
 // The table of the frame view's keys: what dispatches them, the overlay and the buttons read it.
 
 import { labelKeys, reachable } from "../core/keys.js";
-import { arrowKeys } from "./patch_grid.js";
+import { arrowKeys } from "../core/patch_grid.js";
 
 const NEXT = "Frames";
 const PAINT = "Painting";

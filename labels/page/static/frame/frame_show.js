@@ -5,8 +5,8 @@ import { onFailure, post } from "../core/api.js";
 import { labelsOf, prefetch } from "../saving/labels.js";
 import { frameIndex, frames, mission, setting, stateOf, takeNewsOf } from "../core/mission.js";
 import { forgetFailed, picture, pictureNow, prefetchPictures } from "../core/pictures.js";
-import { stepFrom } from "./steps.js";
-import { framesFollowed } from "./suggest.js";
+import { stepFrom } from "../labelling/steps.js";
+import { framesFollowed } from "../labelling/suggest.js";
 
 const NEIGHBOURS = [1, 2, 3, -1]; // steps in the direction of travel
 const SLOW_MS = 250;

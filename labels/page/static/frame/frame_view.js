@@ -3,13 +3,13 @@
 import { get, onFailure } from "../core/api.js";
 import { allow, commandButtons } from "../core/controls.js";
 import { announce, el, endToast, focusView, say, setAttribute } from "../core/dom.js";
-import { showProgress } from "../core/header.js";
+import { showProgress } from "../start/header.js";
 import {
   frameIndex, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting, setting,
   who,
 } from "../core/mission.js";
 import { addView, noteAddress } from "../core/router.js";
-import { buildDrawer, buildToolbar } from "../core/toolbar.js";
+import { buildDrawer, buildToolbar } from "../labelling/toolbar.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { onState, pending, state, whenIdle } from "../saving/saver.js";
 import { Beside } from "./beside.js";
@@ -21,14 +21,14 @@ import { listenToPointer } from "./gestures.js";
 import { noteWords, writeNote } from "./notes.js";
 import {
   accept, dropAllCopies, hintsOf, paint, paintRest, propose, restOf,
-} from "./painting.js";
-import { ARROWS, PatchCursor, cellName, cellsOfRow, rowCol } from "./patch_grid.js";
+} from "../labelling/painting.js";
+import { ARROWS, PatchCursor, cellName, cellsOfRow, rowCol } from "../core/patch_grid.js";
 import { Player } from "./play.js";
 import {
   filterName, nextBlindFrame, nextIn, nextUncertain, onClassFrames, passingFrames, stepFrom,
   whereStopped,
-} from "./steps.js";
-import { suggestionFault } from "./suggest.js";
+} from "../labelling/steps.js";
+import { suggestionFault } from "../labelling/suggest.js";
 import { Timeline } from "./timeline.js";
 
 const ADDRESS_MS = 150; // browsers refuse hundreds of address changes in a row

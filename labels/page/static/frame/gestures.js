@@ -1,6 +1,6 @@
 // What the pointer does on the frame's canvas: strokes, rectangles, heads, pan and zoom.
 
-import { cellsBetween, cellsOfColumn, cellsOfRow, cellsOnLine } from "./patch_grid.js";
+import { cellsBetween, cellsOfColumn, cellsOfRow, cellsOnLine } from "../core/patch_grid.js";
 
 const WHEEL_STEP = 1.0015;
 const LEFT = 0;

@@ -4,7 +4,7 @@ import { onFailure, post } from "../core/api.js";
 import { button, el, focusView, say } from "../core/dom.js";
 import { who } from "../core/mission.js";
 import { labelsAreStale } from "../saving/labels.js";
-import { cellName } from "./patch_grid.js";
+import { cellName } from "../core/patch_grid.js";
 
 /**
  * @typedef {{cell: ?number, text: string, who: string, time: string}} Note `cell`: null on a frame.

@@ -4,7 +4,7 @@
 import { choice } from "../core/controls.js";
 import { backAfterMouse, el, say } from "../core/dom.js";
 import { setSetting, setting } from "../core/settings.js";
-import { stepFrom } from "./steps.js";
+import { stepFrom } from "../labelling/steps.js";
 
 const RATES = [1, 2, 5, 10, 25]; // frames a second
 const LOOK_MS = 8; // between two looks whether a late picture is there

@@ -5,7 +5,7 @@ import { el, soon } from "../core/dom.js";
 import { colourOf, frameIndex, frames, givenIn, mission, stateOf } from "../core/mission.js";
 import { reachable } from "../core/keys.js";
 import { frameAspect, thumbAddress } from "../core/pictures.js";
-import { passing } from "./steps.js";
+import { passing } from "../labelling/steps.js";
 
 /** Each state's name, colour and part of the strip's height. Later ones win a shared pixel. */
 export const STATES = {

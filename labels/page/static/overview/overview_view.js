@@ -1,7 +1,7 @@
 // The overview: a contact sheet of frames, on which many frames are labelled at once.
 
 import { el, say, setAttribute, soon } from "../core/dom.js";
-import { showProgress } from "../core/header.js";
+import { showProgress } from "../start/header.js";
 import { labelKeys } from "../core/keys.js";
 import {
   chosenClass, clearClass, frames, indexFrom, mission, onChange, onReload, onSetting, setSetting,
@@ -9,12 +9,12 @@ import {
 } from "../core/mission.js";
 import { frameAspect, lookAtShapes, thumbAddress } from "../core/pictures.js";
 import { addView, go, noteAddress } from "../core/router.js";
-import { ARROWS, arrowKeys, cellAt, cellFrom } from "../frame/patch_grid.js";
+import { ARROWS, arrowKeys, cellAt, cellFrom } from "../core/patch_grid.js";
 import {
   filterWords, onClassFrames, passesBlindList, passing, tryBlindList,
-} from "../frame/steps.js";
-import { asksFirst, leftWords, restOf } from "../frame/painting.js";
-import { framesFollowed, kindOf, modelObstacles } from "../frame/suggest.js";
+} from "../labelling/steps.js";
+import { asksFirst, leftWords, restOf } from "../labelling/painting.js";
+import { framesFollowed, kindOf, modelObstacles } from "../labelling/suggest.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { act, actOn, changesOf, patchesAre, withdraw } from "../saving/saver.js";
 import { OverviewBar } from "./overview_bar.js";

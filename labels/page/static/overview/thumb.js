@@ -4,10 +4,10 @@
 import { el, setAttribute } from "../core/dom.js";
 import { mission, setting, stateOf } from "../core/mission.js";
 import { learnShape, thumbAddress } from "../core/pictures.js";
-import { hintsOf } from "../frame/painting.js";
-import { drawCells, drawCursor, shownCell } from "../frame/cell_drawing.js";
-import { cellAt, patchSize, rowCol } from "../frame/patch_grid.js";
-import { suggestionFault } from "../frame/suggest.js";
+import { hintsOf } from "../labelling/painting.js";
+import { drawCells, drawCursor, shownCell } from "../labelling/cell_drawing.js";
+import { cellAt, patchSize, rowCol } from "../core/patch_grid.js";
+import { suggestionFault } from "../labelling/suggest.js";
 import { STATES } from "../frame/timeline.js";
 import { labelsOf } from "../saving/labels.js";
 

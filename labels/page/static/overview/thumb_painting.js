@@ -1,7 +1,7 @@
 // Painting patches in thumbnails: a click, a stroke over one or several frames, a rectangle,
 // or the same patches in all frames shown.
 
-import { cellsBetween } from "../frame/patch_grid.js";
+import { cellsBetween } from "../core/patch_grid.js";
 
 const STEP = 4; // CSS pixels between two looks at what a stroke passes
 

@@ -3,7 +3,7 @@
 import { button, el, focusView, say } from "../core/dom.js";
 import { go } from "../core/router.js";
 import { onChange } from "../core/mission.js";
-import { cellName } from "../frame/patch_grid.js";
+import { cellName } from "../core/patch_grid.js";
 import { closeConflicts, discard, onRefused, unwritten } from "./outbox.js";
 import {
   act, changesOf, onState, patchesAre, pending, sendAgain, state, stateReason,

@@ -3,10 +3,10 @@
 import { onFailure } from "../core/api.js";
 import { choice } from "../core/controls.js";
 import { button, el, say } from "../core/dom.js";
-import { listenAnew } from "../core/live.js";
+import { listenAnew } from "../saving/live.js";
 import { mission, setPerson, setSetting, setting, stateOf, who } from "../core/mission.js";
 import { go } from "../core/router.js";
-import { blindFrames, loadBlindList, nextBlindFrame } from "../frame/steps.js";
+import { blindFrames, loadBlindList, nextBlindFrame } from "../labelling/steps.js";
 
 const SIGNS = {
   u: { sign: "○", text: "unseen" },

@@ -2,7 +2,7 @@
 
 import { el, setAttribute } from "../core/dom.js";
 import { patchAspect } from "../core/pictures.js";
-import { ARROWS, arrowKeys } from "../frame/patch_grid.js";
+import { ARROWS, arrowKeys } from "../core/patch_grid.js";
 import { TilePictures, patchInTile, putAt } from "./tile_pictures.js";
 
 const DRAG_STARTS = 5; // CSS pixels

@@ -5,7 +5,7 @@ import { address } from "../core/api.js";
 import { el } from "../core/dom.js";
 import { mission, setting } from "../core/mission.js";
 import { frameAspect, patchAspect, thumbAddress } from "../core/pictures.js";
-import { cellName, patchSize, rowCol } from "../frame/patch_grid.js";
+import { cellName, patchSize, rowCol } from "../core/patch_grid.js";
 
 const COLUMNS = 10;
 const CHUNK = 20;

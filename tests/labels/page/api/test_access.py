@@ -165,7 +165,7 @@ def test_nothing_outside_is_served(server, path):
 
 
 def test_every_answer_has_the_headers(server):
-    for path in ("/", "/static/core/main.js", "/api/mission", "/api/picture/left/1"):
+    for path in ("/", "/static/start/main.js", "/api/mission", "/api/picture/left/1"):
         answer = server.request("GET", path)
         assert answer.status == 200 and _safe(answer.headers), path
     assert server.request("GET", "/api/mission").headers["Cache-Control"] == "no-store"
@@ -185,18 +185,18 @@ def test_pictures_of_another_mission_are_never_taken_for_these(server):
 
 
 def test_page_files_are_asked_for_each_time(server):
-    first = server.request("GET", "/static/core/main.js")
+    first = server.request("GET", "/static/start/main.js")
     assert first.headers["Content-Type"].startswith("text/javascript")
     assert first.headers["Cache-Control"] == "no-cache"
     known = {"If-None-Match": first.headers["ETag"]}
-    for path, status in (("/static/core/main.js", 304), ("/static/core/api.js", 200), ("/", 200)):
+    for path, status in (("/static/start/main.js", 304), ("/static/core/api.js", 200), ("/", 200)):
         assert server.request("GET", path, headers=known).status == status, path
 
 
 def test_token(guarded):
     parts = urlsplit(guarded.url)
     assert parts.query == "token=s%26cret%3B%20%221%22"
-    for path in ("/", "/?token=secret", "/?token=", "/static/core/main.js", "/api/mission?token=s"):
+    for path in ("/", "/?token=secret", "/?token=", "/static/start/main.js", "/api/mission?token=s"):
         answer = guarded.request("GET", path, headers=STRANGER)
         assert answer.status == 401 and _safe(answer.headers), path
         assert list(answer.json) == ["error"]

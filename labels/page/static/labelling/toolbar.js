@@ -1,14 +1,14 @@
 // The toolbar of the views in which patches are labelled, the drawer of settings beside it, and
 // undo, which goes where it changed something.
 
-import { proposeAgain } from "../frame/painting.js";
-import { needsObstacleClass, obstacleClass, percentRight } from "../frame/suggest.js";
+import { proposeAgain } from "./painting.js";
+import { needsObstacleClass, obstacleClass, percentRight } from "./suggest.js";
 import { nextSteps, redo, undo } from "../saving/saver.js";
-import { allow, commandButtons, nothingYet, obstacleChoice } from "./controls.js";
-import { backAfterMouse, button, el, redraw, say, setAttribute, setText } from "./dom.js";
-import { DRAWER_KEY, reachable, toggleDrawer } from "./keys.js";
-import { clearClass, colourOf, mission, setSetting, setting, signOf } from "./mission.js";
-import { currentView, go } from "./router.js";
+import { allow, commandButtons, nothingYet, obstacleChoice } from "../core/controls.js";
+import { backAfterMouse, button, el, redraw, say, setAttribute, setText } from "../core/dom.js";
+import { DRAWER_KEY, reachable, toggleDrawer } from "../core/keys.js";
+import { clearClass, colourOf, mission, setSetting, setting, signOf } from "../core/mission.js";
+import { currentView, go } from "../core/router.js";
 
 /** Undo, and propose again what the undone action had accepted. */
 export async function stepBack() {

@@ -1,10 +1,10 @@
 // The header: mission, who works here, and whether everything is saved.
 
-import { onFailure } from "./api.js";
-import { announce, button, el, say, setText } from "./dom.js";
-import { mission, onChange, setPerson, who } from "./mission.js";
-import { lastPerson } from "./settings.js";
-import { listenAnew } from "./live.js";
+import { onFailure } from "../core/api.js";
+import { announce, button, el, say, setText } from "../core/dom.js";
+import { mission, onChange, setPerson, who } from "../core/mission.js";
+import { lastPerson } from "../core/settings.js";
+import { listenAnew } from "../saving/live.js";
 import { onState, pending, state, stateReason, tryNow } from "../saving/saver.js";
 
 const WORDS = {

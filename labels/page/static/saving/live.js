@@ -1,9 +1,9 @@
 // What happens elsewhere: the server's events, heard again by itself after a break.
 
-import { address, onFailure } from "./api.js";
-import { labelsAreStale } from "../saving/labels.js";
-import { beginAnew, loadMission, mission, onReload, strangerWords, takeNews } from "./mission.js";
-import { allOwn, noteStranger, setConnected, takeEventHeads, whenIdle } from "../saving/saver.js";
+import { address, onFailure } from "../core/api.js";
+import { labelsAreStale } from "./labels.js";
+import { beginAnew, loadMission, mission, onReload, strangerWords, takeNews } from "../core/mission.js";
+import { allOwn, noteStranger, setConnected, takeEventHeads, whenIdle } from "./saver.js";
 
 const RETRY_MS = [200, 400, 800, 1500];
 // A browser opens six connections to a server: hidden tabs give theirs back.

@@ -1,6 +1,6 @@
 // Where patches lie on a frame, which of them a pointer crosses, and the one the keyboard is on.
 
-import { mission } from "../core/mission.js";
+import { mission } from "./mission.js";
 
 /**
  * The {width, height} of one patch in pixels of a frame of a width and height: rounded down, as in

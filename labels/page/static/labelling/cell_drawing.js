@@ -2,7 +2,7 @@
 // texture in the middle of a patch stays readable; where all is clear nearly nothing is drawn.
 
 import { classOf, colourOf, setting, signOf } from "../core/mission.js";
-import { ARROWS, cellAt, rowCol } from "./patch_grid.js";
+import { ARROWS, cellAt, rowCol } from "../core/patch_grid.js";
 
 const DASHES = { solid: [], dashed: [6, 4], dotted: [2, 6] };
 const TEXT_FROM = 44; // CSS pixels of patch width from which text fits

@@ -1,17 +1,17 @@
 // Starts the page: the mission first, then the views, the keys and what keeps everything saved.
 
 import "../frame/frame_view.js";
-import { whereStopped } from "../frame/steps.js";
-import { askObstacleClass } from "./controls.js";
-import { el } from "./dom.js";
+import { whereStopped } from "../labelling/steps.js";
+import { askObstacleClass } from "../core/controls.js";
+import { el } from "../core/dom.js";
 import { askPerson, startHeader } from "./header.js";
-import { addGlobalKeys, listen, toggleHelp } from "./keys.js";
-import { startListening } from "./live.js";
-import { loadMission } from "./mission.js";
+import { addGlobalKeys, listen, toggleHelp } from "../core/keys.js";
+import { startListening } from "../saving/live.js";
+import { loadMission } from "../core/mission.js";
 import { startNotices } from "../saving/notices.js";
-import { addLaterView, loadLaterViews, startRouting } from "./router.js";
+import { addLaterView, loadLaterViews, startRouting } from "../core/router.js";
 import { startSaving } from "../saving/saver.js";
-import { stepBack, stepForward } from "./toolbar.js";
+import { stepBack, stepForward } from "../labelling/toolbar.js";
 
 const RETRY_MS = 1000;
 const LOAD_LATER_MS = 3000;
