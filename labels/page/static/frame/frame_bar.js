@@ -1,14 +1,14 @@
 // The bar under the picture: which frame this is, where to go, filter, and the status line; the
 // strip's legend; sentences about a frame and its patches, for the status line and screen readers.
 
-import { choice, commandButtons, optionsOf } from "../core/controls.js";
-import { backAfterMouse, el, focusView, redraw, setAttribute } from "../core/dom.js";
-import { frameIndex, frames, mission, setSetting, setting, stateOf } from "../core/mission.js";
+import { commandButtons, optionsOf } from "../core/controls.js";
+import { el, focusView, redraw, setAttribute } from "../core/dom.js";
+import { frameIndex, frames, mission, setting, stateOf } from "../core/mission.js";
 import { disagree } from "../labelling/cell_drawing.js";
 import { cellName } from "../core/patch_grid.js";
-import { filterChoices, filterName, passingFrames } from "../labelling/steps.js";
+import { filterChoices, filterName, filterSelect, passingFrames } from "../labelling/filters.js";
+import { STATES } from "../labelling/frame_states.js";
 import { kindOf } from "../labelling/suggest.js";
-import { STATES } from "./timeline.js";
 
 /** Build the bar of commands, by name, and the status line: {root, legend, show(camera, frame)}. */
 export function buildBar(commands, keyFor, status) {
@@ -56,13 +56,6 @@ export function buildBar(commands, keyFor, status) {
     showLegend(legend, where);
   };
   return { root, legend, show };
-}
-
-/** The choice of the filter. */
-export function filterSelect(words, title) {
-  const change = ({ target }) => setSetting("filter", target.value);
-  const options = { class: "filter", "aria-label": words, title, on: { change } };
-  return backAfterMouse(choice(filterChoices(), filterName(), options));
 }
 
 function showLegend(root, camera) {

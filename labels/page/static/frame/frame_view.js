@@ -3,13 +3,16 @@
 import { get, onFailure } from "../core/api.js";
 import { allow, commandButtons } from "../core/controls.js";
 import { announce, el, endToast, focusView, say, setAttribute } from "../core/dom.js";
-import { showProgress } from "../start/header.js";
+import { showProgress } from "../core/progress.js";
 import {
   frameIndex, frames, mission, onChange, onSetting, selectClass, selectedClass, setSetting, setting,
   who,
 } from "../core/mission.js";
 import { addView, noteAddress } from "../core/router.js";
-import { buildDrawer, buildToolbar } from "../labelling/toolbar.js";
+import { nextBlindFrame } from "../labelling/blind_list.js";
+import { buildDrawer } from "../labelling/drawer.js";
+import { filterName, onClassFrames, passingFrames } from "../labelling/filters.js";
+import { buildToolbar } from "../labelling/toolbar.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";
 import { onState, pending, state, whenIdle } from "../saving/saver.js";
 import { Beside } from "./beside.js";
@@ -24,10 +27,7 @@ import {
 } from "../labelling/painting.js";
 import { ARROWS, PatchCursor, cellName, cellsOfRow, rowCol } from "../core/patch_grid.js";
 import { Player } from "./play.js";
-import {
-  filterName, nextBlindFrame, nextIn, nextUncertain, onClassFrames, passingFrames, stepFrom,
-  whereStopped,
-} from "../labelling/steps.js";
+import { nextIn, nextUncertain, stepFrom, whereStopped } from "../labelling/steps.js";
 import { suggestionFault } from "../labelling/suggest.js";
 import { Timeline } from "./timeline.js";
 

@@ -5,16 +5,9 @@ import { el, soon } from "../core/dom.js";
 import { colourOf, frameIndex, frames, givenIn, mission, stateOf } from "../core/mission.js";
 import { reachable } from "../core/keys.js";
 import { frameAspect, thumbAddress } from "../core/pictures.js";
-import { passing } from "../labelling/steps.js";
+import { passing } from "../labelling/filters.js";
+import { STATES } from "../labelling/frame_states.js";
 
-/** Each state's name, colour and part of the strip's height. Later ones win a shared pixel. */
-export const STATES = {
-  u: { words: "unseen", colour: "#66727d", height: 0.14 },
-  s: { words: "seen", colour: "#b4bec7", height: 0.34 },
-  d: { words: "done", colour: "#4fb3e8", height: 1 },
-  p: { words: "part", colour: "#f0b429", height: 0.62 },
-  x: { words: "disagreement", colour: "#ff5c8a", height: 1 },
-};
 const ORDER = Object.keys(STATES);
 const TICK_ROOM = 16;
 const MARK_ROOM = 6;

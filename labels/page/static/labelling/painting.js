@@ -1,12 +1,12 @@
 // What a person does to the labels of one frame, as actions; and the proposals for it that nobody
 // confirmed: copies of the frame before, which the browser keeps, and suggestions.
 
-import { askObstacleClass } from "../core/controls.js";
 import { say } from "../core/dom.js";
 import { clearClass, mission, who } from "../core/mission.js";
 import { read, remove, write } from "../core/settings.js";
 import { labelsChanged, labelsOf } from "../saving/labels.js";
 import { act, changesOf } from "../saving/saver.js";
+import { askObstacleClass } from "./obstacle_class.js";
 import { kindOf, modelObstacles, suggestedLabels } from "./suggest.js";
 
 const PREFIX = "tokt.copy/";

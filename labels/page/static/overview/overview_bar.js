@@ -5,9 +5,10 @@ import { allow, pager, sizeButtons } from "../core/controls.js";
 import { button, el } from "../core/dom.js";
 import { reachable } from "../core/keys.js";
 import { chosenClass, mission, selectClass, setSetting, setting } from "../core/mission.js";
-import { buildDrawer, buildToolbar } from "../labelling/toolbar.js";
-import { filterSelect } from "../frame/frame_bar.js";
-import { blindFrames } from "../labelling/steps.js";
+import { blindFrames } from "../labelling/blind_list.js";
+import { buildDrawer } from "../labelling/drawer.js";
+import { filterSelect } from "../labelling/filters.js";
+import { buildToolbar } from "../labelling/toolbar.js";
 import { suggesting } from "./thumb.js";
 
 const KEYS = { acceptNext: "Enter", acceptAll: "Shift+Enter", rest: "o" };

@@ -1,7 +1,7 @@
 // The overview: a contact sheet of frames, on which many frames are labelled at once.
 
 import { el, say, setAttribute, soon } from "../core/dom.js";
-import { showProgress } from "../start/header.js";
+import { showProgress } from "../core/progress.js";
 import { labelKeys } from "../core/keys.js";
 import {
   chosenClass, clearClass, frames, indexFrom, mission, onChange, onReload, onSetting, setSetting,
@@ -10,9 +10,8 @@ import {
 import { frameAspect, lookAtShapes, thumbAddress } from "../core/pictures.js";
 import { addView, go, noteAddress } from "../core/router.js";
 import { ARROWS, arrowKeys, cellAt, cellFrom } from "../core/patch_grid.js";
-import {
-  filterWords, onClassFrames, passesBlindList, passing, tryBlindList,
-} from "../labelling/steps.js";
+import { passesBlindList, tryBlindList } from "../labelling/blind_list.js";
+import { filterWords, onClassFrames, passing } from "../labelling/filters.js";
 import { asksFirst, leftWords, restOf } from "../labelling/painting.js";
 import { framesFollowed, kindOf, modelObstacles } from "../labelling/suggest.js";
 import { labelsOf, onLabels, prefetch } from "../saving/labels.js";

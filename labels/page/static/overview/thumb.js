@@ -8,7 +8,7 @@ import { hintsOf } from "../labelling/painting.js";
 import { drawCells, drawCursor, shownCell } from "../labelling/cell_drawing.js";
 import { cellAt, patchSize, rowCol } from "../core/patch_grid.js";
 import { suggestionFault } from "../labelling/suggest.js";
-import { STATES } from "../frame/timeline.js";
+import { STATES } from "../labelling/frame_states.js";
 import { labelsOf } from "../saving/labels.js";
 
 /**

@@ -7,7 +7,7 @@ import { lookKeys } from "../core/keys.js";
 import { mission, onChange, onReload, onSetting, who } from "../core/mission.js";
 import { lookAtShapes } from "../core/pictures.js";
 import { addView, go } from "../core/router.js";
-import { loadBlindList } from "../labelling/steps.js";
+import { loadBlindList } from "../labelling/blind_list.js";
 import { onLabels } from "../saving/labels.js";
 import { patchesAre } from "../saving/saver.js";
 import { classTable, confusionTable, figures } from "./agreement_tables.js";

@@ -6,7 +6,7 @@ import { button, el, say } from "../core/dom.js";
 import { listenAnew } from "../saving/live.js";
 import { mission, setPerson, setSetting, setting, stateOf, who } from "../core/mission.js";
 import { go } from "../core/router.js";
-import { blindFrames, loadBlindList, nextBlindFrame } from "../labelling/steps.js";
+import { blindFrames, loadBlindList, nextBlindFrame } from "../labelling/blind_list.js";
 
 const SIGNS = {
   u: { sign: "○", text: "unseen" },

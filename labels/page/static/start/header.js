@@ -3,6 +3,7 @@
 import { onFailure } from "../core/api.js";
 import { announce, button, el, say, setText } from "../core/dom.js";
 import { mission, onChange, setPerson, who } from "../core/mission.js";
+import { showProgress } from "../core/progress.js";
 import { lastPerson } from "../core/settings.js";
 import { listenAnew } from "../saving/live.js";
 import { onState, pending, state, stateReason, tryNow } from "../saving/saver.js";
@@ -41,16 +42,6 @@ function showMission() {
   byId("person").title = "somebody else works here, or blind";
   byId("blind-badge").hidden = !mission.blind;
   document.title = `${mission.mission} · tokt`;
-}
-
-let shown = "";
-
-/** Say how far the labelling of a camera's frames is: without its name, the one before's. */
-export function showProgress(camera = shown) {
-  shown = camera;
-  const states = mission.states[shown] ?? Object.values(mission.states)[0];
-  const done = states.filter((state) => state === "d").length;
-  setText(byId("progress"), `${done} of ${states.length} done`);
 }
 
 function showState() {

@@ -2,7 +2,7 @@
 
 import "../frame/frame_view.js";
 import { whereStopped } from "../labelling/steps.js";
-import { askObstacleClass } from "../core/controls.js";
+import { askObstacleClass } from "../labelling/obstacle_class.js";
 import { el } from "../core/dom.js";
 import { askPerson, startHeader } from "./header.js";
 import { addGlobalKeys, listen, toggleHelp } from "../core/keys.js";

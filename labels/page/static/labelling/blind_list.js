@@ -1,0 +1,57 @@
+// The frames of a blind second labelling: those that the first annotator labelled, not how.
+
+import { get, onFailure } from "../core/api.js";
+import { frameIndex, mission, onChange, onReload, setting, stateOf } from "../core/mission.js";
+
+const list = {
+  /** @type {?Place[]} Frames in the mission's order; null while they are not known. */
+  frames: null,
+  names: new Set(), // "camera/frame"
+  of: "", // whose frames they are
+  /** @type {?Promise<ByCamera>} */
+  asking: null,
+};
+
+/** Fetch the list, if somebody labels blind after somebody else here. Throws ApiError. */
+export async function loadBlindList() {
+  const of = setting("blindOf");
+  if (!mission.blind || !of || (list.frames && list.of === of)) return;
+  list.asking ??= get("/api/labelled", { of }).finally(() => (list.asking = null));
+  const { cameras } = await list.asking;
+  list.of = of;
+  list.frames = Object.entries(cameras).flatMap(([camera, all]) =>
+    all.filter((frame) => frameIndex(camera, frame) >= 0).map((frame) => ({ camera, frame })),
+  );
+  list.names = new Set(list.frames.map(({ camera, frame }) => `${camera}/${frame}`));
+}
+
+/** Fetch the list if it can be had; the agreement view asks again, and says why there is none. */
+export function tryBlindList() {
+  return loadBlindList().catch(onFailure());
+}
+
+/** Whether a frame is on the list, or there is none. */
+export function passesBlindList(camera, frame) {
+  return blindFrames().length === 0 || list.names.has(`${camera}/${frame}`);
+}
+
+/** All frames to be labelled blind, as {camera, frame}; empty while there is no such list. */
+export function blindFrames() {
+  return mission.blind && list.of === setting("blindOf") ? (list.frames ?? []) : [];
+}
+
+/**
+ * The next {camera, frame} to label blind that is not done, after this one, if one is named, and
+ * then from the beginning; null when all are done or there is no list.
+ */
+export function nextBlindFrame(camera, frame) {
+  const open = blindFrames().filter((one) => stateOf(one.camera, one.frame) !== "d");
+  const after = open.find((one) => one.camera === camera && one.frame > frame);
+  return after ?? open.find((one) => one.camera !== camera || one.frame !== frame) ?? null;
+}
+
+onReload(() => (list.frames = null));
+onChange((what) => {
+  if (what === "all") tryBlindList();
+});
+tryBlindList();

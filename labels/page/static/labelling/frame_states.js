@@ -1,0 +1,10 @@
+// The states of frames, as every view names and draws them.
+
+/** Each state's name, colour and part of the strip's height. Later ones win a shared pixel. */
+export const STATES = {
+  u: { words: "unseen", colour: "#66727d", height: 0.14 },
+  s: { words: "seen", colour: "#b4bec7", height: 0.34 },
+  d: { words: "done", colour: "#4fb3e8", height: 1 },
+  p: { words: "part", colour: "#f0b429", height: 0.62 },
+  x: { words: "disagreement", colour: "#ff5c8a", height: 1 },
+};

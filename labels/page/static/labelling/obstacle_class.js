@@ -1,0 +1,45 @@
+// Which class a model's obstacles are: the question to a person, and the choice in the drawer.
+
+import { onFailure, post } from "../core/api.js";
+import { choice, classTag } from "../core/controls.js";
+import { backAfterMouse, button, el, say } from "../core/dom.js";
+import { mission } from "../core/mission.js";
+import { asksObstacleClass, obstacleClass, obstacleClasses } from "./suggest.js";
+
+/** For a model that only knows "obstacle": which class that is in these frames. */
+export function obstacleChoice() {
+  const change = ({ target }) => setObstacleClass(target.value);
+  return backAfterMouse(choice(obstacleClasses(), obstacleClass(), { on: { change } }));
+}
+
+async function setObstacleClass(value) {
+  const explain = ({ message }) => say(`Not kept: ${message}`, { bad: true, stays: true });
+  // All pages hear of it as an event, this one too: events come in order, an answer may not.
+  await post("/api/settings", { name: "obstacle_as", value }).catch(onFailure(explain));
+}
+
+/**
+ * Ask which class the model's obstacles are, where it learnt several and nobody said it yet;
+ * whether it had to be asked.
+ */
+export function askObstacleClass() {
+  const dialog = document.getElementById("question");
+  if (!asksObstacleClass()) return false;
+  if (dialog.open) return true;
+  const { learnt, label } = mission.model;
+  const choose = (name) => {
+    dialog.close();
+    setObstacleClass(name);
+  };
+  const answers = obstacleClasses().map((name) => {
+    const text = learnt[name] ? `${learnt[name].toLocaleString("en")} patches learnt` : "not learnt";
+    return button("", () => choose(name), {}, classTag(name), el("span", { class: "count", text }));
+  });
+  dialog.replaceChildren(
+    el("h2", { text: "What are the obstacles of this dive?" }),
+    el("p", { text: `${label} tells obstacles from open water, not which ones they are.` }),
+    el("div", { class: "answers" }, ...answers),
+  );
+  dialog.showModal();
+  return true;
+}
