@@ -196,7 +196,13 @@ def test_page_files_are_asked_for_each_time(server):
 def test_token(guarded):
     parts = urlsplit(guarded.url)
     assert parts.query == "token=s%26cret%3B%20%221%22"
-    for path in ("/", "/?token=secret", "/?token=", "/static/start/main.js", "/api/mission?token=s"):
+    for path in (
+        "/",
+        "/?token=secret",
+        "/?token=",
+        "/static/start/main.js",
+        "/api/mission?token=s",
+    ):
         answer = guarded.request("GET", path, headers=STRANGER)
         assert answer.status == 401 and _safe(answer.headers), path
         assert list(answer.json) == ["error"]
